@@ -1,0 +1,1 @@
+"""Defect detectors, and detections made elsewhere."""

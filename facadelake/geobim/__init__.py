@@ -1,0 +1,1 @@
+"""The building: IFC elements, surface, georeference, rays, depth and virtual views."""

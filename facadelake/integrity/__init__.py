@@ -1,0 +1,1 @@
+"""The as-built surface against the building model."""

@@ -1,0 +1,1 @@
+"""DuckLake: connect, migrate, commit, read as of; the only importer of duckdb."""

@@ -1,0 +1,1 @@
+"""Structure from motion, control points and alignment to the building."""

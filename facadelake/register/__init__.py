@@ -1,0 +1,1 @@
+"""Detections to observations on the surface, observations to defects."""

@@ -1,0 +1,1 @@
+"""Every column once, the tables made of them, and their expectation suites."""

@@ -1,0 +1,1 @@
+"""One module a stage: reads, calls the domain, writes, logs counts. No algorithm."""
