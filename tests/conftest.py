@@ -1,0 +1,29 @@
+"""What every test may use: the shared data folder, and the versions a failure was seen with."""
+
+import os
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+REPORTED = (
+    "numpy", "pandas", "pyarrow", "duckdb", "duckdb-extension-ducklake", "prefect", "pycolmap", "open3d", "pyrender",
+    "onnxruntime", "opencv-python-headless", "ifcopenshell", "pyproj", "geopandas", "great-expectations",
+)  # fmt: skip
+
+
+def pytest_report_header() -> list[str]:
+    """Versions from the packages' metadata: nothing heavy is imported."""
+    found = [f"{name} {version(name)}" for name in REPORTED]
+    return [", ".join(found[i : i + 5]) for i in range(0, len(found), 5)]
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of the real data sets: FACADELAKE_SHARED_DATA, else ../shared/data beside the checkout."""
+    named = os.environ.get("FACADELAKE_SHARED_DATA")
+    folder = Path(named) if named else REPOSITORY.parent / "shared" / "data"
+    if not (folder / "castle").is_dir():
+        pytest.skip(f"no data sets in {folder}: set FACADELAKE_SHARED_DATA to the folder that holds castle/")
+    return folder
