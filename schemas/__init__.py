@@ -1,1 +1,1 @@
-"""Every column once, the tables made of them, and their expectation suites."""
+"""Every column once (name, type, unit, meaning, allowed values), the tables made of them, and the checks they imply."""

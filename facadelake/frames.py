@@ -1,0 +1,96 @@
+"""Frames and the transforms between them.
+
+The closed list of frames: ``img`` (pixels), ``cam`` (x right, y down, z forward), ``sfm`` (no scale), ``site``
+(local east-north-up metres at the building's origin), ``ifc`` (the model's own), ``ecef`` (EPSG:4978), ``geo``
+(EPSG:4979: lon, lat, ellipsoidal height), ``map`` (the projected CRS of the model).
+
+A transform is named ``target_from_source``; chains read off: ``site_from_cam = site_from_sfm @ sfm_from_cam``.
+The centre of the top left pixel is (0.5, 0.5), as in COLMAP.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.errors import GeoreferenceError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Similarity:
+    """A similarity ``x_target = scale * rotation @ x_source + translation``.
+
+    ``rotation`` (3, 3) is proper orthonormal, ``translation`` (3,) in the target's units, ``scale`` > 0 (1: rigid).
+    """
+
+    rotation: Array
+    translation: Array
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        orthonormal = np.allclose(self.rotation @ self.rotation.T, np.eye(3), rtol=0, atol=1e-6)
+        if self.rotation.shape != (3, 3) or not orthonormal or np.linalg.det(self.rotation) < 0:
+            raise GeoreferenceError(
+                "a transform's rotation is not a proper rotation; give an orthonormal 3x3 matrix of determinant +1"
+            )
+        if not (np.isfinite(self.scale) and self.scale > 0):
+            raise GeoreferenceError(f"a transform's scale is {self.scale}; it must be a positive number")
+
+    @staticmethod
+    def identity() -> Similarity:
+        """The transform of a frame to itself."""
+        return Similarity(rotation=np.eye(3), translation=np.zeros(3))
+
+    def __matmul__(self, other: Similarity) -> Similarity:
+        """Chain: ``(a_from_b @ b_from_c)`` is ``a_from_c``."""
+        return Similarity(
+            rotation=self.rotation @ other.rotation,
+            translation=self.scale * (self.rotation @ other.translation) + self.translation,
+            scale=self.scale * other.scale,
+        )
+
+    def inverse(self) -> Similarity:
+        """The transform the other way round."""
+        rotation = self.rotation.T
+        return Similarity(
+            rotation=rotation, translation=-(rotation @ self.translation) / self.scale, scale=1.0 / self.scale
+        )
+
+    def apply(self, xyz_source: Array) -> Array:
+        """Points (..., 3) of the source frame in the target frame."""
+        return self.scale * (np.asarray(xyz_source, dtype=np.float64) @ self.rotation.T) + self.translation
+
+    def rotate(self, direction_source: Array) -> Array:
+        """Directions (..., 3): rotated, neither moved nor scaled."""
+        return np.asarray(direction_source, dtype=np.float64) @ self.rotation.T
+
+
+def similarity_between(xyz_source: Array, xyz_target: Array, weights: Array | None = None) -> Similarity:
+    """Least-squares similarity that takes ``xyz_source`` (n, 3) onto ``xyz_target`` (n, 3); ``weights`` (n,) or equal.
+
+    Raises GeoreferenceError for fewer than 3 points or points on a line, which leave a rotation open.
+    Source: Umeyama 1991, IEEE PAMI 13(4).
+    """
+    if len(xyz_source) != len(xyz_target) or len(xyz_source) < 3:
+        raise GeoreferenceError(
+            f"a similarity needs 3 or more point pairs, {len(xyz_source)} were given; "
+            "add control points or photographs with GPS"
+        )
+    w = np.ones(len(xyz_source)) if weights is None else np.asarray(weights, dtype=np.float64)
+    w = w / w.sum()
+    mean_source, mean_target = w @ xyz_source, w @ xyz_target
+    source, target = xyz_source - mean_source, xyz_target - mean_target
+    spread = np.linalg.svd(source * np.sqrt(w)[:, None], compute_uv=False)
+    if spread[1] < 1e-6 * max(spread[0], 1e-300):
+        raise GeoreferenceError(
+            "the points lie on one line, so the rotation about it is open; add points off that line"
+        )
+    u, s, vt = np.linalg.svd((target * w[:, None]).T @ source)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
+    rotation = u @ np.diag(signs) @ vt
+    scale = float((s * signs).sum() / (w @ (source**2).sum(axis=1)))
+    return Similarity(rotation=rotation, translation=mean_target - scale * rotation @ mean_source, scale=scale)

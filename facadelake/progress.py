@@ -1,0 +1,82 @@
+"""Progress of long work, told to whoever listens (the command line draws bars; a server run logs).
+
+The domain calls ``track`` or ``stage_progress``; a front end installs a listener with ``listening``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sized
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Protocol, TypeVar
+
+T = TypeVar("T")
+
+
+class ProgressListener(Protocol):
+    """Hears of work begun, advanced and ended."""
+
+    def begin(self, label: str, total: int | None) -> int:
+        """A piece of work of ``total`` steps (None: unknown) begins; returns its handle."""
+
+    def advance(self, handle: int, steps: int) -> None:
+        """``steps`` more are done."""
+
+    def end(self, handle: int) -> None:
+        """The piece of work ended, well or not."""
+
+
+class _Silence:
+    def begin(self, label: str, total: int | None) -> int:
+        return 0
+
+    def advance(self, handle: int, steps: int) -> None:
+        pass
+
+    def end(self, handle: int) -> None:
+        pass
+
+
+_SILENCE = _Silence()
+_listener: ContextVar[ProgressListener] = ContextVar("facadelake_progress", default=_SILENCE)
+
+
+@contextmanager
+def listening(listener: ProgressListener) -> Iterator[None]:
+    """All progress inside the block goes to ``listener``."""
+    token = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(token)
+
+
+class Step:
+    """Handle of one piece of work: call ``advance`` as it goes."""
+
+    def __init__(self, listener: ProgressListener, handle: int) -> None:
+        self._listener, self._handle = listener, handle
+
+    def advance(self, steps: int = 1) -> None:
+        """``steps`` more are done."""
+        self._listener.advance(self._handle, steps)
+
+
+@contextmanager
+def stage_progress(label: str, total: int | None = None) -> Iterator[Step]:
+    """A piece of work of ``total`` steps; its bar ends with the block."""
+    listener = _listener.get()
+    handle = listener.begin(label, total)
+    try:
+        yield Step(listener, handle)
+    finally:
+        listener.end(handle)
+
+
+def track(items: Iterable[T], *, label: str, total: int | None = None) -> Iterator[T]:
+    """The items, one progress step each."""
+    count = total if total is not None else (len(items) if isinstance(items, Sized) else None)
+    with stage_progress(label, count) as step:
+        for item in items:
+            yield item
+            step.advance()

@@ -1,0 +1,68 @@
+"""Arrow tables between stages: the columns of schemas/, without the run's keys until the commit adds them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from facadelake.errors import SchemaError
+from schemas.tables import RUN_KEYS, TABLES
+
+
+def stage_schema(name: str) -> pa.Schema:
+    """The Arrow schema of table ``name`` without building_id, campaign_id and run_id."""
+    return pa.schema([field for field in TABLES[name].arrow if field.name not in RUN_KEYS])
+
+
+def table_of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """Rows as a table of kind ``name``; optional columns may be left out of a row.
+
+    Raises SchemaError for a column the table does not have, a missing required one, or a value of another type.
+    """
+    schema = stage_schema(name)
+    for row in rows:
+        unknown = row.keys() - set(schema.names)
+        if unknown:
+            raise SchemaError(f"table {name} has no column {sorted(unknown)}; its columns are {schema.names}")
+    try:
+        table = pa.Table.from_pylist([dict(row) for row in rows], schema=schema)
+    except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
+        raise SchemaError(f"table {name}: {error}") from error
+    return check_table(name, table)
+
+
+def check_table(name: str, table: pa.Table) -> pa.Table:
+    """The table itself, if it has exactly the columns and types of ``name`` and no empty value where none may be."""
+    schema = stage_schema(name)
+    if not table.schema.equals(schema):
+        raise SchemaError(
+            f"table {name} has the columns {table.schema.to_string()}; schemas/ wants {schema.to_string()}"
+        )
+    for field in schema:
+        empty = table.column(field.name).null_count
+        if empty and not field.nullable:
+            raise SchemaError(f"table {name}: {empty} of {len(table)} rows have no {field.name}, which every row needs")
+    return table
+
+
+def write_table(name: str, table: pa.Table, folder: Path) -> Path:
+    """Write ``folder/<name>.parquet`` and return its path."""
+    path = folder / f"{name}.parquet"
+    pq.write_table(check_table(name, table), path)
+    return path
+
+
+def read_table(name: str, folder: Path) -> pa.Table:
+    """Read ``folder/<name>.parquet``, checked against schemas/."""
+    return check_table(name, pq.read_table(folder / f"{name}.parquet"))
+
+
+def with_run_keys(name: str, table: pa.Table, *, building_id: str, campaign_id: str, run_id: str) -> pa.Table:
+    """The stage table with its three run keys in front, as the lake holds it."""
+    keys = {"building_id": building_id, "campaign_id": campaign_id, "run_id": run_id}
+    columns = [pa.array([value] * len(table), pa.string()) for value in keys.values()]
+    return pa.Table.from_arrays([*columns, *table.columns], schema=TABLES[name].arrow)

@@ -1,0 +1,167 @@
+"""The tables: each with its grain, its key and its columns (a trailing ``?`` marks a column that may be empty)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pyarrow as pa
+
+from schemas.columns import COLUMNS, Column, Kind
+
+SCHEMA_VERSION = 1
+RUN_KEYS = ("building_id", "campaign_id", "run_id")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """One table of the lake."""
+
+    name: str
+    grain: str
+    meaning: str
+    key: tuple[str, ...]
+    columns: tuple[Column, ...]
+    optional: frozenset[str]
+    may_be_empty: bool = False
+
+    @property
+    def arrow(self) -> pa.Schema:
+        """The Arrow schema, in the table's column order."""
+        return pa.schema([pa.field(c.name, c.kind.arrow, nullable=c.name in self.optional) for c in self.columns])
+
+    @property
+    def geometry_columns(self) -> tuple[str, ...]:
+        """Names of the WKB columns."""
+        return tuple(c.name for c in self.columns if c.kind is Kind.GEOMETRY)
+
+    def required(self) -> Iterator[Column]:
+        """The columns that may not be empty."""
+        return (c for c in self.columns if c.name not in self.optional)
+
+
+def _table(name: str, grain: str, meaning: str, key: str, columns: str, *, may_be_empty: bool = False) -> Table:
+    words = [*RUN_KEYS, *columns.split()]
+    return Table(
+        name=name,
+        grain=grain,
+        meaning=meaning,
+        key=tuple(key.split()),
+        columns=tuple(COLUMNS[word.rstrip("?")] for word in words),
+        optional=frozenset(word.rstrip("?") for word in words if word.endswith("?")),
+        may_be_empty=may_be_empty,
+    )
+
+
+_SITE = "x_site_m y_site_m z_site_m"
+_GEO = "lon_deg lat_deg height_ellipsoidal_m"
+_MAP = "east_map_m north_map_m height_map_m"
+_NORMAL = "normal_x normal_y normal_z"
+_POSITION = f"{_SITE} {_GEO} {_MAP} {_NORMAL}"
+
+
+def _optional(words: str) -> str:
+    return " ".join(f"{word}?" for word in words.split())
+
+
+_LIST = [
+    _table(
+        "buildings",
+        "building in a campaign",
+        "the registry's entry and the model's place on the globe, as they were for the campaign",
+        "building_id campaign_id",
+        "building_name model_uri model_sha256 map_crs vertical_datum georeference_level origin_lon_deg origin_lat_deg "
+        "origin_height_ellipsoidal_m",
+    ),
+    _table(
+        "campaigns",
+        "campaign",
+        "one inspection of one building",
+        "building_id campaign_id",
+        "photographs_uri photos_total photos_localised detections_total defects_total captured_from? captured_to?",
+    ),
+    _table(
+        "runs",
+        "run",
+        "what made the rows: hashes of inputs and code, settings, times",
+        "run_id",
+        "started_at finished_at inputs_sha256 code_sha256 detector_sha256 facadelake_version configuration stage_seconds",
+    ),
+    _table(
+        "photos",
+        "file in the photographs' folder",
+        "what a photograph says of itself, and what became of it",
+        "building_id campaign_id photo_id",
+        "photo_id sha256 bytes role? photo_outcome reason? image_width_px? image_height_px? camera_make? camera_model? "
+        "focal_length_mm? focal_length_35mm_mm? taken_at? prior_source prior_lon_deg? prior_lat_deg? prior_height_m? "
+        "prior_height_datum prior_sigma_horizontal_m? prior_sigma_vertical_m? prior_yaw_deg? prior_pitch_deg? "
+        "prior_roll_deg? rtk_flag?",
+    ),
+    _table(
+        "poses",
+        "accepted photograph",
+        "where the camera stood and looked, and its intrinsics",
+        "building_id campaign_id photo_id",
+        f"photo_id pose_source reason? {_optional(_SITE)} {_optional(_GEO)} qw? qx? qy? qz? image_width_px image_height_px "
+        "fx_px? fy_px? cx_px? cy_px? k1? k2? p1? p2? reprojection_error_px? tie_points geometry?",
+    ),
+    _table(
+        "georeference",
+        "campaign",
+        "the passport: how the campaign was placed on the globe, and how well",
+        "building_id campaign_id",
+        "control map_crs vertical_datum points_used points_total scale residual_mean_m residual_rmse_m residual_max_m "
+        "gps_offset_east_m? gps_offset_north_m? gps_offset_up_m? remarks",
+    ),
+    _table(
+        "elements",
+        "IFC element with a surface",
+        "the building's components",
+        "building_id campaign_id element_guid",
+        "element_guid ifc_class element_name? storey? material? is_external? facade surface_area_m2 triangles geometry?",
+    ),
+    _table(
+        "detections",
+        "box in a photograph",
+        "what the detector, or a person, saw",
+        "building_id campaign_id detection_id",
+        "detection_id photo_id source_annotation? detection_outcome reason? defect_class? source_class score box_x_px box_y_px "
+        "box_width_px box_height_px detector detector_sha256",
+        may_be_empty=True,
+    ),
+    _table(
+        "observations",
+        "accepted detection",
+        "the detection on the building's surface",
+        "building_id campaign_id detection_id",
+        f"detection_id photo_id observation_outcome defect_class defect_id? {_optional(_POSITION)} incidence_deg? distance_m? "
+        "gsd_mm? width_m? height_m? area_m2? target_share element_guid? storey? facade? geometry?",
+        may_be_empty=True,
+    ),
+    _table(
+        "defects",
+        "defect in a campaign",
+        "each real defect once",
+        "building_id campaign_id defect_id",
+        f"defect_id defect_class severity severity_rule {_POSITION} width_m height_m area_m2 spread_m sightings score best_photo_id "
+        "element_guid ifc_class element_name? material? storey? facade geometry",
+        may_be_empty=True,
+    ),
+    _table(
+        "integrity_views",
+        "localised photograph",
+        "structural similarity of the as-built depth to the model's",
+        "building_id campaign_id photo_id",
+        "photo_id integrity_outcome reason? ssim? compared_share depth_difference_median_m? depth_difference_p95_m?",
+        may_be_empty=True,
+    ),
+    _table(
+        "checks",
+        "expectation of a table",
+        "results of the checks that were run before the commit",
+        "building_id campaign_id table_name expectation column_name",
+        "table_name expectation column_name passed unexpected detail",
+    ),
+]
+
+TABLES: dict[str, Table] = {table.name: table for table in _LIST}

@@ -1,0 +1,86 @@
+"""The closed lists of words that tables use."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class DefectClass(StrEnum):
+    """What a defect is."""
+
+    CRACK = "crack"
+    SPALLING = "spalling"
+    MOISTURE = "moisture"
+
+
+class PhotoRole(StrEnum):
+    """What a photograph is for: multi-view carries the block, close-range shows the defects."""
+
+    MULTIVIEW = "multiview"
+    CLOSERANGE = "closerange"
+
+
+class PhotoOutcome(StrEnum):
+    """What became of a file in the photographs' folder."""
+
+    ACCEPTED = "accepted"
+    UNREADABLE = "unreadable"
+    DUPLICATE = "duplicate"
+
+
+class PositionSource(StrEnum):
+    """Where a position prior was read from."""
+
+    XMP = "xmp"
+    EXIF = "exif"
+    NONE = "none"
+
+
+class HeightDatum(StrEnum):
+    """What a prior height refers to; ``unknown`` is said, never guessed."""
+
+    ELLIPSOIDAL = "ellipsoidal"
+    ORTHOMETRIC = "orthometric"
+    UNKNOWN = "unknown"
+
+
+class PoseSource(StrEnum):
+    """How a pose was found."""
+
+    SFM = "sfm"
+    UNLOCALISED = "unlocalised"
+
+
+class ControlKind(StrEnum):
+    """What placed the campaign on the globe."""
+
+    GCP = "gcp"
+    MODEL = "model"
+    GPS = "gps"
+
+
+class DetectionOutcome(StrEnum):
+    """Whether a detection can be registered at all."""
+
+    ACCEPTED = "accepted"
+    UNKNOWN_CLASS = "unknown_class"
+    OUTSIDE_IMAGE = "outside_image"
+    UNKNOWN_PHOTO = "unknown_photo"
+    BAD_BOX = "bad_box"
+
+
+class ObservationOutcome(StrEnum):
+    """What became of a detection on its way to the surface."""
+
+    REGISTERED = "registered"
+    OFF_TARGET = "off_target"
+    GRAZING = "grazing"
+    OUTSIDE = "outside"
+    UNLOCALISED = "unlocalised"
+
+
+class IntegrityOutcome(StrEnum):
+    """Whether a view's as-built depth could be compared with the model's."""
+
+    COMPARED = "compared"
+    TOO_LITTLE_SURFACE = "too_little_surface"
