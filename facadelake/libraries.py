@@ -1,0 +1,52 @@
+"""The shared libraries of the operating system that the Python packages load, and the Debian packages that hold them.
+
+Standard library alone: `scripts/bootstrap.py` reads it with the system's python3, before anything is installed.
+"""
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+# Mesa's software renderer was one file until 24.x and a library of its own since.
+SOFTWARE_RENDERERS = (
+    "usr/lib/*/dri/swrast_dri.so",
+    "usr/lib/*/libgallium-*.so",
+    "usr/lib64/dri/swrast_dri.so",
+    "usr/lib64/libgallium-*.so",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Library:
+    """A shared library, the Debian and Ubuntu package that holds it, and what needs it."""
+
+    file: str
+    package: str
+    needed_by: str
+
+
+LIBRARIES = (
+    Library(file="libusb-1.0.so.0", package="libusb-1.0-0", needed_by="Open3D"),
+    Library(file="libgomp.so.1", package="libgomp1", needed_by="Open3D"),
+    Library(file="libGL.so.1", package="libgl1", needed_by="Open3D and pyrender"),
+    Library(file="libEGL.so.1", package="libegl1", needed_by="pyrender, to render without a display"),
+    Library(file="libEGL_mesa.so.0", package="libegl-mesa0", needed_by="pyrender, to render without a display"),
+    Library(file="swrast_dri.so", package="libgl1-mesa-dri", needed_by="pyrender, to render without a GPU"),
+)
+
+
+def is_present(library: Library, root: Path = Path("/")) -> bool:
+    """True where the loader finds the library; Mesa's renderer is looked for as a file under root."""
+    if library.file == "swrast_dri.so":
+        return any(any(root.glob(pattern)) for pattern in SOFTWARE_RENDERERS)
+    try:
+        ctypes.CDLL(library.file)
+    except OSError:
+        return False
+    return True
+
+
+def install_command(packages: Sequence[str]) -> str:
+    """The one command that installs Debian or Ubuntu packages."""
+    return f"sudo apt-get update && sudo apt-get install -y --no-install-recommends {' '.join(packages)}"
