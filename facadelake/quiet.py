@@ -20,8 +20,9 @@ DEFAULTS: Mapping[str, str] = {
     "ORT_DISABLE_TELEMETRY": "1",
     # PROJ must not fetch grids by itself: a missing grid is our error to report, not a download.
     "PROJ_NETWORK": "OFF",
-    # Rendering without a display.
+    # Rendering without a display; pyrender imports pyglet, which would want X11's libraries.
     "PYOPENGL_PLATFORM": "egl",
+    "PYGLET_HEADLESS": "true",
     # Plots are files, never windows.
     "MPLBACKEND": "Agg",
 }
