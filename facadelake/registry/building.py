@@ -1,0 +1,206 @@
+"""One building of the registry, as a person writes it and as the flow uses it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal, Self
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+from cronsim import CronSim, CronSimError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+
+from facadelake.errors import InputDataError
+from schemas.vocabulary import DefectClass
+
+CAMPAIGN = "{campaign}"
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _known_zone(name: str) -> str:
+    try:
+        ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError) as error:
+        raise ValueError("not a time zone; use a name of the IANA list such as Europe/Berlin or UTC") from error
+    return name
+
+
+def _valid_cron(expression: str) -> str:
+    try:
+        CronSim(expression, datetime(2026, 1, 1, tzinfo=UTC))
+    except CronSimError as error:
+        raise ValueError(
+            f"not a cron expression ({error}); use five fields: minute hour day month weekday, such as '0 6 1 4,10 *'"
+        ) from error
+    return expression
+
+
+def _id(word: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", word):
+        raise ValueError("an id is letters, digits, '.', '_' and '-', and begins with a letter or digit")
+    return word
+
+
+Identifier = Annotated[str, AfterValidator(_id)]
+
+
+class Schedule(_Strict):
+    """When the building is inspected: a cron expression in a time zone."""
+
+    cron: Annotated[str, AfterValidator(_valid_cron)]
+    timezone: Annotated[str, AfterValidator(_known_zone)] = "UTC"
+
+
+class SiteOriginSetting(_Strict):
+    """Origin of the site frame in EPSG:4979, where it is not to be taken from the model."""
+
+    lon_deg: Annotated[float, Field(ge=-180, le=180)]
+    lat_deg: Annotated[float, Field(ge=-90, le=90)]
+    height_ellipsoidal_m: Annotated[float, Field(ge=-1000, le=10000)]
+
+
+class BuildingCrs(_Strict):
+    """Overrides for a model that does not say where it stands.
+
+    ``map`` is a projected CRS such as EPSG:25832; ``vertical`` is ``ellipsoidal`` or a vertical CRS such as EPSG:7837.
+    """
+
+    map: str | None = None
+    vertical: str | None = None
+    origin: SiteOriginSetting | None = None
+
+
+class Tolerances(_Strict):
+    """Limits of the stages; each says its unit."""
+
+    close_range_below_m: Annotated[float, Field(gt=0)] = 8.0
+    grazing_above_deg: Annotated[float, Field(gt=0, le=90)] = 80.0
+    target_share_min: Annotated[float, Field(ge=0, le=1)] = 0.5
+    sift_max_image_px: Annotated[int, Field(ge=500, le=20000)] = 3200
+
+
+class CocoDetector(_Strict):
+    """Detections are read from a COCO file: an outside detector's, or a person's boxes.
+
+    ``alternatives`` names further files, so that a run can choose one by name.
+    """
+
+    kind: Literal["coco"]
+    file: str
+    alternatives: dict[str, str] = {}
+    classes: dict[str, DefectClass] = {}
+
+
+class OnnxDetectorSetting(_Strict):
+    """Detections are made by an ONNX model, whose card (``<model>.card.yaml`` unless given) declares its layout."""
+
+    kind: Literal["onnx"]
+    model: str
+    card: str | None = None
+
+
+class Building(_Strict):
+    """One building of the registry; ``{campaign}`` in a path stands for the campaign's id."""
+
+    id: Identifier
+    name: Annotated[str, Field(min_length=1)]
+    model: str
+    photographs: str
+    campaigns: tuple[Identifier, ...] = ()
+    control_points: str | None = None
+    detector: Annotated[CocoDetector | OnnxDetectorSetting, Field(discriminator="kind")]
+    schedule: Schedule | None = None
+    crs: BuildingCrs = BuildingCrs()
+    tolerances: Tolerances = Tolerances()
+    severity_rules: Identifier = "extent_v1"
+    _variables: tuple[str, ...] = PrivateAttr(default=())
+
+    @model_validator(mode="after")
+    def _campaigns_can_be_told(self) -> Self:
+        if CAMPAIGN not in self.photographs and not self.campaigns:
+            raise ValueError(
+                f"photographs '{self.photographs}' has no {CAMPAIGN} in it and 'campaigns' is empty, "
+                f"so no campaign can be told from another; put {CAMPAIGN} in the path, or list the campaigns"
+            )
+        return self
+
+    def known_campaigns(self) -> tuple[str, ...]:
+        """The campaigns listed, or those whose photographs' folder exists, oldest id first."""
+        if self.campaigns:
+            return tuple(sorted(self.campaigns))
+        before, after = self.photographs.split(CAMPAIGN, 1)
+        parent, prefix = (Path(before), "") if before.endswith("/") else (Path(before).parent, Path(before).name)
+        suffix = after.split("/", 1)[0]
+        rest = after[len(suffix) :].lstrip("/")
+        found = []
+        for folder in parent.glob(f"{prefix}*{suffix}"):
+            name = folder.name[len(prefix) : len(folder.name) - len(suffix)]
+            if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", name) and (folder / rest).is_dir():
+                found.append(name)
+        return tuple(sorted(found))
+
+    def photographs_of(self, campaign_id: str) -> Path:
+        """Folder of the campaign's photographs. Raises InputDataError where it is missing."""
+        folder = Path(self.photographs.replace(CAMPAIGN, campaign_id))
+        if self.campaigns and campaign_id not in self.campaigns:
+            raise InputDataError(
+                f"building '{self.id}' has no campaign '{campaign_id}'; "
+                f"it has {', '.join(self.campaigns)} (key 'campaigns')"
+            )
+        if not folder.is_dir():
+            known = ", ".join(self.known_campaigns()) or "none found"
+            raise InputDataError(
+                f"the photographs' folder {folder} of building '{self.id}', campaign '{campaign_id}', does not exist "
+                f"(campaigns with photographs: {known}); {self._remedy()}"
+            )
+        return folder
+
+    def model_path(self) -> Path:
+        """The building model's file. Raises InputDataError where it is missing."""
+        return self._existing(self.model, "model")
+
+    def control_points_of(self, campaign_id: str) -> Path | None:
+        """The control points' file, where the registry names one and it exists."""
+        if self.control_points is None:
+            return None
+        path = Path(self.control_points.replace(CAMPAIGN, campaign_id))
+        return path if path.is_file() else None
+
+    def detections_of(self, campaign_id: str, choice: str | None) -> Path:
+        """The COCO file to read: the registry's, one of its alternatives by name, or a path."""
+        assert isinstance(self.detector, CocoDetector)
+        if choice is None:
+            template = self.detector.file
+        elif choice in self.detector.alternatives:
+            template = self.detector.alternatives[choice]
+        elif Path(choice).is_file():
+            template = choice
+        else:
+            names = ", ".join(self.detector.alternatives) or "none"
+            raise InputDataError(
+                f"detections '{choice}' are neither a file nor one of building '{self.id}'s alternatives ({names}); "
+                "give a path, or add the name under detector: alternatives"
+            )
+        return self._existing(template.replace(CAMPAIGN, campaign_id), "detections file")
+
+    def _existing(self, text: str, what: str) -> Path:
+        path = Path(text)
+        if not path.is_file():
+            raise InputDataError(f"the {what} {path} of building '{self.id}' does not exist; {self._remedy()}")
+        return path
+
+    def _remedy(self) -> str:
+        if self.id == "demo":
+            return "run 'facadelake demo' first, which makes it"
+        if self._variables:
+            return f"correct the path in the registry, or set the environment variable {' or '.join(self._variables)}"
+        return "correct the path in the registry"
+
+    def remember_variables(self, names: Sequence[str]) -> None:
+        """Keep which environment variables the paths were made of, for messages that name the remedy."""
+        self._variables = tuple(names)

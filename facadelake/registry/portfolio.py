@@ -1,0 +1,171 @@
+"""Read the registry: one YAML file, or a folder with a file for each building."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlparse
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from facadelake.errors import InputDataError
+from facadelake.registry.building import Building
+
+_VARIABLE = re.compile(r"\$\{(\w+)(?::-([^}]*))?\}")
+_PATHS = (
+    ("model",),
+    ("photographs",),
+    ("control_points",),
+    ("detector", "file"),
+    ("detector", "model"),
+    ("detector", "card"),
+)
+
+
+class Portfolio(BaseModel):
+    """All buildings of the registry."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    buildings: tuple[Building, ...]
+
+    def building(self, building_id: str) -> Building:
+        """The building of that id. Raises InputDataError with the ids there are."""
+        for building in self.buildings:
+            if building.id == building_id:
+                return building
+        known = ", ".join(building.id for building in self.buildings) or "none"
+        raise InputDataError(f"there is no building '{building_id}' in the registry; it has {known}")
+
+
+def read_portfolio(path: Path) -> Portfolio:
+    """The registry at ``path``, a YAML file with ``buildings:`` or a folder of files with one building each.
+
+    Relative paths count from the file they stand in; ``${NAME:-default}`` is taken from the environment; ``file://`` URIs are paths.
+    Raises InputDataError that names file, key, value and what is allowed, for all mistakes at once.
+    """
+    files = sorted([*path.glob("*.yaml"), *path.glob("*.yml")]) if path.is_dir() else [path]
+    if not files or not all(file.is_file() for file in files):
+        raise InputDataError(f"there is no registry at {path}; give a YAML file, or a folder of them, with --portfolio")
+    mistakes: list[str] = []
+    buildings: list[Building] = []
+    for file in files:
+        for where, entry in _entries(file, mistakes):
+            try:
+                buildings.append(Building.model_validate(_resolved(entry, file)))
+            except ValidationError as error:
+                mistakes += [_mistake(file, where, entry, detail) for detail in error.errors()]
+            except InputDataError as error:
+                mistakes.append(f"{file}: {where}: {error}")
+    ids = [building.id for building in buildings]
+    mistakes += [
+        f"{path}: the id '{twice}' is given to several buildings"
+        for twice in sorted({i for i in ids if ids.count(i) > 1})
+    ]
+    if mistakes:
+        raise InputDataError("the registry has mistakes:\n  " + "\n  ".join(mistakes))
+    return Portfolio(buildings=tuple(buildings))
+
+
+def _entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The buildings of one file, each with where it stands."""
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        mistakes.append(f"{file}: not readable as YAML: {' '.join(str(error).split())}")
+        return
+    if isinstance(content, dict) and "buildings" in content:
+        unknown = sorted(content.keys() - {"buildings"})
+        if unknown:
+            mistakes.append(f"{file}: unknown key {unknown[0]!r}; beside 'buildings' nothing is allowed")
+        entries = content["buildings"]
+        if not isinstance(entries, list):
+            mistakes.append(f"{file}: 'buildings' is {type(entries).__name__}; a list of buildings is allowed")
+            return
+        named = [(f"buildings[{index}]", entry) for index, entry in enumerate(entries)]
+    else:
+        named = [("building", content)]
+    for where, entry in named:
+        if isinstance(entry, dict):
+            yield where, entry
+        else:
+            mistakes.append(
+                f"{file}: {where} is {entry!r}; a mapping with the keys {', '.join(Building.model_fields)} is allowed"
+            )
+
+
+def _resolved(entry: dict[str, Any], file: Path) -> dict[str, Any]:
+    """The entry with its paths made absolute and its variables replaced."""
+    out = dict(entry)
+    if isinstance(out.get("detector"), dict):
+        out["detector"] = dict(out["detector"])
+        alternatives = out["detector"].get("alternatives")
+        if isinstance(alternatives, dict):
+            out["detector"]["alternatives"] = {
+                name: _path(value, file) if isinstance(value, str) else value for name, value in alternatives.items()
+            }
+    for keys in _PATHS:
+        holder: Any = out
+        for key in keys[:-1]:
+            holder = holder.get(key) if isinstance(holder, dict) else None
+        if isinstance(holder, dict) and isinstance(holder.get(keys[-1]), str):
+            holder[keys[-1]] = _path(holder[keys[-1]], file)
+    return out
+
+
+def _path(text: str, file: Path) -> str:
+    def replaced(match: re.Match[str]) -> str:
+        value = os.environ.get(match[1]) or match[2]
+        if value is None:
+            raise InputDataError(
+                f"'{text}' needs the environment variable {match[1]}, which is not set; set it to a folder"
+            )
+        return value
+
+    text = _VARIABLE.sub(replaced, text)
+    if "://" in text:
+        uri = urlparse(text)
+        if uri.scheme != "file":
+            raise InputDataError(f"'{text}' is of the scheme '{uri.scheme}'; a path or a file:// URI is allowed")
+        text = unquote(uri.path)
+    return os.path.normpath(file.resolve().parent / Path(text).expanduser())
+
+
+def _mistake(file: Path, where: str, entry: dict[str, Any], detail: Any) -> str:
+    """One pydantic error in words: file, key, value, what is allowed."""
+    location = [str(part) for part in detail["loc"] if part not in ("coco", "onnx")]
+    key = ".".join([where, *location])
+    name = f" (id {entry['id']!r})" if "id" in entry else ""
+    kind, context = detail["type"], detail.get("ctx", {})
+    if kind == "extra_forbidden":
+        return f"{file}: {key}{name}: unknown key; allowed are {', '.join(_allowed_keys(entry, location[:-1]))}"
+    if kind == "missing":
+        return f"{file}: {key}{name}: missing; every {'building' if len(location) == 1 else location[-2]} needs it"
+    if kind == "union_tag_invalid":
+        return f"{file}: {key}.kind{name}: {context.get('tag')!r}; allowed are {context.get('expected_tags')}"
+    if kind == "union_tag_not_found":
+        return f"{file}: {key}.kind{name}: missing; allowed are 'coco', 'onnx'"
+    message = detail["msg"].removeprefix("Value error, ")
+    value = "" if isinstance(detail["input"], dict) else f" {detail['input']!r}:"
+    return f"{file}: {key}{name}:{value} {message}"
+
+
+def _allowed_keys(entry: dict[str, Any], parents: list[str]) -> list[str]:
+    """The keys a mapping may have, where ``parents`` leads to it."""
+    model: Any = Building
+    for parent in parents:
+        annotation = model.model_fields[parent].annotation
+        candidates = [annotation, *getattr(annotation, "__args__", ())]
+        models = [c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)]
+        kind = entry.get(parent, {}).get("kind") if isinstance(entry.get(parent), dict) else None
+        chosen = [
+            m
+            for m in models
+            if "kind" in m.model_fields and kind in getattr(m.model_fields["kind"].annotation, "__args__", ())
+        ]
+        model = (chosen or models)[0]
+    return list(model.model_fields)
