@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlparse
@@ -45,7 +46,9 @@ class Portfolio(BaseModel):
 def read_portfolio(path: Path) -> Portfolio:
     """The registry at ``path``, a YAML file with ``buildings:`` or a folder of files with one building each.
 
-    Relative paths count from the file they stand in; ``${NAME:-default}`` is taken from the environment; ``file://`` URIs are paths.
+    Relative paths count from the file they stand in; ``${NAME:-default}`` is taken from the environment; ``file://``
+    URIs are paths.
+
     Raises InputDataError that names file, key, value and what is allowed, for all mistakes at once.
     """
     files = sorted([*path.glob("*.yaml"), *path.glob("*.yml")]) if path.is_dir() else [path]
@@ -56,16 +59,16 @@ def read_portfolio(path: Path) -> Portfolio:
     for file in files:
         for where, entry in _entries(file, mistakes):
             try:
-                buildings.append(Building.model_validate(_resolved(entry, file)))
+                building = Building.model_validate(_resolved(entry, file))
+                building.remember_variables(sorted({name for name, _ in _VARIABLE.findall(str(entry))}))
+                buildings.append(building)
             except ValidationError as error:
                 mistakes += [_mistake(file, where, entry, detail) for detail in error.errors()]
             except InputDataError as error:
                 mistakes.append(f"{file}: {where}: {error}")
     ids = [building.id for building in buildings]
-    mistakes += [
-        f"{path}: the id '{twice}' is given to several buildings"
-        for twice in sorted({i for i in ids if ids.count(i) > 1})
-    ]
+    twice = sorted({i for i in ids if ids.count(i) > 1})
+    mistakes += [f"{path}: the id '{word}' is given to several buildings; each needs its own" for word in twice]
     if mistakes:
         raise InputDataError("the registry has mistakes:\n  " + "\n  ".join(mistakes))
     return Portfolio(buildings=tuple(buildings))
@@ -142,7 +145,10 @@ def _mistake(file: Path, where: str, entry: dict[str, Any], detail: Any) -> str:
     name = f" (id {entry['id']!r})" if "id" in entry else ""
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "extra_forbidden":
-        return f"{file}: {key}{name}: unknown key; allowed are {', '.join(_allowed_keys(entry, location[:-1]))}"
+        allowed = _allowed_keys(entry, location[:-1])
+        close = get_close_matches(location[-1], allowed, n=1)
+        meant = f" (did you mean '{close[0]}'?)" if close else ""
+        return f"{file}: {key}{name}: unknown key{meant}; allowed are {', '.join(allowed)}"
     if kind == "missing":
         return f"{file}: {key}{name}: missing; every {'building' if len(location) == 1 else location[-2]} needs it"
     if kind == "union_tag_invalid":
