@@ -126,7 +126,8 @@ _ALL = [
     _text("code_sha256", "hash of the domain's source"),
     _text("facadelake_version", "version of Facadelake"),
     _text("configuration", "the run's settings, as JSON"),
-    _text("stage_seconds", "wall time of each stage in seconds, as JSON"),
+    _text("stage_seconds", "wall time of each stage in seconds, as JSON; stages answered from the cache are left out"),
+    _text("stage_peak_mib", "peak memory of each stage (the process and its children) in MiB, as JSON"),
     # photographs
     _text("sha256", "hash of the file"),
     Column(name="bytes", kind=Kind.INTEGER, unit="B", meaning="size of the file", minimum=0),

@@ -85,7 +85,8 @@ _LIST = [
         "run",
         "what made the rows: hashes of inputs and code, settings, times",
         "run_id",
-        "started_at finished_at inputs_sha256 code_sha256 detector_sha256 facadelake_version configuration stage_seconds",
+        "started_at finished_at inputs_sha256 code_sha256 detector_sha256 facadelake_version configuration "
+        "stage_seconds stage_peak_mib",
     ),
     _table(
         "photos",
@@ -102,7 +103,8 @@ _LIST = [
         "accepted photograph",
         "where the camera stood and looked, and its intrinsics",
         "building_id campaign_id photo_id",
-        f"photo_id pose_source reason? {_optional(_SITE)} {_optional(_GEO)} qw? qx? qy? qz? image_width_px image_height_px "
+        f"photo_id pose_source reason? {_optional(_SITE)} {_optional(_GEO)} qw? qx? qy? qz? "
+        "image_width_px image_height_px "
         "fx_px? fy_px? cx_px? cy_px? k1? k2? p1? p2? reprojection_error_px? tie_points geometry?",
     ),
     _table(
@@ -118,14 +120,16 @@ _LIST = [
         "IFC element with a surface",
         "the building's components",
         "building_id campaign_id element_guid",
-        "element_guid ifc_class element_name? storey? material? is_external? facade surface_area_m2 triangles geometry?",
+        "element_guid ifc_class element_name? storey? material? is_external? facade "
+        "surface_area_m2 triangles geometry?",
     ),
     _table(
         "detections",
         "box in a photograph",
         "what the detector, or a person, saw",
         "building_id campaign_id detection_id",
-        "detection_id photo_id source_annotation? detection_outcome reason? defect_class? source_class score box_x_px box_y_px "
+        "detection_id photo_id source_annotation? detection_outcome reason? defect_class? source_class score "
+        "box_x_px box_y_px "
         "box_width_px box_height_px detector detector_sha256",
         may_be_empty=True,
     ),
@@ -134,7 +138,8 @@ _LIST = [
         "accepted detection",
         "the detection on the building's surface",
         "building_id campaign_id detection_id",
-        f"detection_id photo_id observation_outcome defect_class defect_id? {_optional(_POSITION)} incidence_deg? distance_m? "
+        f"detection_id photo_id observation_outcome defect_class defect_id? {_optional(_POSITION)} "
+        "incidence_deg? distance_m? "
         "gsd_mm? width_m? height_m? area_m2? target_share element_guid? storey? facade? geometry?",
         may_be_empty=True,
     ),
@@ -143,7 +148,8 @@ _LIST = [
         "defect in a campaign",
         "each real defect once",
         "building_id campaign_id defect_id",
-        f"defect_id defect_class severity severity_rule {_POSITION} width_m height_m area_m2 spread_m sightings score best_photo_id "
+        f"defect_id defect_class severity severity_rule {_POSITION} width_m height_m area_m2 spread_m sightings "
+        "score best_photo_id "
         "element_guid ifc_class element_name? material? storey? facade geometry",
         may_be_empty=True,
     ),
