@@ -1,0 +1,89 @@
+"""The doctor finds what is lacking, says how to get it, and survives what crashes."""
+
+from pathlib import Path
+
+import pytest
+
+from facadelake import doctor
+from facadelake.doctor import Check, Probe, Status, run_checks
+from facadelake.libraries import Library
+
+
+def probe(code: str) -> Check:
+    return doctor.check_probe(Probe(name="probe", code=code, remedy="mend it"))
+
+
+def test_this_machine_is_ready_once_set_up(tmp_path: Path) -> None:
+    checks = run_checks(tmp_path / "lake" / "not-yet", [])
+    lacking = [f"{check.name}: {check.found}" for check in checks if check.status is Status.MISSING]
+    assert lacking == []
+    names = [check.name for check in checks]
+    assert len(names) == len(set(names))
+    assert {"Python", "DuckDB extensions", "pycolmap", "Open3D", "disk space for the lake"} <= set(names)
+    assert not (tmp_path / "lake").exists()
+
+
+def test_missing_library_names_its_package() -> None:
+    library = Library(file="libno-such-thing.so.9", package="libno-such-thing9", needed_by="a test")
+    check = doctor.check_library(library)
+    assert check.status is Status.MISSING
+    assert "needed by a test" in check.found
+    assert check.remedy.endswith("apt-get install -y --no-install-recommends libno-such-thing9")
+
+
+def test_broken_egl_driver_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/dev/null")
+    render = next(each for each in doctor.PROBES if "EGL" in each.name)
+    check = doctor.check_probe(render)
+    assert check.status is Status.MISSING
+    assert "libegl-mesa0" in check.remedy
+
+
+def test_probe_reports_its_last_line() -> None:
+    check = probe("print('chatter'); print('version 7')")
+    assert (check.status, check.found, check.remedy) == (Status.OK, "version 7", "")
+
+
+def test_probe_that_raises_reports_the_error() -> None:
+    check = probe("raise ImportError('libx.so.1: cannot open shared object file')")
+    assert check.status is Status.MISSING
+    assert check.found == "ImportError: libx.so.1: cannot open shared object file"
+    assert check.remedy == "mend it"
+
+
+def test_probe_that_crashes_is_a_line_of_the_report() -> None:
+    check = probe("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
+    assert check.status is Status.MISSING
+    assert check.found == "the process ended with status -11"
+
+
+def test_probe_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "PROBE_LIMIT_S", 0.5)
+    assert probe("import time; time.sleep(60)").found.startswith("no answer within")
+
+
+def test_little_disk_is_a_warning_with_the_figure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(doctor, "DISK_WANTED_GIB", 10_000_000.0)
+    check = doctor.check_disk(tmp_path)
+    assert check.status is Status.WARNING
+    assert "GiB free" in check.found
+    assert "--lake" in check.remedy
+
+
+def test_folder_that_takes_no_file() -> None:
+    check = doctor.check_writable(Path("/proc/lake"))  # not even root can make a file in /proc
+    assert check.status is Status.MISSING
+    assert check.found.startswith("/proc: ")
+    assert "--lake" in check.remedy
+
+
+def test_model_files(tmp_path: Path) -> None:
+    absent, empty, there = tmp_path / "absent.onnx", tmp_path / "empty.onnx", tmp_path / "there.onnx"
+    empty.touch()
+    there.write_bytes(b"x" * 3_500_000)
+    checks = doctor.check_models([absent, empty, there])
+    assert [check.status for check in checks] == [Status.MISSING, Status.MISSING, Status.OK]
+    assert str(absent) in checks[0].found
+    assert "is empty" in checks[1].found
+    assert checks[2].found.endswith("3.5 MB")
+    assert "portfolio" in checks[0].remedy
