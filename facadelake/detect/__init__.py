@@ -1,1 +1,1 @@
-"""Defect detectors, and detections made elsewhere."""
+"""Detections in photographs: imported from a COCO file, or made by an ONNX model that a card describes."""

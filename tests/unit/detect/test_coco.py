@@ -1,0 +1,232 @@
+"""COCO boxes become rows, good or not, and a file that cannot be right is refused with its reason."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from facadelake.cache import file_hash
+from facadelake.detect.coco import import_coco
+from facadelake.errors import InputDataError
+from facadelake.tables import table_of_rows
+
+WIDTH, HEIGHT = 640, 480
+
+
+def photos_table(*photo_ids: str, outcome: str = "accepted") -> pa.Table:
+    return table_of_rows(
+        "photos",
+        [
+            {
+                "photo_id": photo_id,
+                "sha256": photo_id,
+                "bytes": 1,
+                "photo_outcome": outcome,
+                "image_width_px": WIDTH,
+                "image_height_px": HEIGHT,
+                "prior_source": "none",
+                "prior_height_datum": "unknown",
+            }
+            for photo_id in photo_ids
+        ],
+    )
+
+
+PHOTOS = photos_table("near/IMG_1.JPG", "near/IMG_2.JPG", "far/IMG_2.JPG")
+
+
+def coco_file(
+    folder: Path, *annotations: dict[str, Any], images: list[dict[str, Any]] | None = None, category: str = "crack"
+) -> Path:
+    path = folder / "boxes.json"
+    content = {
+        "images": images or [{"id": 1, "file_name": "near/IMG_1.JPG", "width": WIDTH, "height": HEIGHT}],
+        "categories": [{"id": 1, "name": category}],
+        "annotations": [{"id": i + 1, "image_id": 1, "category_id": 1, **a} for i, a in enumerate(annotations)],
+    }
+    path.write_text(json.dumps(content))
+    return path
+
+
+def rows_of(path: Path, photos: pa.Table = PHOTOS, **class_names: str) -> list[dict[str, Any]]:
+    return list(import_coco(path, photos, class_names=class_names).to_pylist())
+
+
+def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
+    path = coco_file(tmp_path, {"bbox": [10.25, 20.5, 30, 40], "score": 0.75}, {"bbox": [1, 2, 3, 4]})
+    first, second = rows_of(path)
+    assert first == {
+        "detection_id": "near/IMG_1.JPG#1",
+        "photo_id": "near/IMG_1.JPG",
+        "source_annotation": "1",
+        "detection_outcome": "accepted",
+        "reason": None,
+        "defect_class": "crack",
+        "source_class": "crack",
+        "score": 0.75,
+        "box_x_px": 10.25,
+        "box_y_px": 20.5,
+        "box_width_px": 30.0,
+        "box_height_px": 40.0,
+        "detector": "coco:boxes.json",
+        "detector_sha256": file_hash(path),
+    }
+    assert second["score"] == 1.0  # a person's box
+
+
+@pytest.mark.parametrize(
+    ("bbox", "outcome", "kept", "reason"),
+    [
+        ([-5, -7, 20, 20], "accepted", (0, 0, 15, 13), "sticks out of the photograph (640 x 480 px) by 7.0 px; cut"),
+        ([630, 470, 20, 20], "accepted", (630, 470, 10, 10), "by 10.0 px"),
+        ([-0.4, 0, 20, 480.6], "accepted", (0, 0, 19.6, 480), None),
+        ([640, 10, 5, 5], "outside_image", (640, 10, 5, 5), "box at 640, 10 of 5 x 5 px lies outside the photograph"),
+        ([10, 900, 5, 5], "outside_image", (10, 900, 5, 5), "lies outside the photograph"),
+        ([639.5, 10, 5, 5], "outside_image", (639.5, 10, 5, 5), "has less than a pixel inside"),
+        ([639.5, 10, 0.5, 5], "accepted", (639.5, 10, 0.5, 5), None),
+        ([10, 10, 0, 5], "bad_box", (10, 10, 0, 5), "width and height must be more than 0 px"),
+        ([10, 10, 5, -3], "bad_box", (10, 10, 5, -3), "at 10, 10 of 5 x -3 px"),
+        ([10, float("nan"), 5, 3], "bad_box", (10, 0, 5, 3), "bbox is [10, nan, 5, 3]; its four values must be finite"),
+        ([10, 10, float("inf"), 3], "bad_box", (10, 10, 0, 3), "finite numbers"),
+        ([10, 10, "5", 3], "bad_box", (10, 10, 0, 3), "'5'"),
+        ([10, 10, 5], "bad_box", (0, 0, 0, 0), "bbox is [10, 10, 5]; it must be [x, y, width, height]"),
+        (None, "bad_box", (0, 0, 0, 0), "bbox is None"),
+    ],
+)  # fmt: skip
+def test_boxes_are_judged(tmp_path: Path, bbox: Any, outcome: str, kept: tuple[float, ...], reason: str | None) -> None:
+    (row,) = rows_of(coco_file(tmp_path, {"bbox": bbox}))
+    assert row["detection_outcome"] == outcome
+    box = [row[f"box_{side}_px"] for side in ("x", "y", "width", "height")]
+    assert box == pytest.approx(kept, rel=0, abs=1e-9)  # px
+    assert (row["reason"] is None) if reason is None else (reason in row["reason"])
+
+
+@pytest.mark.parametrize("score", [1.5, -0.1, "high", float("nan")])
+def test_a_score_that_is_none_is_said(tmp_path: Path, score: Any) -> None:
+    (row,) = rows_of(coco_file(tmp_path, {"bbox": [1, 2, 3, 4], "score": score}))
+    assert row["detection_outcome"] == "bad_box"
+    assert f"score is {score!r}; it must be a number from 0 to 1" in row["reason"]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("Crack", "crack"), ("ACrack", "crack"), ("spallation", "spalling"), ("ExposedRebars", "spalling"),
+        ("exposed_bars", "spalling"), ("Efflorescence", "moisture"), ("Wetspot", "moisture"),
+    ],
+)  # fmt: skip
+def test_other_taxonomies_are_translated(tmp_path: Path, name: str, expected: str) -> None:
+    (row,) = rows_of(coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, category=name))
+    assert (row["detection_outcome"], row["defect_class"], row["source_class"]) == ("accepted", expected, name)
+
+
+def test_an_unknown_class_is_a_row_and_a_building_may_name_it(tmp_path: Path) -> None:
+    path = coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, {"bbox": [1, 2, 3, 4], "category_id": 9}, category="Rust")
+    rust, nothing = rows_of(path)
+    assert (rust["detection_outcome"], rust["defect_class"]) == ("unknown_class", None)
+    assert "class 'Rust' stands for none of crack, spalling, moisture" in rust["reason"]
+    assert "category_id 9 is not among 'categories'" in nothing["reason"]
+    assert nothing["source_class"] == "category 9"
+    assert rows_of(path, rust="moisture")[0]["defect_class"] == "moisture"
+    with pytest.raises(InputDataError, match="'Rust' is set to 'stain', which is not a defect class; use one of crack"):
+        rows_of(path, Rust="stain")
+
+
+@pytest.mark.parametrize(
+    ("file_name", "photo_id"),
+    [
+        ("IMG_1.JPG", "near/IMG_1.JPG"),
+        ("img_1.jpg", "near/IMG_1.JPG"),
+        ("C:\\survey\\near\\IMG_1.JPG", "near/IMG_1.JPG"),
+        ("/data/castle/far/IMG_2.JPG", "far/IMG_2.JPG"),
+        ("./near/IMG_2.JPG", "near/IMG_2.JPG"),
+    ],
+)
+def test_file_names_match_by_their_tail(tmp_path: Path, file_name: str, photo_id: str) -> None:
+    (row,) = rows_of(coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, images=[{"id": 1, "file_name": file_name}]))
+    assert (row["photo_id"], row["detection_outcome"]) == (photo_id, "accepted")
+
+
+@pytest.mark.parametrize(
+    ("file_name", "reason"),
+    [
+        ("IMG_2.JPG", "'IMG_2.JPG' could be any of far/IMG_2.JPG, near/IMG_2.JPG; give its folder too"),
+        ("flight7/IMG_1.JPG", "'flight7/IMG_1.JPG' is not in the campaign; near/IMG_1.JPG is in another folder"),
+        ("IMG_9.JPG", "'IMG_9.JPG' is not among the campaign's photographs"),
+    ],
+)
+def test_a_name_that_means_no_photograph_is_a_row(tmp_path: Path, file_name: str, reason: str) -> None:
+    images = [{"id": 1, "file_name": "near/IMG_1.JPG"}, {"id": 2, "file_name": file_name}]
+    path = coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, {"bbox": [1, 2, 3, 4], "image_id": 2}, images=images)
+    good, lost = rows_of(path)
+    assert good["detection_outcome"] == "accepted"
+    assert (lost["detection_outcome"], lost["photo_id"], lost["reason"]) == ("unknown_photo", file_name, reason)
+
+
+def test_an_annotation_of_no_image_and_of_another_size(tmp_path: Path) -> None:
+    images = [
+        {"id": 1, "file_name": "near/IMG_1.JPG"},
+        {"id": 2, "file_name": "far/IMG_2.JPG", "width": HEIGHT, "height": WIDTH},
+    ]
+    box = {"bbox": [1, 2, 3, 4]}
+    path = coco_file(
+        tmp_path, box, {**box, "image_id": 7}, {**box, "image_id": 2}, {**box, "image_id": [2]}, images=images
+    )
+    good, lost, turned, odd = rows_of(path)
+    assert good["detection_outcome"] == "accepted"
+    assert (lost["photo_id"], lost["reason"]) == ("image 7", "image_id 7 is not among the file's 'images'")
+    assert turned["detection_outcome"] == "bad_box"
+    assert "the file says the image is 480 x 640 px, the photograph is 640 x 480 px" in turned["reason"]
+    assert odd["detection_outcome"] == "unknown_photo"
+
+
+def test_ids_stay_unique_where_a_merged_file_repeats_them(tmp_path: Path) -> None:
+    box = {"bbox": [1, 2, 3, 4], "id": 5}
+    rows = rows_of(coco_file(tmp_path, box, box, {"bbox": [1, 2, 3, 4], "id": None}))
+    assert [row["detection_id"] for row in rows] == [f"near/IMG_1.JPG#{end}" for end in ("5", "5.2", "row2")]
+    assert [row["source_annotation"] for row in rows] == ["5", "5", "row2"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is not JSON: Expecting property name enclosed in double quotes at line 1, column 2; export it again"),
+        ("[]", "holds a list, not an object with images, annotations and categories"),
+        ('{"images": [], "categories": []}', r"has no key 'annotations' \(it has \['categories', 'images'\]\)"),
+        ('{"images": {}, "categories": [], "annotations": []}', "'images' must be a list of objects"),
+        ('{"images": [{"id": 1}], "categories": [], "annotations": []}', r"images\[0\].file_name is None"),
+        ('{"images": [{"file_name": "a"}], "categories": [], "annotations": []}', r"images\[0\].id is None"),
+    ],
+)
+def test_a_file_that_is_not_coco_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "boxes.json"
+    path.write_text(text)
+    with pytest.raises(InputDataError, match=message) as raised:
+        rows_of(path)
+    assert str(path) in str(raised.value)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError, match=r"nowhere.json does not exist; correct the path"):
+        rows_of(tmp_path / "nowhere.json")
+
+
+def test_a_file_that_fits_nothing_is_refused(tmp_path: Path) -> None:
+    box = {"bbox": [1, 2, 3, 4]}
+    with pytest.raises(InputDataError, match="none of its 1 boxes is on an accepted photograph of the campaign's 3"):
+        rows_of(coco_file(tmp_path, box, images=[{"id": 1, "file_name": "other.png"}]))
+    with pytest.raises(InputDataError, match="the photograph was not accepted: unreadable"):
+        rows_of(coco_file(tmp_path, box), photos_table("near/IMG_1.JPG", outcome="unreadable"))
+    turned = [{"id": 1, "file_name": "near/IMG_1.JPG", "width": 10, "height": 10}]
+    with pytest.raises(InputDataError, match="the file says the image is 10 x 10 px"):
+        rows_of(coco_file(tmp_path, box, images=turned))
+    with pytest.raises(InputDataError, match=r"all 2 boxes lie within 0..1, so they are normalised"):
+        rows_of(coco_file(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4]}, {"bbox": [0.5, 0.2, 0.3, 0.4]}))
+
+
+def test_no_annotations_is_an_empty_table(tmp_path: Path) -> None:
+    assert rows_of(coco_file(tmp_path)) == []
