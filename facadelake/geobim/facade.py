@@ -1,0 +1,80 @@
+"""Which facade an element belongs to: the compass direction of the part of its surface that is open to the sky."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from facadelake.frames import Array
+from facadelake.geobim.surface import Surface
+
+COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+LEVEL = "level"
+INSIDE = "inside"
+_SKY = [(azimuth, height) for height in (15.0, 40.0, 65.0) for azimuth in (-50.0, 0.0, 50.0)]
+_LIFT_M = 0.01
+_ONE_SIDED = 0.3  # net over total open area above which an element has one outward direction
+
+
+def compass_of(direction_site: Array) -> str:
+    """Compass name of a direction (3,) in site, or "level" where it is more up or down than sideways."""
+    x, y, z = direction_site
+    if abs(z) > np.hypot(x, y):
+        return LEVEL
+    return COMPASS[round(float(np.degrees(np.arctan2(x, y))) / 45.0) % 8]
+
+
+def facades_of(surface: Surface, element_of_triangle: Array, elements: int) -> list[str]:
+    """Facade of each element: "N" .. "NW", "level" where its open area lies mainly flat, "inside" where none is open.
+
+    A side counts as far as rays from it reach the sky, so neither the winding of open shells nor the inner faces of
+    outer walls matter. A wall with two open sides faces away from the building's middle.
+    """
+    normals, areas = surface.normals_site, surface.areas_m2
+    centres = surface.vertices_site_m[surface.triangles].mean(axis=1)
+    names = []
+    open_front, open_back = openness(surface, centres, normals), openness(surface, centres, -normals)
+    net = normals * (areas * (open_front - open_back))[:, None]
+    total = areas * (open_front + open_back)
+    sides = total * np.hypot(normals[:, 0], normals[:, 1])
+    flat = total * np.abs(normals[:, 2])
+    middle = (centres * areas[:, None]).sum(axis=0) / areas.sum()
+    for element in range(elements):
+        own = element_of_triangle == element
+        if total[own].sum() < 1e-3 * areas[own].sum():
+            names.append(INSIDE)
+        elif flat[own].sum() > sides[own].sum():
+            names.append(LEVEL)
+        else:
+            outward = net[own].sum(axis=0) * [1, 1, 0]
+            if np.linalg.norm(outward) < _ONE_SIDED * sides[own].sum():
+                outward = _two_sided(normals[own], sides[own], centres[own] - middle)
+            names.append(compass_of(outward))
+    return names
+
+
+def openness(surface: Surface, points_site_m: Array, normals_site: Array) -> Array:
+    """Share (n,) of directions upward and outward of each point that leave the building without meeting it again."""
+    flat = np.hypot(normals_site[:, 0], normals_site[:, 1])
+    ahead = np.where(
+        (flat > 1e-3)[:, None], normals_site * [1, 1, 0] / np.maximum(flat, 1e-9)[:, None], np.array([1.0, 0.0, 0.0])
+    )
+    aside = np.column_stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))])
+    starts = points_site_m + _LIFT_M * normals_site
+    share = np.zeros(len(points_site_m))
+    for azimuth, height in _SKY:
+        a, h = np.radians([azimuth, height])
+        ray = np.cos(h) * (np.cos(a) * ahead + np.sin(a) * aside) + [0, 0, np.sin(h)]
+        outward = np.einsum("ij,ij->i", ray, normals_site) > 0
+        share += outward & ~surface.cast(starts, ray).hit
+    share /= len(_SKY)
+    return share
+
+
+def _two_sided(normals: Array, weights: Array, from_middle: Array) -> Array:
+    """The main direction of a body open on opposite sides, turned away from the building's middle."""
+    flat = normals[:, :2]
+    _, vectors = np.linalg.eigh((flat * weights[:, None]).T @ flat)
+    direction = np.append(vectors[:, -1], 0.0)
+    away = float((weights @ from_middle) @ direction)
+    chosen: Array = direction if away >= 0 else -direction
+    return chosen

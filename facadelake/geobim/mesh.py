@@ -1,0 +1,156 @@
+"""The triangles of an IFC's elements, in the model's own axes and metres (ifcopenshell's geometry iterator)."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import ifcopenshell
+import ifcopenshell.geom
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.errors import ModelError
+from facadelake.frames import Array
+from facadelake.progress import stage_progress
+
+_log = logging.getLogger(__name__)
+_HEAD, _TAIL = b"ISO-10303-21;", b"END-ISO-10303-21;"
+# Holes, virtual boundaries, terrain and trees are elements of IFC but no part of the building's surface.
+_LEFT_OUT = ("IfcFeatureElement", "IfcVirtualElement", "IfcGeographicElement", "IfcOpeningElement")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ElementMesh:
+    """One element's surface: ``vertices_ifc_m`` (n, 3), ``triangles`` (m, 3) wound outward where the body is closed."""
+
+    guid: str
+    vertices_ifc_m: Array
+    triangles: NDArray[np.int64]
+
+
+def open_ifc(path: Path) -> ifcopenshell.file:
+    """The IFC at ``path``; raises ModelError where it is missing, truncated, not STEP text or not an IFC."""
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as stream:
+            head = stream.read(256)
+            stream.seek(max(0, size - 4096))
+            tail = stream.read()
+    except OSError as error:
+        raise ModelError(
+            f"building model {path} cannot be read ({error.strerror}); check the registry's model path"
+        ) from error
+    # Checked before the parser sees it: a cut file parses without an error and lacks elements.
+    if not head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(_HEAD):
+        raise ModelError(
+            f"building model {path} is not an IFC in STEP text: it begins with {head[:16]!r}, not ISO-10303-21; "
+            "export it as .ifc (IFC2x3, IFC4 or IFC4.3), not zipped or as XML"
+        )
+    if _TAIL not in tail:
+        raise ModelError(
+            f"building model {path} is cut off: {size} bytes without the closing END-ISO-10303-21; copy or export it again"
+        )
+    try:
+        model = ifcopenshell.open(path)
+        projects = model.by_type("IfcProject")
+    except (RuntimeError, OSError, ifcopenshell.Error, AttributeError, ValueError, TypeError) as error:
+        raise ModelError(
+            f"building model {path} is damaged or of an unknown schema ({error}); export it again as IFC2x3, IFC4 or IFC4.3"
+        ) from error
+    if not projects:
+        raise ModelError(f"building model {path} holds no IfcProject; export the whole model, not a library or a part")
+    return model
+
+
+def meshes_of(model: ifcopenshell.file, *, deflection_m: float, workers: int) -> list[ElementMesh]:
+    """Every element's surface in model axes, openings cut out; spaces, sites, openings and annotations are left out.
+
+    An element whose geometry fails is logged by its GlobalId and left out; raises ModelError where none is left.
+    """
+    wanted = [
+        element
+        for kind in ("IfcElement", "IfcProxy")
+        for element in _by_type(model, kind)
+        if element.Representation is not None and not any(_is(element, name) for name in _LEFT_OUT)
+    ]
+    settings = ifcopenshell.geom.settings()
+    settings.set("use-world-coords", True)
+    settings.set("weld-vertices", True)
+    settings.set("reorient-shells", True)
+    settings.set("no-normals", True)
+    settings.set("mesher-linear-deflection", deflection_m)
+    settings.set("mesher-angular-deflection", 0.35)
+    meshes: list[ElementMesh] = []
+    if wanted:
+        iterator = ifcopenshell.geom.iterator(settings, model, workers, include=wanted)
+        with stage_progress("building model", len(wanted)) as step:
+            more = iterator.initialize()
+            while more:
+                shape = iterator.get()
+                vertices = np.frombuffer(shape.geometry.verts_buffer, dtype=np.float64).reshape(-1, 3)
+                triangles = np.frombuffer(shape.geometry.faces_buffer, dtype=np.int32).reshape(-1, 3).astype(np.int64)
+                mesh = _cleaned(shape.guid, vertices.copy(), triangles)
+                if len(mesh.triangles):
+                    meshes.append(mesh)
+                step.advance()
+                more = iterator.next()
+    if not meshes:
+        raise ModelError(
+            f"the building model has {len(wanted)} elements with a body and none gave a surface; "
+            "export it with body geometry (design transfer or reference view)"
+        )
+    meshes = _joined(meshes)
+    missing = {element.GlobalId for element in wanted} - {mesh.guid for mesh in meshes}
+    if missing:
+        _log.warning(
+            "%d of %d elements have no surface: %s", len(missing), len(wanted), ", ".join(sorted(missing)[:10])
+        )
+    return meshes
+
+
+def _cleaned(guid: str, vertices: Array, triangles: NDArray[np.int64]) -> ElementMesh:
+    """Without slivers, and turned inside out where a closed body's volume came out negative."""
+    corners = vertices[triangles]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    triangles = triangles[np.linalg.norm(cross, axis=1) > 1e-10]
+    middle = vertices.mean(axis=0) if len(vertices) else np.zeros(3)
+    a, b, c = (vertices[triangles[:, i]] - middle for i in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+    if volume < 0:
+        triangles = triangles[:, ::-1]
+    return ElementMesh(guid=guid, vertices_ifc_m=vertices, triangles=np.ascontiguousarray(triangles))
+
+
+def _joined(meshes: list[ElementMesh]) -> list[ElementMesh]:
+    """One mesh an element, by GlobalId: the iterator gives one shape for each of an element's contexts."""
+    by_guid: dict[str, list[ElementMesh]] = {}
+    for mesh in meshes:
+        by_guid.setdefault(mesh.guid, []).append(mesh)
+    whole = []
+    for guid in sorted(by_guid):
+        parts = by_guid[guid]
+        starts = np.cumsum([0, *(len(part.vertices_ifc_m) for part in parts[:-1])])
+        whole.append(
+            ElementMesh(
+                guid=guid,
+                vertices_ifc_m=np.vstack([part.vertices_ifc_m for part in parts]),
+                triangles=np.vstack([part.triangles + start for part, start in zip(parts, starts, strict=True)]),
+            )
+        )
+    return whole
+
+
+def _by_type(model: ifcopenshell.file, kind: str) -> list[ifcopenshell.entity_instance]:
+    try:
+        return list(model.by_type(kind))
+    except RuntimeError:  # the schema has no such class (IfcProxy left in IFC4.3)
+        return []
+
+
+def _is(element: ifcopenshell.entity_instance, kind: str) -> bool:
+    try:
+        return bool(element.is_a(kind))
+    except RuntimeError:  # the schema has no such class
+        return False

@@ -1,0 +1,114 @@
+"""The building as the other rooms see it: elements, triangles in site, and where the site lies on the globe."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from facadelake.errors import ModelError
+from facadelake.frames import Array
+from facadelake.geobim.georeference import ELLIPSOIDAL, MapPlacement
+from facadelake.geodesy import SiteOrigin, as_3d
+from facadelake.tables import read_table, write_table
+
+_ARRAYS = "surface.npz"
+_PLACE = "building.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelSettings:
+    """What the registry says about a building model; None leaves the word to the IFC.
+
+    ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``placement`` stands in where the IFC
+    has no map conversion. ``mesh_deflection_m`` bounds how far a flat triangle leaves a curved surface.
+    """
+
+    map_crs: str | None = None
+    vertical_datum: str | None = None
+    placement: MapPlacement | None = None
+    origin: SiteOrigin | None = None
+    mesh_deflection_m: float = 0.001
+    workers: int = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BuildingModel:
+    """A georeferenced building.
+
+    ``vertices_site_m`` (n, 3) float64, ``triangles`` (m, 3) rows of vertices, wound so that normals of closed bodies
+    point out; ``element_of_triangle`` (m,) rows of ``elements`` (a table of kind ``elements``).
+    ``vertical_datum`` is "ellipsoidal" or an EPSG code; ``georeference_level`` is LoGeoRef 50 or "registry".
+    ``remarks`` says in words what had to be assumed; empty where nothing was.
+    """
+
+    origin: SiteOrigin
+    map_crs: str
+    vertical_datum: str
+    georeference_level: str
+    remarks: str
+    vertices_site_m: Array
+    triangles: NDArray[np.int64]
+    element_of_triangle: NDArray[np.int64]
+    elements: pa.Table
+
+    @property
+    def height_crs(self) -> str:
+        """The CRS of map coordinates with height: compound where the vertical datum is not the ellipsoid."""
+        if self.vertical_datum == ELLIPSOIDAL:
+            return self.map_crs
+        return f"{self.map_crs}+{self.vertical_datum.removeprefix('EPSG:')}"
+
+    def map_from_site(self, xyz_site_m: Array) -> Array:
+        """Site points (n, 3) as east, north in ``map_crs`` and height in ``vertical_datum``, metres whatever its unit."""
+        units = [axis.unit_conversion_factor for axis in as_3d(self.height_crs).axis_info]
+        return self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
+
+    def save(self, folder: Path) -> None:
+        """Write the model into ``folder``, for ``read_building``."""
+        np.savez(
+            folder / _ARRAYS,
+            vertices_site_m=self.vertices_site_m,
+            triangles=self.triangles,
+            element_of_triangle=self.element_of_triangle,
+        )
+        write_table("elements", self.elements, folder)
+        place = {
+            "origin": asdict(self.origin),
+            "map_crs": self.map_crs,
+            "vertical_datum": self.vertical_datum,
+            "georeference_level": self.georeference_level,
+            "remarks": self.remarks,
+        }
+        (folder / _PLACE).write_text(json.dumps(place, indent=1))
+
+
+def read_building(folder: Path) -> BuildingModel:
+    """The model that ``BuildingModel.save`` wrote into ``folder``; raises ModelError where there is none."""
+    try:
+        place = json.loads((folder / _PLACE).read_text())
+        with np.load(folder / _ARRAYS) as arrays:
+            vertices, triangles, owner = (
+                arrays["vertices_site_m"],
+                arrays["triangles"],
+                arrays["element_of_triangle"],
+            )
+    except (OSError, ValueError, KeyError) as error:
+        raise ModelError(
+            f"no saved building model in {folder} ({error}); delete the folder and run again, it will be made anew"
+        ) from error
+    return BuildingModel(
+        origin=SiteOrigin(**place["origin"]),
+        map_crs=place["map_crs"],
+        vertical_datum=place["vertical_datum"],
+        georeference_level=place["georeference_level"],
+        remarks=place["remarks"],
+        vertices_site_m=vertices,
+        triangles=triangles,
+        element_of_triangle=owner,
+        elements=read_table("elements", folder),
+    )
