@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from facadelake.frames import Array
 from facadelake.geobim.surface import Surface
@@ -23,7 +24,7 @@ def compass_of(direction_site: Array) -> str:
     return COMPASS[round(float(np.degrees(np.arctan2(x, y))) / 45.0) % 8]
 
 
-def facades_of(surface: Surface, element_of_triangle: Array, elements: int) -> list[str]:
+def facades_of(surface: Surface, element_of_triangle: NDArray[np.int64], elements: int) -> list[str]:
     """Facade of each element: "N" .. "NW", "level" where its open area lies mainly flat, "inside" where none is open.
 
     A side counts as far as rays from it reach the sky, so neither the winding of open shells nor the inner faces of

@@ -108,7 +108,8 @@ def georeference_of(
     if not candidates:
         raise GeoreferenceError(
             f"the IFC is not georeferenced: it has no IfcMapConversion ({_what_there_is(model)}); "
-            "georeference it in the authoring tool, or give the registry's crs.placement (east, north, height, rotation)"
+            "georeference it in the authoring tool, or give the registry's crs.placement "
+            "(east, north, height, rotation)"
         )
     for place, said, level in candidates:
         georeference = Georeference(

@@ -64,9 +64,10 @@ class BuildingModel:
         return f"{self.map_crs}+{self.vertical_datum.removeprefix('EPSG:')}"
 
     def map_from_site(self, xyz_site_m: Array) -> Array:
-        """Site points (n, 3) as east, north in ``map_crs`` and height in ``vertical_datum``, metres whatever its unit."""
+        """Site points (n, 3) as east, north of ``map_crs`` and height of ``vertical_datum``, all in metres."""
         units = [axis.unit_conversion_factor for axis in as_3d(self.height_crs).axis_info]
-        return self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
+        metres: Array = self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
+        return metres
 
     def save(self, folder: Path) -> None:
         """Write the model into ``folder``, for ``read_building``."""

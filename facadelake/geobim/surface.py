@@ -35,7 +35,8 @@ class Hits:
     @property
     def hit(self) -> NDArray[np.bool_]:
         """Which rays met the surface (n,)."""
-        return self.triangle != MISS
+        met: NDArray[np.bool_] = self.triangle != MISS
+        return met
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
