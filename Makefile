@@ -53,8 +53,8 @@ directions: setup
 doctor: setup  ## say what is missing on this machine, and how to get it
 	@$(BIN)/facadelake doctor
 
-clean:  ## remove what was built: build/, the lake and caches
-	rm -rf build lake .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+clean:  ## remove what can be made again: build/ and caches (a lake stays)
+	rm -rf build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
 distclean: clean  ## remove the environment too
 	rm -rf .venv .tools
