@@ -55,7 +55,7 @@ class Kind(StrEnum):
             Kind.REAL: "DOUBLE",
             Kind.BOOLEAN: "BOOLEAN",
             Kind.TIME: "TIMESTAMP WITH TIME ZONE",
-            Kind.GEOMETRY: f"GEOMETRY('{GEO_CRS}')",
+            Kind.GEOMETRY: "GEOMETRY",  # DuckLake 1.0 forgets a CRS in the type; the column's comment keeps it
         }[self]
 
 

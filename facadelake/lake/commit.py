@@ -1,0 +1,143 @@
+"""A campaign enters the lake in one transaction, or not at all."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import duckdb
+import pyarrow as pa
+
+from facadelake.errors import SchemaError, StoreError
+from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, quoted, store_errors, writing
+from facadelake.lake.migrate import migrate, roll_back
+from schemas.columns import Kind
+from schemas.tables import RUN_KEYS, TABLES, Table
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Committed:
+    """The lake's version that holds the campaign, and whether this call made it."""
+
+    version: int
+    changed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Run:
+    building_id: str
+    campaign_id: str
+    run_id: str
+    inputs_sha256: str
+    code_sha256: str
+    configuration: str
+
+
+def commit_campaign(
+    lake: Path,
+    *,
+    building_id: str,
+    campaign_id: str,
+    run_id: str,
+    tables: Mapping[str, pa.Table],
+    inputs_sha256: str,
+    lock_timeout_s: float = LOCK_TIMEOUT_S,
+) -> Committed:
+    """Replace the campaign's rows of every table by the ones given, which have the run keys in front.
+
+    Nothing is written where the campaign that is there came from the same inputs, code and configuration: ``changed``
+    is False and ``version`` the one that brought it. Earlier versions stay readable. Raises SchemaError for tables
+    that are not as schemas/ declares, StoreError when the lake cannot be written (it then stays as it was).
+    """
+    run = _checked_run(building_id, campaign_id, run_id, tables, inputs_sha256)
+    with locked(lake, timeout_s=lock_timeout_s), writing(lake) as connection:
+        migrate(connection)
+        with store_errors(f"committing {building_id} {campaign_id} to the lake {lake}", _REMEDY):
+            known = _version_of_same_run(connection, run)
+            if known is not None:
+                logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)
+                return Committed(version=known, changed=False)
+            version = _replace(connection, run, tables)
+    logger.info("%s %s committed as version %d", building_id, campaign_id, version)
+    return Committed(version=version, changed=True)
+
+
+_REMEDY = (
+    "nothing of this run was written and the earlier versions are whole; "
+    "check free space and rights of the lake's folder, then run again (the stages' results are cached)"
+)
+
+
+def _checked_run(
+    building_id: str, campaign_id: str, run_id: str, tables: Mapping[str, pa.Table], inputs_sha256: str
+) -> _Run:
+    if tables.keys() != TABLES.keys():
+        missing, strange = sorted(TABLES.keys() - tables.keys()), sorted(tables.keys() - TABLES.keys())
+        raise SchemaError(f"a commit needs every table of schemas/: missing {missing}, unknown {strange}")
+    keys = dict(zip(RUN_KEYS, (building_id, campaign_id, run_id), strict=True))
+    for name, table in tables.items():
+        wanted = TABLES[name].arrow
+        if not table.schema.equals(wanted):
+            raise SchemaError(f"table {name} has the columns {table.schema.to_string()}; the lake's are {wanted}")
+        for key, value in keys.items():
+            found = set(table.column(key).unique().to_pylist()) - {value}
+            if found:
+                raise SchemaError(f"table {name} has rows with {key} {sorted(map(str, found))}; this run's is {value}")
+    runs = tables["runs"].select(["inputs_sha256", "code_sha256", "configuration"]).to_pylist()
+    if len(runs) != 1 or runs[0]["inputs_sha256"] != inputs_sha256:
+        raise SchemaError(
+            f"table runs must have one row, of the inputs {inputs_sha256}; it has {len(runs)}, "
+            f"of {[row['inputs_sha256'] for row in runs]}"
+        )
+    return _Run(**keys, **runs[0])
+
+
+def _version_of_same_run(connection: duckdb.DuckDBPyConnection, run: _Run) -> int | None:
+    # snapshot_id is DuckLake's own column: the snapshot that brought the row.
+    row = connection.execute(
+        "SELECT snapshot_id FROM runs WHERE building_id = ? AND campaign_id = ? "
+        "AND inputs_sha256 = ? AND code_sha256 = ? AND configuration = ?",
+        [run.building_id, run.campaign_id, run.inputs_sha256, run.code_sha256, run.configuration],
+    ).fetchone()
+    return None if row is None else int(row[0])
+
+
+def _replace(connection: duckdb.DuckDBPyConnection, run: _Run, tables: Mapping[str, pa.Table]) -> int:
+    connection.execute("BEGIN")
+    try:
+        for name, table in tables.items():
+            connection.execute(
+                f"DELETE FROM {name} WHERE building_id = ? AND campaign_id = ?", [run.building_id, run.campaign_id]
+            )
+            insert(connection, TABLES[name], table)
+        origin = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
+        connection.execute(
+            "CALL lake.set_commit_message('facadelake', "
+            f"{quoted(f'{run.building_id} {run.campaign_id}')}, extra_info => {quoted(json.dumps(origin))})"
+        )
+        connection.execute("COMMIT")
+    except BaseException:  # an interrupt, too, must leave nothing half-written
+        roll_back(connection)
+        raise
+    row = connection.execute("SELECT id FROM lake.last_committed_snapshot()").fetchone()
+    if row is None or row[0] is None:
+        raise StoreError("DuckLake named no version for the commit; list the lake's versions and run again")
+    return int(row[0])
+
+
+def insert(connection: duckdb.DuckDBPyConnection, kind: Table, table: pa.Table) -> None:
+    """Append an Arrow table of ``kind`` (lake form, geometry as WKB) to the attached lake's table of that name."""
+    values = [f"ST_GeomFromWKB({c.name})" if c.kind is Kind.GEOMETRY else c.name for c in kind.columns]
+    connection.register("staged", table)
+    try:
+        connection.execute(
+            f"INSERT INTO lake.{kind.name} ({', '.join(c.name for c in kind.columns)}) "
+            f"SELECT {', '.join(values)} FROM staged"
+        )
+    finally:
+        connection.unregister("staged")

@@ -1,0 +1,95 @@
+"""The lake's tables are made and changed by numbered SQL files alone, applied in order under the lock."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import duckdb
+
+from facadelake.errors import StoreError
+from facadelake.lake.connect import store_errors
+
+SQL = Path(__file__).resolve().parents[2] / "sql"
+MIGRATIONS = SQL / "migrations"
+# The one table that is not a migration's: it says which of them were applied.
+LEDGER = """CREATE TABLE IF NOT EXISTS migrations (
+    number BIGINT NOT NULL, name VARCHAR NOT NULL, applied_at TIMESTAMP WITH TIME ZONE NOT NULL)"""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Migration:
+    """One file ``NNNN_name.sql``."""
+
+    number: int
+    name: str
+    sql: str
+
+
+@cache
+def migrations(folder: Path = MIGRATIONS) -> tuple[Migration, ...]:
+    """All migrations, numbered 1, 2, ... without a gap (StoreError otherwise)."""
+    found = [
+        Migration(number=int(path.stem.split("_")[0]), name=path.stem, sql=path.read_text("utf-8"))
+        for path in sorted(folder.glob("[0-9][0-9][0-9][0-9]_*.sql"))
+    ]
+    numbers = [migration.number for migration in found]
+    if not found or numbers != list(range(1, len(found) + 1)):
+        raise StoreError(f"the migrations in {folder} are numbered {numbers}; they must run 1, 2, 3 without a gap")
+    return tuple(found)
+
+
+def schema_version(connection: duckdb.DuckDBPyConnection) -> int:
+    """Number of the last migration applied to the attached lake; 0 for one just made."""
+    known = connection.execute(
+        "SELECT count(*) FROM duckdb_tables() WHERE database_name = 'lake' AND table_name = 'migrations'"
+    ).fetchone()
+    if known is None or known[0] == 0:
+        return 0
+    row = connection.execute("SELECT coalesce(max(number), 0) FROM lake.migrations").fetchone()
+    return int(row[0]) if row else 0
+
+
+def refuse_newer(found: int, wanted: int) -> None:
+    """Raise StoreError for a lake that a newer Facadelake has written."""
+    if found > wanted:
+        raise StoreError(
+            f"the lake has schema version {found}, this Facadelake knows versions up to {wanted}; "
+            "update Facadelake, or name another lake"
+        )
+
+
+def migrate(connection: duckdb.DuckDBPyConnection, folder: Path = MIGRATIONS) -> int:
+    """Bring the attached lake to the newest schema and return its version; hold the lake's lock.
+
+    Each migration is one transaction, so that a failure leaves the lake at the version before it.
+    """
+    steps = migrations(folder)
+    with store_errors("reading the lake's schema version", "check that the lake's files are whole"):
+        found = schema_version(connection)
+    refuse_newer(found, len(steps))
+    for step in steps[found:]:
+        logger.info("lake migration %s", step.name)
+        with store_errors(f"migration {step.name} of the lake", "the lake stays as it was; check free space"):
+            connection.execute("BEGIN")
+            try:
+                connection.execute(LEDGER)
+                connection.execute(step.sql)
+                connection.execute("INSERT INTO migrations VALUES (?, ?, now())", [step.number, step.name])
+                connection.execute("COMMIT")
+            except duckdb.Error:
+                roll_back(connection)
+                raise
+    return len(steps)
+
+
+def roll_back(connection: duckdb.DuckDBPyConnection) -> None:
+    """End a failed transaction, which the failure itself may have ended already."""
+    try:
+        connection.execute("ROLLBACK")
+    except duckdb.Error as error:
+        logger.debug("nothing to roll back: %s", error)

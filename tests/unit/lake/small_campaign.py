@@ -1,0 +1,122 @@
+"""A small campaign with every table filled, made by hand."""
+
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pyarrow as pa
+import shapely
+
+from facadelake.tables import table_of_rows, with_run_keys
+from schemas.tables import TABLES
+
+BUILDING, CAMPAIGN = "tower", "2026-04"
+START = datetime(2026, 4, 1, 8, 0, tzinfo=UTC)
+LON, LAT, HEIGHT = 9.5, 48.25, 312.5
+
+
+def _position(index: int) -> dict[str, Any]:
+    x, z = 0.5 * index, 3.0 + 0.25 * index
+    return {
+        "x_site_m": x, "y_site_m": 0.0, "z_site_m": z,
+        "lon_deg": LON + 1e-6 * index, "lat_deg": LAT, "height_ellipsoidal_m": HEIGHT + z,
+        "east_map_m": 500000.0 + x, "north_map_m": 5300000.0, "height_map_m": HEIGHT + z,
+        "normal_x": 0.0, "normal_y": -1.0, "normal_z": 0.0,
+        "geometry": shapely.to_wkb(shapely.Point(LON + 1e-6 * index, LAT, HEIGHT + z)),
+    }  # fmt: skip
+
+
+def rows(defects: int = 3, sightings: int = 2, inputs: str = "i" * 64, note: str = "a") -> dict[str, list[dict]]:
+    """Rows of each table: ``defects`` defects seen ``sightings`` times each, one detection a photograph off target."""
+    photos = [f"closerange/p{i}.jpg" for i in range(sightings)]
+    found = [(d, s, f"{photos[s]}#{d}") for d in range(defects) for s in range(sightings)]
+    classes = ["crack", "spalling", "moisture"]
+    outcome = {"observation_outcome": "registered", "incidence_deg": 20.0, "distance_m": 6.0, "gsd_mm": 1.5}
+    place = {"element_guid": "3vB2YO$MX4xv5uCqZZG05x", "storey": "Level 1", "facade": "S"}
+    size = {"width_m": 0.4, "height_m": 0.2, "area_m2": 0.08}
+    box = {"box_x_px": 10.0, "box_y_px": 20.0, "box_width_px": 300.0, "box_height_px": 150.0}
+    origin = {"detector": "coco:boxes.json", "detector_sha256": "d" * 64}
+    return {
+        "buildings": [
+            {"building_name": "Tower", "model_uri": "tower.ifc", "model_sha256": "m" * 64, "map_crs": "EPSG:25832",
+             "vertical_datum": "ellipsoidal", "georeference_level": "LoGeoRef 50", "origin_lon_deg": LON,
+             "origin_lat_deg": LAT, "origin_height_ellipsoidal_m": HEIGHT}
+        ],
+        "campaigns": [
+            {"photographs_uri": "photos", "photos_total": sightings + 1, "photos_localised": sightings,
+             "detections_total": len(found) + 1, "defects_total": defects, "captured_from": START,
+             "captured_to": START + timedelta(hours=1)}
+        ],
+        "runs": [
+            {"started_at": START, "finished_at": START + timedelta(minutes=5), "inputs_sha256": inputs,
+             "code_sha256": "c" * 64, "detector_sha256": "d" * 64, "facadelake_version": "0.1.0",
+             "configuration": json.dumps({"note": note}), "stage_seconds": json.dumps({"ingest": 1.5}), "stage_peak_mib": json.dumps({"ingest": 200})}
+        ],
+        "photos": [
+            *({"photo_id": photo, "sha256": f"{i:064d}", "bytes": 1000, "role": "closerange",
+               "photo_outcome": "accepted", "image_width_px": 1600, "image_height_px": 1200, "taken_at": START,
+               "prior_source": "xmp", "prior_lon_deg": LON, "prior_lat_deg": LAT, "prior_height_m": HEIGHT + 10,
+               "prior_height_datum": "unknown"} for i, photo in enumerate(photos)),
+            {"photo_id": "closerange/broken.jpg", "sha256": "b" * 64, "bytes": 0, "photo_outcome": "unreadable",
+             "reason": "0 bytes", "prior_source": "none", "prior_height_datum": "unknown"},
+        ],
+        "poses": [
+            {"photo_id": photo, "pose_source": "sfm", "x_site_m": 1.0, "y_site_m": -6.0, "z_site_m": 4.0,
+             "lon_deg": LON, "lat_deg": LAT, "height_ellipsoidal_m": HEIGHT + 4, "qw": 1.0, "qx": 0.0, "qy": 0.0,
+             "qz": 0.0, "image_width_px": 1600, "image_height_px": 1200, "fx_px": 1500.0, "fy_px": 1500.0,
+             "cx_px": 800.0, "cy_px": 600.0, "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0,
+             "reprojection_error_px": 0.4, "tie_points": 500,
+             "geometry": shapely.to_wkb(shapely.Point(LON, LAT, HEIGHT + 4))} for photo in photos
+        ],
+        "georeference": [
+            {"control": "gps", "map_crs": "EPSG:25832", "vertical_datum": "ellipsoidal", "points_used": sightings,
+             "points_total": sightings, "scale": 1.0, "residual_mean_m": 0.5, "residual_rmse_m": 0.6,
+             "residual_max_m": 0.9, "remarks": "synthetic"}
+        ],
+        "elements": [
+            {"element_guid": place["element_guid"], "ifc_class": "IfcWall", "element_name": "Wall S",
+             "storey": "Level 1", "material": "brick", "is_external": True, "facade": "S", "surface_area_m2": 60.0,
+             "triangles": 2, "geometry": shapely.to_wkb(shapely.box(LON, LAT, LON + 1e-4, LAT + 1e-6))}
+        ],
+        "detections": [
+            *({"detection_id": key, "photo_id": photos[s], "detection_outcome": "accepted",
+               "defect_class": classes[d % 3], "source_class": classes[d % 3], "score": 0.9, **box, **origin}
+              for d, s, key in found),
+            {"detection_id": "stranger", "photo_id": photos[0], "detection_outcome": "unknown_class",
+             "reason": "class 'graffiti' is not in the crosswalk", "source_class": "graffiti", "score": 0.5,
+             **box, **origin},
+        ],
+        "observations": [
+            {"detection_id": key, "photo_id": photos[s], "defect_class": classes[d % 3], "defect_id": f"defect-{d:04d}",
+             **_position(d), **size, "target_share": 1.0, **place, **outcome} for d, s, key in found
+        ],
+        "defects": [
+            {"defect_id": f"defect-{d:04d}", "defect_class": classes[d % 3], "severity": "minor",
+             "severity_rule": "extent_v1", **_position(d), **size, "spread_m": 0.02, "sightings": sightings,
+             "score": 0.9, "best_photo_id": photos[0], "ifc_class": "IfcWall", "material": "brick", **place}
+            for d in range(defects)
+        ],
+        "integrity_views": [
+            {"photo_id": photo, "integrity_outcome": "compared", "ssim": 0.9, "compared_share": 0.8,
+             "depth_difference_median_m": 0.01, "depth_difference_p95_m": 0.05} for photo in photos
+        ],
+        "checks": [
+            {"table_name": "defects", "expectation": "expect_column_values_to_not_be_null",
+             "column_name": "defect_id", "passed": True, "unexpected": 0, "detail": "{}"}
+        ],
+    }  # fmt: skip
+
+
+def stage_tables(**settings: Any) -> dict[str, pa.Table]:
+    """The small campaign as stage tables; settings as of ``rows``."""
+    made = rows(**settings)
+    return {name: table_of_rows(name, made[name]) for name in TABLES}
+
+
+def lake_tables(
+    *, building_id: str = BUILDING, campaign_id: str = CAMPAIGN, run_id: str = "run-1", **settings: Any
+) -> Mapping[str, pa.Table]:
+    """The small campaign with its run keys."""
+    keys = {"building_id": building_id, "campaign_id": campaign_id, "run_id": run_id}
+    return {name: with_run_keys(name, table, **keys) for name, table in stage_tables(**settings).items()}

@@ -1,0 +1,230 @@
+"""A campaign is in the lake whole or not at all."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from facadelake.errors import SchemaError, StoreError
+from facadelake.lake import commit as commit_module
+from facadelake.lake.commit import Committed, commit_campaign
+from facadelake.lake.connect import locked
+from facadelake.lake.read import read_table, versions
+from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, lake_tables
+
+REPOSITORY = Path(__file__).resolve().parents[3]
+INPUTS = "i" * 64
+
+
+def commit(lake: Path, *, run_id: str = "run-1", campaign_id: str = CAMPAIGN, inputs: str = INPUTS, **rows: int):
+    tables = lake_tables(run_id=run_id, campaign_id=campaign_id, inputs=inputs, **rows)
+    return commit_campaign(
+        lake, building_id=BUILDING, campaign_id=campaign_id, run_id=run_id, tables=tables, inputs_sha256=inputs
+    )
+
+
+def in_process(code: str, *, head: str = "") -> list[str]:
+    """Command of a fresh interpreter in the repository; ``commit`` is this module's."""
+    setup = f"import sys; sys.path.insert(0, {str(REPOSITORY)!r})\n{head}\nfrom pathlib import Path\n"
+    setup += "from tests.unit.lake.test_commit import commit, commit_module\n"
+    return [sys.executable, "-c", setup + textwrap.dedent(code)]
+
+
+def test_every_table_comes_back_as_it_went_in(tmp_path: Path) -> None:
+    tables = lake_tables()
+    commit(tmp_path)
+    for name, table in tables.items():
+        back = read_table(tmp_path, name)
+        assert back.schema == table.schema, name
+        geometry = [c for c in ("geometry",) if c in table.column_names]
+        order = [(c, "ascending") for c in table.column_names if c not in geometry]
+        assert back.sort_by(order).equals(table.sort_by(order)) or geometry, name
+        assert back.drop_columns(geometry).sort_by(order).equals(table.drop_columns(geometry).sort_by(order)), name
+
+
+def test_same_run_again_writes_nothing_and_names_the_version_it_has(tmp_path: Path) -> None:
+    first = commit(tmp_path)
+    other = commit(tmp_path, campaign_id="2026-10")
+    again = commit(tmp_path, run_id="run-2")
+    assert first.changed
+    assert other.version > first.version
+    assert again == Committed(version=first.version, changed=False)
+    assert read_table(tmp_path, "runs", campaign_id=CAMPAIGN)["run_id"].to_pylist() == ["run-1"]
+
+
+def test_changed_inputs_replace_the_campaign_and_the_old_version_stays_readable(tmp_path: Path) -> None:
+    first = commit(tmp_path, defects=3)
+    commit(tmp_path, campaign_id="2026-10", defects=1)
+    second = commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=5)
+    assert second.version > first.version
+    assert len(read_table(tmp_path, "defects", campaign_id=CAMPAIGN)) == 5
+    assert len(read_table(tmp_path, "defects", campaign_id="2026-10")) == 1
+    assert len(read_table(tmp_path, "defects", campaign_id=CAMPAIGN, as_of=first.version)) == 3
+    listed = versions(tmp_path).to_pylist()
+    assert [(v["campaign_id"], v["run_id"]) for v in listed] == [
+        (CAMPAIGN, "run-1"),
+        ("2026-10", "run-1"),
+        (CAMPAIGN, "run-2"),
+    ]
+    assert listed[-1]["version"] == second.version
+
+
+def test_failure_half_way_leaves_the_version_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = commit(tmp_path)
+    insert = commit_module.insert
+
+    def failing(connection, kind, table):
+        if kind.name == "observations":
+            raise OSError(28, "No space left on device")
+        insert(connection, kind, table)
+
+    monkeypatch.setattr(commit_module, "insert", failing)
+    with pytest.raises(StoreError, match=r"committing tower 2026-04 .* No space left .* nothing of this run was written"):
+        commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=9)
+    monkeypatch.undo()
+    assert versions(tmp_path)["version"].to_pylist() == [first.version]
+    assert read_table(tmp_path, "runs")["run_id"].to_pylist() == ["run-1"]
+    assert len(read_table(tmp_path, "defects")) == 3
+    assert commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=9).changed
+
+
+@pytest.mark.parametrize("stop_at", ["poses", "checks"])
+def test_killed_commit_leaves_the_version_before_and_blocks_nobody(tmp_path: Path, stop_at: str) -> None:
+    first = commit(tmp_path)
+    code = f"""
+        import time
+        insert = commit_module.insert
+        def slow(connection, kind, table):
+            insert(connection, kind, table)
+            if kind.name == {stop_at!r}:
+                print("half-way", flush=True); time.sleep(60)
+        commit_module.insert = slow
+        commit(Path({str(tmp_path)!r}), run_id="run-2", inputs="j" * 64, defects=9)
+    """
+    with subprocess.Popen(in_process(code), stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "half-way\n"
+        child.send_signal(signal.SIGKILL)
+    assert child.returncode == -signal.SIGKILL
+    assert len(read_table(tmp_path, "defects")) == 3
+    assert versions(tmp_path)["version"].to_pylist() == [first.version]
+    began = time.monotonic()
+    assert commit(tmp_path, run_id="run-3", inputs="j" * 64, defects=9).changed
+    assert time.monotonic() - began < 20  # s: the dead process's lock is not waited for
+    assert len(read_table(tmp_path, "defects")) == 9
+
+
+def test_kill_inside_the_catalogs_own_write_is_undone_on_reading(tmp_path: Path) -> None:
+    """SQLite leaves a hot journal when its writer dies between pages; a read-only opening must cope with it."""
+    commit(tmp_path)
+    code = f"""
+        import os, sqlite3
+        catalog = sqlite3.connect({str(tmp_path / "catalog.sqlite")!r}, isolation_level=None)
+        catalog.execute("PRAGMA cache_size = 1"); catalog.execute("PRAGMA cache_spill = 1")
+        catalog.execute("BEGIN IMMEDIATE")
+        catalog.execute("DELETE FROM ducklake_data_file")
+        catalog.execute("CREATE TABLE filler AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n "
+                        "WHERE i < 5000) SELECT i, hex(randomblob(200)) AS x FROM n")
+        os._exit(9)
+    """
+    subprocess.run(in_process(code), check=False)
+    assert (tmp_path / "catalog.sqlite-journal").exists()
+    assert len(read_table(tmp_path, "defects")) == 3
+
+
+@pytest.mark.parametrize(("defects", "limit_bytes"), [(3000, 120_000), (4, 4096)])
+def test_disk_full_at_commit_leaves_nothing_half_written(tmp_path: Path, defects: int, limit_bytes: int) -> None:
+    """A real write error of the system: a limit on file size stops a large data file, or the small catalog."""
+    first = commit(tmp_path)
+    code = f"""
+        from facadelake.errors import StoreError
+        try:
+            commit(Path({str(tmp_path)!r}), run_id="run-2", inputs="j" * 64, defects={defects}, sightings=1)
+        except StoreError as error:
+            print("StoreError", error)
+    """
+    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit_bytes}, {limit_bytes}))"
+    done = subprocess.run(in_process(code, head=limit), capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("StoreError "), done.stdout + done.stderr
+    assert "free space" in done.stdout
+    assert versions(tmp_path)["version"].to_pylist() == [first.version]
+    assert len(read_table(tmp_path, "defects")) == 3
+    assert commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=4).changed
+
+
+def test_full_file_system_leaves_nothing_half_written(tmp_path: Path) -> None:
+    """ENOSPC proper, on a file system of 4 MB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)], capture_output=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip("mounting a small file system needs root; the file size limit covers the same path")
+    try:
+        lake = disk / "lake"
+        first = commit(lake)
+        with (disk / "ballast").open("wb") as ballast:
+            ballast.write(b"0" * (os.statvfs(disk).f_bavail * os.statvfs(disk).f_frsize - 150_000))
+        with pytest.raises(StoreError, match=r"(?i)nothing of this run was written"):
+            commit(lake, run_id="run-2", inputs="j" * 64, defects=3000, sightings=1)
+        assert versions(lake)["version"].to_pylist() == [first.version]
+        assert len(read_table(lake, "defects")) == 3
+        (disk / "ballast").unlink()
+        assert commit(lake, run_id="run-2", inputs="j" * 64, defects=4).changed
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_two_committers_and_a_reader_at_once(tmp_path: Path) -> None:
+    commit(tmp_path)
+    code = """
+        for k in range(2):
+            done = commit(Path({lake!r}), campaign_id="c{n}", run_id=f"run-{n}-{{k}}", inputs=f"{{k}}" * 64)
+            assert done.changed
+    """
+    children = [
+        subprocess.Popen(in_process(code.format(lake=str(tmp_path), n=n)), stderr=subprocess.PIPE, text=True)
+        for n in range(2)
+    ]
+    while any(child.poll() is None for child in children):
+        assert len(read_table(tmp_path, "defects", campaign_id=CAMPAIGN)) == 3
+    for child in children:
+        assert child.returncode == 0, child.communicate()[1]
+    assert versions(tmp_path)["campaign_id"].to_pylist().count("c0") == 2
+    assert sorted(read_table(tmp_path, "runs")["run_id"].to_pylist()) == ["run-0-1", "run-1", "run-1-1"]
+
+
+def test_waiting_for_another_writer_ends_with_a_message(tmp_path: Path) -> None:
+    with locked(tmp_path):
+        code = f"""
+            from facadelake.lake.connect import locked
+            from facadelake.errors import StoreError
+            try:
+                with locked(Path({str(tmp_path)!r}), timeout_s=0.2):
+                    print("got it")
+            except StoreError as error:
+                print(error)
+        """
+        done = subprocess.run(in_process(code), capture_output=True, text=True, check=True)
+    assert "being written by another process and stayed locked for 0.2 s; wait until" in done.stdout
+
+
+def test_tables_that_do_not_fit_are_refused_before_the_lake_is_touched(tmp_path: Path) -> None:
+    tables = dict(lake_tables())
+    keys = {"building_id": BUILDING, "campaign_id": CAMPAIGN, "run_id": "run-1", "inputs_sha256": INPUTS}
+    with pytest.raises(SchemaError, match=r"missing \['defects'\]"):
+        commit_campaign(tmp_path, tables={k: v for k, v in tables.items() if k != "defects"}, **keys)
+    with pytest.raises(SchemaError, match=r"rows with run_id \['run-1'\]; this run's is run-9"):
+        commit_campaign(tmp_path, tables=tables, **{**keys, "run_id": "run-9"})
+    with pytest.raises(SchemaError, match="one row, of the inputs"):
+        commit_campaign(tmp_path, tables=tables, **{**keys, "inputs_sha256": "z" * 64})
+    with pytest.raises(SchemaError, match="table photos has the columns"):
+        commit_campaign(tmp_path, tables={**tables, "photos": pa.table({"a": [1]})}, **keys)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,123 @@
+"""Opening a lake: offline, movable, and with messages where it cannot be."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from facadelake.errors import SchemaError, StoreError
+from facadelake.lake.connect import bare_connection, locked, writing
+from facadelake.lake.migrate import migrate, migrations, schema_version
+from facadelake.lake.read import read_table, versions
+from schemas.ddl import create_table
+from schemas.tables import SCHEMA_VERSION, TABLES
+from tests.unit.lake.test_commit import REPOSITORY, commit, in_process
+
+
+def test_needs_no_network_and_nothing_in_the_home_folder(tmp_path: Path) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    code = f"""
+        from facadelake.lake.read import read_table
+        commit(Path({str(tmp_path / "lake")!r}))
+        print(len(read_table(Path({str(tmp_path / "lake")!r}), "defects")))
+    """
+    command = in_process(code)
+    if shutil.which("unshare") and subprocess.run(["unshare", "-n", "true"], check=False).returncode == 0:
+        command = ["unshare", "-n", *command]  # a network namespace with no interface at all
+    environment = {"HOME": str(home), "PATH": os.environ["PATH"]}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == "3\n"
+    assert done.stderr == ""
+    assert not (home / ".duckdb").exists()
+
+
+def test_lake_may_be_moved_and_then_written(tmp_path: Path) -> None:
+    old, new = tmp_path / "old", tmp_path / "it's new"
+    first = commit(old)
+    old.rename(new)
+    assert len(read_table(new, "defects")) == 3
+    commit(new, run_id="run-2", inputs="j" * 64, defects=4)
+    assert len(read_table(new, "defects")) == 4
+    assert len(read_table(new, "defects", as_of=first.version)) == 3
+
+
+def test_folder_without_a_lake(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match=r"there is no lake in .*; inspect a campaign first, or name another lake"):
+        versions(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unknown_version_and_table(tmp_path: Path) -> None:
+    commit(tmp_path)
+    with pytest.raises(StoreError, match=r"at version 99 failed: .*version 99; list its versions"):
+        read_table(tmp_path, "defects", as_of=99)
+    with pytest.raises(SchemaError, match="there is no table defetcs; the tables are buildings, "):
+        read_table(tmp_path, "defetcs")
+
+
+def test_catalog_that_is_no_catalog(tmp_path: Path) -> None:
+    (tmp_path / "catalog.sqlite").write_bytes(b"not a database " * 400)
+    with pytest.raises(StoreError, match=r"(?s)opening the lake .* failed: .*not a database"):
+        read_table(tmp_path, "defects")
+
+
+def test_lake_of_a_newer_facadelake_is_left_alone(tmp_path: Path) -> None:
+    commit(tmp_path)
+    with locked(tmp_path), writing(tmp_path) as connection:
+        connection.execute("INSERT INTO migrations VALUES (?, 'from_the_future', now())", [SCHEMA_VERSION + 1])
+    message = rf"schema version {SCHEMA_VERSION + 1}, this Facadelake knows versions up to {SCHEMA_VERSION}; update"
+    with pytest.raises(StoreError, match=message):
+        read_table(tmp_path, "defects")
+    with pytest.raises(StoreError, match=message):
+        commit(tmp_path, run_id="run-2", inputs="j" * 64)
+
+
+def test_failing_migration_leaves_the_version_before(tmp_path: Path) -> None:
+    steps = tmp_path / "steps"
+    steps.mkdir()
+    for path in (REPOSITORY / "sql" / "migrations").glob("*.sql"):
+        shutil.copy(path, steps)
+    bad = steps / f"{SCHEMA_VERSION + 1:04d}_bad.sql"
+    bad.write_text("CREATE TABLE extra (a BIGINT); ALTER TABLE defects ADD COLUMN nonsense NO_SUCH_TYPE;")
+    lake = tmp_path / "lake"
+    lake.mkdir()
+    with locked(lake), writing(lake) as connection:
+        with pytest.raises(StoreError, match=r"migration \d+_bad of the lake failed"):
+            migrate(connection, steps)
+        assert schema_version(connection) == SCHEMA_VERSION
+        tables = {row[0] for row in connection.execute("SELECT table_name FROM duckdb_tables()").fetchall()}
+    assert "defects" in tables
+    assert "extra" not in tables
+
+
+def test_gap_in_the_migrations(tmp_path: Path) -> None:
+    (tmp_path / "0002_late.sql").write_text("SELECT 1;")
+    with pytest.raises(StoreError, match=r"numbered \[2\]; they must run 1, 2, 3 without a gap"):
+        migrations(tmp_path)
+
+
+def test_migrated_lake_has_the_tables_of_the_schemas(tmp_path: Path) -> None:
+    assert len(migrations()) == SCHEMA_VERSION
+    query = (
+        "SELECT table_name, column_name, data_type, is_nullable FROM duckdb_columns() "
+        "WHERE database_name = ? AND table_name != 'migrations' ORDER BY table_name, column_index"
+    )
+    with locked(tmp_path), writing(tmp_path) as connection:
+        migrate(connection)
+        made = connection.execute(query, ["lake"]).fetchall()
+    plain = bare_connection()
+    for table in TABLES.values():
+        plain.execute(create_table(table))
+    assert made == plain.execute(query, ["memory"]).fetchall()
+    assert len(made) == sum(len(table.columns) for table in TABLES.values())
+
+
+def test_first_migration_is_what_the_schemas_write() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "schemas.ddl"], cwd=REPOSITORY, capture_output=True, text=True, check=True
+    )
+    assert (REPOSITORY / "sql" / "migrations" / "0001_tables.sql").read_text("utf-8") == done.stdout
