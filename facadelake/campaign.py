@@ -1,0 +1,97 @@
+"""The rows that tell of a whole campaign, and all its tables with the run's keys, ready for the lake."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.metadata import version
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from facadelake.cache import code_hash
+from facadelake.tables import table_of_rows, with_run_keys
+from schemas.vocabulary import PhotoOutcome, PoseSource
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """Who made the rows, from what, and at what cost; ``configuration`` and the two costs are JSON."""
+
+    building_id: str
+    campaign_id: str
+    run_id: str
+    started_at: datetime
+    finished_at: datetime
+    inputs_sha256: str
+    detector_sha256: str
+    configuration: str
+    stage_seconds: str
+    stage_peak_mib: str
+
+    def row(self) -> dict[str, Any]:
+        """The row of table ``runs``, without the run's keys."""
+        return {
+            "started_at": self.started_at,
+            "finished_at": self.finished_at,
+            "inputs_sha256": self.inputs_sha256,
+            "code_sha256": code_hash(""),
+            "detector_sha256": self.detector_sha256,
+            "facadelake_version": version("facadelake"),
+            "configuration": self.configuration,
+            "stage_seconds": self.stage_seconds,
+            "stage_peak_mib": self.stage_peak_mib,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuildingRecord:
+    """The building as it was for the campaign; the origin is in EPSG:4979."""
+
+    building_name: str
+    model_uri: str
+    model_sha256: str
+    map_crs: str
+    vertical_datum: str
+    georeference_level: str
+    origin_lon_deg: float
+    origin_lat_deg: float
+    origin_height_ellipsoidal_m: float
+
+    def row(self) -> dict[str, Any]:
+        """The row of table ``buildings``, without the run's keys."""
+        return dict(vars(self))
+
+
+def campaign_row(photographs_uri: str, tables: Mapping[str, pa.Table]) -> dict[str, Any]:
+    """The row of table ``campaigns`` that counts what the stage tables hold."""
+    photos, poses = tables["photos"], tables["poses"]
+    accepted = photos.filter(pc.equal(photos["photo_outcome"], PhotoOutcome.ACCEPTED))
+    times = pc.min_max(accepted["taken_at"]).as_py()
+    return {
+        "photographs_uri": photographs_uri,
+        "photos_total": len(photos),
+        "photos_localised": pc.sum(pc.not_equal(poses["pose_source"], PoseSource.UNLOCALISED)).as_py() or 0,
+        "detections_total": len(tables["detections"]),
+        "defects_total": len(tables["defects"]),
+        "captured_from": times["min"],
+        "captured_to": times["max"],
+    }
+
+
+def lake_tables(
+    run: RunRecord, building: BuildingRecord, photographs_uri: str, stage_tables: Mapping[str, pa.Table]
+) -> dict[str, pa.Table]:
+    """Every table of the lake for this campaign, with building_id, campaign_id and run_id in front."""
+    whole = {
+        "buildings": table_of_rows("buildings", [building.row()]),
+        "campaigns": table_of_rows("campaigns", [campaign_row(photographs_uri, stage_tables)]),
+        "runs": table_of_rows("runs", [run.row()]),
+        **stage_tables,
+    }
+    return {
+        name: with_run_keys(name, table, building_id=run.building_id, campaign_id=run.campaign_id, run_id=run.run_id)
+        for name, table in whole.items()
+    }

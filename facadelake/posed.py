@@ -1,0 +1,49 @@
+"""Posed cameras and the columns of table ``poses`` they are kept in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pyarrow as pa
+from scipy.spatial.transform import Rotation
+
+from facadelake.camera import Camera, PosedCamera
+from facadelake.frames import Similarity
+
+_INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
+
+
+def pose_columns(posed: PosedCamera) -> dict[str, float]:
+    """Centre, attitude and intrinsics of a camera as columns of table ``poses``."""
+    qx, qy, qz, qw = Rotation.from_matrix(posed.site_from_cam.rotation).as_quat(canonical=True)
+    x, y, z = posed.centre_site_m
+    return {
+        "x_site_m": float(x),
+        "y_site_m": float(y),
+        "z_site_m": float(z),
+        "qw": float(qw),
+        "qx": float(qx),
+        "qy": float(qy),
+        "qz": float(qz),
+        **{name: float(getattr(posed.camera, name)) for name in _INTRINSICS},
+    }
+
+
+def posed_cameras(poses: pa.Table) -> dict[str, PosedCamera]:
+    """The posed cameras of table ``poses`` by photo_id; photographs without a pose are left out."""
+    out = {}
+    for row in poses.to_pylist():
+        if row["qw"] is not None:
+            out[row["photo_id"]] = _posed(row)
+    return out
+
+
+def _posed(row: dict[str, Any]) -> PosedCamera:
+    rotation = Rotation.from_quat([row["qx"], row["qy"], row["qz"], row["qw"]]).as_matrix()
+    camera = Camera(
+        width_px=row["image_width_px"],
+        height_px=row["image_height_px"],
+        **{name: row[name] for name in _INTRINSICS},
+    )
+    translation = pa.array([row["x_site_m"], row["y_site_m"], row["z_site_m"]]).to_numpy()
+    return PosedCamera(camera=camera, site_from_cam=Similarity(rotation=rotation, translation=translation))

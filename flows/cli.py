@@ -1,0 +1,258 @@
+"""The command line: ``facadelake``. Heavy libraries are imported by the command that needs them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from facadelake.errors import FacadelakeError, InputDataError
+
+if TYPE_CHECKING:
+    from facadelake.registry import Portfolio
+
+ROOT = Path(__file__).resolve().parent.parent
+console = Console()
+problems = Console(stderr=True)
+
+app = typer.Typer(
+    name="facadelake",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="Photographs of a building in, versioned tables of its facade defects out.\n\n"
+    "Begin with [bold]facadelake demo[/bold], which makes a building, two campaigns of photographs, and inspects both. "
+    "Then look with [bold]facadelake defects demo[/bold] or ask with [bold]facadelake sql[/bold].",
+)
+
+PortfolioPath = Annotated[
+    Path,
+    typer.Option("--portfolio", envvar="FACADELAKE_PORTFOLIO", help="Registry: a YAML file, or a folder of them."),
+]
+LakePath = Annotated[
+    Path, typer.Option("--lake", envvar="FACADELAKE_LAKE", help="Folder of the lake; made if it is not there.")
+]
+BuildingId = Annotated[str, typer.Argument(help="Id of the building in the registry.")]
+CampaignId = Annotated[str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' for the newest.")]
+DEFAULT_PORTFOLIO = ROOT / "data" / "portfolio.yaml"
+DEFAULT_LAKE = ROOT / "lake"
+DEMO_RECIPE = ROOT / "data" / "demo" / "recipe.yaml"
+
+
+class Georeference(StrEnum):
+    """What places the campaign on the globe."""
+
+    AUTO = "auto"
+    GCP = "gcp"
+    MODEL = "model"
+    GPS = "gps"
+
+
+def _portfolio(path: Path) -> Portfolio:
+    from facadelake.registry import read_portfolio
+
+    return read_portfolio(path)
+
+
+@app.command()
+def inspect(
+    building: BuildingId,
+    campaign: CampaignId = "latest",
+    georeference: Annotated[
+        Georeference,
+        typer.Option(
+            help="Control: control points (gcp), the building model (model), GPS tags (gps); "
+            "auto takes control points where there are any, else GPS."
+        ),
+    ] = Georeference.AUTO,
+    detections: Annotated[
+        str | None,
+        typer.Option(help="Instead of the registry's detections: the name of one of its alternatives, or a COCO file."),
+    ] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Inspect one campaign of a building, from photographs to tables, pictures and GIS files.
+
+    Running it again is safe: finished stages come from the cache, unchanged inputs make no second copy. After Ctrl-C
+    run it again; it goes on after the last finished stage.
+    """
+    from flows.terminal.inspection import show_inspection
+    from flows.terminal.run import inspect_in_terminal
+
+    _portfolio(portfolio).building(building)  # a mistake in the registry is told before Prefect starts
+    result = inspect_in_terminal(
+        console,
+        building_id=building,
+        campaign_id=campaign,
+        portfolio=portfolio,
+        lake=lake,
+        georeference=georeference,
+        detections=detections,
+    )
+    show_inspection(console, lake, result)
+
+
+@app.command()
+def demo(
+    folder: Annotated[Path, typer.Option(help="Where the demo building is made.")] = ROOT / "build" / "demo",
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Make the demo building with two campaigns of photographs, inspect both, and say where to look."""
+    from flows.terminal.inspection import show_inspection, show_where_to_look
+    from flows.terminal.run import make_demo_in_terminal
+
+    results = make_demo_in_terminal(console, folder=folder, lake=lake, recipe=DEMO_RECIPE, portfolio=DEFAULT_PORTFOLIO)
+    for result in results:
+        show_inspection(console, lake, result)
+    show_where_to_look(console, lake, results)
+
+
+@app.command()
+def campaigns(
+    building: Annotated[str | None, typer.Argument(help="Only this building.")] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """List what is registered and what the lake holds, with each campaign's version."""
+    from flows.terminal.listings import show_campaigns
+
+    show_campaigns(console, _portfolio(portfolio), lake, building)
+
+
+@app.command()
+def defects(
+    building: BuildingId,
+    campaign: Annotated[str | None, typer.Argument(help="Only this campaign.")] = None,
+    defect_class: Annotated[str | None, typer.Option("--class", help="Only crack, spalling or moisture.")] = None,
+    limit: Annotated[int, typer.Option(min=1, help="At most so many rows.")] = 40,
+    as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Show the defects of a building: what, where, how large, how often seen."""
+    from flows.terminal.listings import show_defects
+
+    show_defects(console, lake, building, campaign, defect_class, limit, as_of)
+
+
+@app.command()
+def sql(
+    question: Annotated[
+        str | None, typer.Argument(help="A SELECT statement, or the name of a stored question (see --list).")
+    ] = None,
+    parameter: Annotated[
+        list[str] | None, typer.Argument(help="Parameters of a stored question, as name=value.")
+    ] = None,
+    list_questions: Annotated[bool, typer.Option("--list", help="List the stored questions.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
+    as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Ask the lake in SQL; nothing can be changed that way.
+
+    Example: facadelake sql "SELECT facade, count(*) AS n FROM defects GROUP BY facade ORDER BY n DESC"
+    """
+    from flows.terminal.answers import ask, show_questions
+
+    if list_questions or question is None:
+        show_questions(console)
+        return
+    ask(console, lake, question, parameter or [], as_of=as_of, as_json=as_json)
+
+
+@app.command()
+def export(
+    building: BuildingId,
+    file: Annotated[Path, typer.Argument(help="File to write; its suffix chooses: .gpkg .parquet .geojson .csv")],
+    campaign: Annotated[str | None, typer.Option(help="Only this campaign.")] = None,
+    table: Annotated[str, typer.Option(help="Which table.")] = "defects",
+    as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
+    from facadelake.lake.read import read_table
+    from facadelake.publish.releases import export as export_table
+
+    rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=as_of)
+    if not len(rows):
+        raise InputDataError(
+            f"the lake {lake} has no rows of '{table}' for building '{building}'"
+            + (f", campaign '{campaign}'" if campaign else "")
+            + "; 'facadelake campaigns' lists what it holds"
+        )
+    export_table(table, rows, file)
+    console.print(f"{len(rows)} rows of {table} written to {file}")
+
+
+@app.command()
+def evaluate(
+    building: BuildingId,
+    campaign: CampaignId,
+    truth: Annotated[Path, typer.Option(help="Folder with cameras.csv, checkpoints.csv and detections.csv.")],
+    detections: Annotated[
+        str | None,
+        typer.Option(
+            help="Judge another detections file (a name of the registry's alternatives, or a path) on the committed "
+            "poses; the lake is not changed."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON, with stable keys.")] = False,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Compare a committed campaign with truth: cameras, rays, positions, merging, elements."""
+    from flows.evaluation import evaluate_campaign
+    from flows.terminal.answers import show_figures
+
+    figures = evaluate_campaign(
+        _portfolio(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections
+    )
+    if as_json:
+        sys.stdout.write(json.dumps(figures.to_json(), indent=2) + "\n")
+    else:
+        show_figures(console, figures)
+
+
+@app.command()
+def doctor(portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: LakePath = DEFAULT_LAKE) -> None:
+    """Check this machine: libraries, rendering, extensions, disk, models; says what is missing and how to get it."""
+    from facadelake.doctor import Status, run_checks
+    from facadelake.registry import OnnxDetectorSetting
+    from flows.terminal.answers import show_checks
+
+    detectors = [building.detector for building in _portfolio(portfolio).buildings]
+    checks = run_checks(lake, [Path(d.model) for d in detectors if isinstance(d, OnnxDetectorSetting)])
+    show_checks(console, checks)
+    if any(check.status is Status.MISSING for check in checks):
+        raise typer.Exit(1)
+
+
+@app.command()
+def serve_prefect(
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of Prefect's page on this machine.")] = 4200,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Run Prefect's server and the registry's schedules until Ctrl-C; the page shows runs, tables and pictures."""
+    from flows.serve import serve_schedules
+
+    serve_schedules(console, _portfolio(portfolio), portfolio=portfolio, lake=lake, port=port)
+
+
+def main() -> None:
+    """Entry point: errors as messages, never as tracebacks of ours."""
+    try:
+        app()
+    except FacadelakeError as error:
+        problems.print(f"[bold red]{type(error).__name__}[/bold red]: ", end="")
+        problems.print(str(error), markup=False, highlight=False)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        problems.print("stopped; finished stages are kept, run the same command to go on")
+        sys.exit(130)

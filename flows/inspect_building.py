@@ -1,0 +1,122 @@
+"""Flow: one campaign of one building, from photographs to a version of the tables."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from uuid import uuid4
+
+from prefect import flow
+
+from facadelake.errors import FacadelakeError, InputDataError
+from facadelake.registry import Building, read_portfolio
+from schemas.vocabulary import ControlKind
+from tasks.commit import commit
+from tasks.detect import detect
+from tasks.draw import draw
+from tasks.georeference import georeference_block
+from tasks.ingest import ingest
+from tasks.job import InspectionJob, StageResult
+from tasks.load_model import load_model
+from tasks.merge import merge_duplicates
+from tasks.publish import publish
+from tasks.reconstruct import reconstruct_block
+from tasks.record import StageFolders
+from tasks.register import register
+from tasks.validate import validate_tables
+from tasks.verify_model import verify_model
+
+log = logging.getLogger("facadelake.flows")
+
+LATEST = "latest"
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectionResult:
+    """What an inspection came to: the lake's version that holds it, and where its files are."""
+
+    building_id: str
+    campaign_id: str
+    run_id: str
+    version: int
+    changed: bool
+    release: Path
+    stages: tuple[StageResult, ...]
+    warnings: tuple[str, ...]
+
+
+@flow(name="inspect-building", flow_run_name="{building_id} {campaign_id}", validate_parameters=True)
+def inspect_building(
+    building_id: str,
+    campaign_id: str = LATEST,
+    portfolio: str = "data/portfolio.yaml",
+    lake: str = "lake",
+    georeference: str = "auto",
+    detections: str | None = None,
+) -> InspectionResult:
+    """Inspect one campaign of a building end to end; ``campaign_id`` 'latest' is the newest that has photographs.
+
+    Raises FacadelakeError when the campaign cannot be right; nothing is committed then.
+    """
+    building = read_portfolio(Path(portfolio)).building(building_id)
+    started_at = datetime.now(UTC)
+    campaign = newest_campaign(building) if campaign_id == LATEST else campaign_id
+    job = InspectionJob(
+        building=building,
+        campaign_id=campaign,
+        run_id=f"{started_at:%Y%m%dT%H%M%SZ}-{uuid4().hex[:8]}",
+        started_at=started_at,
+        lake=Path(lake).resolve(),
+        control=None if georeference == "auto" else ControlKind(georeference),
+        detections=detections,
+    )
+    model = load_model(job)
+    photos = ingest(job, model)
+    found = detect(job, photos)
+    block = reconstruct_block(job, photos)
+    placed = georeference_block(job, model, photos, block)
+    registered = register(job, model, placed, found)
+    merged = merge_duplicates(job, model, registered, found)
+    integrity = verify_model(job, model, block, placed)
+    folders = StageFolders(
+        model=model,
+        photos=photos,
+        detections=found,
+        block=block,
+        placed=placed,
+        registered=registered,
+        merged=merged,
+        integrity=integrity,
+    )
+    checks = validate_tables(job, folders)
+    committed = commit(job, folders, checks)
+    warnings: list[str] = []
+    pictures: StageResult | None = None
+    try:
+        pictures = draw(job, folders, checks)
+    except (FacadelakeError, OSError) as error:  # the campaign is committed; a missing picture must not undo that
+        warnings.append(f"no pictures: {error}")
+        log.warning("%s", warnings[-1])
+    release = publish(job, folders, committed, pictures)
+    return InspectionResult(
+        building_id=building_id,
+        campaign_id=campaign,
+        run_id=job.run_id,
+        version=committed.version,
+        changed=committed.changed,
+        release=release,
+        stages=(*folders.stages(), checks, *([pictures] if pictures else [])),
+        warnings=tuple(warnings),
+    )
+
+
+def newest_campaign(building: Building) -> str:
+    """The last of the building's campaigns that has photographs. Raises InputDataError where there is none."""
+    known = building.known_campaigns()
+    if not known:
+        raise InputDataError(
+            f"building '{building.id}' has no campaign with photographs yet; looked for {building.photographs}"
+        )
+    return known[-1]

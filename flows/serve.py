@@ -1,0 +1,85 @@
+"""Prefect's server and the registry's schedules on this machine, until Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+from rich.console import Console
+
+from facadelake.errors import StoreError
+from facadelake.registry import Portfolio
+from flows.prefect_session import ADDRESS_FILE, prefect_home, prepare
+
+START_LIMIT_S = 180
+
+
+def serve_schedules(console: Console, portfolio_read: Portfolio, *, portfolio: Path, lake: Path, port: int) -> None:
+    """Start the server, tell ``facadelake inspect`` of it, and run what is due by the registry."""
+    prepare(lake)
+    url = f"http://127.0.0.1:{port}/api"
+    home = prefect_home(lake)
+    with (home / "server.log").open("ab") as log:
+        server = subprocess.Popen(
+            [sys.executable, "-m", "prefect", "server", "start", "--host", "127.0.0.1", "--port", str(port)],
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "PREFECT_API_URL": url},
+        )
+    try:
+        with console.status("Starting Prefect's server"):
+            _wait_until_healthy(server, url, home / "server.log")
+        (home / ADDRESS_FILE).write_text(url)
+        os.environ["PREFECT_API_URL"] = url
+        console.print(f"Prefect's page: http://127.0.0.1:{port}   (stop with Ctrl-C; log: {home / 'server.log'})")
+        _serve(console, portfolio_read, portfolio, lake)
+    finally:
+        (home / ADDRESS_FILE).unlink(missing_ok=True)
+        server.terminate()
+        server.wait(timeout=30)
+
+
+def _wait_until_healthy(server: subprocess.Popen[bytes], url: str, log: Path) -> None:
+    deadline = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < deadline:
+        if server.poll() is not None:
+            raise StoreError(
+                f"Prefect's server ended at once (code {server.returncode}); is the port taken? Try --port. Log: {log}"
+            )
+        try:
+            with urllib.request.urlopen(f"{url}/health", timeout=2) as answer:
+                if answer.status == 200:
+                    return
+        except OSError:
+            time.sleep(0.5)
+    raise StoreError(f"Prefect's server did not answer within {START_LIMIT_S} s; its log is {log}")
+
+
+def _serve(console: Console, registered: Portfolio, portfolio: Path, lake: Path) -> None:
+    from prefect import serve
+    from prefect.schedules import Cron
+
+    from flows.inspect_building import inspect_building
+
+    deployments = []
+    for building in registered.buildings:
+        schedule = building.schedule
+        deployments.append(
+            inspect_building.to_deployment(
+                name=building.id,
+                parameters={
+                    "building_id": building.id,
+                    "portfolio": str(portfolio.resolve()),
+                    "lake": str(lake.resolve()),
+                },
+                schedule=Cron(schedule.cron, timezone=schedule.timezone) if schedule else None,
+                tags=["facadelake"],
+            )
+        )
+        due = f"{schedule.cron} {schedule.timezone}" if schedule else "by hand only"
+        console.print(f"  {building.id}: {due}", highlight=False)
+    serve(*deployments, print_starting_message=False)

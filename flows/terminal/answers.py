@@ -1,0 +1,102 @@
+"""Answers in the terminal: SQL, the figures of an evaluation, the doctor's checks."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as RichTable
+
+from facadelake.errors import InputDataError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from facadelake.doctor import Check
+    from facadelake.evaluate.figures import Figures
+
+
+def show_questions(console: Console) -> None:
+    """The stored questions with what they answer and take."""
+    from facadelake.lake.questions import list_questions
+
+    table = RichTable(title="Stored questions: facadelake sql NAME [name=value ...]", title_justify="left")
+    for column in ("name", "answers", "parameters"):
+        table.add_column(column)
+    for question in list_questions():
+        table.add_row(question.name, escape(question.meaning), ", ".join(question.parameters))
+    console.print(table)
+
+
+def ask(
+    console: Console, lake: Path, question: str, parameters: Sequence[str], *, as_of: int | None, as_json: bool
+) -> None:
+    """Answer a stored question or a SELECT statement."""
+    from facadelake.lake.questions import ask as ask_stored
+    from facadelake.lake.questions import list_questions
+    from facadelake.lake.read import query
+
+    given: dict[str, str] = {}
+    for text in parameters:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise InputDataError(f"parameter '{text}' is not name=value, such as building_id=castle")
+        given[name] = value
+    if question in {stored.name for stored in list_questions()}:
+        answer = ask_stored(lake, question, given, as_of=as_of)
+    elif " " not in question.strip():
+        names = ", ".join(stored.name for stored in list_questions())
+        raise InputDataError(
+            f"there is no stored question '{question}'; there are {names}, or write a SELECT statement"
+        )
+    else:
+        answer = query(lake, question, given, as_of=as_of)
+    if as_json:
+        sys.stdout.write(json.dumps(answer.to_pylist(), default=str, indent=2) + "\n")
+    else:
+        console.print(_as_rich(answer))
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}" if abs(value) < 1000 else f"{value:.3f}"
+    if isinstance(value, bytes):
+        return f"<{len(value)} bytes>"
+    return "" if value is None else escape(str(value))
+
+
+def _as_rich(answer: pa.Table) -> RichTable:
+    table = RichTable(caption=f"{len(answer)} rows", caption_justify="left")
+    for name in answer.column_names:
+        table.add_column(name)
+    for row in answer.to_pylist():
+        table.add_row(*(_cell(value) for value in row.values()))
+    return table
+
+
+def show_figures(console: Console, figures: Figures) -> None:
+    """The figures of an evaluation, a line each."""
+    header, *rows = figures.rows()
+    table = RichTable(title="Against truth (no alignment after the run)", title_justify="left")
+    for index, name in enumerate(header):
+        table.add_column(name, justify="left" if index == 0 else "right")
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+
+
+def show_checks(console: Console, checks: Sequence[Check]) -> None:
+    """The doctor's findings, and how to mend what is missing."""
+    colours = {"ok": "green", "warning": "yellow", "missing": "red"}
+    table = RichTable(title="This machine", title_justify="left")
+    for column in ("what", "state", "found", "how to get it"):
+        table.add_column(column, overflow="fold")
+    for check in checks:
+        colour = colours[check.status]
+        table.add_row(check.name, f"[{colour}]{check.status}[/{colour}]", escape(check.found), escape(check.remedy))
+    console.print(table)

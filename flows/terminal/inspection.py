@@ -1,0 +1,112 @@
+"""The summary at the end of an inspection, and where to look."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as RichTable
+
+from facadelake.lake.read import read_table
+
+if TYPE_CHECKING:
+    from flows.inspect_building import InspectionResult
+
+
+def _counted(values: Sequence[Any]) -> str:
+    counts = Counter("none" if value is None else str(value) for value in values)
+    return ", ".join(f"{n} {name}" for name, n in sorted(counts.items(), key=lambda item: -item[1])) or "none"
+
+
+def show_inspection(console: Console, lake: Path, result: InspectionResult) -> None:
+    """Photographs, alignment, detections by outcome, defects by class and storey, where the files are."""
+
+    def rows(name: str) -> list[dict[str, Any]]:
+        table = read_table(lake, name, building_id=result.building_id, campaign_id=result.campaign_id)
+        return table.to_pylist()
+
+    photos, poses, passport = rows("photos"), rows("poses"), rows("georeference")[0]
+    detections, observations, defects, checks = (
+        rows("detections"),
+        rows("observations"),
+        rows("defects"),
+        rows("checks"),
+    )
+    views = [view["ssim"] for view in rows("integrity_views") if view["ssim"] is not None]
+    localised = [pose for pose in poses if pose["qw"] is not None]
+    refused = [photo for photo in photos if photo["photo_outcome"] != "accepted"]
+
+    table = RichTable(title=f"{result.building_id} {result.campaign_id}", show_header=False, title_justify="left")
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row("photographs", f"{len(photos)} in, {len(localised)} localised, {len(refused)} rejected")
+    for photo in refused[:5]:
+        table.add_row("", f"rejected {escape(photo['photo_id'])}: {escape(photo['reason'] or photo['photo_outcome'])}")
+    for pose in [pose for pose in poses if pose["qw"] is None][:5]:
+        table.add_row("", f"not localised {escape(pose['photo_id'])}: {escape(pose['reason'] or '')}")
+    table.add_row(
+        "alignment",
+        f"{passport['control']}: {passport['points_used']} of {passport['points_total']} points used, residual mean "
+        f"{passport['residual_mean_m']:.3f} m, max {passport['residual_max_m']:.3f} m; {passport['map_crs']}, heights "
+        f"{passport['vertical_datum']}",
+    )
+    if passport["remarks"]:
+        table.add_row("", escape(passport["remarks"]))
+    found = [row["detection_outcome"] for row in detections if row["detection_outcome"] != "accepted"]
+    table.add_row("detections", f"{len(detections)}: {_counted([*found, *_outcomes(observations)])}")
+    table.add_row("defects", f"{len(defects)}: {_counted([row['defect_class'] for row in defects])}")
+    table.add_row("  by storey", _counted([row["storey"] for row in defects]))
+    table.add_row("  by facade", _counted([row["facade"] for row in defects]))
+    table.add_row("  by severity", _counted([row["severity"] for row in defects]))
+    if views:
+        table.add_row(
+            "model check", f"SSIM of as-built and model depth: mean {sum(views) / len(views):.2f} in {len(views)} views"
+        )
+    table.add_row("checks", f"{sum(check['passed'] for check in checks)} of {len(checks)} passed")
+    table.add_row(
+        "lake",
+        f"version {result.version}" + ("" if result.changed else ", unchanged: the same inputs were there already"),
+    )
+    table.add_row("time", _times(result))
+    table.add_row("files", str(result.release))
+    for warning in result.warnings:
+        table.add_row("[yellow]warning[/yellow]", escape(warning))
+    console.print(table)
+
+
+def _outcomes(observations: Sequence[dict[str, Any]]) -> list[str]:
+    return [row["observation_outcome"] for row in observations]
+
+
+def _times(result: InspectionResult) -> str:
+    fresh = [stage for stage in result.stages if not stage.hit]
+    cached = len(result.stages) - len(fresh)
+    parts = [f"{stage.stage} {stage.seconds:.0f} s" for stage in fresh if stage.seconds >= 1]
+    total = sum(stage.seconds for stage in result.stages)
+    text = f"{total:.0f} s in stages"
+    if parts:
+        text += f" ({', '.join(parts)})"
+    if cached:
+        text += f"; {cached} of {len(result.stages)} stages from the cache"
+    return text
+
+
+def show_where_to_look(console: Console, lake: Path, results: Sequence[InspectionResult]) -> None:
+    """The last lines of the demo: what to open, what to ask."""
+    console.print("\n[bold]Look at[/bold]")
+    for result in results:
+        console.print(f"  {result.release / 'report.html'}", soft_wrap=True, highlight=False)
+    last = results[-1]
+    console.print("[bold]Ask[/bold]")
+    console.print(f"  .venv/bin/facadelake defects {last.building_id} {last.campaign_id}", highlight=False)
+    console.print(
+        '  .venv/bin/facadelake sql "SELECT campaign_id, defect_class, count(*) AS n FROM defects GROUP BY ALL ORDER BY ALL"',
+        soft_wrap=True,
+        highlight=False,
+    )
+    console.print("  .venv/bin/facadelake sql --list", highlight=False)
+    console.print(f"[bold]Open in QGIS[/bold]\n  {last.release / 'defects.gpkg'}", soft_wrap=True, highlight=False)

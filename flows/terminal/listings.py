@@ -1,0 +1,89 @@
+"""Listings of what is registered and what the lake holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as RichTable
+
+from facadelake.errors import InputDataError
+from facadelake.lake.connect import exists
+from facadelake.lake.read import read_table
+from facadelake.registry import Portfolio
+from schemas.vocabulary import DefectClass
+
+
+def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str | None) -> None:
+    """One line for each campaign that is registered or in the lake."""
+    if only is not None:
+        portfolio.building(only)
+    held = read_table(lake, "campaigns", building_id=only).to_pylist() if exists(lake) else []
+    runs = {(r["building_id"], r["campaign_id"]): r for r in read_table(lake, "runs").to_pylist()} if held else {}
+    table = RichTable(title=f"Campaigns (lake {lake})", title_justify="left")
+    for column in ("building", "campaign", "photographs", "localised", "detections", "defects", "inspected (UTC)"):
+        table.add_column(column)
+    lines: dict[tuple[str, str], tuple[str, ...]] = {}
+    for building in portfolio.buildings:
+        if only in (None, building.id):
+            for campaign in building.known_campaigns():
+                lines[building.id, campaign] = ("", "", "", "", "not yet inspected")
+    for row in held:
+        key = (row["building_id"], row["campaign_id"])
+        counts = (row["photos_total"], row["photos_localised"], row["detections_total"], row["defects_total"])
+        lines[key] = (*map(str, counts), f"{runs[key]['finished_at']:%Y-%m-%d %H:%M}")
+    for key in sorted(lines):
+        table.add_row(*key, *lines[key])
+    console.print(table)
+
+
+def show_defects(
+    console: Console,
+    lake: Path,
+    building: str,
+    campaign: str | None,
+    defect_class: str | None,
+    limit: int,
+    as_of: int | None,
+) -> None:
+    """A table of defects, the most severe classes first by size."""
+    if defect_class is not None and defect_class not in set(DefectClass):
+        raise InputDataError(f"there is no class '{defect_class}'; allowed are {', '.join(DefectClass)}")
+    rows = read_table(lake, "defects", building_id=building, campaign_id=campaign, as_of=as_of).to_pylist()
+    if not rows:
+        raise InputDataError(
+            f"the lake {lake} has no defects of building '{building}'"
+            + (f", campaign '{campaign}'" if campaign else "")
+            + "; 'facadelake campaigns' lists what it holds, 'facadelake inspect' adds to it"
+        )
+    chosen = [row for row in rows if defect_class in (None, row["defect_class"])]
+    chosen.sort(key=lambda row: -max(row["width_m"], row["height_m"]))
+    table = RichTable(title=f"{len(chosen)} defects of {building}, the largest first", title_justify="left")
+    for name, justify in (
+        ("defect", "left"),
+        ("class", "left"),
+        ("severity", "left"),
+        ("facade", "left"),
+        ("storey", "left"),
+        ("element", "left"),
+        ("size cm", "right"),
+        ("seen", "right"),
+        ("lon, lat, height", "left"),
+    ):
+        table.add_column(name, justify=justify, no_wrap=name == "defect")  # type: ignore[arg-type]
+    for row in chosen[:limit]:
+        table.add_row(
+            row["defect_id"],
+            row["defect_class"],
+            row["severity"],
+            row["facade"],
+            row["storey"] or "",
+            escape(row["element_name"] or row["ifc_class"]),
+            f"{row['width_m'] * 100:.0f} x {row['height_m'] * 100:.0f}",
+            str(row["sightings"]),
+            f"{row['lon_deg']:.7f}, {row['lat_deg']:.7f}, {row['height_ellipsoidal_m']:.2f}",
+        )
+    console.print(table)
+    if len(chosen) > limit:
+        console.print(f"{len(chosen) - limit} more; --limit {len(chosen)} shows all")

@@ -1,0 +1,69 @@
+"""Run flows from the terminal: bars, quiet logs, errors as they are."""
+
+from __future__ import annotations
+
+import logging
+import os
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from facadelake.progress import listening
+from flows.prefect_session import prepare
+from flows.terminal.bars import ProgressBars
+
+if TYPE_CHECKING:
+    from flows.inspect_building import InspectionResult
+
+
+class _BarsLog(logging.Handler):
+    """Facadelake's own log lines as lines above the bars."""
+
+    def __init__(self, bars: ProgressBars) -> None:
+        super().__init__(level=logging.INFO)
+        self._bars = bars
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._bars.say(f"  {record.getMessage()}")
+
+
+def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **parameters: Any) -> InspectionResult:
+    """Run the flow ``inspect_building`` in this process; its errors come out as they were raised."""
+    prepare(lake)
+    with ProgressBars(console) as bars, listening(bars):
+        handle = bars.begin("Starting Prefect", None)
+        from flows.inspect_building import inspect_building
+
+        bars.end(handle)
+        log = logging.getLogger("facadelake.tasks")
+        handler = _BarsLog(bars)
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # libraries' deprecations are ours to mend, not the person's to read
+                result: InspectionResult = inspect_building(
+                    portfolio=str(portfolio.resolve()), lake=str(lake.resolve()), **parameters
+                )
+        finally:
+            log.removeHandler(handler)
+    return result
+
+
+def make_demo_in_terminal(
+    console: Console, *, folder: Path, lake: Path, recipe: Path, portfolio: Path
+) -> list[InspectionResult]:
+    """Make the demo building (once) and inspect its campaigns in order."""
+    from facadelake.demo.generate import generate_demo
+    from facadelake.demo.recipe import read_recipe
+
+    os.environ["FACADELAKE_DEMO"] = str(folder.resolve())  # the registry's paths of the demo are made of it
+    with ProgressBars(console) as bars, listening(bars):
+        files = generate_demo(read_recipe(recipe), folder)
+        bars.say(f"The demo building is in {folder}: {', '.join(files.campaigns)}")
+    return [
+        inspect_in_terminal(console, building_id="demo", campaign_id=campaign, portfolio=portfolio, lake=lake)
+        for campaign in files.campaigns
+    ]

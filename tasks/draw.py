@@ -1,0 +1,46 @@
+"""Task: pictures and the report of the campaign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect import task
+
+from facadelake.geobim.model import read_building
+from facadelake.geobim.surface import Surface
+from facadelake.pictures.inspection import Inspection, PictureSettings
+from facadelake.pictures.report import write_report
+from facadelake.posed import posed_cameras
+from facadelake.tables import read_table
+from tasks.job import InspectionJob, StageResult
+from tasks.record import StageFolders, stage_tables
+from tasks.stage import Counts, run_stage
+
+
+@task(name="draw")
+def draw(job: InspectionJob, folders: StageFolders, checks: StageResult) -> StageResult:
+    """A folder with ``report.html`` and its pictures."""
+
+    def make(folder: Path) -> Counts:
+        tables = stage_tables(folders)
+        building = read_building(folders.model.folder)
+        inspection = Inspection(
+            building_name=job.building.name,
+            campaign_id=job.campaign_id,
+            photographs_root=job.building.photographs_of(job.campaign_id),
+            building=building,
+            posed=posed_cameras(tables["poses"]),
+            photos=tables["photos"],
+            poses=tables["poses"],
+            georeference=tables["georeference"],
+            detections=tables["detections"],
+            observations=tables["observations"],
+            defects=tables["defects"],
+            integrity_views=tables["integrity_views"],
+            checks=read_table("checks", checks.folder),
+        )
+        write_report(inspection, Surface(building), folder, PictureSettings())
+        return {"pictures": len(list(folder.rglob("*.png"))) + len(list(folder.rglob("*.jpg")))}
+
+    inputs = {"tables": folders.keys(), "checks": checks.key, "name": job.building.name, "campaign": job.campaign_id}
+    return run_stage(job, "draw", code=["pictures", "geobim"], inputs=inputs, make=make)

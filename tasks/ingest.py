@@ -1,0 +1,40 @@
+"""Task: find the photographs and read what each says of itself."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+from prefect import task
+
+from facadelake.cache import hash_of_files
+from facadelake.geobim.model import read_building
+from facadelake.photo.files import find_photographs
+from facadelake.photo.ingest import ingest_photographs
+from facadelake.tables import write_table
+from tasks.job import InspectionJob, StageResult
+from tasks.stage import Counts, run_stage
+
+
+@task(name="ingest")
+def ingest(job: InspectionJob, model: StageResult) -> StageResult:
+    """Table ``photos``: every file of the campaign's folder, the unusable ones with their reason."""
+    root = job.building.photographs_of(job.campaign_id)
+    paths = find_photographs(root)
+    close_range_below_m = job.building.tolerances.close_range_below_m
+
+    def make(folder: Path) -> Counts:
+        building = read_building(model.folder)
+        photos = ingest_photographs(
+            root, distance_to_model_m=building.horizontal_distance, close_range_below_m=close_range_below_m
+        )
+        write_table("photos", photos, folder)
+        return Counter(photos.column("photo_outcome").to_pylist())
+
+    inputs = {
+        "photographs": [str(path.relative_to(root)) for path in paths],
+        "bytes": hash_of_files(paths),
+        "close_range_below_m": close_range_below_m,
+        "model": model.key,
+    }
+    return run_stage(job, "ingest", code=["photo", "geobim"], inputs=inputs, make=make)

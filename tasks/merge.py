@@ -1,0 +1,41 @@
+"""Task: each defect once, graded by the building's rule pack."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect import task
+
+from facadelake.cache import file_hash
+from facadelake.geobim.model import read_building
+from facadelake.lake.severity import grade, rule_file
+from facadelake.register.merge import merge
+from facadelake.tables import read_table, write_table
+from tasks.job import InspectionJob, StageResult
+from tasks.stage import Counts, run_stage
+
+
+@task(name="merge")
+def merge_duplicates(
+    job: InspectionJob, model: StageResult, observations: StageResult, detections: StageResult
+) -> StageResult:
+    """Tables ``defects`` and ``observations`` (each with the defect it shows)."""
+    rules = rule_file(job.building.severity_rules)
+
+    def make(folder: Path) -> Counts:
+        merged = merge(
+            read_table("observations", observations.folder),
+            read_table("detections", detections.folder),
+            read_building(model.folder),
+            prefix=f"{job.building.id}-{job.campaign_id}",
+        )
+        write_table("observations", merged.observations, folder)
+        write_table("defects", grade(merged.defects, rules), folder)
+        return {"defects": len(merged.defects)}
+
+    inputs = {
+        "observations": observations.key,
+        "rules": file_hash(rules),
+        "prefix": [job.building.id, job.campaign_id],
+    }
+    return run_stage(job, "merge", code=["register", "geobim", "lake/severity.py"], inputs=inputs, make=make)

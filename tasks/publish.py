@@ -1,0 +1,45 @@
+"""Task: hand the committed campaign to GIS and to people, immutable, and tell Prefect's UI."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+
+from prefect import task
+from prefect.artifacts import create_markdown_artifact, create_table_artifact
+
+from facadelake.lake.commit import Committed
+from facadelake.publish.releases import publish_campaign
+from tasks.job import InspectionJob, StageResult
+from tasks.record import StageFolders, stage_tables
+
+
+@task(name="publish")
+def publish(job: InspectionJob, folders: StageFolders, committed: Committed, pictures: StageResult | None) -> Path:
+    """The folder of this version's files; ``latest`` beside it points there."""
+    tables = stage_tables(folders)
+    release = publish_campaign(
+        job.lake,
+        building_id=job.building.id,
+        campaign_id=job.campaign_id,
+        version=committed.version,
+        pictures=pictures.folder if pictures else None,
+    )
+    key = f"{job.building.id}-{job.campaign_id}".lower().replace(".", "-").replace("_", "-")
+    create_table_artifact(
+        key=f"{key}-defects",
+        description=f"Defects of {job.building.name}, campaign {job.campaign_id}, lake version {committed.version}",
+        table=tables["defects"]
+        .select(["defect_id", "defect_class", "severity", "facade", "storey", "sightings", "width_m", "height_m"])
+        .to_pylist(),
+    )
+    if pictures is not None:
+        images = sorted(pictures.folder.rglob("thumbnail*.jpg"))
+        if images:
+            data = base64.b64encode(images[0].read_bytes()).decode()
+            create_markdown_artifact(
+                key=f"{key}-elevation",
+                description=f"Elevation of {job.building.name}, campaign {job.campaign_id}",
+                markdown=f"![elevation](data:image/jpeg;base64,{data})\n\nReport: `{release / 'report.html'}`",
+            )
+    return release

@@ -1,0 +1,31 @@
+"""Task: structure from motion, in a process of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect import task
+
+from facadelake.pose.reconstruction import read_reconstruction
+from facadelake.pose.runner import as_built_mesh, reconstruct
+from facadelake.pose.settings import ReconstructionSettings
+from facadelake.tables import read_table
+from tasks.job import InspectionJob, StageResult
+from tasks.stage import Counts, run_stage
+
+
+@task(name="reconstruct")
+def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
+    """Camera poses and tie points in the frame ``sfm``."""
+    settings = ReconstructionSettings(max_image_px=job.building.tolerances.sift_max_image_px)
+    root = job.building.photographs_of(job.campaign_id)
+
+    def make(folder: Path) -> Counts:
+        reconstruct(read_table("photos", photos.folder), root, folder, settings)
+        as_built_mesh(folder, folder)
+        block = read_reconstruction(folder)
+        return {"cameras": len(block.photo_ids), "tie points": len(block.xyz_sfm)}
+
+    return run_stage(
+        job, "reconstruct", code=["pose"], inputs={"photos": photos.key, "settings": settings.key()}, make=make
+    )

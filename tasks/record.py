@@ -1,0 +1,99 @@
+"""The tables of all stages of one inspection together, in the lake's form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+
+import pyarrow as pa
+
+from facadelake.cache import file_hash, key_of
+from facadelake.campaign import BuildingRecord, RunRecord, lake_tables
+from facadelake.geobim.model import read_building
+from facadelake.tables import read_table
+from tasks.job import InspectionJob, StageResult
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageFolders:
+    """The results of the stages whose tables go into the lake."""
+
+    model: StageResult
+    photos: StageResult
+    block: StageResult
+    placed: StageResult
+    detections: StageResult
+    registered: StageResult
+    merged: StageResult
+    integrity: StageResult
+
+    def stages(self) -> Sequence[StageResult]:
+        """All of them, in the order they ran."""
+        return [getattr(self, field.name) for field in fields(self)]
+
+    def keys(self) -> list[str]:
+        """Their cache keys: together they are the fingerprint of inputs, settings and code."""
+        return [stage.key for stage in self.stages()]
+
+
+def stage_tables(folders: StageFolders) -> dict[str, pa.Table]:
+    """The tables of the stages, without the run's keys."""
+    return {
+        "photos": read_table("photos", folders.photos.folder),
+        "poses": read_table("poses", folders.placed.folder),
+        "georeference": read_table("georeference", folders.placed.folder),
+        "elements": read_table("elements", folders.model.folder),
+        "detections": read_table("detections", folders.detections.folder),
+        "observations": read_table("observations", folders.merged.folder),
+        "defects": read_table("defects", folders.merged.folder),
+        "integrity_views": read_table("integrity_views", folders.integrity.folder),
+    }
+
+
+def fingerprint(folders: StageFolders) -> str:
+    """Hash over all inputs and settings of the campaign."""
+    return key_of({"stages": folders.keys()})
+
+
+def lake_form(job: InspectionJob, folders: StageFolders, *, checks: StageResult | None) -> dict[str, pa.Table]:
+    """All tables with the run's keys; ``checks`` comes last, because it checks the others."""
+    tables = stage_tables(folders)
+    if checks is not None:
+        tables["checks"] = read_table("checks", checks.folder)
+    building = read_building(folders.model.folder)
+    detectors = tables["detections"].column("detector_sha256").unique().to_pylist()
+    ran = [stage for stage in folders.stages() if not stage.hit]
+    run = RunRecord(
+        building_id=job.building.id,
+        campaign_id=job.campaign_id,
+        run_id=job.run_id,
+        started_at=job.started_at,
+        finished_at=datetime.now(UTC),
+        inputs_sha256=fingerprint(folders),
+        detector_sha256=detectors[0] if detectors else "none",
+        configuration=json.dumps(
+            {
+                "control": job.control or "auto",
+                "detections": job.detections or "registry",
+                "building": job.building.model_dump(mode="json"),
+            },
+            sort_keys=True,
+        ),
+        stage_seconds=json.dumps({stage.stage: round(stage.seconds, 2) for stage in ran}),
+        stage_peak_mib=json.dumps({stage.stage: round(stage.peak_mib) for stage in ran}),
+    )
+    model_path = job.building.model_path()
+    record = BuildingRecord(
+        building_name=job.building.name,
+        model_uri=str(model_path),
+        model_sha256=file_hash(model_path),
+        map_crs=building.map_crs,
+        vertical_datum=building.vertical_datum,
+        georeference_level=building.georeference_level,
+        origin_lon_deg=building.origin.lon_deg,
+        origin_lat_deg=building.origin.lat_deg,
+        origin_height_ellipsoidal_m=building.origin.height_ellipsoidal_m,
+    )
+    return lake_tables(run, record, str(job.building.photographs_of(job.campaign_id)), tables)
