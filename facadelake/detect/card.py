@@ -1,0 +1,116 @@
+"""The model card: what a detector's ONNX file does not say of itself and nobody may guess (docs/model-card.md)."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from facadelake.errors import ModelError
+
+Positive = Annotated[int, Field(gt=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Triple = tuple[float, float, float]
+
+
+class Layout(StrEnum):
+    """How a detector's output is arranged; ``nc`` classes, ``N`` candidates."""
+
+    YOLOX = "yolox"  # (1, N, 5+nc): raw offsets in grid cells, log sizes, objectness, class scores
+    YOLOV5 = "yolov5"  # (1, N, 5+nc): centre and size in pixels of the input, objectness, class scores
+    YOLOV8 = "yolov8"  # (1, 4+nc, N): centre and size in pixels of the input, class scores
+    NMS6 = "nms6"  # (1, N, 6): corners in pixels of the input, score, class; suppression done inside
+
+
+class Resize(StrEnum):
+    """How a photograph is brought to the model's input size."""
+
+    CORNER = "letterbox_corner"  # one gain, padded at the right and bottom
+    CENTRE = "letterbox_centre"  # one gain, padded on both sides alike
+    STRETCH = "stretch"  # a gain for each axis, no padding
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class CardInput(_Part):
+    """What the model takes: ``(value * scale - mean) / std`` of values 0..255, channels in the order ``colour``."""
+
+    width_px: Positive
+    height_px: Positive
+    colour: Literal["rgb", "bgr"]
+    scale: Annotated[float, Field(gt=0)]
+    mean: Triple = (0.0, 0.0, 0.0)
+    std: Triple = (1.0, 1.0, 1.0)
+    resize: Resize
+    pad_value: Annotated[int, Field(ge=0, le=255)] = 114
+
+    @model_validator(mode="after")
+    def _std_is_positive(self) -> CardInput:
+        if min(self.std) <= 0:
+            raise ValueError(f"std is {self.std}; each of the three must be more than 0")
+        return self
+
+
+class CardOutput(_Part):
+    """What the model gives: its first output, unless ``name`` says another; ``strides`` for layout yolox alone."""
+
+    layout: Layout
+    name: str | None = None
+    strides: Annotated[tuple[Positive, ...], Field(min_length=1)] = (8, 16, 32)
+
+
+class ModelCard(_Part):
+    """A detector's declaration; ``class_names`` in the order of the model's outputs."""
+
+    name: Annotated[str, Field(min_length=1)]
+    licence: Annotated[str, Field(min_length=1)]
+    source: str = ""
+    class_names: Annotated[tuple[str, ...], Field(min_length=1)]
+    input: CardInput
+    output: CardOutput
+    score_threshold: Share
+    nms_iou: Share = 0.5
+    max_detections: Positive = 300
+
+    @model_validator(mode="after")
+    def _grids_fit(self) -> ModelCard:
+        worst = max(self.output.strides)
+        if self.output.layout is Layout.YOLOX and (self.input.width_px % worst or self.input.height_px % worst):
+            raise ValueError(
+                f"input is {self.input.width_px} x {self.input.height_px} px; layout yolox needs multiples of its "
+                f"largest stride, {worst}"
+            )
+        return self
+
+
+def card_path(model: Path) -> Path:
+    """Where a model's card lies: ``crack.onnx`` has ``crack.card.yaml`` beside it."""
+    return model.with_suffix(".card.yaml")
+
+
+def read_card(path: Path) -> ModelCard:
+    """Read and check a card. Raises ModelError that names file, key, value and what is allowed."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ModelError(
+            f"model card {path} does not exist; every detector needs one beside it (docs/model-card.md shows one)"
+        ) from error
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ModelError(f"model card {path} cannot be read as YAML: {error}") from error
+    if not isinstance(content, dict):
+        raise ModelError(f"model card {path} holds no keys; docs/model-card.md shows what it must say")
+    try:
+        return ModelCard.model_validate(content)
+    except ValidationError as error:
+        faults = []
+        for fault in error.errors():
+            key = ".".join(str(part) for part in fault["loc"]) or "card"
+            value = "" if fault["type"] == "missing" or not fault["loc"] else f" is {fault['input']!r}"
+            faults.append(f"{key}{value}: {fault['msg'].removeprefix('Value error, ')}")
+        raise ModelError(f"model card {path}: {'; '.join(faults)} (docs/model-card.md says what is allowed)") from error

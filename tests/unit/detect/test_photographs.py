@@ -1,0 +1,68 @@
+"""A detector over a folder of photographs: the same table as an import, and one bad file stops nothing."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image as PillowImage
+
+from facadelake.detect.card import ModelCard
+from facadelake.detect.detector import OnnxDetector
+from facadelake.detect.photographs import detect_photographs
+from facadelake.tables import stage_schema, table_of_rows
+from tests.unit.detect.onnx_models import answer, card, save_model
+
+CRACK = (10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)
+CAR = (70, 60.0, 40.0, 20.0, 30.0, 0.5, 1)
+OVERHANGING = (0, 5.0, 6.0, 16.0, 8.0, 0.4, 0)
+IN_PADDING = (120, 60.0, 60.0, 10.0, 6.0, 0.3, 0)
+
+
+def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    root = tmp_path / "photographs"
+    (root / "near").mkdir(parents=True)
+    cv2.imwrite(str(root / "near" / "wide.jpg"), np.zeros((400, 960, 3), dtype=np.uint8))
+    (root / "near" / "torn.jpg").write_bytes(b"\xff\xd8\xff torn")
+    # EXIF says "turn me by 90 degrees": boxes stay in the pixels as stored.
+    exif = PillowImage.Exif()
+    exif[0x0112] = 6
+    PillowImage.new("RGB", (960, 400)).save(root / "near" / "turned.jpg", exif=exif)
+    accepted = ("near/wide.jpg", "near/torn.jpg", "near/turned.jpg")
+    outcomes = {**dict.fromkeys(accepted, "accepted"), "no.jpg": "unreadable"}
+    photos = table_of_rows(
+        "photos",
+        [
+            {
+                "photo_id": photo_id, "sha256": photo_id, "bytes": 1, "photo_outcome": outcome,
+                "prior_source": "none", "prior_height_datum": "unknown",
+            }
+            for photo_id, outcome in outcomes.items()
+        ],
+    )  # fmt: skip
+    model = save_model(tmp_path / "fixed.onnx", answer("yolov8", [CRACK, CAR, OVERHANGING, IN_PADDING]))
+    detector = OnnxDetector(model, ModelCard.model_validate(card("yolov8")))
+    with caplog.at_level(logging.WARNING):
+        table = detect_photographs(photos, root, detector)
+    assert "near/torn.jpg cannot be read" in caplog.text
+    assert table.schema.equals(stage_schema("detections"))
+    rows = table.to_pylist()
+    assert [row["photo_id"] for row in rows] == ["near/wide.jpg"] * 4 + ["near/turned.jpg"] * 4
+    assert len({row["detection_id"] for row in rows}) == 8
+    for crack, car, overhanging, padding in (rows[:4], rows[4:]):
+        assert (crack["detection_outcome"], crack["defect_class"], crack["reason"]) == ("accepted", "crack", None)
+        assert crack["box_x_px"] == pytest.approx(240, rel=0, abs=0.01)  # px
+        assert (car["detection_outcome"], car["defect_class"], car["source_class"]) == ("unknown_class", None, "car")
+        assert "class 'car' stands for none of crack, spalling, moisture" in car["reason"]
+        # 80 px from -30 to 130, cut at the border.
+        assert overhanging["detection_outcome"] == "accepted"
+        assert [overhanging["box_x_px"], overhanging["box_width_px"]] == pytest.approx([0, 130], rel=0, abs=0.01)  # px
+        assert "sticks out of the photograph (960 x 400 px) by 30.0 px" in overhanging["reason"]
+        # The photograph ends at 40 px of the input's 64.
+        assert padding["detection_outcome"] == "outside_image"
+        assert (crack["detector"], crack["detector_sha256"]) == ("onnx:fixed", detector.sha256)
+    named = detect_photographs(photos, root, detector, class_names={"car": "moisture"}).to_pylist()
+    assert [row["defect_class"] for row in named[:2]] == ["crack", "moisture"]
