@@ -1,1 +1,1 @@
-"""What a photograph says of itself: EXIF and XMP, camera models, position and attitude priors."""
+"""What a photograph says of itself: files, EXIF and XMP, position and attitude priors."""

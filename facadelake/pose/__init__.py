@@ -1,1 +1,1 @@
-"""Structure from motion, control points and alignment to the building."""
+"""Structure from motion, control points, georeference. pycolmap works in a process of its own (``pose/worker``)."""

@@ -1,0 +1,191 @@
+"""Alignment to GPS priors: positions, and attitudes where positions alone leave a rotation open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from facadelake.errors import GeoreferenceError
+from facadelake.frames import Array, Similarity
+from facadelake.geodesy import SiteOrigin
+from facadelake.pose.reconstruction import Reconstruction
+from facadelake.pose.similarity_fit import parameters_applied, robust_similarity
+from schemas.vocabulary import HeightDatum, PositionSource
+
+# A gimbal's yaw is a compass's, off by degrees near steel and concrete; pitch and roll are better, but drift.
+ATTITUDE_SIGMA_DEG = 6.0
+# Below this spread across the cameras' main line (in sigmas of a position), positions do not fix the turn about it.
+_SPREAD_SIGMAS = 4.0
+_LARGEST_ROTATION_SIGMA_DEG = 5.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GpsPriors:
+    """Priors of the localised photographs that have one: row k belongs to photograph ``photo[k]`` of the block.
+
+    ``xyz_site_m`` (n, 3) and ``sigma_m`` (n, 3); ``datum_unknown`` says that no height names its datum, so that all
+    of them may be off by one common amount (tens of metres, where they are above sea level);
+    ``site_from_cam_rotation`` (n, 3, 3) from the gimbal, NaN where unknown.
+    """
+
+    photo: NDArray[np.int64]
+    xyz_site_m: Array
+    sigma_m: Array
+    datum_unknown: bool
+    site_from_cam_rotation: Array
+
+
+def rotation_of_attitude(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
+    """site_from_cam rotation (3, 3) of a gimbal: yaw clockwise from north, pitch above the horizon, roll clockwise.
+
+    At zero the camera looks north, its x to the east, its y down.
+    """
+    level = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    turn = Rotation.from_euler("ZXY", [-yaw_deg, pitch_deg, roll_deg], degrees=True).as_matrix()
+    rotation: Array = turn @ level
+    return rotation
+
+
+def gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOrigin) -> GpsPriors:
+    """The position and attitude priors of the block's photographs, in site."""
+    row_of = {row["photo_id"]: row for row in photos.to_pylist()}
+    index: list[int] = []
+    geo, sigma, rotations = [], [], []
+    datums = set()
+    for i, photo in enumerate(reconstruction.photos):
+        row = row_of.get(photo.photo_id)
+        if row is None or row["prior_source"] == PositionSource.NONE or row["prior_height_m"] is None:
+            continue
+        index.append(i)
+        geo.append([row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"]])
+        sigma.append([*[row["prior_sigma_horizontal_m"]] * 2, row["prior_sigma_vertical_m"]])
+        attitude = (row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"])
+        known = None not in attitude
+        rotations.append(rotation_of_attitude(*attitude) if known else np.full((3, 3), np.nan))
+        datums.add(row["prior_height_datum"])
+    return GpsPriors(
+        photo=np.array(index, dtype=np.int64),
+        xyz_site_m=origin.site_from_geo(np.array(geo).reshape(-1, 3)),
+        sigma_m=np.array(sigma).reshape(-1, 3),
+        datum_unknown=datums != {HeightDatum.ELLIPSOIDAL},
+        site_from_cam_rotation=np.array(rotations).reshape(-1, 3, 3),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GpsAlignment:
+    """``site_from_sfm``, which priors it rests on (n,), residuals ``prior - camera centre`` (n, 3) and remarks."""
+
+    site_from_sfm: Similarity
+    used: NDArray[np.bool_]
+    residual_m: Array
+    remarks: tuple[str, ...]
+
+
+def align_to_gps(reconstruction: Reconstruction, priors: GpsPriors) -> GpsAlignment:
+    """Similarity of the block to the GPS priors.
+
+    RANSAC over positions, then least squares with each prior's sigma per axis and the gimbal's attitudes as weak
+    observations. Where the cameras stand near one line, the attitudes carry the turn about it; without attitudes
+    that is refused (GeoreferenceError), as is too few priors.
+    """
+    if len(priors.photo) < 3:
+        raise GeoreferenceError(
+            f"{len(priors.photo)} localised photographs have a GPS position with height; 3 or more are needed: "
+            "give control points (gcp_list.txt), or photographs with GPS"
+        )
+    centres = reconstruction.centres_sfm[priors.photo]
+    rotations_sfm = np.array([reconstruction.photos[i].sfm_from_cam.rotation for i in priors.photo])
+    remarks: list[str] = []
+    near_line = _spread_across(priors.xyz_site_m) < _SPREAD_SIGMAS * _noise(priors)
+    if near_line:
+        start, used = _start_by_attitude(centres, rotations_sfm, priors)
+        remarks.append("the cameras stand near one line: the turn about it rests on the gimbal's attitudes")
+    else:
+        fit = robust_similarity(centres, priors.xyz_site_m, priors.sigma_m)
+        start, used = fit.target_from_source, fit.used
+    adjusted, rotation_sigma_deg = _refine(start, used, centres, rotations_sfm, priors)
+    if rotation_sigma_deg > _LARGEST_ROTATION_SIGMA_DEG:
+        raise GeoreferenceError(
+            f"the GPS positions leave the block's rotation open by {rotation_sigma_deg:.0f} deg (limit "
+            f"{_LARGEST_ROTATION_SIGMA_DEG:.0f}): the cameras stand near one line and have no attitude; "
+            "give control points"
+        )
+    if not used.all():
+        names = [reconstruction.photos[i].photo_id for i in priors.photo[~used]]
+        remarks.append(f"GPS of {len(names)} photographs left out as gross errors: {', '.join(names[:5])}")
+    if priors.datum_unknown:
+        remarks.append("GPS heights do not name their datum: taken as ellipsoidal, so heights may be off by the geoid")
+    return GpsAlignment(
+        site_from_sfm=adjusted,
+        used=used,
+        residual_m=priors.xyz_site_m - adjusted.apply(centres),
+        remarks=tuple(remarks),
+    )
+
+
+def _noise(priors: GpsPriors) -> float:
+    """Sigma of one position relative to the others; a receiver's common bias does not turn the block."""
+    return float(np.median(priors.sigma_m[:, :2])) / 3.0
+
+
+def _spread_across(xyz_m: Array) -> float:
+    """Standard deviation of positions across their main line, in the best other direction."""
+    return float(np.linalg.svd(xyz_m - xyz_m.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(xyz_m)))
+
+
+def _start_by_attitude(centres: Array, rotations_sfm: Array, priors: GpsPriors) -> tuple[Similarity, NDArray[np.bool_]]:
+    known = np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
+    if known.sum() < 2:
+        raise GeoreferenceError(
+            "the cameras stand near one line and carry no gimbal attitude, so the turn about that line is open; "
+            "give control points (gcp_list.txt), or photographs from another height or side"
+        )
+    turns = Rotation.from_matrix(priors.site_from_cam_rotation[known] @ rotations_sfm[known].transpose(0, 2, 1))
+    rotation = turns.mean().as_matrix()
+    mean_site, mean_sfm = np.median(priors.xyz_site_m, axis=0), np.median(centres, axis=0)
+    turned = (centres - mean_sfm) @ rotation.T
+    wide = np.linalg.norm(turned, axis=1)
+    ratio = np.linalg.norm(priors.xyz_site_m - mean_site, axis=1)[wide > 0] / wide[wide > 0]
+    scale = float(np.median(ratio))
+    start = Similarity(rotation=rotation, translation=mean_site - scale * rotation @ mean_sfm, scale=scale)
+    distance = np.abs((priors.xyz_site_m - start.apply(centres)) / priors.sigma_m).max(axis=1)
+    return start, distance < 3.5
+
+
+def _refine(
+    start: Similarity, used: NDArray[np.bool_], centres: Array, rotations_sfm: Array, priors: GpsPriors
+) -> tuple[Similarity, float]:
+    """Least squares from ``start``; also the largest one-sigma of its rotation, in degrees."""
+    pivot = start.apply(centres[used]).mean(axis=0)
+    known = used & np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
+    # One attitude error is common to a flight (compass, mounting), so n photographs weigh no more than one.
+    weight = 1.0 / (np.radians(ATTITUDE_SIGMA_DEG) * np.sqrt(max(int(known.sum()), 1)))
+    noise = priors.sigma_m[used] / 3.0
+
+    def residuals(step: Array) -> Array:
+        now = parameters_applied(start, pivot, step)
+        position = ((now.apply(centres[used]) - priors.xyz_site_m[used]) / noise).ravel()
+        turn = now.rotation @ rotations_sfm[known]
+        angle = Rotation.from_matrix(turn @ priors.site_from_cam_rotation[known].transpose(0, 2, 1)).as_rotvec()
+        return np.concatenate([position, weight * angle.ravel()])
+
+    fit = least_squares(residuals, np.zeros(7), x_scale="jac", loss="soft_l1", f_scale=3.0)
+    information = fit.jac.T @ fit.jac
+    variance = np.linalg.pinv(information[3:6, 3:6] - _coupled(information), hermitian=True)
+    weakest = np.linalg.eigvalsh(information[3:6, 3:6] - _coupled(information))[0]
+    sigma = np.sqrt(np.linalg.eigvalsh(variance)[-1]) if weakest > 1e-9 else np.inf
+    return parameters_applied(start, pivot, fit.x), float(np.degrees(sigma))
+
+
+def _coupled(information: Array) -> Array:
+    """What translation and scale take from the rotation's information (Schur complement)."""
+    others = [0, 1, 2, 6]
+    cross = information[3:6][:, others]
+    taken: Array = cross @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True) @ cross.T
+    return taken

@@ -1,0 +1,205 @@
+"""Alignment to the building's model: tie points onto the surface that their own cameras see.
+
+A similarity is refined point-to-plane. Correspondences respect visibility: a tie point belongs to the face that the ray
+from a camera that observed it meets, never to the back of a wall or a neighbouring plane. GPS stays in, with its
+own error model: one common bias (metres) plus a noise of each photograph.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from facadelake.errors import GeoreferenceError
+from facadelake.frames import Array, Similarity
+from facadelake.pose.gps import GpsPriors
+from facadelake.pose.reconstruction import Reconstruction
+from facadelake.pose.similarity_fit import parameters_applied
+
+
+class HitsLike(Protocol):
+    """What a ray cast gives: distances (n,), inf for a miss, and unit normals (n, 3) turned to the ray's origin."""
+
+    @property
+    def distance_m(self) -> Array: ...
+
+    @property
+    def normal_site(self) -> Array: ...
+
+
+class SurfaceLike(Protocol):
+    """The building's surface in site; ``facadelake.geobim.surface.Surface`` is one."""
+
+    def cast(self, origins_site_m: Array, directions_site: Array, /) -> HitsLike:
+        """First hits of rays (n, 3) from origins (n, 3), in site metres."""
+
+
+# Relief that the model does not have (sills, cornices) and its own tolerance: a residual of this size is ordinary.
+SURFACE_SIGMA_M = 0.05
+# Gate for a correspondence, closing from the error of GPS to that of the surface.
+_GATES_M = (4.0, 3.0, 2.0, 1.5, 1.0, 0.7, 0.5, 0.4, 0.3, 0.3, 0.2, 0.2, 0.2)
+_MOST_POINTS = 6000
+_LEAST_POINTS = 100
+_FACING_COSINE = 0.25  # rays more grazing than 75 degrees tell little of the plane they meet
+# A direction of shift is called observed where at least this share of the correspondences' normals fixes it.
+OBSERVED_SHARE = 0.02
+_AXES = ("east", "north", "up")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelAlignment:
+    """``site_from_sfm``; point-to-plane residuals (m) of the points used; how many were offered; what was observable.
+
+    ``observed_share`` (3,): of a shift east, north and up, the share of the correspondences that would notice it
+    and that no turn or scale could answer for; ``gps_bias_m`` (3,) the common error of the GPS priors as estimated.
+    """
+
+    site_from_sfm: Similarity
+    residual_m: Array
+    points_offered: int
+    observed_share: Array
+    gps_bias_m: Array
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Planes:
+    """Correspondences: points in sfm (k, 3) and the planes they belong to (point and normal (k, 3), site)."""
+
+    xyz_sfm: Array
+    on_plane: Array
+    normal: Array
+
+
+def align_to_model(
+    start: Similarity, reconstruction: Reconstruction, priors: GpsPriors, surface: SurfaceLike, *, seed: int = 1
+) -> ModelAlignment:
+    """Refine ``start`` (from GPS) until the tie points lie on the visible surface.
+
+    Raises GeoreferenceError where fewer than 100 tie points meet the surface: the start is too far off, or the model
+    is of another building.
+    """
+    points, cameras = _offered(reconstruction, seed)
+    centres = reconstruction.centres_sfm
+    now = start
+    bias = np.zeros(3)
+    for gate_m in _GATES_M:
+        planes = _correspondences(now, points, centres[cameras], surface, gate_m)
+        if len(planes.xyz_sfm) < _LEAST_POINTS:
+            raise GeoreferenceError(
+                f"only {len(planes.xyz_sfm)} of {len(points)} tie points lie within {gate_m} m of the model's visible "
+                f"surface ({_LEAST_POINTS} are needed): GPS is too far off or the model is of another place; give "
+                "control points, or georeference by gps"
+            )
+        now, bias = _adjusted(now, bias, planes, centres, priors)
+    planes = _correspondences(now, points, centres[cameras], surface, _GATES_M[-1])
+    share = _observed_share(now, planes)
+    return ModelAlignment(
+        site_from_sfm=now,
+        residual_m=np.abs(_point_to_plane(now, planes)),
+        points_offered=len(points),
+        observed_share=share,
+        gps_bias_m=bias,
+        remarks=_remarks(share, priors),
+    )
+
+
+def _offered(reconstruction: Reconstruction, seed: int) -> tuple[Array, NDArray[np.int64]]:
+    """Tie points seen three times or more (a limited draw) and for each the nearest camera that observed it."""
+    seen = np.bincount(reconstruction.track_point, minlength=len(reconstruction.xyz_sfm))
+    chosen = np.flatnonzero(seen >= 3)
+    if len(chosen) > _MOST_POINTS:
+        chosen = np.sort(np.random.default_rng(seed).choice(chosen, _MOST_POINTS, replace=False))
+    distance = np.linalg.norm(
+        reconstruction.xyz_sfm[reconstruction.track_point] - reconstruction.centres_sfm[reconstruction.track_photo],
+        axis=1,
+    )
+    order = np.lexsort((distance, reconstruction.track_point))
+    point, first = np.unique(reconstruction.track_point[order], return_index=True)
+    nearest = np.full(len(seen), -1, dtype=np.int64)
+    nearest[point] = reconstruction.track_photo[order][first]
+    return reconstruction.xyz_sfm[chosen], nearest[chosen]
+
+
+def _correspondences(
+    site_from_sfm: Similarity, points: Array, centres: Array, surface: SurfaceLike, gate_m: float
+) -> _Planes:
+    xyz, origin = site_from_sfm.apply(points), site_from_sfm.apply(centres)
+    ray = xyz - origin
+    length = np.linalg.norm(ray, axis=1)
+    direction = ray / length[:, None]
+    hits = surface.cast(origin, direction)
+    met = np.isfinite(hits.distance_m)
+    normal = np.where(met[:, None], hits.normal_site, 0.0)
+    foot = origin + np.where(met, hits.distance_m, 0.0)[:, None] * direction
+    facing = -np.einsum("ij,ij->i", normal, direction)
+    off_m = np.abs(np.einsum("ij,ij->i", normal, xyz - foot))
+    good = met & (facing > _FACING_COSINE) & (off_m < gate_m)
+    return _Planes(xyz_sfm=points[good], on_plane=foot[good], normal=normal[good])
+
+
+def _point_to_plane(site_from_sfm: Similarity, planes: _Planes) -> Array:
+    distance: Array = np.einsum("ij,ij->i", planes.normal, site_from_sfm.apply(planes.xyz_sfm) - planes.on_plane)
+    return distance
+
+
+def _adjusted(
+    now: Similarity, bias: Array, planes: _Planes, centres: Array, priors: GpsPriors
+) -> tuple[Similarity, Array]:
+    """Least squares over the seven parameters and the common GPS bias (3), from ``now``."""
+    pivot = np.median(now.apply(planes.xyz_sfm), axis=0)
+    posed = centres[priors.photo]
+    # The bias of a flight has the prior's sigma; what is left between photographs is about a third of it.
+    bias_sigma, noise = np.median(priors.sigma_m, axis=0), priors.sigma_m / 3.0
+
+    def residuals(step: Array) -> Array:
+        moved = parameters_applied(now, pivot, step[:7])
+        gps = (moved.apply(posed) + step[7:] - priors.xyz_site_m) / noise
+        return np.concatenate(
+            [_point_to_plane(moved, planes) / SURFACE_SIGMA_M, _tamed(gps.ravel()), step[7:] / bias_sigma]
+        )
+
+    fit = least_squares(residuals, np.concatenate([np.zeros(7), bias]), x_scale="jac", loss="soft_l1", max_nfev=30)
+    return parameters_applied(now, pivot, fit.x[:7]), fit.x[7:]
+
+
+def _tamed(normalised: Array) -> Array:
+    """Residuals beyond 3 sigma grow by their root: a gross GPS error does not pull."""
+    size = np.abs(normalised)
+    tamed: Array = np.sign(normalised) * np.where(size <= 3.0, size, np.sqrt(3.0 * np.maximum(size, 3.0)))
+    return tamed
+
+
+def _observed_share(site_from_sfm: Similarity, planes: _Planes) -> Array:
+    """Information on a shift along each axis, per correspondence, after turns and scale took their part (0 to 1)."""
+    xyz = site_from_sfm.apply(planes.xyz_sfm)
+    lever = xyz - xyz.mean(axis=0)
+    extent = np.sqrt((lever**2).sum(axis=1).mean())
+    turn_and_scale = (
+        np.column_stack([np.cross(lever, planes.normal), np.einsum("ij,ij->i", lever, planes.normal)]) / extent
+    )
+    jacobian = np.column_stack([planes.normal, turn_and_scale])
+    information = jacobian.T @ jacobian / len(xyz)
+    cross = information[:3, 3:]
+    shift = information[:3, :3] - cross @ np.linalg.pinv(information[3:, 3:], rcond=1e-6, hermitian=True) @ cross.T
+    # Along an axis, the other two shifts may answer as well: take the weakest reading of each axis.
+    inverse = np.linalg.inv(shift + 1e-9 * np.eye(3))
+    share: Array = 1.0 / np.diag(inverse)
+    return share
+
+
+def _remarks(share: Array, priors: GpsPriors) -> tuple[str, ...]:
+    said = [f"the model's surface observes {axis} ({value:.3f})" for axis, value in zip(_AXES, share, strict=True)]
+    remarks = ["; ".join(said) + f", where {OBSERVED_SHARE} is needed"]
+    open_axes = [
+        f"{axis} (GPS sigma {sigma:.1f} m)"
+        for axis, value, sigma in zip(_AXES, share, np.median(priors.sigma_m, axis=0), strict=True)
+        if value < OBSERVED_SHARE
+    ]
+    if open_axes:
+        remarks.append(f"not observed by the model, held by GPS alone: {', '.join(open_axes)}")
+    return tuple(remarks)

@@ -1,0 +1,93 @@
+"""A similarity fitted to points of which some are wrong, with anisotropic sigmas, and how well it is determined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from facadelake.errors import GeoreferenceError
+from facadelake.frames import Array, Similarity, similarity_between
+
+# Three points fix a similarity; a draw whose triangle is thinner than this (height over longest side) is not tried.
+_THINNEST_TRIANGLE = 0.02
+_ALL_TRIPLES_UP_TO = 18
+_DRAWS = 1500
+_OUTLIER_SIGMAS = 3.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """The similarity, which points it rests on, and the residuals (n, 3) ``target - fit(source)`` of all points."""
+
+    target_from_source: Similarity
+    used: NDArray[np.bool_]
+    residual: Array
+
+
+def robust_similarity(source: Array, target: Array, sigma: Array, *, seed: int = 1) -> Fit:
+    """RANSAC similarity of point pairs (n, 3), one-sigma errors (n, 3) of ``target``; least squares on those that agree.
+
+    A point is used where its residual stays within 3.5 sigma. Raises GeoreferenceError for fewer than 3 points, points
+    on a line, or fewer than 3 that agree. Source: Fischler and Bolles 1981; Umeyama 1991.
+    """
+    if len(source) < 3:
+        similarity_between(source, target)  # says what is missing
+    best: NDArray[np.bool_] = np.zeros(len(source), dtype=bool)
+    best_cost = np.inf
+    for triple in _triples(len(source), seed):
+        if _thin(source[triple]) or _thin(target[triple]):
+            continue
+        distance = _normalised(source, target, sigma, similarity_between(source[triple], target[triple]))
+        cost = float(np.minimum(distance, _OUTLIER_SIGMAS).sum())  # MSAC: inliers count by how well they fit
+        if cost < best_cost:
+            best, best_cost = distance < _OUTLIER_SIGMAS, cost
+    if best.sum() < 3:
+        raise GeoreferenceError(
+            f"no 3 of the {len(source)} positions agree on one placement (or all lie near a line); check the control "
+            "points or GPS positions for gross errors, or give control points off the line"
+        )
+    weight = 1.0 / (sigma**2).sum(axis=1)
+    for _ in range(10):
+        fit = similarity_between(source[best], target[best], weight[best])
+        now = _normalised(source, target, sigma, fit) < _OUTLIER_SIGMAS
+        if now.sum() < 3 or (now == best).all():
+            break
+        best = now
+    return Fit(target_from_source=fit, used=best, residual=target - fit.apply(source))
+
+
+def _triples(n: int, seed: int) -> list[list[int]]:
+    if n <= _ALL_TRIPLES_UP_TO:
+        return [list(triple) for triple in combinations(range(n), 3)]
+    rng = np.random.default_rng(seed)
+    return [rng.choice(n, size=3, replace=False).tolist() for _ in range(_DRAWS)]
+
+
+def _thin(corners: Array) -> bool:
+    a, b = corners[1] - corners[0], corners[2] - corners[0]
+    longest = max(float(a @ a), float(b @ b), float((b - a) @ (b - a)))
+    return bool(np.linalg.norm(np.cross(a, b)) < _THINNEST_TRIANGLE * longest)
+
+
+def _normalised(source: Array, target: Array, sigma: Array, fit: Similarity) -> Array:
+    distance: Array = np.sqrt((((target - fit.apply(source)) / sigma) ** 2).mean(axis=1))
+    return distance
+
+
+def parameters_applied(start: Similarity, pivot: Array, step: Array) -> Similarity:
+    """``start`` moved by ``step``: translation (3), rotation vector (3) about ``pivot`` (3,), logarithm of scale (1).
+
+    Steps about a pivot amid the points keep translation, rotation and scale nearly uncorrelated.
+    """
+    turn = Rotation.from_rotvec(step[3:6]).as_matrix()
+    scale = float(np.exp(step[6]))
+    about = Similarity(rotation=turn, translation=pivot - scale * turn @ pivot + step[:3], scale=scale)
+    moved = about @ start
+    # Products of rotations drift from orthonormal by rounding; put them back.
+    return Similarity(
+        rotation=Rotation.from_matrix(moved.rotation).as_matrix(), translation=moved.translation, scale=moved.scale
+    )

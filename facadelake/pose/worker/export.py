@@ -1,0 +1,98 @@
+"""The reconstruction as plain arrays, which the parent reads without pycolmap.
+
+``np.save`` and an uncompressed ``np.savez`` only: deflating would meet pycolmap's zlib.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from facadelake.pose.worker.report import Report
+
+
+def _why_unlocalised(database: pycolmap.Database, image_id: int, block: int) -> str:
+    features = database.num_keypoints_for_image(image_id)
+    if features < 100:
+        return f"only {features} features were found: blurred, dark or showing a bare surface"
+    return (
+        f"could not be joined to the block of {block} photographs: too little overlap with them "
+        f"({features} features found); photograph with more overlap"
+    )
+
+
+def export(
+    model: pycolmap.Reconstruction,
+    job: dict[str, Any],
+    image_id_of: dict[int, int],
+    database_path: Path,
+    folder: Path,
+    report: Report,
+) -> None:
+    """Write ``sparse/`` (COLMAP's binary model), ``reconstruction.npz`` and ``reconstruction.json``."""
+    sparse = folder / "sparse"
+    sparse.mkdir()
+    model.write_binary(sparse)
+    point_ids = sorted(model.points3D)
+    row_of_point = {point_id: row for row, point_id in enumerate(point_ids)}
+    points = [model.points3D[point_id] for point_id in point_ids]
+    photos: list[dict[str, Any]] = []
+    lost: list[dict[str, str]] = []
+    cameras, rotations, centres, track_photo, track_point, track_xy = [], [], [], [], [], []
+    with pycolmap.Database.open(database_path) as database:
+        for index, photo in enumerate(job["photos"]):
+            image_id = image_id_of[index]
+            if image_id not in model.images or not model.images[image_id].has_pose:
+                reason = _why_unlocalised(database, image_id, model.num_reg_images())
+                lost.append({"photo_id": photo["photo_id"], "reason": reason})
+                continue
+            image = model.images[image_id]
+            camera = model.cameras[image.camera_id]
+            sfm_from_cam = image.cam_from_world().inverse()
+            seen = [point for point in image.points2D if point.has_point3D()]
+            xyz_cam = image.cam_from_world() * np.array([model.points3D[p.point3D_id].xyz for p in seen]).reshape(-1, 3)
+            xy = np.array([p.xy for p in seen], dtype=np.float64).reshape(-1, 2)
+            projected = np.asarray(camera.img_from_cam(xyz_cam), dtype=np.float64).reshape(-1, 2)
+            error_px = np.linalg.norm(projected - xy, axis=1)
+            track_photo.append(np.full(len(seen), len(photos)))
+            track_point.append(np.array([row_of_point[p.point3D_id] for p in seen], dtype=np.int64))
+            track_xy.append(xy)
+            cameras.append([camera.width, camera.height, *camera.params])
+            rotations.append(sfm_from_cam.rotation.matrix())
+            centres.append(sfm_from_cam.translation)
+            photos.append(
+                {
+                    "photo_id": photo["photo_id"],
+                    "reprojection_error_px": float(error_px.mean()) if len(seen) else 0.0,
+                    "tie_points": len(seen),
+                }
+            )
+    np.savez(
+        folder / "reconstruction.npz",
+        camera=np.array(cameras),
+        sfm_from_cam_rotation=np.array(rotations),
+        sfm_from_cam_translation=np.array(centres),
+        xyz_sfm=np.array([point.xyz for point in points]).reshape(-1, 3),
+        rgb=np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
+        track_photo=np.concatenate(track_photo),
+        track_point=np.concatenate(track_point),
+        track_xy_img=np.concatenate(track_xy),
+    )
+    (folder / "reconstruction.json").write_text(
+        json.dumps(
+            {
+                "photos": photos,
+                "unlocalised": lost,
+                "mean_reprojection_error_px": float(model.compute_mean_reprojection_error()),
+                "costs": [asdict(cost) for cost in report.costs],
+                "pycolmap": pycolmap.__version__,
+            },
+            indent=1,
+        ),
+        encoding="utf-8",
+    )
