@@ -104,7 +104,8 @@ def show_where_to_look(console: Console, lake: Path, results: Sequence[Inspectio
     console.print("[bold]Ask[/bold]")
     console.print(f"  .venv/bin/facadelake defects {last.building_id} {last.campaign_id}", highlight=False)
     console.print(
-        '  .venv/bin/facadelake sql "SELECT campaign_id, defect_class, count(*) AS n FROM defects GROUP BY ALL ORDER BY ALL"',
+        '  .venv/bin/facadelake sql "SELECT campaign_id, defect_class, count(*) AS n FROM defects '
+        'GROUP BY ALL ORDER BY ALL"',
         soft_wrap=True,
         highlight=False,
     )

@@ -1,0 +1,57 @@
+"""Flow: every campaign of the registry that the lake does not hold yet."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+from prefect import flow
+
+from facadelake.errors import FacadelakeError
+from facadelake.lake.connect import exists
+from facadelake.lake.read import read_table
+from facadelake.registry import read_portfolio
+from flows.inspect_building import inspect_building
+
+log = logging.getLogger("facadelake.flows")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PortfolioOutcome:
+    """What became of one campaign: the lake's version that holds it, or why there is none."""
+
+    building_id: str
+    campaign_id: str
+    version: int | None
+    problem: str
+
+
+@flow(name="inspect-portfolio")
+def inspect_portfolio(portfolio: str = "data/portfolio.yaml", lake: str = "lake") -> list[PortfolioOutcome]:
+    """Inspect what is new, one after another; a campaign that fails does not keep the others from being done.
+
+    Raises FacadelakeError at the end where any failed, with each one's reason.
+    """
+    folder = Path(lake).resolve()
+    held = read_table(folder, "campaigns").to_pylist() if exists(folder) else []
+    done = {(row["building_id"], row["campaign_id"]) for row in held}
+    outcomes = []
+    for building in read_portfolio(Path(portfolio)).buildings:
+        for campaign in building.known_campaigns():
+            if (building.id, campaign) not in done:
+                outcomes.append(_attempt(building.id, campaign, portfolio, lake))
+    failed = [outcome for outcome in outcomes if outcome.version is None]
+    if failed:
+        reasons = "\n  ".join(f"{o.building_id} {o.campaign_id}: {o.problem}" for o in failed)
+        raise FacadelakeError(f"{len(failed)} of {len(outcomes)} campaigns were not committed:\n  {reasons}")
+    return outcomes
+
+
+def _attempt(building_id: str, campaign_id: str, portfolio: str, lake: str) -> PortfolioOutcome:
+    try:
+        result = inspect_building(building_id, campaign_id, portfolio=portfolio, lake=lake)
+    except FacadelakeError as error:
+        log.error("%s %s: %s", building_id, campaign_id, error)
+        return PortfolioOutcome(building_id=building_id, campaign_id=campaign_id, version=None, problem=str(error))
+    return PortfolioOutcome(building_id=building_id, campaign_id=campaign_id, version=result.version, problem="")

@@ -1,0 +1,108 @@
+"""The registry: what it gives, and how it tells mistakes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from facadelake.errors import InputDataError
+from facadelake.registry import CocoDetector, read_portfolio
+
+GOOD = """
+buildings:
+  - id: hall
+    name: Town hall
+    model: models/hall.ifc
+    photographs: photos/{campaign}/images
+    control_points: photos/{campaign}/gcp_list.txt
+    detector: {kind: coco, file: "photos/{campaign}/boxes.json", alternatives: {noisy: "photos/{campaign}/noisy.json"}}
+    schedule: {cron: "0 6 1 4,10 *", timezone: Europe/Berlin}
+"""
+
+
+def _write(tmp_path: Path, text: str, name: str = "portfolio.yaml") -> Path:
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def test_paths_count_from_the_registry_and_campaigns_are_found(tmp_path: Path) -> None:
+    for campaign in ("2026-10", "2026-04"):
+        (tmp_path / "photos" / campaign / "images").mkdir(parents=True)
+    (tmp_path / "photos" / "no-images-here").mkdir()
+    (tmp_path / "photos" / "2026-04" / "noisy.json").write_text("{}")
+    building = read_portfolio(_write(tmp_path, GOOD)).building("hall")
+    assert building.known_campaigns() == ("2026-04", "2026-10")
+    assert building.photographs_of("2026-04") == tmp_path / "photos" / "2026-04" / "images"
+    assert building.control_points_of("2026-04") is None
+    assert isinstance(building.detector, CocoDetector)
+    assert building.detections_of("2026-04", "noisy") == tmp_path / "photos" / "2026-04" / "noisy.json"
+
+
+def test_a_folder_of_building_files_is_a_registry(tmp_path: Path) -> None:
+    one = "id: {id}\nname: x\nmodel: m.ifc\nphotographs: 'p/{{campaign}}'\ndetector: {{kind: onnx, model: d.onnx}}\n"
+    _write(tmp_path, one.format(id="a"), "a.yaml")
+    _write(tmp_path, one.format(id="b"), "b.yml")
+    assert [building.id for building in read_portfolio(tmp_path).buildings] == ["a", "b"]
+
+
+def test_variables_have_defaults_and_are_named_when_a_path_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = GOOD.replace("models/hall.ifc", "${HALL_DATA:-nowhere}/hall.ifc")
+    path = _write(tmp_path, text)
+    monkeypatch.delenv("HALL_DATA", raising=False)
+    with pytest.raises(InputDataError, match=r"nowhere/hall\.ifc.*does not exist.*environment variable HALL_DATA"):
+        read_portfolio(path).building("hall").model_path()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "hall.ifc").write_text("")
+    monkeypatch.setenv("HALL_DATA", str(tmp_path / "elsewhere"))
+    assert read_portfolio(path).building("hall").model_path() == tmp_path / "elsewhere" / "hall.ifc"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("photographs:", "photograps:"), r"buildings\[0\]\.photograps .*unknown key \(did you mean 'photographs'\?\)"),
+        (("name: Town hall", "nam: x"), r"buildings\[0\]\.name .*missing; every building needs it"),
+        (("kind: coco", "kind: yolo"), r"detector\.kind .*'yolo'; allowed are 'coco', 'onnx'"),
+        (('cron: "0 6 1 4,10 *"', 'cron: "61 6 * * *"'), r"schedule\.cron .*'61 6 \* \* \*': not a cron expression"),
+        (("Europe/Berlin", "Berlin"), r"schedule\.timezone .*'Berlin': not a time zone; .*Europe/Berlin"),
+        (("id: hall", "id: town hall"), r"buildings\[0\]\.id .*'town hall': an id is letters, digits"),
+        (
+            ("models/hall.ifc", "s3://bucket/hall.ifc"),
+            r"'s3://bucket/hall\.ifc' is of the scheme 's3'; a path or a file://",
+        ),
+        (("photos/{campaign}/images", "photos"), r"has no \{campaign\} in it and 'campaigns' is empty"),
+        (("buildings:", "bildings:"), r"unknown key.*allowed are id, name"),
+        (("buildings:", "buildings: [3]\nx:"), r"unknown key 'x'"),
+        (("- id", "- [id"), "not readable as YAML"),
+        (("detector: {", "tolerances: {grazing_above_deg: 100}\n    detector: {"), r"grazing_above_deg .* 100: .*90"),
+    ],
+)
+def test_each_mistake_is_told_with_file_key_value_and_what_is_allowed(
+    tmp_path: Path, change: tuple[str, str], message: str
+) -> None:
+    text = GOOD.replace(*change)
+    assert text != GOOD
+    path = _write(tmp_path, text)
+    with pytest.raises(InputDataError, match=message) as caught:
+        read_portfolio(path)
+    assert str(path) in str(caught.value)
+
+
+def test_all_mistakes_are_told_at_once_and_ids_are_unique(tmp_path: Path) -> None:
+    second = GOOD.replace("buildings:\n", "").replace("schedule: {cron", "shedule: {cron")
+    with pytest.raises(InputDataError) as caught:
+        read_portfolio(_write(tmp_path, GOOD + second.replace("Town hall", "''")))
+    assert "shedule" in str(caught.value) and "buildings[1].name" in str(caught.value)
+    with pytest.raises(InputDataError, match="id 'hall' is given to several buildings"):
+        read_portfolio(_write(tmp_path, GOOD + GOOD.replace("buildings:\n", "")))
+
+
+def test_unknown_building_and_missing_registry_name_what_there_is(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError, match="no building 'tower' in the registry; it has hall"):
+        read_portfolio(_write(tmp_path, GOOD)).building("tower")
+    with pytest.raises(InputDataError, match=r"no registry at .*nothing\.yaml"):
+        read_portfolio(tmp_path / "nothing.yaml")
