@@ -117,7 +117,7 @@ def georeference_of(
         )
         if _in_use(georeference, centre_ifc_m):
             if said:
-                _log.warning("georeference of the model: %s", said)
+                _log.info("georeference of the model: %s", said)
             return georeference
     found = candidates[0][0].map_from_ifc(centre_ifc_m[None])[0].round(1).tolist()
     raise GeoreferenceError(
@@ -159,6 +159,7 @@ def _stated(model: ifcopenshell.file, horizontal: str) -> Iterator[tuple[MapPlac
         helmert = ifcopenshell.util.geolocation.get_helmert_transformation_parameters(model)
     if helmert is None:
         return
+    _refuse_shifted_world(model)
     project_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
     stated_m = _map_unit_m(model)
     crs_m = float(as_3d(horizontal).axis_info[0].unit_conversion_factor)
@@ -171,8 +172,21 @@ def _stated(model: ifcopenshell.file, horizontal: str) -> Iterator[tuple[MapPlac
             (helmert.scale, "Scale was taken as a factor between metres, for it does not hold the units' ratio"),
         ):
             if abs(metre_scale - 1) <= _SCALE_LIMIT:
-                yield _placement(helmert, unit_m, metre_scale), "; ".join(filter(None, (said, scale_said)))
+                grid_said = f"Scale is taken as the map's grid factor {metre_scale:.6f}, of east and north alone"
+                remarks = (said, scale_said, grid_said if abs(metre_scale - 1) > 1e-9 else "")
+                yield _placement(helmert, unit_m, metre_scale), "; ".join(filter(None, remarks))
                 break
+
+
+def _refuse_shifted_world(model: ifcopenshell.file) -> None:
+    """Raises where the context's WorldCoordinateSystem is not the identity: readers disagree on its direction."""
+    world = ifcopenshell.util.geolocation.get_wcs(model)
+    if world is not None and not np.allclose(world, np.eye(4), rtol=0, atol=1e-6):
+        raise GeoreferenceError(
+            f"the IFC's WorldCoordinateSystem is shifted or turned (by {np.round(world[:3, 3], 3).tolist()}), and it has a "
+            "map conversion too; programs read the two together in different ways: export with the world coordinate "
+            "system at zero, or give the registry's crs.placement"
+        )
 
 
 def _placement(helmert: Any, unit_m: float, metre_scale: float) -> MapPlacement:
@@ -183,7 +197,8 @@ def _placement(helmert: Any, unit_m: float, metre_scale: float) -> MapPlacement:
         north_m=helmert.n * unit_m,
         height_m=helmert.h * unit_m,
         rotation_deg=float(np.degrees(np.arctan2(ordinate, abscissa))),
-        scale=(metre_scale * factors[0], metre_scale * factors[1], metre_scale * factors[2]),
+        # What is left of Scale once units are taken out is the projection's grid factor: maps stretch, heights do not.
+        scale=(metre_scale * factors[0], metre_scale * factors[1], factors[2]),
     )
 
 

@@ -1,0 +1,194 @@
+"""IFC to the globe by an independent path: the map conversion written out by hand, then pyproj."""
+
+import re
+
+import numpy as np
+import pyproj
+import pytest
+
+from facadelake.errors import GeoreferenceError, ModelError
+from facadelake.geobim.georeference import MapPlacement
+from facadelake.geobim.load import load_building
+from facadelake.geobim.model import ModelSettings, read_building
+from facadelake.geobim.vertical import horizontal_and_vertical, vertical_named
+from facadelake.geodesy import SiteOrigin
+from tests.unit.geobim.conftest import Box, Ifc
+
+CONVERSION = {
+    "Eastings": 456639.25,
+    "Northings": 5421033.5,
+    "OrthogonalHeight": 178.25,
+    "XAxisAbscissa": float(np.cos(np.radians(30))),
+    "XAxisOrdinate": float(np.sin(np.radians(30))),
+}
+CRS = {"Name": "EPSG:25832", "Description": "heights are ellipsoidal"}
+
+
+def expected_geo(corners_m, factor=1.0):
+    """Corners in the model's metres as lon, lat, height: the conversion by hand, then pyproj's own pipeline."""
+    c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
+    x, y, z = np.asarray(corners_m).T
+    east = 456639.25 + factor * (c * x - s * y)
+    north = 5421033.5 + factor * (s * x + c * y)
+    pipeline = pyproj.Transformer.from_pipeline("+proj=pipeline +step +inv +proj=utm +zone=32 +ellps=GRS80")
+    lon, lat = pipeline.transform(east, north)
+    return np.column_stack([lon, lat, 178.25 + z])
+
+
+def ecef(geo):
+    """ECEF written out (the direct formula has no iteration to get wrong)."""
+    lon, lat, h = np.radians(geo[:, 0]), np.radians(geo[:, 1]), geo[:, 2]
+    a, f = 6378137.0, 1 / 298.257222101
+    e2 = f * (2 - f)
+    n = a / np.sqrt(1 - e2 * np.sin(lat) ** 2)
+    return np.column_stack(
+        [(n + h) * np.cos(lat) * np.cos(lon), (n + h) * np.cos(lat) * np.sin(lon), (n * (1 - e2) + h) * np.sin(lat)]
+    )
+
+
+def corners_of(box):
+    grid = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
+    return grid * box.size_m + box.corner_m
+
+
+def assert_same_places(building, geo):
+    """Every expected place is a vertex of the building, compared in ECEF metres."""
+    found = ecef(building.origin.geo_from_site(building.vertices_site_m))
+    for place in ecef(geo):
+        assert np.linalg.norm(found - place, axis=1).min() < 0.0005  # m
+
+
+@pytest.mark.parametrize(
+    ("milli", "map_unit_metre", "scale"),
+    [
+        (False, False, None),  # metres throughout
+        (False, True, 1.0),
+        (True, True, 0.001),  # the standard's way: Scale holds the units' ratio
+        (True, True, None),  # Revit's way: Scale left out (Autodesk/revit-ifc 784)
+        (True, False, 0.001),  # no MapUnit, but Scale shows that the map counts in metres
+        (True, False, None),  # no MapUnit and no Scale; eastings only make sense as metres
+    ],
+)
+def test_metres_and_millimetres_land_on_the_same_place(write_ifc, milli, map_unit_metre, scale):
+    conversion = CONVERSION | ({"Scale": scale} if scale else {})
+    path = write_ifc(Ifc(milli=milli, map_unit_metre=map_unit_metre, conversion=conversion, crs=CRS))
+    building = load_building(path, settings=ModelSettings())
+    assert building.vertical_datum == "ellipsoidal"
+    assert building.georeference_level == "50"
+    assert_same_places(building, expected_geo(corners_of(Box())))
+
+
+def test_what_had_to_be_assumed_is_said(write_ifc):
+    by_the_book = write_ifc(Ifc(milli=True, map_unit_metre=True, conversion=CONVERSION | {"Scale": 0.001}, crs=CRS))
+    assert load_building(by_the_book, settings=ModelSettings()).remarks == ""
+    loose = write_ifc(Ifc(milli=True, conversion=CONVERSION, crs=CRS))
+    assert "MapUnit is not given" in load_building(loose, settings=ModelSettings()).remarks
+
+
+def test_a_grid_factor_stretches_the_map_and_not_the_height(write_ifc):
+    path = write_ifc(Ifc(conversion=CONVERSION | {"Scale": 0.9996}, crs=CRS, boxes=[Box(size_m=(50.0, 0.3, 80.0))]))
+    building = load_building(path, settings=ModelSettings())
+    assert_same_places(building, expected_geo(corners_of(Box(size_m=(50.0, 0.3, 80.0))), factor=0.9996))
+    assert "grid factor 0.999600" in building.remarks
+
+
+def test_the_registry_stands_in_for_a_missing_georeference(write_ifc):
+    placement = MapPlacement(east_m=456639.25, north_m=5421033.5, height_m=178.25, rotation_deg=30.0)
+    settings = ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", placement=placement)
+    building = load_building(write_ifc(Ifc()), settings=settings)
+    assert building.georeference_level == "registry"
+    assert_same_places(building, expected_geo(corners_of(Box())))
+
+
+def test_map_coordinates_are_the_conversion_written_out(write_ifc):
+    building = load_building(write_ifc(Ifc(conversion=CONVERSION, crs=CRS)), settings=ModelSettings())
+    c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
+    expected = [456639.25 + c * 4 - s * 0.3, 5421033.5 + s * 4 + c * 0.3, 178.25 + 3]
+    found = building.map_from_site(building.vertices_site_m)
+    assert np.linalg.norm(found - expected, axis=1).min() < 0.0005  # m
+
+
+def test_a_shift_in_the_geometry_alone_loses_nothing(write_ifc):
+    """Coordinates of 5e5 and 5e6 m in the placements, as some exporters write them: float64 to the end."""
+    far = Box(corner_m=(456639.25, 5421033.5, 178.25))
+    zero = {"Eastings": 0.0, "Northings": 0.0, "OrthogonalHeight": 0.0}
+    building = load_building(write_ifc(Ifc(boxes=[far], conversion=zero, crs=CRS)), settings=ModelSettings())
+    assert np.abs(building.vertices_site_m).max() < 100.0  # m: the origin went to the building
+    corners = building.map_from_site(building.vertices_site_m)
+    for corner in corners_of(far):
+        assert np.linalg.norm(corners - corner, axis=1).min() < 0.001  # m
+
+
+def test_the_origin_is_round_and_can_be_given(write_ifc):
+    path = write_ifc(Ifc(conversion=CONVERSION, crs=CRS))
+    moved = write_ifc(Ifc(conversion=CONVERSION | {"Eastings": 456639.75}, crs=CRS))
+    building = load_building(path, settings=ModelSettings())
+    assert load_building(moved, settings=ModelSettings()).origin == building.origin
+    origin = SiteOrigin(lon_deg=8.4078, lat_deg=48.9405, height_ellipsoidal_m=180.0)
+    given = load_building(path, settings=ModelSettings(origin=origin))
+    assert given.origin == origin
+    np.testing.assert_allclose(
+        ecef(given.origin.geo_from_site(given.vertices_site_m)),
+        ecef(building.origin.geo_from_site(building.vertices_site_m)),
+        rtol=0,
+        atol=1e-5,  # m
+    )
+
+
+def test_a_saved_building_reads_back_the_same(write_ifc, tmp_path):
+    building = load_building(write_ifc(Ifc(conversion=CONVERSION, crs=CRS)), settings=ModelSettings())
+    building.save(tmp_path)
+    again = read_building(tmp_path)
+    np.testing.assert_array_equal(again.vertices_site_m, building.vertices_site_m)
+    np.testing.assert_array_equal(again.triangles, building.triangles)
+    assert again.elements.equals(building.elements)
+    assert (again.origin, again.map_crs, again.remarks) == (building.origin, building.map_crs, building.remarks)
+    with pytest.raises(ModelError, match="delete the folder"):
+        read_building(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "settings", "message"),
+    [
+        (Ifc(), ModelSettings(), "names no projected CRS .*crs.map"),
+        (Ifc(crs=CRS), ModelSettings(), "no IfcMapConversion .*crs.placement"),
+        (Ifc(crs={"Name": "EPSG:25832"}, conversion=CONVERSION), ModelSettings(), "heights refer to .*crs.vertical"),
+        (Ifc(crs=CRS | {"VerticalDatum": "castle zero"}, conversion=CONVERSION), ModelSettings(), "castle zero"),
+        (Ifc(crs={"Name": "Ettlingen local"}, conversion=CONVERSION), ModelSettings(), "not known to PROJ"),
+        (Ifc(crs=CRS | {"Name": "EPSG:4326"}, conversion=CONVERSION), ModelSettings(), "not a projected CRS"),
+        (Ifc(crs=CRS | {"Name": "EPSG:2154"}, conversion=CONVERSION), ModelSettings(), "outside the area"),
+        (Ifc(crs=CRS, conversion=CONVERSION), ModelSettings(vertical_datum="EPSG:7837"), "grid"),
+        (
+            Ifc(crs=CRS, conversion=CONVERSION, boxes=[Box(corner_m=(456639.0, 5421033.0, 178.0))]),
+            ModelSettings(),
+            "in the geometry and in IfcMapConversion too",
+        ),
+    ],
+)
+def test_what_cannot_be_placed_is_refused_with_its_remedy(write_ifc, wanted, settings, message):
+    with pytest.raises(GeoreferenceError) as caught:
+        load_building(write_ifc(wanted), settings=settings)
+    assert re.search(message, str(caught.value))
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ("ellipsoidal", "ellipsoidal"),
+        ("Ellipsoid GRS80", "ellipsoidal"),
+        ("EPSG:5783", "EPSG:5783"),
+        ("DHHN2016", "EPSG:7837"),
+        ("NAVD88 height", "EPSG:5703"),
+        ("5783", "EPSG:5783"),
+    ],
+)
+def test_vertical_datums_by_name_and_code(said, meant):
+    assert vertical_named(said) == meant
+
+
+def test_a_compound_crs_falls_into_its_parts():
+    assert horizontal_and_vertical("EPSG:25832+7837") == ("EPSG:25832", "EPSG:7837")
+    assert horizontal_and_vertical("EPSG:5555") == ("EPSG:25832", "EPSG:5783")
+    assert horizontal_and_vertical("EPSG:25832") == ("EPSG:25832", "")
+    with pytest.raises(GeoreferenceError, match="not a vertical CRS"):
+        vertical_named("EPSG:25832")
