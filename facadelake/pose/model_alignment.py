@@ -7,7 +7,7 @@ own error model: one common bias (metres) plus a noise of each photograph.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -45,23 +45,46 @@ _GATES_M = (4.0, 3.0, 2.0, 1.5, 1.0, 0.7, 0.5, 0.4, 0.3, 0.3, 0.2, 0.2, 0.2)
 _MOST_POINTS = 6000
 _LEAST_POINTS = 100
 _FACING_COSINE = 0.25  # rays more grazing than 75 degrees tell little of the plane they meet
-# A direction of shift is called observed where at least this share of the correspondences' normals fixes it.
+# A direction of shift is called observed where at least this share of the correspondences would notice it.
 OBSERVED_SHARE = 0.02
-_AXES = ("east", "north", "up")
+_HELD_SIGMA_M = 0.01
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObservedShift:
+    """A direction of shift (3,), unit, in site, and the share (0 to 1) of the correspondences that would notice a shift
+    along it which no turn or scale could answer for."""
+
+    direction: Array
+    share: float
+
+    @property
+    def observed(self) -> bool:
+        """Whether the surface alone can be trusted with it."""
+        return self.share >= OBSERVED_SHARE
+
+    @property
+    def words(self) -> str:
+        """The direction for people."""
+        east, north, up = self.direction
+        if abs(up) > 0.9:
+            return "height"
+        azimuth = round(float(np.degrees(np.arctan2(east, north))) % 180.0)
+        return f"the shift along azimuth {azimuth} deg" + ("" if abs(up) < 0.3 else " and in height")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelAlignment:
     """``site_from_sfm``; point-to-plane residuals (m) of the points used; how many were offered; what was observable.
 
-    ``observed_share`` (3,): of a shift east, north and up, the share of the correspondences that would notice it
-    and that no turn or scale could answer for; ``gps_bias_m`` (3,) the common error of the GPS priors as estimated.
+    ``shifts`` says how well each of three directions of shift is observed; ``gps_bias_m`` (3,) is the common error of
+    the GPS priors as estimated (0 along directions that the surface does not observe).
     """
 
     site_from_sfm: Similarity
     residual_m: Array
     points_offered: int
-    observed_share: Array
+    shifts: tuple[ObservedShift, ...]
     gps_bias_m: Array
     remarks: tuple[str, ...]
 
@@ -95,16 +118,16 @@ def align_to_model(
                 f"surface ({_LEAST_POINTS} are needed): GPS is too far off or the model is of another place; give "
                 "control points, or georeference by gps"
             )
-        now, bias = _adjusted(now, bias, planes, centres, priors)
+        now, bias = _adjusted(now, bias, planes, _observed_shifts(now, planes), centres, priors)
     planes = _correspondences(now, points, centres[cameras], surface, _GATES_M[-1])
-    share = _observed_share(now, planes)
+    shifts = _observed_shifts(now, planes)
     return ModelAlignment(
         site_from_sfm=now,
         residual_m=np.abs(_point_to_plane(now, planes)),
         points_offered=len(points),
-        observed_share=share,
+        shifts=shifts,
         gps_bias_m=bias,
-        remarks=_remarks(share, priors),
+        remarks=_remarks(shifts, priors),
     )
 
 
@@ -148,22 +171,37 @@ def _point_to_plane(site_from_sfm: Similarity, planes: _Planes) -> Array:
 
 
 def _adjusted(
-    now: Similarity, bias: Array, planes: _Planes, centres: Array, priors: GpsPriors
+    now: Similarity,
+    bias: Array,
+    planes: _Planes,
+    shifts: tuple[ObservedShift, ...],
+    centres: Array,
+    priors: GpsPriors,
 ) -> tuple[Similarity, Array]:
-    """Least squares over the seven parameters and the common GPS bias (3), from ``now``."""
+    """Least squares over the seven parameters and the common GPS bias (3), from ``now``.
+
+    Along a direction that the surface does not observe, its residuals are left out and the bias is held at zero: else
+    a handful of sills and false correspondences would move the block by metres, and nothing would speak against them.
+    """
     pivot = np.median(now.apply(planes.xyz_sfm), axis=0)
     posed = centres[priors.photo]
     # The bias of a flight has the prior's sigma; what is left between photographs is about a third of it.
-    bias_sigma, noise = np.median(priors.sigma_m, axis=0), priors.sigma_m / 3.0
+    noise = priors.sigma_m / 3.0
+    along = np.array([shift.direction for shift in shifts])
+    seen = along.T @ np.diag([float(shift.observed) for shift in shifts]) @ along  # projects on what is observed
+    planes = replace(planes, normal=planes.normal @ seen)
+    bias_sigma = np.where([shift.observed for shift in shifts], np.median(priors.sigma_m), _HELD_SIGMA_M)
 
     def residuals(step: Array) -> Array:
         moved = parameters_applied(now, pivot, step[:7])
         gps = (moved.apply(posed) + step[7:] - priors.xyz_site_m) / noise
         return np.concatenate(
-            [_point_to_plane(moved, planes) / SURFACE_SIGMA_M, _tamed(gps.ravel()), step[7:] / bias_sigma]
+            [_point_to_plane(moved, planes) / SURFACE_SIGMA_M, _tamed(gps.ravel()), along @ step[7:] / bias_sigma]
         )
 
-    fit = least_squares(residuals, np.concatenate([np.zeros(7), bias]), x_scale="jac", loss="soft_l1", max_nfev=30)
+    fit = least_squares(
+        residuals, np.concatenate([np.zeros(7), seen @ bias]), x_scale="jac", loss="soft_l1", max_nfev=30
+    )
     return parameters_applied(now, pivot, fit.x[:7]), fit.x[7:]
 
 
@@ -174,32 +212,33 @@ def _tamed(normalised: Array) -> Array:
     return tamed
 
 
-def _observed_share(site_from_sfm: Similarity, planes: _Planes) -> Array:
-    """Information on a shift along each axis, per correspondence, after turns and scale took their part (0 to 1)."""
+def _observed_shifts(site_from_sfm: Similarity, planes: _Planes) -> tuple[ObservedShift, ...]:
+    """The three principal directions of shift, weakest first, by the information per correspondence on each."""
     xyz = site_from_sfm.apply(planes.xyz_sfm)
     lever = xyz - xyz.mean(axis=0)
     extent = np.sqrt((lever**2).sum(axis=1).mean())
-    turn_and_scale = (
-        np.column_stack([np.cross(lever, planes.normal), np.einsum("ij,ij->i", lever, planes.normal)]) / extent
-    )
-    jacobian = np.column_stack([planes.normal, turn_and_scale])
+    turn = np.cross(lever, planes.normal) / extent
+    scale = np.einsum("ij,ij->i", lever, planes.normal)[:, None] / extent
+    jacobian = np.hstack([planes.normal, turn, scale])
     information = jacobian.T @ jacobian / len(xyz)
     cross = information[:3, 3:]
+    # Schur complement: what is left of the shift's information after turns and scale took their part.
     shift = information[:3, :3] - cross @ np.linalg.pinv(information[3:, 3:], rcond=1e-6, hermitian=True) @ cross.T
-    # Along an axis, the other two shifts may answer as well: take the weakest reading of each axis.
-    inverse = np.linalg.inv(shift + 1e-9 * np.eye(3))
-    share: Array = 1.0 / np.diag(inverse)
-    return share
+    shares, directions = np.linalg.eigh(shift)
+    return tuple(
+        ObservedShift(direction=directions[:, k], share=max(0.0, float(shares[k]))) for k in range(len(shares))
+    )
 
 
-def _remarks(share: Array, priors: GpsPriors) -> tuple[str, ...]:
-    said = [f"the model's surface observes {axis} ({value:.3f})" for axis, value in zip(_AXES, share, strict=True)]
-    remarks = ["; ".join(said) + f", where {OBSERVED_SHARE} is needed"]
-    open_axes = [
-        f"{axis} (GPS sigma {sigma:.1f} m)"
-        for axis, value, sigma in zip(_AXES, share, np.median(priors.sigma_m, axis=0), strict=True)
-        if value < OBSERVED_SHARE
+def _remarks(shifts: tuple[ObservedShift, ...], priors: GpsPriors) -> tuple[str, ...]:
+    seen = [f"{shift.words} ({shift.share:.3f})" for shift in shifts if shift.observed]
+    remarks = [f"the model's surface observes {', '.join(seen) or 'no shift'} (share needed: {OBSERVED_SHARE})"]
+    sigma = np.median(priors.sigma_m, axis=0)
+    held = [
+        f"{shift.words} ({shift.share:.3f}; GPS sigma {np.linalg.norm(sigma * shift.direction):.1f} m)"
+        for shift in shifts
+        if not shift.observed
     ]
-    if open_axes:
-        remarks.append(f"not observed by the model, held by GPS alone: {', '.join(open_axes)}")
+    if held:
+        remarks.append(f"not observed by the model, held by GPS alone: {', '.join(held)}")
     return tuple(remarks)

@@ -34,7 +34,7 @@ def choose_pairs(
     n = len(xyz_m)
     if n <= settings.exhaustive_up_to:
         return list(combinations(range(n), 2))
-    placed: NDArray[np.bool_] = np.isfinite(xyz_m[:, :2]).all(axis=1)
+    placed: NDArray[np.bool_] = ~np.isnan(xyz_m[:, :2].sum(axis=1))
     pairs = {(i, j) for i in range(n) for j in range(i + 1, min(n, i + 1 + SEQUENCE))}
     for i in range(n):
         if not placed[i]:

@@ -29,7 +29,7 @@ class Fit:
 
 
 def robust_similarity(source: Array, target: Array, sigma: Array, *, seed: int = 1) -> Fit:
-    """RANSAC similarity of point pairs (n, 3), one-sigma errors (n, 3) of ``target``; least squares on those that agree.
+    """RANSAC similarity of point pairs (n, 3), then least squares; ``sigma`` (n, 3) are one-sigma errors of ``target``.
 
     A point is used where its residual stays within 3.5 sigma. Raises GeoreferenceError for fewer than 3 points, points
     on a line, or fewer than 3 that agree. Source: Fischler and Bolles 1981; Umeyama 1991.
