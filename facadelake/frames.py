@@ -10,7 +10,9 @@ The centre of the top left pixel is (0.5, 0.5), as in COLMAP.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,9 +66,22 @@ class Similarity:
         """Points (..., 3) of the source frame in the target frame."""
         return self.scale * (np.asarray(xyz_source, dtype=np.float64) @ self.rotation.T) + self.translation
 
+    def save(self, path: Path) -> None:
+        """Write the transform as JSON, for ``read_similarity``."""
+        values = {"rotation": self.rotation.tolist(), "translation": self.translation.tolist(), "scale": self.scale}
+        path.write_text(json.dumps(values))
+
     def rotate(self, direction_source: Array) -> Array:
         """Directions (..., 3): rotated, neither moved nor scaled."""
         return np.asarray(direction_source, dtype=np.float64) @ self.rotation.T
+
+
+def read_similarity(path: Path) -> Similarity:
+    """The transform that ``Similarity.save`` wrote."""
+    values = json.loads(path.read_text())
+    return Similarity(
+        rotation=np.array(values["rotation"]), translation=np.array(values["translation"]), scale=values["scale"]
+    )
 
 
 def similarity_between(xyz_source: Array, xyz_target: Array, weights: Array | None = None) -> Similarity:

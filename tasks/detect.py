@@ -7,9 +7,9 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.cache import file_hash
 from facadelake.detect.coco import import_coco
-from facadelake.detect.onnx import OnnxDetector, detect_photographs
+from facadelake.detect.detector import detector_fingerprint, load_detector
+from facadelake.detect.onnx import detect_photographs
 from facadelake.registry import CocoDetector
 from facadelake.tables import read_table, write_table
 from tasks.job import InspectionJob, StageResult
@@ -21,17 +21,21 @@ def detect(job: InspectionJob, photos: StageResult) -> StageResult:
     """Table ``detections``."""
     detector = job.building.detector
     if isinstance(detector, CocoDetector):
-        return _import(job, photos, detector)
-    raise NotImplementedError
-
-
-def _import(job: InspectionJob, photos: StageResult, detector: CocoDetector) -> StageResult:
-    file = job.building.detections_of(job.campaign_id, job.detections)
+        file = job.building.detections_of(job.campaign_id, job.detections)
+        fingerprint = detector_fingerprint(file, detector.classes)
+    else:
+        file = Path(detector.model)
+        fingerprint = detector_fingerprint(file, detector.classes, Path(detector.card) if detector.card else None)
 
     def make(folder: Path) -> Counts:
-        table = import_coco(file, read_table("photos", photos.folder), class_names=detector.classes)
+        table_of_photos = read_table("photos", photos.folder)
+        if isinstance(detector, CocoDetector):
+            table = import_coco(file, table_of_photos, class_names=detector.classes)
+        else:
+            model = load_detector(file, Path(detector.card) if detector.card else None)
+            root = job.building.photographs_of(job.campaign_id)
+            table = detect_photographs(table_of_photos, root, model, class_names=detector.classes)
         write_table("detections", table, folder)
         return Counter(table.column("detection_outcome").to_pylist())
 
-    inputs = {"photos": photos.key, "file": file.name, "bytes": file_hash(file), "classes": detector.classes}
-    return run_stage(job, "detect", code=["detect"], inputs=inputs, make=make)
+    return run_stage(job, "detect", code=["detect"], inputs={"photos": photos.key, "detector": fingerprint}, make=make)

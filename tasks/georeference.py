@@ -11,10 +11,13 @@ from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import georeference
+from facadelake.pose.poses import poses_table
 from facadelake.pose.reconstruction import read_reconstruction
 from facadelake.tables import read_table, write_table
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
+
+SITE_FROM_SFM = "site_from_sfm.json"
 
 
 @task(name="georeference")
@@ -24,9 +27,11 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
 
     def make(folder: Path) -> Counts:
         building = read_building(model.folder)
+        reconstruction = read_reconstruction(block.folder)
+        photos_table = read_table("photos", photos.folder)
         placed = georeference(
-            read_reconstruction(block.folder),
-            read_table("photos", photos.folder),
+            reconstruction,
+            photos_table,
             origin=building.origin,
             map_crs=building.map_crs,
             vertical_datum=building.vertical_datum,
@@ -34,10 +39,10 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
             control_points=read_control_points(gcp_file) if gcp_file else None,
             surface=Surface(building),
         )
-        placed.save(folder)
-        write_table("poses", placed.poses, folder)
-        write_table("georeference", placed.passport, folder)
-        return {"localised": len(placed.posed)}
+        placed.site_from_sfm.save(folder / SITE_FROM_SFM)
+        write_table("poses", poses_table(placed, reconstruction, photos_table, origin=building.origin), folder)
+        write_table("georeference", placed.table(), folder)
+        return {"localised": len(placed.cameras), "not localised": len(reconstruction.unlocalised)}
 
     inputs = {
         "model": model.key,

@@ -8,6 +8,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.cache import hash_of_files
+from facadelake.geobim.footprint import horizontal_distance
 from facadelake.geobim.model import read_building
 from facadelake.photo.files import find_photographs
 from facadelake.photo.ingest import ingest_photographs
@@ -26,7 +27,7 @@ def ingest(job: InspectionJob, model: StageResult) -> StageResult:
     def make(folder: Path) -> Counts:
         building = read_building(model.folder)
         photos = ingest_photographs(
-            root, distance_to_model_m=building.horizontal_distance, close_range_below_m=close_range_below_m
+            root, distance_to_model_m=horizontal_distance(building), close_range_below_m=close_range_below_m
         )
         write_table("photos", photos, folder)
         return Counter(photos.column("photo_outcome").to_pylist())

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.pose.mesh import as_built_mesh
+from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import read_reconstruction
-from facadelake.pose.runner import as_built_mesh, reconstruct
 from facadelake.pose.settings import ReconstructionSettings
 from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
@@ -24,7 +25,7 @@ def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
         reconstruct(read_table("photos", photos.folder), root, folder, settings)
         as_built_mesh(folder, folder)
         block = read_reconstruction(folder)
-        return {"cameras": len(block.photo_ids), "tie points": len(block.xyz_sfm)}
+        return {"cameras": len(block.photos), "tie points": len(block.xyz_sfm)}
 
     return run_stage(
         job, "reconstruct", code=["pose"], inputs={"photos": photos.key, "settings": settings.key()}, make=make

@@ -7,13 +7,14 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.frames import read_similarity
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.integrity.views import integrity_views
-from facadelake.pose.georeference import read_site_from_sfm
 from facadelake.pose.mesh import read_mesh
 from facadelake.posed import posed_cameras
 from facadelake.tables import read_table, write_table
+from tasks.georeference import SITE_FROM_SFM
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -24,7 +25,7 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult, pla
 
     def make(folder: Path) -> Counts:
         vertices_sfm, triangles = read_mesh(block.folder)
-        as_built = Surface.from_mesh(read_site_from_sfm(placed.folder).apply(vertices_sfm), triangles)
+        as_built = Surface.from_mesh(read_similarity(placed.folder / SITE_FROM_SFM).apply(vertices_sfm), triangles)
         posed = posed_cameras(read_table("poses", placed.folder))
         table = integrity_views(posed, Surface(read_building(model.folder)), as_built)
         write_table("integrity_views", table, folder)

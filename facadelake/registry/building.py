@@ -102,6 +102,7 @@ class OnnxDetectorSetting(_Strict):
     kind: Literal["onnx"]
     model: str
     card: str | None = None
+    classes: dict[str, DefectClass] = {}
 
 
 class Building(_Strict):
