@@ -184,7 +184,7 @@ def _refuse_shifted_world(model: ifcopenshell.file) -> None:
     if world is not None and not np.allclose(world, np.eye(4), rtol=0, atol=1e-6):
         raise GeoreferenceError(
             f"the IFC's WorldCoordinateSystem is shifted or turned (by {np.round(world[:3, 3], 3).tolist()}), and "
-            "it has a map conversion too; programs read the two together in different ways: export with the world coordinate "
+            "it has a map conversion too; programs read the two in different ways: export with the world coordinate "
             "system at zero, or give the registry's crs.placement"
         )
 
