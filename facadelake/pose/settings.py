@@ -18,7 +18,7 @@ class ReconstructionSettings:
     position and viewing direction. ``threads`` 0: all cores. ``seed`` fixes what is drawn at random.
     """
 
-    max_image_px: int = 3200
+    max_image_px: int = 2000
     max_features: int = 8192
     exhaustive_up_to: int = 40
     neighbours: int = 20

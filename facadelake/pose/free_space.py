@@ -1,0 +1,79 @@
+"""Which tetrahedra of tie points the rays of sight cross: evidence of free space, and of matter behind the points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+
+from facadelake.frames import Array
+
+_ON_FACE = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Crossings:
+    """Facets crossed by rays on their way from camera to point, and where the rays begin and end.
+
+    ``tetrahedron`` (k,) is left through its facet ``facet`` (k,) (0 to 3: the vertex opposite), ``before_end`` (k,) is
+    how far before the point that happened; ``begins`` are the cameras' tetrahedra, ``behind`` (rays,) those just
+    behind each ray's point (-1: outside).
+    """
+
+    tetrahedron: NDArray[np.int64]
+    facet: NDArray[np.int64]
+    before_end: Array
+    begins: NDArray[np.int64]
+    behind: NDArray[np.int64]
+
+
+def cross(delaunay: Delaunay, origins: Array, ends: Array, end_vertex: NDArray[np.int64], depth: Array) -> Crossings:
+    """Walk rays (n) from ``origins`` (n, 3) to ``ends`` (n, 3), which are vertices ``end_vertex`` (n,).
+
+    ``depth`` (n,): how far behind its point a ray looks for matter. All rays step together, one tetrahedron at a time:
+    a ray leaves a tetrahedron where its first barycentric coordinate vanishes.
+    """
+    direction = ends - origins
+    length = np.linalg.norm(direction, axis=1)
+    behind_at = ends + direction * (depth / length)[:, None]
+    now = delaunay.find_simplex(origins).astype(np.int64)
+    begins = np.unique(now[now >= 0])
+    ray = np.flatnonzero(now >= 0)
+    now = now[ray]
+    left, through, distance = [], [], []
+    for _ in range(20 * int(np.cbrt(len(delaunay.simplices))) + 100):
+        arrived = (delaunay.simplices[now] == end_vertex[ray, None]).any(axis=1)
+        ray, now = ray[~arrived], now[~arrived]
+        if len(ray) == 0:
+            break
+        at, facet = _exit(delaunay, now, origins[ray], direction[ray])
+        onward = delaunay.neighbors[now, facet].astype(np.int64)
+        good = np.isfinite(at) & (at < 1.0) & (onward >= 0)
+        left.append(now[good])
+        through.append(facet[good])
+        distance.append((1.0 - at[good]) * length[ray[good]])
+        ray, now = ray[good], onward[good]
+    return Crossings(
+        tetrahedron=np.concatenate(left) if left else np.zeros(0, dtype=np.int64),
+        facet=np.concatenate(through) if through else np.zeros(0, dtype=np.int64),
+        before_end=np.concatenate(distance) if distance else np.zeros(0),
+        begins=begins,
+        behind=delaunay.find_simplex(behind_at).astype(np.int64),
+    )
+
+
+def _exit(
+    delaunay: Delaunay, tetrahedron: NDArray[np.int64], origin: Array, direction: Array
+) -> tuple[Array, NDArray[np.int64]]:
+    """Where along the ray (in its length) each tetrahedron is left, and through which facet; NaN for a flat one."""
+    transform = delaunay.transform[tetrahedron]
+    start = np.einsum("nij,nj->ni", transform[:, :3], origin - transform[:, 3])
+    slope = np.einsum("nij,nj->ni", transform[:, :3], direction)
+    start = np.column_stack([start, 1.0 - start.sum(axis=1)])
+    slope = np.column_stack([slope, -slope.sum(axis=1)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = np.where(slope < -_ON_FACE * np.abs(slope).max(axis=1, keepdims=True), -start / slope, np.inf)
+    facet = np.argmin(np.where(np.isnan(at), np.inf, at), axis=1)
+    return at[np.arange(len(at)), facet], facet.astype(np.int64)
