@@ -24,6 +24,21 @@ def compass_of(direction_site: Array) -> str:
     return COMPASS[round(float(np.degrees(np.arctan2(x, y))) / 45.0) % 8]
 
 
+def facade_seen(element_facade: str, normal_site: Array) -> str:
+    """Facade of a place on an element, seen where its surface has ``normal_site`` (3,).
+
+    It is the element's, so that a reveal counts with its wall, unless the place is on the element's other side or the
+    element has no direction of its own: then it is the direction the place itself faces.
+    """
+    if element_facade not in COMPASS:
+        return compass_of(normal_site)
+    angle = np.radians(45.0 * COMPASS.index(element_facade))
+    flat = float(np.hypot(normal_site[0], normal_site[1]))
+    ahead = float(normal_site[0] * np.sin(angle) + normal_site[1] * np.cos(angle))
+    behind = flat > 0.5 and ahead < flat * np.cos(np.radians(112.5))
+    return compass_of(normal_site) if behind else element_facade
+
+
 def facades_of(surface: Surface, element_of_triangle: NDArray[np.int64], elements: int) -> list[str]:
     """Facade of each element: "N" .. "NW", "level" where its open area lies mainly flat, "inside" where none is open.
 

@@ -1,4 +1,4 @@
-"""How far from the building, seen from above, a place is."""
+"""The building seen from above: outlines of its elements, and how far a place lies from it."""
 
 from __future__ import annotations
 
@@ -9,22 +9,38 @@ import shapely
 
 from facadelake.frames import Array
 from facadelake.geobim.model import BuildingModel
+from facadelake.geodesy import SiteOrigin
+
+
+def outline_of(corners_site_m: Array) -> shapely.Geometry:
+    """Outline in site x, y of triangles (m, 3, 3) seen from above; of a bare vertical sheet, a strip 1 cm wide."""
+    flat = shapely.polygons(corners_site_m[:, :, :2])
+    flat = flat[shapely.area(flat) > 1e-6]
+    outline = shapely.union_all(flat, grid_size=1e-4) if len(flat) else shapely.Polygon()
+    if outline.is_empty:
+        outline = shapely.convex_hull(shapely.multipoints(corners_site_m[:, :, :2].reshape(-1, 2))).buffer(0.005)
+    return outline.simplify(0.001)
+
+
+def in_lon_lat(outline: shapely.Geometry, level_m: float, origin: SiteOrigin) -> shapely.Geometry:
+    """An outline in site x, y, at ``level_m`` in site z, as lon, lat (EPSG:4979)."""
+
+    def lon_lat(xy: Array) -> Array:
+        return origin.geo_from_site(np.column_stack([xy, np.full(len(xy), level_m)]))[:, :2]
+
+    return shapely.transform(outline, lon_lat)
 
 
 def horizontal_distance(building: BuildingModel) -> Callable[[Array], Array]:
-    """A function of ``lon_deg, lat_deg`` (n, 2) giving metres (n,) to the nearest edge of the building in plan.
+    """A function of places (n, 2: lon_deg, lat_deg) that gives their distance (n,) in metres from the building's plan."""
+    plan = outline_of(building.vertices_site_m[building.triangles])
+    shapely.prepare(plan)
 
-    Heights play no part, because those of photographs seldom name their datum.
-    """
-    corners = building.vertices_site_m[building.triangles][:, [0, 1, 2, 0], :2]
-    edges = shapely.STRtree(shapely.linestrings(corners))
+    def distance(lon_lat_deg: Array) -> Array:
+        lon_lat = np.asarray(lon_lat_deg, dtype=np.float64).reshape(-1, 2)
+        height = np.full(len(lon_lat), building.origin.height_ellipsoidal_m)
+        xy = building.origin.site_from_geo(np.column_stack([lon_lat, height]))[:, :2]
+        metres: Array = np.asarray(shapely.distance(plan, shapely.points(xy)), dtype=np.float64)
+        return metres
 
-    def distance_m(lon_lat_deg: Array) -> Array:
-        height = np.full((len(lon_lat_deg), 1), building.origin.height_ellipsoidal_m)
-        points = building.origin.site_from_geo(np.hstack([lon_lat_deg, height]))[:, :2]
-        indices, distances = edges.query_nearest(shapely.points(points), return_distance=True, all_matches=False)
-        out = np.full(len(points), np.inf)
-        out[indices[0]] = distances
-        return out
-
-    return distance_m
+    return distance

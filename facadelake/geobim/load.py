@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from facadelake.frames import Array
 from facadelake.geobim.elements import attributes_of, storeys_of
 from facadelake.geobim.facade import facades_of
+from facadelake.geobim.footprint import in_lon_lat, outline_of
 from facadelake.geobim.georeference import Georeference, georeference_of
 from facadelake.geobim.mesh import ElementMesh, meshes_of, open_ifc
 from facadelake.geobim.model import BuildingModel, ModelSettings
@@ -103,23 +104,7 @@ def _elements(
                 "facade": facades[index],
                 "surface_area_m2": float(areas[index]),
                 "triangles": len(mesh.triangles),
-                "geometry": shapely.to_wkb(_footprint(corners, origin)),
+                "geometry": shapely.to_wkb(in_lon_lat(outline_of(corners), float(corners[:, :, 2].min()), origin)),
             }
         )
     return table_of_rows("elements", rows)
-
-
-def _footprint(corners_site_m: Array, origin: SiteOrigin) -> shapely.Geometry:
-    """Outline from above of triangles (m, 3, 3), as a polygon of lon, lat; of a bare vertical sheet, a 1 cm strip."""
-    flat = shapely.polygons(corners_site_m[:, :, :2])
-    flat = flat[shapely.area(flat) > 1e-6]
-    outline = shapely.union_all(flat, grid_size=1e-4) if len(flat) else shapely.Polygon()
-    if outline.is_empty:
-        outline = shapely.convex_hull(shapely.multipoints(corners_site_m[:, :, :2].reshape(-1, 2))).buffer(0.005)
-    outline = outline.simplify(0.001)
-    level = float(corners_site_m[:, :, 2].min())
-
-    def lon_lat(xy: Array) -> Array:
-        return origin.geo_from_site(np.column_stack([xy, np.full(len(xy), level)]))[:, :2]
-
-    return shapely.transform(outline, lon_lat)

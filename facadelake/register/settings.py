@@ -1,0 +1,56 @@
+"""What registration and merging are told; every limit has its reason here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from facadelake.errors import InputDataError
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegisterSettings:
+    """How detections are put on the surface.
+
+    ``rays_per_side``: each box is sampled by that many rays squared, its edges included; odd, so that one is the
+    centre. ``grazing_above_deg``: beyond this incidence a pixel smears over the wall and the position with it.
+    ``target_share_min``: a box of which less meets the building is off target. ``step_m``: neighbouring hits whose
+    surfaces lie further apart belong to different surfaces.
+    """
+
+    rays_per_side: int = 11
+    grazing_above_deg: float = 80.0
+    target_share_min: float = 0.5
+    step_m: float = 0.05
+    detections_per_cast: int = 4096
+
+    def __post_init__(self) -> None:
+        if self.rays_per_side < 3 or self.rays_per_side % 2 == 0:
+            raise InputDataError(f"rays_per_side is {self.rays_per_side}; it must be an odd number of 3 or more")
+        if not (0 < self.grazing_above_deg <= 90 and 0 <= self.target_share_min <= 1 and self.step_m > 0):
+            raise InputDataError(
+                f"registration settings {self} are out of range: grazing_above_deg 0..90, target_share_min 0..1, step_m > 0"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeSettings:
+    """When two sightings are of one defect.
+
+    ``size_share``: one sigma of where a detector puts a box's centre, as a share of the patch's extent.
+    ``floor_m``: one sigma of what is left of the pose; no gate is narrower. ``relief_m``: one sigma of how far the
+    real surface stands off the model's. ``gate_sigma``: the normalised distance within which two sightings may be one (3.03: 99 %
+    in the plane of the surface). ``ceiling_m``: no two sightings further apart than this, or than half their extents
+    together, are one. ``agreement``: share of the pairs between two groups that must lie in the gate to join them.
+    """
+
+    size_share: float = 0.15
+    floor_m: float = 0.015
+    relief_m: float = 0.05
+    gate_sigma: float = 3.03
+    ceiling_m: float = 0.5
+    agreement: float = 0.5
+
+    def __post_init__(self) -> None:
+        values = (self.size_share, self.floor_m, self.relief_m, self.gate_sigma, self.ceiling_m)
+        if min(values) <= 0 or not 0 < self.agreement <= 1:
+            raise InputDataError(f"merge settings {self} are out of range: all positive, agreement at most 1")
