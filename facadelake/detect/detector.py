@@ -17,7 +17,7 @@ from facadelake.detect.boxes import Box
 from facadelake.detect.card import Layout, ModelCard, card_path, read_card
 from facadelake.detect.layouts import Candidates, candidates, verify_output
 from facadelake.detect.letterbox import Image, letterbox
-from facadelake.errors import ModelError
+from facadelake.errors import InputDataError, ModelError
 from facadelake.frames import Array
 
 _log = logging.getLogger(__name__)
@@ -148,19 +148,21 @@ class OnnxDetector:
         return wanted or names[0]
 
 
-def load_detector(model: Path, *, threads: int = 0) -> OnnxDetector:
-    """The detector of ``model`` and the card beside it."""
-    return OnnxDetector(model, read_card(card_path(model)), threads=threads)
+def load_detector(model: Path, card: Path | None = None, *, threads: int = 0) -> OnnxDetector:
+    """The detector of ``model`` and its card: the one beside it, unless ``card`` says another."""
+    return OnnxDetector(model, read_card(card or card_path(model)), threads=threads)
 
 
-def detector_fingerprint(file: Path, class_names: Mapping[str, str]) -> str:
+def detector_fingerprint(file: Path, class_names: Mapping[str, str], card: Path | None = None) -> str:
     """A key of what a detector would find: a COCO file, or a model with its card, and the building's class names.
 
-    Raises ModelError where a model has no card or is not there.
+    Raises InputDataError where the file is not there, ModelError where a model has no card.
     """
-    parts: dict[str, object] = {"class_names": dict(class_names), "file": file_hash(file)}
+    if not file.is_file():
+        raise InputDataError(f"detector {file} does not exist; correct the detector's path in the registry")
+    parts: dict[str, object] = {"class_names": dict(class_names), "name": file.name, "file": file_hash(file)}
     if file.suffix.lower() == ".onnx":
-        parts["card"] = read_card(card_path(file)).model_dump(mode="json")
+        parts["card"] = read_card(card or card_path(file)).model_dump(mode="json")
     return key_of(parts)
 
 

@@ -15,11 +15,13 @@ import pyarrow as pa
 
 from facadelake.detect.boxes import clip_box
 from facadelake.detect.crosswalk import Crosswalk, crosswalk_with
-from facadelake.detect.detector import Found, OnnxDetector
+from facadelake.detect.detector import Found, OnnxDetector, load_detector
 from facadelake.detect.letterbox import Image
 from facadelake.progress import track
 from facadelake.tables import table_of_rows
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome
+
+__all__ = ["OnnxDetector", "detect_photographs", "load_detector"]
 
 _log = logging.getLogger(__name__)
 

@@ -11,8 +11,7 @@ import pytest
 from PIL import Image as PillowImage
 
 from facadelake.detect.card import ModelCard
-from facadelake.detect.detector import OnnxDetector
-from facadelake.detect.photographs import detect_photographs
+from facadelake.detect.onnx import OnnxDetector, detect_photographs
 from facadelake.tables import stage_schema, table_of_rows
 from tests.unit.detect.onnx_models import answer, card, save_model
 

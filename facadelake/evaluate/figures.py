@@ -1,0 +1,91 @@
+"""The figures of a campaign against truth, as records, as JSON with stable keys, and as rows for a table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from facadelake.evaluate.merging import Merging
+from facadelake.evaluate.stats import Stats, SurfaceStats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """What `facadelake evaluate` reports; metres, pixels and centimetres as the names say.
+
+    ``camera_error``: distance of camera centres to the published ones, nothing aligned. ``ray_error``: distance of a
+    check point from the ray of its box's centre. ``observation_error``, ``defect_error``: position found minus check
+    point. ``roundtrip_px``, ``roundtrip_cm``: registered point re-projected against its box's centre (the paper's
+    Table 2). ``off_truth``: registered detections that show no check point. None: not available.
+    """
+
+    COLUMNS: ClassVar[tuple[str, ...]] = ("figure", "n", "mean", "median", "mae", "rmse", "p95", "iqr")
+
+    photographs_total: int
+    photographs_localised: int
+    camera_error: Stats
+    ray_error: Stats
+    observation_error: SurfaceStats
+    defect_error: SurfaceStats
+    roundtrip_px: Stats
+    roundtrip_cm: Stats
+    merge: Merging
+    element_correct_share: float | None
+    off_truth: int | None
+    coverage_2sigma: float | None
+
+    def to_json(self) -> dict[str, object]:
+        """The stable keys; a round trip is given by its mean."""
+        return {
+            "photographs": {"total": self.photographs_total, "localised": self.photographs_localised},
+            "camera_error_m": self.camera_error.to_json(),
+            "ray_error_m": self.ray_error.to_json(),
+            "observation_error_m": self.observation_error.to_json(),
+            "defect_error_m": self.defect_error.to_json(),
+            "roundtrip_px": self.roundtrip_px.mean,
+            "roundtrip_cm": self.roundtrip_cm.mean,
+            "merge": self.merge.to_json(),
+            "element_correct_share": self.element_correct_share,
+            "off_truth": self.off_truth,
+            "coverage_2sigma": self.coverage_2sigma,
+        }
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Texts under COLUMNS: statistics in every column, single figures in ``n`` (counts) or ``mean`` (shares)."""
+        observation, defect = self.observation_error, self.defect_error
+        return [
+            ("photographs", str(self.photographs_total), *_blank(6)),
+            ("photographs localised", str(self.photographs_localised), *_blank(6)),
+            _row("camera error (m)", self.camera_error, 3),
+            _row("ray error (m)", self.ray_error, 4),
+            _row("observation error (m)", observation.distance, 3),
+            _row("  along the normal", observation.normal, 3),
+            _row("  horizontal", observation.horizontal, 3),
+            _row("  vertical", observation.vertical, 3),
+            _row("defect error (m)", defect.distance, 3),
+            _row("  along the normal", defect.normal, 3),
+            _row("  horizontal", defect.horizontal, 3),
+            _row("  vertical", defect.vertical, 3),
+            _row("round trip (px)", self.roundtrip_px, 3),
+            _row("round trip (cm)", self.roundtrip_cm, 3),
+            ("merge precision", "", _text(self.merge.precision, 3), *_blank(5)),
+            ("merge recall", "", _text(self.merge.recall, 3), *_blank(5)),
+            ("merge F1", "", _text(self.merge.f1, 3), *_blank(5)),
+            ("clusters exactly right", "", _text(self.merge.clusters_exact, 3), *_blank(5)),
+            ("element correct", "", _text(self.element_correct_share, 3), *_blank(5)),
+            ("registered off truth", "-" if self.off_truth is None else str(self.off_truth), *_blank(6)),
+            ("inside 2 sigma", "", _text(self.coverage_2sigma, 3), *_blank(5)),
+        ]
+
+
+def _row(name: str, stats: Stats, digits: int) -> tuple[str, ...]:
+    values = (stats.mean, stats.median, stats.mae, stats.rmse, stats.p95, stats.iqr)
+    return (name, str(stats.n), *(_text(value, digits) for value in values))
+
+
+def _text(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _blank(count: int) -> tuple[str, ...]:
+    return ("",) * count

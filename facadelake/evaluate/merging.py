@@ -1,0 +1,56 @@
+"""Merging against truth: pairs of detections decided to be the same defect."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import comb
+
+
+@dataclass(frozen=True, kw_only=True)
+class Merging:
+    """Pairwise figures of "same defect"; ``clusters_exact`` is the share of true defects whose detections make up one
+    defect, all of them and no other. None where there is nothing to divide by."""
+
+    precision: float | None
+    recall: float | None
+    f1: float | None
+    clusters_exact: float | None
+
+    def to_json(self) -> dict[str, float | None]:
+        """The four figures."""
+        return {
+            "precision": self.precision,
+            "recall": self.recall,
+            "f1": self.f1,
+            "clusters_exact": self.clusters_exact,
+        }
+
+
+def merging_of(decisions: Sequence[tuple[str, str]]) -> Merging:
+    """Figures of registered detections, each given as (defect decided, true defect)."""
+    both = _pairs(Counter(decisions).values())
+    decided = _pairs(Counter(defect for defect, _ in decisions).values())
+    true = _pairs(Counter(truth for _, truth in decisions).values())
+    of_truth: dict[str, set[int]] = defaultdict(set)
+    of_defect: dict[str, set[int]] = defaultdict(set)
+    for i, (defect, truth) in enumerate(decisions):
+        of_truth[truth].add(i)
+        of_defect[defect].add(i)
+    clusters = {frozenset(members) for members in of_defect.values()}
+    exact = sum(frozenset(members) in clusters for members in of_truth.values())
+    return Merging(
+        precision=_share(both, decided),
+        recall=_share(both, true),
+        f1=_share(2 * both, decided + true),
+        clusters_exact=_share(exact, len(of_truth)),
+    )
+
+
+def _pairs(sizes: Iterable[int]) -> int:
+    return sum(comb(size, 2) for size in sizes)
+
+
+def _share(part: int, whole: int) -> float | None:
+    return part / whole if whole else None

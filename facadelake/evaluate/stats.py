@@ -1,0 +1,91 @@
+"""Statistics of errors, the same six for every figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from facadelake.frames import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stats:
+    """Statistics of ``n`` errors; None where there are none.
+
+    ``mean`` and ``median`` keep the sign, ``mae`` is the mean of absolute values, ``rmse`` is about zero, ``p95`` is
+    the 95th percentile of absolute values, ``iqr`` the distance between the quartiles. Distances have no sign: their
+    ``mean`` is their ``mae``.
+    """
+
+    n: int
+    mean: float | None = None
+    median: float | None = None
+    mae: float | None = None
+    rmse: float | None = None
+    p95: float | None = None
+    iqr: float | None = None
+
+    def to_json(self) -> dict[str, float | int | None]:
+        """The seven keys."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceStats:
+    """Position errors: 3D ``distance``, and signed ones along the surface's outward normal and along the surface."""
+
+    distance: Stats
+    normal: Stats
+    horizontal: Stats
+    vertical: Stats
+
+    def to_json(self) -> dict[str, object]:
+        """The keys of the 3D distance, and one object for each direction."""
+        parts: Mapping[str, Stats] = {"normal": self.normal, "horizontal": self.horizontal, "vertical": self.vertical}
+        return {**self.distance.to_json(), **{name: part.to_json() for name, part in parts.items()}}
+
+
+def stats_of(errors: Array) -> Stats:
+    """Statistics of signed errors or distances (n,)."""
+    if len(errors) == 0:
+        return Stats(n=0)
+    size = np.abs(errors)
+    lower, median, upper = np.percentile(errors, [25, 50, 75])
+    return Stats(
+        n=len(errors),
+        mean=float(np.mean(errors)),
+        median=float(median),
+        mae=float(np.mean(size)),
+        rmse=float(np.sqrt(np.mean(errors**2))),
+        p95=float(np.percentile(size, 95)),
+        iqr=float(upper - lower),
+    )
+
+
+def surface_axes(normals: Array) -> tuple[Array, Array]:
+    """Directions along surfaces of outward unit ``normals`` (n, 3): horizontal and vertical, (n, 3) each, in site.
+
+    Horizontal points to the right as seen from outside, vertical up the surface. On a level surface, which has no
+    up, they are east and, for one facing up, north.
+    """
+    horizontal = np.cross([0.0, 0.0, 1.0], normals).reshape(-1, 3)
+    length = np.linalg.norm(horizontal, axis=1, keepdims=True)
+    level = length[:, 0] < 1e-6
+    horizontal = np.where(level[:, None], [1.0, 0.0, 0.0], horizontal / np.where(level[:, None], 1.0, length))
+    return horizontal, np.cross(normals, horizontal).reshape(-1, 3)
+
+
+def surface_stats(errors: Array, normals: Array) -> SurfaceStats:
+    """Statistics of errors (n, 3: found minus true, site metres) on surfaces of outward ``normals`` (n, 3)."""
+    errors, normals = errors.reshape(-1, 3), normals.reshape(-1, 3)
+    if len(normals):
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    horizontal, vertical = surface_axes(normals)
+    return SurfaceStats(
+        distance=stats_of(np.linalg.norm(errors, axis=1)),
+        normal=stats_of((errors * normals).sum(axis=1)),
+        horizontal=stats_of((errors * horizontal).sum(axis=1)),
+        vertical=stats_of((errors * vertical).sum(axis=1)),
+    )

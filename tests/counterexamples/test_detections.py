@@ -1,0 +1,98 @@
+"""Bad detections and models, each with the words it must give."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from facadelake.detect.card import ModelCard
+from facadelake.detect.coco import import_coco
+from facadelake.detect.onnx import OnnxDetector
+from facadelake.errors import InputDataError, ModelError
+from facadelake.tables import table_of_rows
+from tests.unit.detect.onnx_models import answer, card, save_model
+
+PHOTOS = table_of_rows(
+    "photos",
+    [
+        {
+            "photo_id": "near/IMG_1.JPG", "sha256": "0", "bytes": 1, "photo_outcome": "accepted",
+            "image_width_px": 4000, "image_height_px": 3000, "prior_source": "none", "prior_height_datum": "unknown",
+        }
+    ],
+)  # fmt: skip
+GOOD = {"bbox": [100, 200, 30, 40], "category_id": 1}
+
+
+def rows_of(folder: Path, *annotations: dict[str, Any]) -> list[dict[str, Any]]:
+    content = {
+        "images": [{"id": 1, "file_name": "IMG_1.JPG", "width": 4000, "height": 3000}],
+        "categories": [{"id": 1, "name": "Crack"}, {"id": 2, "name": "Graffiti"}],
+        "annotations": [{"id": i, "image_id": 1, **a} for i, a in enumerate(annotations, start=1)],
+    }
+    path = folder / "boxes.json"
+    path.write_text(json.dumps(content))
+    return list(import_coco(path, PHOTOS, class_names={}).to_pylist())
+
+
+@pytest.mark.parametrize(
+    ("bad", "outcome", "reason"),
+    [
+        (
+            {"bbox": [4100, 200, 30, 40], "category_id": 1},
+            "outside_image",
+            "box at 4100, 200 of 30 x 40 px lies outside the photograph (4000 x 3000 px)",
+        ),
+        (
+            {"bbox": [100, 200, 30, 40], "category_id": 2},
+            "unknown_class",
+            "class 'Graffiti' stands for none of crack, spalling, moisture; "
+            "add it to the building's class_names if it should",
+        ),
+        (
+            {"bbox": [100, 200, -30, 40], "category_id": 1},
+            "bad_box",
+            "box at 100, 200 of -30 x 40 px: width and height must be more than 0 px",
+        ),
+        (
+            {"bbox": [100, 200, 30, 40], "category_id": 1, "image_id": 5},
+            "unknown_photo",
+            "image_id 5 is not among the file's 'images'",
+        ),
+    ],
+)
+def test_one_bad_box_is_a_row_and_the_rest_goes_on(
+    tmp_path: Path, bad: dict[str, Any], outcome: str, reason: str
+) -> None:
+    before, found, after = rows_of(tmp_path, GOOD, bad, GOOD)
+    assert (found["detection_outcome"], found["reason"]) == (outcome, reason)
+    assert [row["detection_outcome"] for row in (before, after)] == ["accepted", "accepted"]
+
+
+def test_a_coco_file_cut_short(tmp_path: Path) -> None:
+    rows_of(tmp_path, GOOD)
+    path = tmp_path / "boxes.json"
+    path.write_text(path.read_text()[:-20])
+    with pytest.raises(InputDataError, match=r"boxes.json is not JSON: .* at line 1, column \d+; export it again"):
+        import_coco(path, PHOTOS, class_names={})
+
+
+def test_a_model_with_wrong_outputs(tmp_path: Path) -> None:
+    model = save_model(tmp_path / "crack.onnx", answer("yolov8", [(10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)]))
+    declared = ModelCard.model_validate(card("yolox"))
+    with pytest.raises(ModelError) as raised:
+        OnnxDetector(model, declared)
+    assert str(raised.value) == (
+        f"model {model}: its output has shape (1, 6, 126), layout yolox with 2 classes at 96 x 64 px has (1, 126, 7); "
+        "the shape fits layout yolov8; correct output.layout or class_names in the card, or export the model again"
+    )
+
+
+def test_a_model_with_one_class_more_than_its_card(tmp_path: Path) -> None:
+    model = save_model(tmp_path / "crack.onnx", np.zeros((1, 126, 8)))
+    with pytest.raises(ModelError, match=r"shape \(1, 126, 8\), layout yolox with 2 .* has \(1, 126, 7\); correct"):
+        OnnxDetector(model, ModelCard.model_validate(card("yolox")))

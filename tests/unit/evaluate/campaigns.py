@@ -1,0 +1,149 @@
+"""A made campaign: one wall that faces south, cameras before it, and errors of known size put into every table."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from facadelake.geodesy import SiteOrigin
+from facadelake.tables import table_of_rows
+
+Array = NDArray[np.float64]
+CRS = "EPSG:25832"
+ORIGIN = SiteOrigin(lon_deg=8.4083, lat_deg=48.9409, height_ellipsoidal_m=171.5)
+FOCAL, WIDTH, HEIGHT = 2800.0, 4000, 3000
+# Columns: camera x is east, camera y is down, camera z is north.
+QUATERNION = {"qw": np.sqrt(0.5), "qx": -np.sqrt(0.5), "qy": 0.0, "qz": 0.0}
+OUTWARD = (0.0, -1.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sighting:
+    """A box: which photograph, which check point it shows (None: nothing), where it was registered, in which defect."""
+
+    photo: str
+    shows: str | None
+    xyz_site_m: Array
+    box_centre_px: tuple[float, float]
+    defect: str | None = None
+    outcome: str = "registered"
+    element: str = "wall"
+    detection_outcome: str = "accepted"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Made:
+    """What a test needs to say; everything else of the tables is filler."""
+
+    centres_true_m: Mapping[str, Array]
+    centres_found_m: Mapping[str, Array]
+    points_true_m: Mapping[str, Array]
+    sightings: Sequence[Sighting] = ()
+    defects_m: Mapping[str, Array] = field(default_factory=dict)
+    unlocalised: Sequence[str] = ()
+    detector: str = "coco:boxes.json"
+
+
+def pixel(centre_m: Array, point_m: Array) -> tuple[float, float]:
+    """A pinhole by hand: looks north, no distortion."""
+    east, north, up = point_m - centre_m
+    return WIDTH / 2 + FOCAL * east / north, HEIGHT / 2 - FOCAL * up / north
+
+
+def _place(xyz: Array) -> dict[str, float]:
+    lon, lat, height = ORIGIN.geo_from_site(xyz[None])[0]
+    east, north, height_map = ORIGIN.map_from_site(xyz[None], CRS)[0]
+    return {
+        "x_site_m": xyz[0], "y_site_m": xyz[1], "z_site_m": xyz[2], "lon_deg": lon, "lat_deg": lat,
+        "height_ellipsoidal_m": height, "east_map_m": east, "north_map_m": north, "height_map_m": height_map,
+        "normal_x": OUTWARD[0], "normal_y": OUTWARD[1], "normal_z": OUTWARD[2],
+    }  # fmt: skip
+
+
+def tables(made: Made) -> dict[str, pa.Table]:
+    """The five tables that evaluation reads."""
+    photos, poses = [], []
+    for name in made.centres_true_m:
+        photos.append(
+            {
+                "photo_id": name, "sha256": name, "bytes": 1, "photo_outcome": "accepted", "image_width_px": WIDTH,
+                "image_height_px": HEIGHT, "prior_source": "none", "prior_height_datum": "unknown",
+            }
+        )  # fmt: skip
+        pose: dict[str, Any] = {
+            "photo_id": name, "pose_source": "unlocalised", "image_width_px": WIDTH, "image_height_px": HEIGHT,
+            "tie_points": 0,
+        }  # fmt: skip
+        if name not in made.unlocalised:
+            x, y, z = made.centres_found_m[name]
+            pose |= {"pose_source": "sfm", "x_site_m": x, "y_site_m": y, "z_site_m": z, **QUATERNION}
+            pose |= {"fx_px": FOCAL, "fy_px": FOCAL, "cx_px": WIDTH / 2, "cy_px": HEIGHT / 2}
+            pose |= dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
+        poses.append(pose)
+    detections, observations = [], []
+    for i, sighting in enumerate(made.sightings):
+        detection_id = f"{sighting.photo}#{i}"
+        x, y = sighting.box_centre_px
+        detections.append(
+            {
+                "detection_id": detection_id, "photo_id": sighting.photo, "source_annotation": str(i),
+                "detection_outcome": sighting.detection_outcome, "defect_class": "crack", "source_class": "crack",
+                "score": 1.0, "box_x_px": x - 20, "box_y_px": y - 15, "box_width_px": 40.0, "box_height_px": 30.0,
+                "detector": made.detector, "detector_sha256": "0",
+            }
+        )  # fmt: skip
+        observation: dict[str, Any] = {
+            "detection_id": detection_id, "photo_id": sighting.photo, "observation_outcome": sighting.outcome,
+            "defect_class": "crack", "target_share": 1.0,
+        }  # fmt: skip
+        if sighting.outcome == "registered":
+            observation |= _place(sighting.xyz_site_m)
+            observation |= {"gsd_mm": 5.0, "element_guid": sighting.element, "defect_id": sighting.defect}
+        observations.append(observation)
+    defects = [
+        {
+            "defect_id": name, "defect_class": "crack", "severity": "low", "severity_rule": "test",
+            **_place(xyz), "width_m": 0.2, "height_m": 0.2, "area_m2": 0.04, "spread_m": 0.0, "sightings": 1,
+            "score": 1.0, "best_photo_id": "a", "element_guid": "wall", "ifc_class": "IfcWall", "facade": "S", "geometry": b"",
+        }
+        for name, xyz in made.defects_m.items()
+    ]  # fmt: skip
+    rows = {
+        "photos": photos,
+        "poses": poses,
+        "detections": detections,
+        "observations": observations,
+        "defects": defects,
+    }
+    return {name: table_of_rows(name, content) for name, content in rows.items()}
+
+
+def write_truth(folder: Path, made: Made) -> Path:
+    """A truth folder whose site columns are of another origin: only EPSG:4979 may be read."""
+    folder.mkdir(exist_ok=True)
+
+    def geo(xyz: Array) -> list[Any]:
+        elsewhere = [value + 40.0 for value in xyz]
+        return [*elsewhere, *(repr(float(value)) for value in ORIGIN.geo_from_site(xyz[None])[0])]
+
+    position = ["x_site_m", "y_site_m", "z_site_m", "lon_deg", "lat_deg", "height_ellipsoidal_m"]
+    write_csv(folder / "cameras.csv", ["image", *position], [[n, *geo(xyz)] for n, xyz in made.centres_true_m.items()])
+    points = [[n, *geo(xyz), "wall"] for n, xyz in made.points_true_m.items()]
+    write_csv(folder / "checkpoints.csv", ["id", *position, "element_guid"], points)
+    shown = [["boxes.json", i, s.shows or "off_target"] for i, s in enumerate(made.sightings)]
+    write_csv(folder / "detections.csv", ["file", "annotation_id", "checkpoint_id"], shown)
+    return folder
+
+
+def write_csv(path: Path, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(columns)
+        writer.writerows(rows)
