@@ -32,7 +32,7 @@ def in_lon_lat(outline: shapely.Geometry, level_m: float, origin: SiteOrigin) ->
 
 
 def horizontal_distance(building: BuildingModel) -> Callable[[Array], Array]:
-    """A function of places (n, 2: lon_deg, lat_deg) that gives their distance (n,) in metres from the building's plan."""
+    """A function of places (n, 2: lon_deg, lat_deg): their distance (n,) in metres from the building's plan."""
     plan = outline_of(building.vertices_site_m[building.triangles])
     shapely.prepare(plan)
 

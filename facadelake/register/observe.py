@@ -77,7 +77,7 @@ def _row(detection: Row, outcome: ObservationOutcome, target_share: float, **fou
 
 
 def _rays(batch: Sequence[Row], posed: Mapping[str, PosedCamera], side: int) -> tuple[Array, Array]:
-    """Origins and directions of every box's ``side`` x ``side`` pixels, box after box; ``batch`` comes by photograph."""
+    """Origins and directions of each box's ``side`` x ``side`` pixels, box after box; ``batch`` comes by photograph."""
     share = np.linspace(0, 1, side)
     grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
     names = [row["photo_id"] for row in batch]

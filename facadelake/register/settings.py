@@ -28,7 +28,8 @@ class RegisterSettings:
             raise InputDataError(f"rays_per_side is {self.rays_per_side}; it must be an odd number of 3 or more")
         if not (0 < self.grazing_above_deg <= 90 and 0 <= self.target_share_min <= 1 and self.step_m > 0):
             raise InputDataError(
-                f"registration settings {self} are out of range: grazing_above_deg 0..90, target_share_min 0..1, step_m > 0"
+                f"registration settings {self} are out of range: grazing_above_deg 0..90, target_share_min 0..1, "
+                "step_m above 0"
             )
 
 
@@ -38,8 +39,8 @@ class MergeSettings:
 
     ``size_share``: one sigma of where a detector puts a box's centre, as a share of the patch's extent.
     ``floor_m``: one sigma of what is left of the pose; no gate is narrower. ``relief_m``: one sigma of how far the
-    real surface stands off the model's. ``gate_sigma``: the normalised distance within which two sightings may be one (3.03: 99 %
-    in the plane of the surface). ``ceiling_m``: no two sightings further apart than this, or than half their extents
+    real surface stands off the model's. ``gate_sigma``: the normalised distance within which two sightings may be one
+    (3.03: 99 % in the plane of the surface). ``ceiling_m``: no two sightings further apart than this, or than half their extents
     together, are one. ``agreement``: share of the pairs between two groups that must lie in the gate to join them.
     """
 
