@@ -111,7 +111,8 @@ def tables(made: Made) -> dict[str, pa.Table]:
         {
             "defect_id": name, "defect_class": "crack", "severity": "low", "severity_rule": "test",
             **_place(xyz), "width_m": 0.2, "height_m": 0.2, "area_m2": 0.04, "spread_m": 0.0, "sightings": 1,
-            "score": 1.0, "best_photo_id": "a", "element_guid": "wall", "ifc_class": "IfcWall", "facade": "S", "geometry": b"",
+            "score": 1.0, "best_photo_id": "a", "element_guid": "wall", "ifc_class": "IfcWall", "facade": "S",
+            "geometry": b"",
         }
         for name, xyz in made.defects_m.items()
     ]  # fmt: skip
