@@ -9,7 +9,8 @@ from __future__ import annotations
 from schemas.columns import GEO_CRS
 from schemas.tables import TABLES, Table
 
-HEADER = """-- The first tables, made from schemas/ by `python -m schemas.ddl`. Never edit an applied migration: add the next.
+HEADER = """-- The first tables, made from schemas/ by `python -m schemas.ddl`.
+-- Never edit a migration that a lake outside has seen: add the next one.
 """
 
 

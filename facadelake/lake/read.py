@@ -10,18 +10,9 @@ import pyarrow as pa
 from facadelake.errors import SchemaError, StoreError
 from facadelake.lake.connect import reading, store_errors
 from facadelake.lake.migrate import refuse_newer, schema_version
+from facadelake.lake.sqlfiles import statements
 from schemas.columns import Kind
 from schemas.tables import SCHEMA_VERSION, TABLES
-
-VERSIONS = """
-SELECT snapshot_id AS version, snapshot_time AS committed_at,
-       json_extract_string(commit_extra_info, '$.building_id') AS building_id,
-       json_extract_string(commit_extra_info, '$.campaign_id') AS campaign_id,
-       json_extract_string(commit_extra_info, '$.run_id') AS run_id
-FROM ducklake_snapshots('lake')
-WHERE commit_extra_info IS NOT NULL
-ORDER BY snapshot_id
-"""
 
 
 def check_version(connection: duckdb.DuckDBPyConnection, lake: Path) -> None:
@@ -71,7 +62,8 @@ def versions(lake: Path) -> pa.Table:
     with reading(lake) as connection:
         check_version(connection, lake)
         with store_errors(f"reading the versions of the lake {lake}", "check that the lake's files are whole"):
-            rows = connection.execute(VERSIONS).to_arrow_table()
+            view = next(view for view in statements("views") if view.name == "versions")
+            rows = connection.execute(f"SELECT * FROM ({view.sql}) ORDER BY version").to_arrow_table()
     return rows.cast(
         pa.schema(
             [

@@ -1,4 +1,5 @@
--- The first tables, made from schemas/ by `python -m schemas.ddl`. Never edit an applied migration: add the next.
+-- The first tables, made from schemas/ by `python -m schemas.ddl`.
+-- Never edit a migration that a lake outside has seen: add the next one.
 
 -- buildings: one row per building in a campaign
 CREATE TABLE buildings (

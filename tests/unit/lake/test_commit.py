@@ -85,7 +85,9 @@ def test_failure_half_way_leaves_the_version_before(tmp_path: Path, monkeypatch:
         insert(connection, kind, table)
 
     monkeypatch.setattr(commit_module, "insert", failing)
-    with pytest.raises(StoreError, match=r"committing tower 2026-04 .* No space left .* nothing of this run was written"):
+    with pytest.raises(
+        StoreError, match=r"committing tower 2026-04 .* No space left .* nothing of this run was written"
+    ):
         commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=9)
     monkeypatch.undo()
     assert versions(tmp_path)["version"].to_pylist() == [first.version]

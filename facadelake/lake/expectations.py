@@ -1,0 +1,131 @@
+"""The checks before a commit: Great Expectations on each table, SQL across tables; results are rows, nothing raises."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import duckdb
+import pyarrow as pa
+
+import facadelake.quiet
+from facadelake.errors import SchemaError, StoreError
+from facadelake.lake.connect import bare_connection
+from facadelake.lake.sqlfiles import Statement, statements
+from facadelake.tables import stage_schema, table_of_rows
+from schemas.expectations import Expectation, expectations
+from schemas.tables import TABLES
+
+CHECKED = tuple(name for name in TABLES if name != "checks")
+EXAMPLES = 5  # unexpected values or rows kept in a result's detail
+
+
+def validate(tables: Mapping[str, pa.Table]) -> pa.Table:
+    """Check all stage tables but ``checks`` and return the table ``checks`` (stage form), a row per expectation.
+
+    Raises SchemaError where a table is missing or has other columns or types than schemas/; values are results.
+    """
+    for name in CHECKED:
+        if name not in tables:
+            raise SchemaError(f"table {name} is missing from the campaign; the checks need all of {', '.join(CHECKED)}")
+        if not tables[name].schema.equals(stage_schema(name)):
+            raise SchemaError(
+                f"table {name} has the columns {tables[name].schema.to_string()}; "
+                f"schemas/ wants {stage_schema(name).to_string()}"
+            )
+    return table_of_rows("checks", [*_each_table(tables), *across_tables(tables)])
+
+
+def failures(checks: pa.Table) -> pa.Table:
+    """The rows of ``checks`` that were not met."""
+    return checks.filter(pa.compute.invert(checks.column("passed")))
+
+
+def failure_text(checks: pa.Table) -> str:
+    """The failures for people, one a line: table, column, expectation, how many rows, what was found."""
+    lines = []
+    for row in failures(checks).to_pylist():
+        place = f"{row['table_name']}.{row['column_name']}" if row["column_name"] else row["table_name"]
+        lines.append(f"{place}: {row['expectation']}, {row['unexpected']} unexpected, {row['detail']}")
+    return "\n".join(lines)
+
+
+def _each_table(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
+    facadelake.quiet.silence()
+    # Great Expectations takes seconds to import; only a run that validates pays for it.
+    import great_expectations as gx
+    from great_expectations.data_context.types.base import ProgressBarsConfig
+
+    context = gx.get_context(mode="ephemeral")
+    context.variables.progress_bars = ProgressBarsConfig(globally=False, metric_calculations=False)
+    source = context.data_sources.add_pandas("stage")
+    rows = []
+    for name in CHECKED:
+        frame = tables[name].drop_columns(list(TABLES[name].geometry_columns)).to_pandas()
+        batch = (
+            source.add_dataframe_asset(name)
+            .add_batch_definition_whole_dataframe("all")
+            .get_batch(batch_parameters={"dataframe": frame})
+        )
+        wanted = expectations(TABLES[name])
+        suite = gx.ExpectationSuite(
+            name=name, expectations=[_great(gx.expectations, one, n) for n, one in enumerate(wanted)]
+        )
+        outcome: Any = batch.validate(
+            suite, result_format={"result_format": "BASIC", "partial_unexpected_count": EXAMPLES}
+        )
+        results = {result.expectation_config.meta["number"]: result for result in outcome.results}
+        rows += [_row(name, one, results[number]) for number, one in enumerate(wanted)]
+    return rows
+
+
+def _great(library: Any, expectation: Expectation, number: int) -> Any:
+    """The expectation as an object of Great Expectations; its number finds its result again."""
+    kind = getattr(library, "".join(word.title() for word in expectation.name.split("_")))
+    columns: dict[str, Any] = {}
+    if len(expectation.columns) == 1:
+        columns = {"column": expectation.columns[0]}
+    elif expectation.columns:
+        columns = {"column_list": list(expectation.columns)}
+    return kind(**columns, **expectation.settings, meta={"number": number})
+
+
+def _row(table: str, expectation: Expectation, result: Any) -> dict[str, Any]:
+    outcome = result.result
+    raised = result.exception_info.get("exception_message") if not result.success else None
+    found = outcome.get("partial_unexpected_list", outcome.get("observed_value", raised))
+    return {
+        "table_name": table,
+        "expectation": expectation.name,
+        "column_name": ", ".join(expectation.columns),
+        "passed": bool(result.success),
+        "unexpected": int(outcome.get("unexpected_count", 0 if result.success else 1)),
+        "detail": json.dumps({"expected": expectation.settings, "found": found}, default=str),
+    }
+
+
+def across_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
+    """Rows of ``checks`` from sql/checks, where any row found is a failure."""
+    connection = bare_connection("spatial")
+    try:
+        for name in CHECKED:
+            connection.register(name, tables[name])
+        return [_sql_row(connection, check) for check in statements("checks")]
+    finally:
+        connection.close()
+
+
+def _sql_row(connection: duckdb.DuckDBPyConnection, check: Statement) -> dict[str, Any]:
+    try:
+        bad = connection.execute(check.sql).to_arrow_table()
+    except duckdb.Error as error:
+        raise StoreError(f"the check sql/checks/{check.name}.sql cannot be run: {error}; correct the file") from error
+    return {
+        "table_name": check.table,
+        "expectation": f"sql:{check.name}",
+        "column_name": "",
+        "passed": len(bad) == 0,
+        "unexpected": len(bad),
+        "detail": json.dumps({"expected": check.meaning, "found": bad.slice(0, EXAMPLES).to_pylist()}, default=str),
+    }

@@ -1,0 +1,72 @@
+"""What a question may say: one SELECT over the lake's tables and views, and nothing that reaches a file.
+
+The attachment is read-only and DuckDB's external access is off, yet several table functions (``sqlite_scan``,
+``ST_Read``, ``ducklake_cleanup_old_files``) go around both; so the parsed statement is judged, too.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import duckdb
+
+from facadelake.errors import InputDataError
+
+# Table functions that make rows out of their arguments alone.
+FUNCTIONS = frozenset({"range", "generate_series", "unnest"})
+
+
+def refuse_unless_plain_select(connection: duckdb.DuckDBPyConnection, sql: str, tables: frozenset[str]) -> None:
+    """Raise InputDataError unless ``sql`` is one SELECT over ``tables`` (lower-case names), by DuckDB's own parser."""
+    row = connection.execute("SELECT json_serialize_sql(?::VARCHAR)", [sql]).fetchone()
+    parsed: dict[str, Any] = json.loads(row[0]) if row else {}
+    if parsed.get("error", True):
+        message = str(parsed.get("error_message", "it cannot be parsed"))
+        if parsed.get("error_type") == "not implemented":
+            message = "it is no SELECT"
+        raise InputDataError(f"the lake only answers a SELECT and this was refused ({message}): {_short(sql)}")
+    if len(parsed["statements"]) != 1:
+        raise InputDataError(f"one statement at a time; this holds {len(parsed['statements'])}: {_short(sql)}")
+    nodes = list(_objects(parsed))
+    known = tables | {
+        str(entry["key"]).lower() for node in nodes for entry in _entries(node.get("cte_map"))
+    }  # names given by WITH
+    for node in nodes:
+        _judge(node, known)
+
+
+def _judge(node: dict[str, Any], known: frozenset[str]) -> None:
+    if node.get("type") == "TABLE_FUNCTION":
+        name = str(node["function"].get("function_name", "")).lower()
+        if name not in FUNCTIONS:
+            raise InputDataError(f"the table function {name} may not be used in a question; ask the tables and views")
+    if node.get("type") in ("BASE_TABLE", "SHOW_REF") and node.get("table_name"):
+        catalog, schema = str(node.get("catalog_name", "")), str(node.get("schema_name", ""))
+        name = str(node["table_name"]).strip('"').lower()
+        ours = catalog.lower() in ("", "lake") and schema.lower() in ("", "main", "lake")
+        if node["type"] == "SHOW_REF" and name in ("__show_tables_expanded", "tables", "databases"):
+            return
+        if not ours or name not in known:
+            full = ".".join(part for part in (catalog, schema, str(node["table_name"])) if part)
+            raise InputDataError(f"there is no table {full} in the lake; there are {', '.join(sorted(known))}")
+
+
+def _objects(value: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(value, dict):
+        yield value
+        for part in value.values():
+            yield from _objects(part)
+    elif isinstance(value, list):
+        for part in value:
+            yield from _objects(part)
+
+
+def _entries(cte_map: Any) -> list[dict[str, Any]]:
+    return cte_map["map"] if isinstance(cte_map, dict) else []
+
+
+def _short(sql: str) -> str:
+    words = " ".join(sql.split())
+    return words if len(words) <= 120 else words[:117] + "..."

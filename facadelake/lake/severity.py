@@ -1,0 +1,97 @@
+"""Severity by rule packs: one SELECT a file over ``defects``, giving defect_id and severity; versions are new files.
+
+Every scheme has its own words (FISP's UNSAFE, SWARMP, SAFE): the header's ``-- severities:`` lists them, worst first.
+"""
+
+from __future__ import annotations
+
+import re
+from contextlib import closing
+from pathlib import Path
+
+import duckdb
+import pyarrow as pa
+
+from facadelake.errors import InputDataError, SchemaError
+from facadelake.lake.connect import bare_connection
+from facadelake.lake.guard import refuse_unless_plain_select
+
+RULES = Path(__file__).resolve().parents[2] / "data" / "severity"
+_SEVERITIES = re.compile(r"^-- severities: (.+)$", re.MULTILINE)
+_NAME = re.compile(r"[a-z][a-z0-9_]*_v[0-9]+")
+
+
+def rule_file(name: str, folder: Path = RULES) -> Path:
+    """The file of rule pack ``name`` such as ``extent_v1``. Raises InputDataError, naming those there are."""
+    path = folder / f"{name}.sql"
+    if not _NAME.fullmatch(name) or not path.is_file():
+        there = ", ".join(sorted(found.stem for found in folder.glob("*_v*.sql"))) or "none"
+        raise InputDataError(f"there is no severity rule pack {name} in {folder}; there are {there}")
+    return path
+
+
+def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
+    """The defects with ``severity`` and ``severity_rule`` (the file's name) filled by the rule pack.
+
+    The columns severity and severity_rule may be absent or hold anything before; the others keep their order.
+    Raises InputDataError for a rule that is no plain SELECT over ``defects``; SchemaError where it leaves a defect
+    without a severity, grades one twice or one that does not exist, or gives a word that is none of its severities.
+    """
+    try:
+        rule = rule_file.read_text("utf-8")
+    except OSError as error:
+        raise InputDataError(f"the severity rule {rule_file} cannot be read: {error}") from error
+    words = _words(rule, rule_file.name)
+    given = defects.drop_columns([name for name in ("severity", "severity_rule") if name in defects.column_names])
+    with closing(bare_connection()) as connection:
+        refuse_unless_plain_select(connection, rule, frozenset({"defects"}))
+        connection.register("defects", given)
+        connection.execute("SET enable_external_access = false")
+        try:
+            graded = connection.execute(
+                f"SELECT defect_id, severity FROM ({rule.rstrip().rstrip(';')}\n)"
+            ).to_arrow_table()
+        except duckdb.Error as error:
+            raise InputDataError(f"the severity rule {rule_file.name} cannot be run: {error}") from error
+    return _filled(defects, graded, rule_file.stem, words)
+
+
+def _words(rule: str, name: str) -> list[str]:
+    found = _SEVERITIES.search(rule)
+    if found is None:
+        raise InputDataError(f"the severity rule {name} does not say '-- severities: worst, ..., least'; add that line")
+    return [word.strip() for word in found[1].split(",")]
+
+
+def _filled(defects: pa.Table, graded: pa.Table, rule: str, words: list[str]) -> pa.Table:
+    ids = graded.column("defect_id").to_pylist()
+    severities = dict(zip(ids, graded.column("severity").to_pylist(), strict=True))
+    wanted = defects.column("defect_id").to_pylist()
+    faults = {
+        "defects without a severity": [one for one in wanted if severities.get(one) is None],
+        "defects graded twice": sorted({one for one in ids if ids.count(one) > 1})
+        if len(ids) > len(severities)
+        else [],
+        "defects that do not exist": sorted(severities.keys() - set(wanted)),
+        f"severities that are none of {', '.join(words)}": sorted(
+            {str(word) for word in severities.values() if word is not None and word not in words}
+        ),
+    }
+    for fault, examples in faults.items():
+        if examples:
+            raise SchemaError(
+                f"the severity rule {rule} gives {len(examples)} {fault}, such as {examples[0]!r}; "
+                "correct it in a new version of the file"
+            )
+    columns = {
+        "severity": pa.array([severities[one] for one in wanted], pa.string()),
+        "severity_rule": pa.array([rule] * len(wanted), pa.string()),
+    }
+    table = defects
+    for name, values in columns.items():
+        field = pa.field(name, pa.string(), nullable=False)
+        if name in table.column_names:
+            table = table.set_column(table.column_names.index(name), field, values)
+        else:
+            table = table.append_column(field, values)
+    return table

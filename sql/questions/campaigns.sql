@@ -1,0 +1,22 @@
+-- grain: campaign
+-- meaning: what is in the lake: each campaign with its counts, its control and the version that holds it
+-- $building_id: the building; left out, all of them
+SELECT
+    c.building_id,
+    c.campaign_id,
+    c.captured_from,
+    c.photos_total,
+    c.photos_localised,
+    c.detections_total,
+    c.defects_total,
+    g.control,
+    g.residual_rmse_m,
+    r.run_id,
+    r.finished_at,
+    v.version
+FROM campaigns AS c
+JOIN georeference AS g USING (building_id, campaign_id)
+JOIN runs AS r USING (building_id, campaign_id)
+LEFT JOIN versions AS v ON v.run_id = r.run_id AND v.building_id = c.building_id AND v.campaign_id = c.campaign_id
+WHERE ($building_id::VARCHAR IS NULL OR c.building_id = $building_id)
+ORDER BY c.building_id, c.campaign_id

@@ -1,0 +1,7 @@
+-- grain: commit
+-- meaning: which run made which version of the lake, the newest first
+-- $building_id: the building; left out, all of them
+SELECT version, committed_at, building_id, campaign_id, run_id
+FROM versions
+WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)
+ORDER BY version DESC

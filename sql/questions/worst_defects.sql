@@ -1,0 +1,32 @@
+-- grain: defect
+-- meaning: the defects to look at first: by severity, then by their largest extent
+-- $building_id: the building; left out, all of them
+-- $campaign_id: the campaign; left out, all of them
+-- $limit: rows at most; left out, 20
+SELECT
+    building_id,
+    campaign_id,
+    defect_id,
+    defect_class,
+    severity,
+    severity_rule,
+    round(greatest(width_m, height_m), 3) AS extent_m,
+    round(area_m2, 4) AS area_m2,
+    sightings,
+    score,
+    ifc_class,
+    element_name,
+    storey,
+    facade,
+    lon_deg,
+    lat_deg,
+    height_ellipsoidal_m,
+    best_photo_id
+FROM defects
+WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)
+  AND ($campaign_id::VARCHAR IS NULL OR campaign_id = $campaign_id)
+ORDER BY
+    CASE severity WHEN 'severe' THEN 1 WHEN 'moderate' THEN 2 WHEN 'minor' THEN 3 ELSE 4 END,
+    extent_m DESC,
+    defect_id
+LIMIT coalesce($limit::BIGINT, 20)

@@ -1,0 +1,55 @@
+"""Each question of sql/questions has a right answer."""
+
+from pathlib import Path
+
+import pytest
+
+from facadelake.lake.question import ask, list_questions
+from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN
+from tests.unit.lake.test_commit import commit
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("lake")
+    commit(folder, defects=4, sightings=2)
+    commit(folder, campaign_id="2026-10", defects=1, sightings=1)
+    return folder
+
+
+@pytest.mark.parametrize("question", list_questions(), ids=lambda question: question.name)
+def test_every_named_question_has_an_answer(lake: Path, question) -> None:
+    every = ask(lake, question.name)
+    assert question.grain
+    if question.name != "failed_checks":
+        assert len(every) > 0
+    if any(parameter.name == "campaign_id" for parameter in question.parameters):
+        one = ask(lake, question.name, {"building_id": BUILDING, "campaign_id": CAMPAIGN})
+        assert set(one["campaign_id"].to_pylist()) <= {CAMPAIGN}
+    assert len(ask(lake, question.name, {"building_id": "nobody's"})) == 0
+
+
+def test_answers_are_right(lake: Path) -> None:
+    here = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
+    storeys = ask(lake, "defects_by_storey", here).to_pylist()
+    assert {(r["storey"], r["defect_class"], r["defects"]) for r in storeys} == {
+        ("Level 1", "crack", 2),
+        ("Level 1", "spalling", 1),
+        ("Level 1", "moisture", 1),
+    }
+    outcomes = ask(lake, "detections_by_outcome", here).to_pylist()
+    assert {
+        (r["stage"], r["outcome"]): r["detections"] for r in outcomes if r["class"] in ("moisture", "graffiti")
+    } == {
+        ("register", "registered"): 2,
+        ("detect", "unknown_class"): 1,
+    }
+    assert ask(lake, "photographs_rejected", here)["reason"].to_pylist() == ["0 bytes"]
+    assert len(ask(lake, "worst_defects", {**here, "limit": 2})) == 2
+    both = ask(lake, "campaigns").to_pylist()
+    assert [(r["campaign_id"], r["defects_total"], r["run_id"]) for r in both] == [
+        (CAMPAIGN, 4, "run-1"),
+        ("2026-10", 1, "run-1"),
+    ]
+    assert both[0]["version"] < both[1]["version"]
+    assert len(ask(lake, "campaigns", as_of=both[0]["version"])) == 1
