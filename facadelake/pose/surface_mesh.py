@@ -170,7 +170,8 @@ def _badness(delaunay: Delaunay) -> Array:
     # The neighbour's facet towards this tetrahedron is the one whose neighbour this is.
     back = np.argmax(delaunay.neighbors[neighbour] == np.repeat(np.arange(len(corners)), 4)[:, None], axis=1)
     theirs = cosine[neighbour, back]
-    return 1.0 - np.clip(np.minimum(mine, theirs), -1.0, 1.0)
+    badness: Array = 1.0 - np.clip(np.minimum(mine, theirs), -1.0, 1.0)
+    return badness
 
 
 def _between(delaunay: Delaunay, free: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -188,4 +189,5 @@ def _between(delaunay: Delaunay, free: NDArray[np.bool_]) -> NDArray[np.int64]:
 def _without_long(points: Array, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     edges = np.linalg.norm(points[triangles] - points[np.roll(triangles, 1, axis=1)], axis=2).max(axis=1)
     limit = _LONGEST_EDGE_FACTOR * np.percentile(edges, _EDGE_PERCENTILE) if len(edges) else 0.0
-    return triangles[edges <= limit]
+    kept: NDArray[np.int64] = triangles[edges <= limit]
+    return kept
