@@ -15,26 +15,29 @@ from facadelake.lake.connect import bare_connection
 from facadelake.lake.sqlfiles import Statement, statements
 from facadelake.tables import stage_schema, table_of_rows
 from schemas.expectations import Expectation, expectations
-from schemas.tables import TABLES
+from schemas.tables import RUN_KEYS, TABLES
 
 CHECKED = tuple(name for name in TABLES if name != "checks")
 EXAMPLES = 5  # unexpected values or rows kept in a result's detail
 
 
 def validate(tables: Mapping[str, pa.Table]) -> pa.Table:
-    """Check all stage tables but ``checks`` and return the table ``checks`` (stage form), a row per expectation.
+    """Check all tables but ``checks`` and return the table ``checks`` (stage form), a row per expectation.
 
-    Raises SchemaError where a table is missing or has other columns or types than schemas/; values are results.
+    The tables may have their run keys or not. Raises SchemaError where a table is missing or has other columns or
+    types than schemas/; bad values are results.
     """
+    stage = {}
     for name in CHECKED:
         if name not in tables:
             raise SchemaError(f"table {name} is missing from the campaign; the checks need all of {', '.join(CHECKED)}")
-        if not tables[name].schema.equals(stage_schema(name)):
+        stage[name] = tables[name].drop_columns([key for key in RUN_KEYS if key in tables[name].column_names])
+        if not stage[name].schema.equals(stage_schema(name)):
             raise SchemaError(
-                f"table {name} has the columns {tables[name].schema.to_string()}; "
+                f"table {name} has the columns {stage[name].schema.to_string()}; "
                 f"schemas/ wants {stage_schema(name).to_string()}"
             )
-    return table_of_rows("checks", [*_each_table(tables), *across_tables(tables)])
+    return table_of_rows("checks", [*_each_table(stage), *across_tables(stage)])
 
 
 def failures(checks: pa.Table) -> pa.Table:

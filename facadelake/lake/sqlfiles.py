@@ -18,22 +18,14 @@ _LINE = re.compile(r"^-- (\$?\w+): (.*\S)\s*$")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """A bound parameter of a statement, without its dollar."""
-
-    name: str
-    meaning: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class Statement:
-    """One SQL file; ``table`` is what a check looks at, "" elsewhere."""
+    """One SQL file; ``parameters`` without their dollar; ``table`` is what a check looks at, "" elsewhere."""
 
     name: str
     grain: str
     meaning: str
     table: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[str, ...]
     sql: str
 
 
@@ -54,7 +46,7 @@ def read_statement(path: Path) -> Statement:
         grain=header["grain"],
         meaning=header["meaning"],
         table=header.get("table", ""),
-        parameters=tuple(Parameter(name=k[1:], meaning=v) for k, v in header.items() if k.startswith("$")),
+        parameters=tuple(word[1:] for word in header if word.startswith("$")),
         sql=text,
     )
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.lake.question import ask, list_questions
+from facadelake.lake.questions import ask, list_questions
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN
 from tests.unit.lake.test_commit import commit
 
@@ -23,7 +23,7 @@ def test_every_named_question_has_an_answer(lake: Path, question) -> None:
     assert question.grain
     if question.name != "failed_checks":
         assert len(every) > 0
-    if any(parameter.name == "campaign_id" for parameter in question.parameters):
+    if "campaign_id" in question.parameters:
         one = ask(lake, question.name, {"building_id": BUILDING, "campaign_id": CAMPAIGN})
         assert set(one["campaign_id"].to_pylist()) <= {CAMPAIGN}
     assert len(ask(lake, question.name, {"building_id": "nobody's"})) == 0

@@ -12,7 +12,7 @@ from facadelake.lake.expectations import CHECKED, failure_text, failures, valida
 from facadelake.lake.sqlfiles import statements
 from facadelake.tables import stage_schema
 from schemas.tables import RUN_KEYS, TABLES
-from tests.unit.lake.small_campaign import rows, stage_tables
+from tests.unit.lake.small_campaign import lake_tables, rows, stage_tables
 from tests.unit.lake.test_commit import REPOSITORY
 
 
@@ -34,7 +34,7 @@ def test_good_campaign_passes_in_silence() -> None:
 
 
 def test_results_are_a_row_per_expectation_of_every_table() -> None:
-    checks = validate(stage_tables())
+    checks = validate(lake_tables())
     assert set(checks["table_name"].to_pylist()) == set(CHECKED)
     keys = checks.select([name for name in TABLES["checks"].key if name not in RUN_KEYS]).to_pylist()
     assert len({tuple(key.values()) for key in keys}) == len(keys) > 200

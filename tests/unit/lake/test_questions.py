@@ -6,7 +6,8 @@ import pytest
 
 from facadelake.errors import InputDataError, StoreError
 from facadelake.lake.connect import extension_file
-from facadelake.lake.question import ask, query
+from facadelake.lake.questions import ask
+from facadelake.lake.read import query
 from facadelake.lake.sqlfiles import read_statement
 from tests.unit.lake.small_campaign import CAMPAIGN
 from tests.unit.lake.test_commit import commit

@@ -1,0 +1,36 @@
+"""The named questions of sql/questions/, each asked with bound parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pyarrow as pa
+
+from facadelake.errors import InputDataError
+from facadelake.lake.read import Value, query
+from facadelake.lake.sqlfiles import Statement, statements
+
+
+def list_questions() -> tuple[Statement, ...]:
+    """The named questions, each with its grain, meaning and parameters."""
+    return statements("questions")
+
+
+def ask(lake: Path, name: str, parameters: Mapping[str, Value] | None = None, *, as_of: int | None = None) -> pa.Table:
+    """The answer to a named question; a parameter left out is NULL, which the question's header explains.
+
+    Raises InputDataError for an unknown question or parameter.
+    """
+    known = {question.name: question for question in list_questions()}
+    if name not in known:
+        raise InputDataError(f"there is no question {name}; there are {', '.join(known)}")
+    question = known[name]
+    given = dict(parameters or {})
+    allowed = question.parameters
+    strange = sorted(given.keys() - set(allowed))
+    if strange:
+        raise InputDataError(
+            f"question {name} has no parameter {', '.join(strange)}; it has {', '.join(allowed) or 'none'}"
+        )
+    return query(lake, question.sql, {key: given.get(key) for key in allowed}, as_of=as_of)
