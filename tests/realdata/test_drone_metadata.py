@@ -1,0 +1,54 @@
+"""Metadata of photographs that real drones and phones wrote."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from facadelake.photo.ingest import ingest_photographs
+
+pytestmark = pytest.mark.realdata
+
+
+def rows_of(folder: Path) -> list[dict[str, Any]]:
+    """Rows of table `photos`."""
+    return ingest_photographs(folder, distance_to_model_m=None, close_range_below_m=10.0).to_pylist()
+
+
+def test_full_xmp_without_position_takes_the_position_from_exif(shared_data: Path) -> None:
+    """FC300S: attitude and altitude in XMP, latitude and longitude (west) in EXIF alone; the file is an MPO."""
+    first = rows_of(shared_data / "drone" / "brighton_beach")[0]
+    assert (first["photo_outcome"], first["prior_source"], first["camera_model"]) == ("accepted", "exif", "FC300S")
+    assert first["prior_lat_deg"] == pytest.approx(46 + 50 / 60 + 33.3855 / 3600, rel=0, abs=1e-9)  # deg
+    assert first["prior_lon_deg"] == pytest.approx(-(91 + 59 / 60 + 40.4156 / 3600), rel=0, abs=1e-9)  # deg
+    assert (first["prior_height_m"], first["prior_height_datum"]) == (198.31, "unknown")
+    assert (first["prior_yaw_deg"], first["prior_pitch_deg"], first["prior_roll_deg"]) == (45.0, -89.9, 0.0)
+    assert (first["prior_sigma_horizontal_m"], first["rtk_flag"]) == (3.0, None)
+
+
+def test_rtk_fix_brings_its_own_sigma_and_an_ellipsoidal_height(shared_data: Path) -> None:
+    by_name = {row["photo_id"]: row for row in rows_of(shared_data / "drone" / "mirafiori_rtk")}
+    row = by_name["DJI_0020.JPG"]
+    assert (row["rtk_flag"], row["prior_source"], row["prior_height_datum"]) == (50, "xmp", "ellipsoidal")
+    assert (row["prior_sigma_horizontal_m"], row["prior_sigma_vertical_m"]) == (0.0141, 0.02096)
+    assert (row["prior_lat_deg"], row["prior_lon_deg"], row["prior_height_m"]) == (45.03158591, 7.62050179, 349.59)
+    # 1913.333 px calibrated, 1600 x 1300 px: 1913.333 * 43.2666 / 2061.55
+    assert row["focal_length_35mm_mm"] == pytest.approx(40.156, rel=0, abs=0.001)  # mm
+    assert {row["rtk_flag"] for row in by_name.values()} == {50}
+
+
+def test_handheld_street_photographs_have_a_position_and_no_attitude(shared_data: Path) -> None:
+    rows = rows_of(shared_data / "drone" / "lund_street")
+    assert len(rows) == 29
+    assert {(row["photo_outcome"], row["prior_source"], row["prior_height_datum"]) for row in rows} == {
+        ("accepted", "exif", "unknown")
+    }
+    assert all(row["prior_yaw_deg"] is None for row in rows)
+    assert all(55.6 < row["prior_lat_deg"] < 55.8 and 13.1 < row["prior_lon_deg"] < 13.3 for row in rows)
+    assert {row["prior_sigma_horizontal_m"] for row in rows} == {5.0}
+
+
+def test_an_oblique_view_looks_at_the_horizon(shared_data: Path) -> None:
+    (row,) = rows_of(shared_data / "drone" / "mmd_oblique")
+    assert (row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"]) == (47.8, 0.0, 0.0)
+    assert row["prior_height_m"] == 14.4
