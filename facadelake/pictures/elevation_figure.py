@@ -1,0 +1,183 @@
+"""The sheet round an elevation: axes in metres, storey lines, defects with their numbers, scale, legend, title."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon, Rectangle
+
+from facadelake.pictures.facades import Facade
+from facadelake.pictures.marks import Mark
+from facadelake.pictures.palette import class_colour, class_dashes
+from facadelake.pictures.placing import place_labels
+from facadelake.pictures.rectify import RectifiedElevation
+from facadelake.pictures.relief import Picture
+from facadelake.pictures.storeys import StoreyLevel
+
+DPI = 150
+_MAX_WIDTH_PX, _MIN_HEIGHT_PX, _MAX_HEIGHT_PX = 2400, 820, 1800
+_LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.75, 1.35, 0.8, 0.95
+_MIN_AXES_IN = 4.6  # narrower facades leave no room for the title
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """What is written round every elevation of a campaign."""
+
+    building_name: str
+    campaign_id: str
+    control: str
+    storeys: tuple[StoreyLevel, ...]
+
+
+def draw_elevation(
+    scene: Scene, rectified: RectifiedElevation, background: Picture, marks: Sequence[Mark], covered: float
+) -> Figure:
+    """The finished sheet; ``background`` has the relief's cells, ``covered`` is the share photographs show."""
+    facade, (rows, columns) = rectified.relief.facade, rectified.relief.shape
+    scale = min(_MAX_WIDTH_PX / columns, _MAX_HEIGHT_PX / rows, max(1.0, _MIN_HEIGHT_PX / rows))
+    width_in, height_in = columns * scale / DPI, rows * scale / DPI
+    spare_in = max(0.0, _MIN_AXES_IN - width_in)
+    total_in = (_LEFT_IN + width_in + spare_in + _RIGHT_IN, _TOP_IN + height_in + _BOTTOM_IN)
+    figure = Figure(figsize=total_in, dpi=DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes(
+        (
+            (_LEFT_IN + spare_in / 2) / total_in[0],
+            _BOTTOM_IN / total_in[1],
+            width_in / total_in[0],
+            height_in / total_in[1],
+        )
+    )
+    zero = scene.storeys[0].z_site_m if scene.storeys else facade.v_min_m
+    width_m, low, high = (
+        columns * rectified.relief.cell_m,
+        facade.v_max_m - rows * rectified.relief.cell_m,
+        facade.v_max_m,
+    )
+    if scale < 1:
+        background = cv2.resize(
+            background, (round(columns * scale), round(rows * scale)), interpolation=cv2.INTER_AREA
+        ).astype(np.uint8)
+    axes.imshow(background, extent=(0.0, width_m, low - zero, high - zero), interpolation="nearest", aspect="auto")
+    axes.set_xlim(0.0, width_m)
+    axes.set_ylim(low - zero, high - zero)
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("metres along the facade, from its left as seen from outside", fontsize=8)
+    axes.set_ylabel(f"metres above {scene.storeys[0].name if scene.storeys else 'the lowest point'}", fontsize=8)
+    _storey_lines(axes, scene, zero, width_m)
+    _defects(axes, facade, marks, zero, px_per_m=scale / rectified.relief.cell_m)
+    _scale_bar(figure, axes, width_m, total_in)
+    _title(figure, scene, facade, marks, covered, rectified.relief.cell_m, total_in)
+    return figure
+
+
+def _storey_lines(axes: Axes, scene: Scene, zero: float, width_m: float) -> None:
+    low, high = axes.get_ylim()
+    for storey in scene.storeys:
+        level = storey.z_site_m - zero
+        if low <= level <= high:
+            axes.axhline(level, color="white", linewidth=1.6, alpha=0.7)
+            axes.axhline(level, color="#202020", linewidth=0.7, dashes=(8, 4))
+            axes.annotate(
+                f"{storey.name}\n{level:+.2f} m", (width_m, level), xytext=(5, 0), textcoords="offset points",
+                fontsize=7.5, va="bottom", annotation_clip=False,
+            )  # fmt: skip
+
+
+def _defects(axes: Axes, facade: Facade, marks: Sequence[Mark], zero: float, px_per_m: float) -> None:
+    if not marks:
+        return
+    outlines = []
+    for mark in marks:
+        uv = facade.uvw(mark.corners_site_m)[:, :2] - [facade.u_min_m, zero]
+        colour = class_colour(mark.defect_class)
+        axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor="white", linewidth=2.8))
+        axes.add_patch(
+            Polygon(
+                uv, closed=True, fill=False, edgecolor=colour, linewidth=1.5, linestyle=class_dashes(mark.defect_class)
+            )
+        )
+        outlines.append([*uv.min(axis=0), *uv.max(axis=0)])
+    boxes = np.array(outlines)
+    # A 6.5 point label: 13.5 px a line and 8.5 px a character at 150 dpi, with its frame.
+    sizes = np.array([[12 + 9.0 * len(mark.label), 18.0] for mark in marks]) / px_per_m
+    left, right = axes.get_xlim()
+    low, high = axes.get_ylim()
+    middles = place_labels(boxes * px_per_m, sizes * px_per_m, np.array([left, low, right, high]) * px_per_m) / px_per_m
+    for mark, box, middle, size in zip(marks, boxes, middles, sizes, strict=True):
+        colour = class_colour(mark.defect_class)
+        nearest = np.clip(middle, box[:2], box[2:])
+        if np.linalg.norm((nearest - middle) / size) > 0.75:
+            axes.plot(*np.array([nearest, middle]).T, color="white", linewidth=2.0, solid_capstyle="butt", zorder=3)
+            axes.plot(*np.array([nearest, middle]).T, color=colour, linewidth=0.8, zorder=3.1)
+        axes.text(
+            middle[0], middle[1], mark.label, fontsize=6.5, color="white", ha="center", va="center_baseline", zorder=4,
+            bbox={"boxstyle": "round,pad=0.18", "facecolor": colour, "edgecolor": "white", "linewidth": 0.6},
+        )  # fmt: skip
+
+
+def _scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float, float]) -> None:
+    """A bar of two halves under the axes, about a sixth of the facade long."""
+    length = next((n for n in (50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5) if n <= width_m / 4), 0.2)
+    box = axes.get_position()
+    per_m = box.width / width_m
+    right, y = box.x1, 0.32 / total_in[1]
+    for i, colour in enumerate(("#202020", "white")):
+        figure.add_artist(
+            Rectangle(
+                (right - length * per_m * (2 - i) / 2, y),
+                length * per_m / 2,
+                0.055 / total_in[1],
+                facecolor=colour,
+                edgecolor="#202020",
+                linewidth=0.7,
+            )
+        )
+    figure.text(right, y + 0.09 / total_in[1], f"{length:g} m", fontsize=8, ha="right", va="bottom")
+
+
+def _title(
+    figure: Figure, scene: Scene, facade: Facade, marks: Sequence[Mark], covered: float, cell_m: float,
+    total_in: tuple[float, float],
+) -> None:  # fmt: skip
+    left, height = 0.2 / total_in[0], total_in[1]
+    title = f"{_plain(scene.building_name)} — {facade.name} facade (faces {facade.azimuth_deg:.0f}°)"
+    figure.text(left, 1 - 0.18 / height, title, fontsize=12, weight="bold", va="top")
+    count = "no defects" if not marks else f"{len(marks)} defect{'s' if len(marks) != 1 else ''}"
+    figure.text(
+        left, 1 - 0.47 / height,
+        f"campaign {_plain(scene.campaign_id)} · control: {scene.control} · {count} · {1000 * cell_m:.0f} mm a cell · "
+        f"photographs show {100 * covered:.0f} %",
+        fontsize=8.5, va="top", color="#303030",
+    )  # fmt: skip
+    counts = Counter(mark.defect_class for mark in marks)
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=class_colour(name),
+            linestyle=class_dashes(name),
+            linewidth=2,
+            label=f"{name} ({counts[name]})",
+        )
+        for name in sorted(counts)
+    ]
+    if handles:
+        figure.legend(
+            handles=handles, loc="lower left", bbox_to_anchor=(left, 0.12 / height), ncols=len(handles), fontsize=8,
+            frameon=False, handlelength=2.2, columnspacing=1.4, borderaxespad=0.0,
+        )  # fmt: skip
+
+
+def _plain(text: str) -> str:
+    """Text that Matplotlib writes as it is: a pair of dollar signs would be taken for a formula."""
+    return text.replace("$", r"\$")

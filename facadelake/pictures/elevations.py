@@ -1,0 +1,103 @@
+"""Facade elevations: each main facade square-on, in metres, its photographs rectified, its defects on it."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.errors import InputDataError
+from facadelake.geobim.surface import Surface
+from facadelake.pictures.elevation_figure import DPI, Scene, draw_elevation
+from facadelake.pictures.facades import Facade, find_facades
+from facadelake.pictures.inspection import Inspection, PictureSettings
+from facadelake.pictures.marks import Mark, marks_of, marks_per_facade
+from facadelake.pictures.rectify import RectifiedElevation, rectify
+from facadelake.pictures.relief import Picture, cell_size_m, grey_drawing, look_square_on, openings_of, relief_edges
+from facadelake.pictures.storeys import storey_levels
+
+log = logging.getLogger(__name__)
+
+_THUMBNAIL_WIDTH_PX = 1200
+_BRIGHTEST = 1.8  # a darker facade is not brightened further
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Elevation:
+    """A drawn facade: its file, what is on it, the share of its surface that photographs show."""
+
+    path: Path
+    facade: Facade
+    marks: tuple[Mark, ...]
+    covered_share: float
+
+
+def facade_elevations(
+    inspection: Inspection, surface: Surface, folder: Path, settings: PictureSettings | None = None
+) -> list[Elevation]:
+    """Write ``elevation_<facade>.png`` into ``folder`` for each main facade; the largest comes first, and
+    a small copy of it is ``thumbnail_elevation.jpg``.
+
+    Photographs that cannot be read are left out with a warning; what no photograph shows is a grey drawing of the
+    model. Memory: one photograph, and about 60 bytes for each of a facade's cells.
+    """
+    settings = settings or PictureSettings()
+    building = inspection.building
+    marks = marks_of(inspection.defects)
+    facades = find_facades(
+        building, surface, inspection.posed, frozenset(mark.element_guid for mark in marks), settings
+    )
+    shown, nowhere = marks_per_facade(facades, marks, building)
+    if nowhere:
+        log.info("%d of %d defects lie on no drawn facade", len(nowhere), len(marks))
+    scene = Scene(
+        building_name=inspection.building_name,
+        campaign_id=inspection.campaign_id,
+        control=inspection.control,
+        storeys=tuple(storey_levels(building)),
+    )
+    reliefs = [look_square_on(facade, surface, cell_size_m(facade, settings)) for facade in facades]
+    photographs = {photo_id: inspection.photograph(photo_id) for photo_id in inspection.posed}
+    is_opening = openings_of(building)
+    elevations = []
+    for rectified, own in zip(rectify(reliefs, surface, inspection.posed, photographs, settings), shown, strict=True):
+        facade = rectified.relief.facade
+        path = folder / f"elevation_{facade.name.lower().replace(' ', '_')}.png"
+        background = compose(rectified, is_opening)
+        met = rectified.relief.element >= 0
+        covered = float((rectified.covered & met).sum() / max(int(met.sum()), 1))
+        draw_elevation(scene, rectified, background, own, covered).savefig(path, dpi=DPI)
+        elevations.append(Elevation(path=path, facade=facade, marks=tuple(own), covered_share=covered))
+    elevations.sort(key=lambda elevation: -elevation.facade.area_m2)
+    if elevations:
+        _thumbnail(elevations[0].path, folder / "thumbnail_elevation.jpg")
+    return elevations
+
+
+def _thumbnail(source: Path, path: Path) -> None:
+    """A small copy, for places that show a picture inline."""
+    sheet = cv2.imread(str(source))
+    if sheet is None:
+        raise InputDataError(f"the elevation {source} that was just written cannot be read; is the disk full?")
+    scale = min(1.0, _THUMBNAIL_WIDTH_PX / sheet.shape[1])
+    small = cv2.resize(sheet, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(path), small, [cv2.IMWRITE_JPEG_QUALITY, 85])
+
+
+def compose(rectified: RectifiedElevation, is_opening: NDArray[np.bool_]) -> Picture:
+    """Photographs over the grey model, brightened as a whole where they are dark, the model's edges drawn thin."""
+    picture = grey_drawing(rectified.relief, is_opening)
+    covered = rectified.covered
+    if covered.any():
+        light = float(np.quantile(rectified.picture[covered].max(axis=1), 0.98))
+        gain = min(max(245.0 / max(light, 1.0), 1.0), _BRIGHTEST)
+        picture[covered] = np.clip(rectified.picture[covered].astype(np.float32) * gain, 0, 255).astype(np.uint8)
+    edges = relief_edges(rectified.relief, is_opening)
+    over_photo, over_grey = edges & covered, edges & ~covered
+    picture[over_photo] = (0.45 * picture[over_photo]).astype(np.uint8)
+    picture[over_grey] = 110
+    return picture

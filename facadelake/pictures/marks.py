@@ -1,0 +1,91 @@
+"""Defects as outlines on a facade: which facade each belongs to, and its corners in the facade's plane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+
+from facadelake.frames import Array
+from facadelake.geobim.model import BuildingModel
+from facadelake.pictures.facades import Facade
+from facadelake.pictures.palette import short_ids
+
+_DEPTH_SLACK_M = 1.5  # a defect this far behind a facade's rearmost wall is not on it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mark:
+    """One defect: its corners (4, 3) in site at real size, its normal, and what is written beside it."""
+
+    defect_id: str
+    label: str
+    defect_class: str
+    severity: str
+    element_guid: str
+    centre_site_m: Array
+    corners_site_m: Array
+    normal_site: Array
+
+
+def marks_of(defects: pa.Table) -> list[Mark]:
+    """All defects of a table of kind ``defects``, in its order."""
+    labels = short_ids(defects.column("defect_id").to_pylist())
+    return [
+        Mark(
+            defect_id=row["defect_id"],
+            label=labels[row["defect_id"]],
+            defect_class=row["defect_class"],
+            severity=row["severity"],
+            element_guid=row["element_guid"],
+            centre_site_m=(centre := np.array([row["x_site_m"], row["y_site_m"], row["z_site_m"]])),
+            normal_site=(normal := np.array([row["normal_x"], row["normal_y"], row["normal_z"]])),
+            corners_site_m=_corners(centre, normal, row["width_m"], row["height_m"]),
+        )
+        for row in defects.to_pylist()
+    ]
+
+
+def _corners(centre: Array, normal: Array, width_m: float, height_m: float) -> Array:
+    """Corners (4, 3) of a rectangle in the surface's plane: width horizontal, height across it."""
+    across = np.cross([0.0, 0.0, 1.0], normal)
+    if np.linalg.norm(across) < 1e-6:  # a floor or ceiling: any horizontal direction is as good
+        across = np.array([1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across)
+    along = np.cross(normal, across)
+    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corners: Array = centre + signs @ np.array([across * width_m / 2, along * height_m / 2])
+    return corners
+
+
+def marks_per_facade(
+    facades: Sequence[Facade], marks: Sequence[Mark], building: BuildingModel
+) -> tuple[list[list[Mark]], list[Mark]]:
+    """The marks of each facade, and those on none (a floor slab's underside, a facade too small to be drawn).
+
+    A mark belongs to the facade of its element, else to the one it faces most squarely and lies within.
+    """
+    guids = building.elements.column("element_guid").to_pylist()
+    members = [frozenset(guids[row] for row in facade.elements) for facade in facades]
+    shown: list[list[Mark]] = [[] for _ in facades]
+    nowhere: list[Mark] = []
+    for mark in marks:
+        scores = [_belongs(mark, f, mark.element_guid in own) for f, own in zip(facades, members, strict=True)]
+        best = int(np.argmax(scores)) if scores else -1
+        if best >= 0 and scores[best] > 0:
+            shown[best].append(mark)
+        else:
+            nowhere.append(mark)
+    return shown, nowhere
+
+
+def _belongs(mark: Mark, facade: Facade, is_member: bool) -> float:
+    """How well a mark fits a facade; 0 or less where it cannot be shown on it."""
+    u, v, w = facade.uvw(mark.centre_site_m[None])[0]
+    inside = facade.u_min_m <= u <= facade.u_max_m and facade.v_min_m <= v <= facade.v_max_m
+    if not inside or not facade.far_w_m - _DEPTH_SLACK_M <= w <= facade.near_w_m:
+        return 0.0
+    square_on = float(mark.normal_site @ facade.axes_site[2])
+    return square_on - 0.3 + (2.0 if is_member else 0.0)

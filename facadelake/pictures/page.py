@@ -1,0 +1,133 @@
+"""Pieces of an HTML page: every text escaped, nothing from outside, readable in light, dark and on paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from urllib.parse import quote
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #1b1b1b; --soft: #5a5a5a; --ground: #ffffff; --line: #d5d5d5; --band: #f4f4f2;
+  --good: #00664a; --bad: #a32d00; }
+@media (prefers-color-scheme: dark) { :root { --ink: #ececec; --soft: #a9a9a9; --ground: #17181a; --line: #3c3d40;
+  --band: #212225; --good: #4fd1a5; --bad: #ff9466; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 1240px; padding: 1.2rem 1.4rem 3rem; background: var(--ground); color: var(--ink);
+  font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", Arial, sans-serif; }
+h1 { font-size: 1.7rem; margin: 0.4rem 0 0; } h2 { font-size: 1.2rem; margin: 2.2rem 0 0.6rem; }
+p.under { color: var(--soft); margin: 0.1rem 0 0; }
+nav { margin: 0.8rem 0; } nav a { margin-right: 1.1rem; } a { color: inherit; }
+.tiles { display: flex; flex-wrap: wrap; gap: 0.7rem; margin: 1rem 0; }
+.tile { border: 1px solid var(--line); border-radius: 6px; padding: 0.5rem 0.9rem; min-width: 8.5rem;
+  background: var(--band); }
+.tile b { display: block; font-size: 1.45rem; line-height: 1.25; font-variant-numeric: tabular-nums; }
+.tile span { color: var(--soft); font-size: 0.85rem; }
+.side { display: flex; flex-wrap: wrap; gap: 1rem 2.2rem; align-items: flex-start; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-size: 0.9rem; margin: 0.3rem 0; }
+caption { text-align: left; font-weight: 600; padding: 0.2rem 0; }
+th, td { padding: 0.22rem 0.65rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: middle; }
+th { background: var(--band); white-space: nowrap; }
+td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
+figure { margin: 0.6rem 0 1.6rem; }
+figure img { max-width: 100%; height: auto; border: 1px solid var(--line); background: #ffffff; }
+figcaption { color: var(--soft); font-size: 0.85rem; }
+img.crop { width: 110px; height: 110px; display: block; border-radius: 3px; }
+.dot { display: inline-block; width: 0.75em; height: 0.75em; border-radius: 50%; margin-right: 0.4em;
+  border: 1px solid #8884; }
+.good { color: var(--good); } .bad { color: var(--bad); font-weight: 600; } .soft { color: var(--soft); }
+code { font-size: 0.9em; }
+@media print {
+  :root { --ink: #000; --soft: #444; --ground: #fff; --line: #bbb; --band: #f2f2f2; --good: #00664a; --bad: #a32d00; }
+  body { max-width: none; padding: 0; font-size: 10.5pt; } nav { display: none; } h2 { break-after: avoid; }
+  figure, tr, .tile { break-inside: avoid; } .scroll { overflow: visible; } img.crop { width: 20mm; height: 20mm; } }
+"""
+
+
+@dataclass(frozen=True)
+class Html:
+    """Text that is HTML already; everything else is escaped on its way into the page."""
+
+    text: str
+
+
+def html_of(value: object) -> str:
+    """A cell's or paragraph's content as HTML; None is a dash."""
+    if isinstance(value, Html):
+        return value.text
+    return "–" if value is None else escape(str(value))
+
+
+def page(title: str, body: Iterable[Html]) -> str:
+    """A whole document that refers to nothing outside its folder."""
+    parts = "\n".join(piece.text for piece in body)
+    # The policy makes a browser refuse whatever a later change might let slip in.
+    policy = "default-src 'none'; img-src 'self' file: data:; style-src 'unsafe-inline'"
+    return (
+        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{parts}\n</body>\n</html>\n"
+    )
+
+
+def table(
+    heads: Sequence[str], rows: Iterable[Sequence[object]], *, caption: str = "", numeric: Iterable[int] = ()
+) -> Html:
+    """A table; columns whose index is in ``numeric`` stand to the right."""
+    right = frozenset(numeric)
+    kind = [' class="n"' if i in right else "" for i in range(len(heads))]
+    head = "".join(f"<th{k}>{html_of(h)}</th>" for h, k in zip(heads, kind, strict=True))
+    lines = [
+        "<tr>" + "".join(f"<td{k}>{html_of(cell)}</td>" for cell, k in zip(row, kind, strict=True)) + "</tr>"
+        for row in rows
+    ]
+    if not lines:
+        lines = [f'<tr><td colspan="{len(heads)}" class="soft">none</td></tr>']
+    title = f"<caption>{escape(caption)}</caption>" if caption else ""
+    return Html(
+        f'<div class="scroll"><table>{title}<thead><tr>{head}</tr></thead><tbody>\n'
+        + "\n".join(lines)
+        + "\n</tbody></table></div>"
+    )
+
+
+def figure(path: Path, folder: Path, alternative: str, caption: str) -> Html:
+    """A picture of the page's folder, shown as wide as there is room and linked at full size."""
+    link = link_of(path, folder)
+    return Html(
+        f'<figure><a href="{link}"><img src="{link}" alt="{escape(alternative, quote=True)}" loading="lazy"></a>'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
+
+
+def link_of(path: Path, folder: Path) -> str:
+    """The file's address relative to the page's folder, safe in an attribute."""
+    return escape(quote(path.relative_to(folder).as_posix()), quote=True)
+
+
+def tiles(values: Iterable[tuple[object, str]]) -> Html:
+    """Large figures side by side: (value, what it is)."""
+    return Html(
+        '<div class="tiles">'
+        + "".join(f'<div class="tile"><b>{html_of(v)}</b><span>{escape(what)}</span></div>' for v, what in values)
+        + "</div>"
+    )
+
+
+def beside(pieces: Iterable[Html]) -> Html:
+    """Pieces in a row while there is room."""
+    return Html('<div class="side">' + "".join(f"<div>{piece.text}</div>" for piece in pieces) + "</div>")
+
+
+def section(name: str, title: str, *pieces: Html) -> Html:
+    """A headed part of the page."""
+    inner = "\n".join(piece.text for piece in pieces)
+    return Html(f'<section id="{escape(name, quote=True)}"><h2>{escape(title)}</h2>\n{inner}</section>')
+
+
+def paragraph(text: object, kind: str = "") -> Html:
+    """A paragraph."""
+    return Html(f'<p class="{escape(kind, quote=True)}">{html_of(text)}</p>' if kind else f"<p>{html_of(text)}</p>")

@@ -1,0 +1,75 @@
+"""Colours and names: safe for colour-blind readers (Okabe and Ito 2008), the same in every picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from schemas.vocabulary import DefectClass, ObservationOutcome
+
+Dashes = tuple[float, tuple[float, ...]]
+
+CLASS_COLOURS: dict[str, str] = {
+    DefectClass.CRACK: "#d55e00",
+    DefectClass.SPALLING: "#cc79a7",
+    DefectClass.MOISTURE: "#0072b2",
+}
+# Colour is never alone: the outline's dashes tell the classes apart in a black and white print.
+CLASS_DASHES: dict[str, Dashes] = {
+    DefectClass.CRACK: (0.0, (1.0, 0.0)),
+    DefectClass.SPALLING: (0.0, (3.0, 1.2)),
+    DefectClass.MOISTURE: (0.0, (1.2, 0.8)),
+}
+OUTCOME_COLOURS: dict[str, str] = {
+    ObservationOutcome.REGISTERED: "#009e73",
+    ObservationOutcome.OFF_TARGET: "#d55e00",
+    ObservationOutcome.GRAZING: "#e69f00",
+    ObservationOutcome.OUTSIDE: "#cc79a7",
+    ObservationOutcome.UNLOCALISED: "#56b4e9",
+}
+OTHER_COLOUR = "#595959"
+
+_COMPASS = ("North", "North-east", "East", "South-east", "South", "South-west", "West", "North-west")
+
+
+def class_colour(defect_class: str) -> str:
+    """Hex colour of a defect class; grey for one this palette does not know."""
+    return CLASS_COLOURS.get(defect_class, OTHER_COLOUR)
+
+
+def class_dashes(defect_class: str) -> Dashes:
+    """Line style of a defect class, in Matplotlib's notation: (offset, (on, off, ...)) in line widths."""
+    return CLASS_DASHES.get(defect_class, (0.0, (3.0, 1.0, 1.0, 1.0)))
+
+
+def outcome_colour(outcome: str) -> str:
+    """Hex colour of an observation's outcome; grey for one this palette does not know."""
+    return OUTCOME_COLOURS.get(outcome, OTHER_COLOUR)
+
+
+def bgr_of(hex_colour: str) -> tuple[int, int, int]:
+    """Blue, green, red of "#rrggbb", as OpenCV draws."""
+    return int(hex_colour[5:7], 16), int(hex_colour[3:5], 16), int(hex_colour[1:3], 16)
+
+
+def compass_word(azimuth_deg: float) -> str:
+    """The nearest of the eight compass directions, in words."""
+    return _COMPASS[round(azimuth_deg / 45.0) % 8]
+
+
+def short_ids(ids: Sequence[str]) -> dict[str, str]:
+    """A short label of each id: the id without what all ids share in front and leading zeros, else its rank.
+
+    "D0001", "D0012" give "1", "12". A rank (1, 2, ...) is given where the rest is longer than four characters.
+    """
+    if not ids:
+        return {}
+    first, last = min(ids), max(ids)
+    shared = 0
+    while shared < min(len(first), len(last)) and first[shared] == last[shared]:
+        shared += 1
+    while shared > 0 and first[shared - 1].isdigit():
+        shared -= 1
+    rest = {name: name[shared:].lstrip("0") for name in ids}
+    if all(0 < len(text) <= 4 for text in rest.values()) and len(set(rest.values())) == len(rest):
+        return rest
+    return {name: str(rank) for rank, name in enumerate(ids, start=1)}

@@ -1,0 +1,114 @@
+"""The report of a campaign: one HTML page and its pictures, for a person who decides what to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from facadelake.geobim.surface import Surface
+from facadelake.pictures.crops import defect_crops
+from facadelake.pictures.distribution import draw_distribution
+from facadelake.pictures.elevations import Elevation, facade_elevations
+from facadelake.pictures.inspection import Inspection, PictureSettings
+from facadelake.pictures.page import Html, beside, figure, html_of, page, paragraph, section, tiles
+from facadelake.pictures.plan import draw_plan
+from facadelake.pictures.report_campaign import (
+    checks_met,
+    files_not_used,
+    integrity_in_words,
+    length_text,
+    passport,
+    photograph_counts,
+)
+from facadelake.pictures.report_defects import counts_by_facade, defect_table
+from schemas.vocabulary import PhotoOutcome
+
+
+def write_report(
+    inspection: Inspection,
+    surface: Surface,
+    folder: Path,
+    settings: PictureSettings | None = None,
+    elevations: Sequence[Elevation] | None = None,
+) -> Path:
+    """Write ``report.html`` with its pictures into ``folder`` and return its path.
+
+    ``elevations`` are those already drawn into ``folder``; without them they are drawn. The page loads nothing from
+    elsewhere: pictures are linked relatively, so the folder can be moved or sent as a whole.
+    """
+    settings = settings or PictureSettings()
+    folder.mkdir(parents=True, exist_ok=True)
+    if elevations is None:
+        elevations = facade_elevations(inspection, surface, folder, settings)
+    plan = draw_plan(inspection, folder / "plan.png")
+    distribution = draw_distribution(inspection, folder / "distribution.png")
+    crops = defect_crops(inspection, folder / "crops", settings)
+    title = f"{inspection.building_name} — {inspection.campaign_id}"
+    body = [
+        Html(f"<h1>{html_of(title)}</h1>"),
+        paragraph(_subtitle(inspection), "under"),
+        _contents(),
+        _tiles(inspection),
+        section("elevations", "Elevations", *(_elevation(e, folder) for e in elevations)),
+        section("defects", "Defects", *defect_table(inspection, crops, elevations, folder)),
+        section(
+            "distribution", "Where they are", counts_by_facade(inspection),
+            figure(distribution, folder, "bars of defects by storey and facade", "Defects by storey and facade."),
+        ),
+        section("plan", "Plan", figure(plan, folder, "plan with cameras and defects", _plan_caption())),
+        section("photographs", "Photographs", beside(photograph_counts(inspection)), files_not_used(inspection)),
+        section("georeference", "Place on the globe", passport(inspection)),
+        section(
+            "checks", "Checks before the commit",
+            beside(checks_met(inspection.checks)), integrity_in_words(inspection.integrity_views),
+        ),
+    ]  # fmt: skip
+    path = folder / "report.html"
+    path.write_text(page(title, body), encoding="utf-8")
+    return path
+
+
+def _subtitle(inspection: Inspection) -> str:
+    times = [time for time in inspection.photos.column("taken_at").to_pylist() if time is not None]
+    when = f"photographed {min(times):%Y-%m-%d}" if times else "time of the photographs unknown"
+    if times and max(times).date() != min(times).date():
+        when += f" to {max(times):%Y-%m-%d}"
+    return f"Facade inspection · {when} · control: {inspection.control}"
+
+
+def _contents() -> Html:
+    words = {"elevations": "Elevations", "defects": "Defects", "distribution": "Distribution", "plan": "Plan",
+             "photographs": "Photographs", "georeference": "Georeference", "checks": "Checks"}  # fmt: skip
+    return Html("<nav>" + "".join(f'<a href="#{name}">{word}</a>' for name, word in words.items()) + "</nav>")
+
+
+def _tiles(inspection: Inspection) -> Html:
+    passed = inspection.checks.column("passed").to_pylist()
+    failed = len(passed) - sum(passed)
+    residual = inspection.georeference.column("residual_rmse_m").to_pylist()
+    accepted = inspection.photos.column("photo_outcome").to_pylist().count(PhotoOutcome.ACCEPTED)
+    return tiles(
+        [
+            (len(inspection.defects), "defects"),
+            (f"{len(inspection.posed)} / {accepted}", "photographs localised"),
+            (len(inspection.detections), "detections"),
+            (length_text(residual[0]) if residual else None, "left at the control (RMSE)"),
+            (Html(f'<span class="bad">{failed} of {len(passed)}</span>' if failed else f"{len(passed)}"),
+             "checks failed" if failed else "checks passed"),
+        ]
+    )  # fmt: skip
+
+
+def _elevation(elevation: Elevation, folder: Path) -> Html:
+    count = len(elevation.marks)
+    name = f"{elevation.facade.name} facade"
+    caption = (
+        f"{name}, facing {elevation.facade.azimuth_deg:.0f}°, {elevation.facade.area_m2:.0f} m² of walls and openings: "
+        f"{count} defect{'' if count == 1 else 's'}. Seen square-on from outside; photographs rectified onto the model "
+        f"show {100 * elevation.covered_share:.0f} % of it, grey is the model alone. Numbers are those of the table."
+    )
+    return figure(elevation.path, folder, f"elevation of the {name} with {count} defects", caption)
+
+
+def _plan_caption() -> str:
+    return "Metres east and north of the site's origin. Arrows are viewing directions; a short arrow looks up or down."

@@ -1,0 +1,75 @@
+"""Which points of a surface a photograph shows, and how well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.camera import Camera, PosedCamera
+from facadelake.frames import Array
+from facadelake.geobim.surface import Surface
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sight:
+    """Per point: is it seen; the size of a pixel on the surface there (m, where it is longest); how far the pixel lies
+    from the photograph's border (0 at it, 1 in the middle; lenses are darker and softer towards it)."""
+
+    visible: NDArray[np.bool_]
+    pixel_m: Array
+    inset: Array
+
+
+def _widest_tangent(camera: Camera) -> float:
+    """Tangent of the widest angle from the optical axis inside the photograph.
+
+    Beyond it Brown's polynomial may fold points that are far outside back into the picture.
+    """
+    width, height = camera.width_px, camera.height_px
+    rays = camera.rays_cam(np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=np.float64))
+    return float((np.hypot(rays[:, 0], rays[:, 1]) / rays[:, 2]).max())
+
+
+def pixels_of(posed: PosedCamera, xyz_site_m: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Pixels (n, 2) of site points (n, 3) and which of them (n,) lie inside the photograph."""
+    xyz_cam = posed.site_from_cam.inverse().apply(xyz_site_m)
+    xy = posed.camera.project(xyz_cam)
+    in_front = xyz_cam[:, 2] > 1e-6
+    tangent = np.hypot(xyz_cam[:, 0], xyz_cam[:, 1]) / np.where(in_front, xyz_cam[:, 2], 1.0)
+    inside = in_front & (tangent <= 1.05 * _widest_tangent(posed.camera))
+    inside[inside] = posed.camera.contains(xy[inside])
+    return xy, inside
+
+
+def sees(
+    posed: PosedCamera,
+    surface: Surface,
+    xyz_site_m: Array,
+    normal_site: Array,
+    *,
+    tolerance_m: float,
+    max_incidence_deg: float,
+) -> Sight:
+    """Which of the surface's points (n, 3) with outward normals (n, 3) the photograph shows.
+
+    A point is hidden where the ray to it meets the surface more than ``tolerance_m`` before it, or where it is seen
+    flatter than ``max_incidence_deg``. Rays are cast only for points that project into the photograph.
+    """
+    count = len(xyz_site_m)
+    visible, pixel_m = np.zeros(count, dtype=bool), np.full(count, np.inf)
+    xy, inside = pixels_of(posed, xyz_site_m)
+    to_point = xyz_site_m - posed.centre_site_m
+    distance = np.linalg.norm(to_point, axis=1)
+    direction = to_point / np.maximum(distance, 1e-9)[:, None]
+    cosine = -(direction * normal_site).sum(axis=1)
+    ask = np.flatnonzero(inside & (cosine > np.cos(np.radians(max_incidence_deg))))
+    if len(ask):
+        origins = np.broadcast_to(posed.centre_site_m, (len(ask), 3)).copy()
+        hits = surface.cast(origins, direction[ask])
+        visible[ask] = hits.distance_m >= distance[ask] - tolerance_m
+        pixel_m[ask] = distance[ask] / posed.camera.fx_px / cosine[ask]
+    share = np.where(inside[:, None], xy, 0.0) / (posed.camera.width_px, posed.camera.height_px)
+    inset = 2.0 * np.minimum(share, 1.0 - share).min(axis=1)
+    return Sight(visible=visible, pixel_m=pixel_m, inset=np.clip(inset, 0.0, 1.0))

@@ -1,0 +1,171 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from facadelake.frames import Array
+from facadelake.pictures.elevations import facade_elevations
+from facadelake.pictures.facades import Facade, find_facades
+from facadelake.pictures.inspection import PictureSettings
+from facadelake.pictures.marks import marks_of, marks_per_facade
+from facadelake.pictures.rectify import RectifiedElevation, rectify
+from facadelake.pictures.relief import look_square_on
+from tests.unit.pictures.painted_wall import (
+    PAINT_PX_PER_M,
+    WALL_HEIGHT_M,
+    WALL_WIDTH_M,
+    Painted,
+    defect_row,
+    inspection_of,
+)
+
+SETTINGS = PictureSettings(cell_m=0.01, feather_m=0.2)
+
+
+def front(painted: Painted, settings: PictureSettings = SETTINGS) -> Facade:
+    facades = find_facades(painted.building, painted.surface, painted.posed, frozenset(), settings)
+    assert [facade.name for facade in facades] == ["South"]
+    return facades[0]
+
+
+def rectified(painted: Painted, settings: PictureSettings = SETTINGS) -> RectifiedElevation:
+    relief = look_square_on(front(painted, settings), painted.surface, settings.cell_m)
+    files = {name: painted.root / name for name in painted.posed}
+    return rectify([relief], painted.surface, painted.posed, files, settings)[0]
+
+
+def expected(result: RectifiedElevation, painted: Painted) -> tuple[Array, Array]:
+    """The painting under each cell, found from the cell's site coordinates, and which cells the wall's front fills."""
+    facade, cell = result.relief.facade, result.relief.cell_m
+    rows, columns = result.relief.shape
+    x = facade.u_min_m + (np.arange(columns) + 0.5) * cell
+    z = facade.v_max_m - (np.arange(rows) + 0.5) * cell
+    at_x, at_y = np.meshgrid(x * PAINT_PX_PER_M - 0.5, (WALL_HEIGHT_M - z) * PAINT_PX_PER_M - 0.5)
+    paint = cv2.remap(painted.paint, at_x.astype(np.float32), at_y.astype(np.float32), cv2.INTER_CUBIC)
+    on_wall = (x > 0.1) & (x < WALL_WIDTH_M - 0.1), (z > 0.1) & (z < WALL_HEIGHT_M - 0.1)
+    return np.asarray(paint), on_wall[1][:, None] & on_wall[0][None, :]
+
+
+def test_a_painted_wall_rectifies_to_its_painting(painted: Painted) -> None:
+    result = rectified(painted)
+    paint, on_wall = expected(result, painted)
+    use = on_wall & result.covered
+    assert 0.5 < use.sum() / on_wall.sum() <= 1.0
+    difference = np.abs(result.picture.astype(float) - paint)[use]
+    assert np.median(difference) < 3.0  # grey levels: rounding and two resamplings
+    gradient = np.abs(np.gradient(paint[..., 0], axis=1))[use]
+    assert np.quantile(gradient, 0.99) > 6.0  # per cell, so a shift of one cell would show
+
+
+def test_no_photograph_is_shifted_by_more_than_a_tenth_of_a_cell(painted: Painted) -> None:
+    result = rectified(painted)
+    paint, on_wall = expected(result, painted)
+    ys, xs = np.nonzero(on_wall & result.covered)
+    window = np.s_[ys.min() + 40 : ys.max() - 40, xs.min() + 200 : xs.max() - 200]
+    assert (on_wall & result.covered)[window].all()
+    got = cv2.cvtColor(result.picture, cv2.COLOR_RGB2GRAY)[window].astype(np.float32)
+    want = cv2.cvtColor(paint.astype(np.float32), cv2.COLOR_RGB2GRAY)[window]
+    (dx, dy), response = cv2.phaseCorrelate(got, want)
+    assert response > 0.5
+    np.testing.assert_allclose([dx, dy], [0.0, 0.0], rtol=0, atol=0.1)  # cells
+
+
+def test_the_picture_is_not_mirrored(painted: Painted) -> None:
+    result = rectified(painted)
+    paint, on_wall = expected(result, painted)
+    use = on_wall & result.covered & (on_wall & result.covered)[:, ::-1]
+    right = np.corrcoef(result.picture[use].ravel(), paint[use].ravel())[0, 1]
+    mirrored = np.corrcoef(result.picture[:, ::-1][use].ravel(), paint[use].ravel())[0, 1]
+    assert right > 0.95
+    assert mirrored < 0.5
+
+
+@pytest.mark.parametrize(
+    ("azimuth_deg", "right_site"), [(0, (-1, 0, 0)), (90, (0, 1, 0)), (180, (1, 0, 0)), (270, (0, -1, 0))]
+)
+def test_right_is_to_the_right_of_who_looks_at_the_facade(
+    painted: Painted, azimuth_deg: float, right_site: tuple[int, int, int]
+) -> None:
+    axes = replace(front(painted), azimuth_deg=azimuth_deg).axes_site
+    np.testing.assert_allclose(axes[0], right_site, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(axes), 1.0, rtol=0, atol=1e-12)
+
+
+def test_cameras_decide_which_side_of_a_wall_is_outside(painted: Painted) -> None:
+    words = painted.building.elements.set_column(
+        painted.building.elements.column_names.index("facade"),
+        painted.building.elements.schema.field("facade"),
+        [["N"]],
+    )
+    misled = replace(painted.building, elements=words)
+    facades = find_facades(misled, painted.surface, painted.posed, frozenset(), SETTINGS)
+    assert [facade.name for facade in facades] == ["South"]
+    alone = find_facades(misled, painted.surface, {}, frozenset(), SETTINGS)
+    assert [facade.name for facade in alone] == ["North"]
+
+
+def test_a_photograph_that_is_gone_is_left_out(painted: Painted, caplog: pytest.LogCaptureFixture) -> None:
+    whole = rectified(painted)
+    relief = look_square_on(front(painted), painted.surface, SETTINGS.cell_m)
+    files = {"a.png": painted.root / "a.png", "b.png": painted.root / "gone.png"}
+    result = rectify([relief], painted.surface, painted.posed, files, SETTINGS)[0]
+    assert 0 < result.covered.sum() < whole.covered.sum()
+    assert "gone.png cannot be decoded" in caplog.text
+
+
+def test_a_hidden_wall_takes_no_colour_from_what_hides_it(painted: Painted) -> None:
+    from facadelake.geobim.surface import Surface
+    from tests.unit.pictures.painted_wall import box
+
+    screen, triangles = box(np.array([3.0, -2.0, 0.0]), np.array([4.0, -1.9, 4.0]))
+    building = replace(
+        painted.building,
+        vertices_site_m=np.vstack([painted.building.vertices_site_m, screen]),
+        triangles=np.vstack([painted.building.triangles, triangles + 8]),
+        element_of_triangle=np.zeros(24, dtype=np.int64),
+    )
+    facade = front(painted)
+    one = {"a.png": painted.posed["a.png"]}
+    relief = look_square_on(replace(facade, near_w_m=1.0), Surface(building), 0.02)  # looks past the screen
+    result = rectify([relief], Surface(building), one, {"a.png": painted.root / "a.png"}, SETTINGS)[0]
+    # From the camera at x = 2, y = -5.5 the screen at y = -1.9 hides the wall's front from x of 3.5 to about 5.
+    u = facade.u_min_m + (np.arange(relief.shape[1]) + 0.5) * 0.02
+    shadow = (u > 3.7) & (u < 4.9)
+    lit = (u > 1.0) & (u < 3.2)
+    middle = result.covered[relief.shape[0] // 2]
+    assert not middle[shadow].any()
+    assert middle[lit].all()
+
+
+def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: Painted) -> None:
+    inspection = inspection_of(
+        painted,
+        [defect_row("D007", 2.0, 1.0), defect_row("D012", 6.0, 3.0, normal_y=1.0, y_site_m=9.0, element_guid="x")],
+        [],
+    )
+    facade = front(painted)
+    marks = marks_of(inspection.defects)
+    (shown,), nowhere = marks_per_facade([facade], marks, painted.building)
+    assert [mark.label for mark in shown] == ["7"]
+    assert [mark.label for mark in nowhere] == ["12"]
+    uvw = facade.uvw(shown[0].corners_site_m)
+    np.testing.assert_allclose(np.ptp(uvw, axis=0), [0.4, 0.2, 0.0], rtol=0, atol=1e-9)  # m
+    np.testing.assert_allclose(uvw.mean(axis=0), [2.0, 1.0, 0.0], rtol=0, atol=1e-9)  # m: u is east on a south wall
+
+
+def test_elevations_are_written_with_and_without_defects(painted: Painted, tmp_path: Path) -> None:
+    coarse = PictureSettings(cell_m=0.03)
+    for number, defects in enumerate(([], [defect_row("D1", 2.0, 1.0), defect_row("D2", 2.1, 1.1)])):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        elevations = facade_elevations(inspection_of(painted, defects, []), painted.surface, folder, coarse)
+        assert [elevation.path.name for elevation in elevations] == ["elevation_south.png"]
+        assert [len(elevation.marks) for elevation in elevations] == [len(defects)]
+        assert 0.5 < elevations[0].covered_share < 1.0
+        picture = cv2.imread(str(elevations[0].path))
+        assert picture.shape[1] > 800
+        assert picture.std() > 20
