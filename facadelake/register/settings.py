@@ -37,14 +37,18 @@ class RegisterSettings:
 class MergeSettings:
     """When two sightings are of one defect.
 
-    ``size_share``: one sigma of where a detector puts a box's centre, as a share of the patch's extent.
+    ``size_share``: one sigma of where boxes of one defect have their centres, as a share of the patch's extent: two
+    photographs may show different parts of it. ``centre_share``: the same for boxes that show the same part, which
+    places the defect.
     ``floor_m``: one sigma of what is left of the pose; no gate is narrower. ``relief_m``: one sigma of how far the
-    real surface stands off the model's. ``gate_sigma``: the normalised distance within which two sightings may be one
-    (3.03: 99 % in the plane of the surface). ``ceiling_m``: no two sightings further apart than this, or than half their extents
-    together, are one. ``agreement``: share of the pairs between two groups that must lie in the gate to join them.
+    real surface stands off the model's. ``gate_sigma``: the normalised distance within which two sightings may be
+    one; 3.03 holds 99 % in the plane of the surface. ``ceiling_m``: no two sightings further apart than this, or than
+    half their extents together, are one. ``agreement``: share of the pairs between two groups that must lie in the
+    gate to join them.
     """
 
     size_share: float = 0.15
+    centre_share: float = 0.05
     floor_m: float = 0.015
     relief_m: float = 0.05
     gate_sigma: float = 3.03
@@ -52,6 +56,6 @@ class MergeSettings:
     agreement: float = 0.5
 
     def __post_init__(self) -> None:
-        values = (self.size_share, self.floor_m, self.relief_m, self.gate_sigma, self.ceiling_m)
+        values = (self.size_share, self.centre_share, self.floor_m, self.relief_m, self.gate_sigma, self.ceiling_m)
         if min(values) <= 0 or not 0 < self.agreement <= 1:
             raise InputDataError(f"merge settings {self} are out of range: all positive, agreement at most 1")
