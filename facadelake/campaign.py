@@ -81,17 +81,19 @@ def campaign_row(photographs_uri: str, tables: Mapping[str, pa.Table]) -> dict[s
     }
 
 
-def lake_tables(
+def campaign_tables(
     run: RunRecord, building: BuildingRecord, photographs_uri: str, stage_tables: Mapping[str, pa.Table]
 ) -> dict[str, pa.Table]:
-    """Every table of the lake for this campaign, with building_id, campaign_id and run_id in front."""
-    whole = {
+    """The stages' tables and the rows of ``buildings``, ``campaigns`` and ``runs``, all without the run's keys."""
+    return {
         "buildings": table_of_rows("buildings", [building.row()]),
         "campaigns": table_of_rows("campaigns", [campaign_row(photographs_uri, stage_tables)]),
         "runs": table_of_rows("runs", [run.row()]),
         **stage_tables,
     }
-    return {
-        name: with_run_keys(name, table, building_id=run.building_id, campaign_id=run.campaign_id, run_id=run.run_id)
-        for name, table in whole.items()
-    }
+
+
+def lake_tables(tables: Mapping[str, pa.Table], run: RunRecord) -> dict[str, pa.Table]:
+    """The tables with building_id, campaign_id and run_id in front, as the lake holds them."""
+    keys = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
+    return {name: with_run_keys(name, table, **keys) for name, table in tables.items()}

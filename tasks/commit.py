@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from prefect import task
 
+from facadelake.campaign import lake_tables
 from facadelake.lake.commit import Committed, commit_campaign
+from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
-from tasks.record import StageFolders, fingerprint, lake_form
+from tasks.record import StageFolders, whole_campaign
 
 
 @task(name="commit")
 def commit(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Committed:
     """The lake's version that holds the campaign, and whether it is new."""
+    run, tables = whole_campaign(job, folders)
+    tables["checks"] = read_table("checks", checks.folder)
     return commit_campaign(
         job.lake,
         building_id=job.building.id,
         campaign_id=job.campaign_id,
         run_id=job.run_id,
-        tables=lake_form(job, folders, checks=checks),
-        inputs_sha256=fingerprint(folders),
+        tables=lake_tables(tables, run),
+        inputs_sha256=run.inputs_sha256,
     )

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.pose.mesh import as_built_mesh
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import read_reconstruction
 from facadelake.pose.settings import ReconstructionSettings
+from facadelake.pose.surface_mesh import as_built_mesh
 from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

@@ -1,4 +1,4 @@
-"""The tables of all stages of one inspection together, in the lake's form."""
+"""The tables of all stages of one inspection together, with the rows that tell of the whole campaign."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 import pyarrow as pa
 
 from facadelake.cache import file_hash, key_of
-from facadelake.campaign import BuildingRecord, RunRecord, lake_tables
+from facadelake.campaign import BuildingRecord, RunRecord, campaign_tables
 from facadelake.geobim.model import read_building
 from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
@@ -57,33 +57,10 @@ def fingerprint(folders: StageFolders) -> str:
     return key_of({"stages": folders.keys()})
 
 
-def lake_form(job: InspectionJob, folders: StageFolders, *, checks: StageResult | None) -> dict[str, pa.Table]:
-    """All tables with the run's keys; ``checks`` comes last, because it checks the others."""
+def whole_campaign(job: InspectionJob, folders: StageFolders) -> tuple[RunRecord, dict[str, pa.Table]]:
+    """The run's record and all tables but ``checks``, without the run's keys."""
     tables = stage_tables(folders)
-    if checks is not None:
-        tables["checks"] = read_table("checks", checks.folder)
     building = read_building(folders.model.folder)
-    detectors = tables["detections"].column("detector_sha256").unique().to_pylist()
-    ran = [stage for stage in folders.stages() if not stage.hit]
-    run = RunRecord(
-        building_id=job.building.id,
-        campaign_id=job.campaign_id,
-        run_id=job.run_id,
-        started_at=job.started_at,
-        finished_at=datetime.now(UTC),
-        inputs_sha256=fingerprint(folders),
-        detector_sha256=detectors[0] if detectors else "none",
-        configuration=json.dumps(
-            {
-                "control": job.control or "auto",
-                "detections": job.detections or "registry",
-                "building": job.building.model_dump(mode="json"),
-            },
-            sort_keys=True,
-        ),
-        stage_seconds=json.dumps({stage.stage: round(stage.seconds, 2) for stage in ran}),
-        stage_peak_mib=json.dumps({stage.stage: round(stage.peak_mib) for stage in ran}),
-    )
     model_path = job.building.model_path()
     record = BuildingRecord(
         building_name=job.building.name,
@@ -96,4 +73,27 @@ def lake_form(job: InspectionJob, folders: StageFolders, *, checks: StageResult 
         origin_lat_deg=building.origin.lat_deg,
         origin_height_ellipsoidal_m=building.origin.height_ellipsoidal_m,
     )
-    return lake_tables(run, record, str(job.building.photographs_of(job.campaign_id)), tables)
+    run = _run_record(job, folders, tables["detections"])
+    return run, campaign_tables(run, record, str(job.building.photographs_of(job.campaign_id)), tables)
+
+
+def _run_record(job: InspectionJob, folders: StageFolders, detections: pa.Table) -> RunRecord:
+    detectors = detections.column("detector_sha256").unique().to_pylist()
+    fresh = [stage for stage in folders.stages() if not stage.hit]
+    settings = {
+        "control": job.control or "auto",
+        "detections": job.detections or "registry",
+        "building": job.building.model_dump(mode="json"),
+    }
+    return RunRecord(
+        building_id=job.building.id,
+        campaign_id=job.campaign_id,
+        run_id=job.run_id,
+        started_at=job.started_at,
+        finished_at=datetime.now(UTC),
+        inputs_sha256=fingerprint(folders),
+        detector_sha256=detectors[0] if detectors else "none",
+        configuration=json.dumps(settings, sort_keys=True),
+        stage_seconds=json.dumps({stage.stage: round(stage.seconds, 2) for stage in fresh}),
+        stage_peak_mib=json.dumps({stage.stage: round(stage.peak_mib) for stage in fresh}),
+    )

@@ -11,7 +11,7 @@ from facadelake.frames import read_similarity
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.integrity.views import integrity_views
-from facadelake.pose.mesh import read_mesh
+from facadelake.pose.surface_mesh import read_mesh
 from facadelake.posed import posed_cameras
 from facadelake.tables import read_table, write_table
 from tasks.georeference import SITE_FROM_SFM

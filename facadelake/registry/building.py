@@ -97,7 +97,7 @@ class CocoDetector(_Strict):
 
 
 class OnnxDetectorSetting(_Strict):
-    """Detections are made by an ONNX model, whose card (``<model>.card.yaml`` unless given) declares its layout."""
+    """Detections are made by an ONNX model, whose card (``crack.card.yaml`` beside ``crack.onnx`` unless given) declares its layout."""
 
     kind: Literal["onnx"]
     model: str

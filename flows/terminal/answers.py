@@ -23,13 +23,17 @@ if TYPE_CHECKING:
 
 def show_questions(console: Console) -> None:
     """The stored questions with what they answer and take."""
-    from facadelake.lake.questions import list_questions
+    from facadelake.lake.question import list_questions
 
     table = RichTable(title="Stored questions: facadelake sql NAME [name=value ...]", title_justify="left")
     for column in ("name", "answers", "parameters"):
         table.add_column(column)
     for question in list_questions():
-        table.add_row(question.name, escape(question.meaning), ", ".join(question.parameters))
+        table.add_row(
+            question.name,
+            escape(question.meaning),
+            "\n".join(f"{p.name}: {escape(p.meaning)}" for p in question.parameters),
+        )
     console.print(table)
 
 
@@ -37,9 +41,8 @@ def ask(
     console: Console, lake: Path, question: str, parameters: Sequence[str], *, as_of: int | None, as_json: bool
 ) -> None:
     """Answer a stored question or a SELECT statement."""
-    from facadelake.lake.questions import ask as ask_stored
-    from facadelake.lake.questions import list_questions
-    from facadelake.lake.read import query
+    from facadelake.lake.question import ask as ask_stored
+    from facadelake.lake.question import list_questions, query
 
     given: dict[str, str] = {}
     for text in parameters:
