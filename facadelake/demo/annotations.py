@@ -1,0 +1,130 @@
+"""COCO boxes: exact ones, and ones as a detector that errs would give them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from facadelake.demo.flight import Shot
+from facadelake.demo.light import RayScene
+from facadelake.demo.visibility import Sighting
+from facadelake.frames import Array
+
+CATEGORIES = {"crack": 1, "spalling": 2, "moisture": 3}
+OFF_TARGET = "off_target"
+MISSED, WRONG_CLASS, FALSE_SHARE = 0.07, 0.04, 0.03
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Box:
+    """A box: its photograph, class, centre and size in pixels, score, and the check point it shows."""
+
+    file_name: str
+    kind: str
+    centre_px: Array
+    size_px: Array
+    score: float
+    checkpoint: str
+
+
+def exact_boxes(found: Sequence[Sighting], on_target: set[str], rng: np.random.Generator) -> list[Box]:
+    """A box about every sighting, as a detector without fault would give it; defects of the neighbour are off target."""
+    return [
+        Box(
+            file_name=s.shot.file_name,
+            kind=s.spot.defect.kind,
+            centre_px=s.centre_px,
+            size_px=s.size_px,
+            score=float(np.round(rng.uniform(0.6, 0.97), 3)),
+            checkpoint=s.spot.defect.id if s.spot.defect.id in on_target else OFF_TARGET,
+        )
+        for s in found
+    ]
+
+
+def noisy_boxes(
+    exact: Sequence[Box], false: Sequence[Box], shots: Sequence[Shot], rng: np.random.Generator
+) -> list[Box]:
+    """Some missed, centres and sizes jittered, some of the wrong class, some false."""
+    limits = {s.file_name: (s.posed.camera.width_px, s.posed.camera.height_px) for s in shots}
+    out = []
+    for box in exact:
+        if rng.uniform() < MISSED:
+            continue
+        size = box.size_px * np.exp(rng.normal(scale=0.10, size=2))
+        centre = box.centre_px + rng.normal(scale=0.05, size=2) * box.size_px + rng.normal(scale=0.5, size=2)
+        limit = np.array(limits[box.file_name], dtype=np.float64)
+        low, high = np.clip(centre - size / 2, 0, limit), np.clip(centre + size / 2, 0, limit)
+        if (high - low).min() < 2:
+            continue
+        others = [k for k in CATEGORIES if k != box.kind]
+        kind = str(rng.choice(others)) if rng.uniform() < WRONG_CLASS else box.kind
+        score = float(np.round(np.clip(box.score + rng.normal(scale=0.05), 0.3, 0.99), 3))
+        out.append(
+            Box(
+                file_name=box.file_name,
+                kind=kind,
+                centre_px=(low + high) / 2,
+                size_px=high - low,
+                score=score,
+                checkpoint=box.checkpoint,
+            )
+        )
+    return [*out, *false]
+
+
+def false_boxes(
+    count: int, shots: Sequence[Shot], rays: RayScene, modelled: set[int], rng: np.random.Generator
+) -> list[Box]:
+    """Boxes on tree, ground, neighbours or obstacles: their centres' rays meet nothing of the model."""
+    out: list[Box] = []
+    while len(out) < count:
+        shot = shots[int(rng.integers(len(shots)))]
+        camera = shot.posed.camera
+        size = rng.uniform(0.012, 0.04, 2) * camera.width_px
+        centre = rng.uniform(size / 2, np.array([camera.width_px, camera.height_px]) - size / 2)
+        # The box's corners too must miss the building.
+        corners = np.array([[0, 0], [-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 + centre
+        distance, group, _ = rays.hits(*shot.posed.rays_site(corners))
+        if not np.isfinite(distance).all() or any(int(g) in modelled for g in group):
+            continue
+        kind = str(rng.choice(list(CATEGORIES)))
+        out.append(
+            Box(
+                file_name=shot.file_name,
+                kind=kind,
+                centre_px=centre,
+                size_px=size,
+                score=float(np.round(rng.uniform(0.3, 0.75), 3)),
+                checkpoint=OFF_TARGET,
+            )
+        )
+    return out
+
+
+def write_coco(path: Path, boxes: Sequence[Box], shots: Sequence[Shot]) -> None:
+    """Write boxes as COCO; annotation ids follow the order given, from 1."""
+    ids = {name: i for i, name in enumerate(sorted(s.file_name for s in shots), start=1)}
+    camera = shots[0].posed.camera
+    annotations: list[dict[str, Any]] = []
+    for number, box in enumerate(boxes, start=1):
+        (x, y), (w, h) = box.centre_px - box.size_px / 2, box.size_px
+        annotations.append(
+            {
+                "id": number,
+                "image_id": ids[box.file_name],
+                "category_id": CATEGORIES[box.kind],
+                "bbox": [round(float(n), 2) for n in (x, y, w, h)],
+                "area": round(float(w * h), 1),
+                "iscrowd": 0,
+                "score": box.score,
+            }
+        )
+    images = [{"id": i, "file_name": n, "width": camera.width_px, "height": camera.height_px} for n, i in ids.items()]
+    categories = [{"id": i, "name": n} for n, i in CATEGORIES.items()]
+    path.write_text(json.dumps({"images": images, "categories": categories, "annotations": annotations}, indent=1))

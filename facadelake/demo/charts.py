@@ -1,0 +1,129 @@
+"""Charts: the surfaces that carry a drawn texture, each with its plane coordinates u (right, from outside) and v (up)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from facadelake.demo.recipe import Box, Building
+from facadelake.frames import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chart:
+    """A plane, or with ``radius_m`` > 0 a cylinder about a vertical axis, of ``size_m`` (along u, along v).
+
+    ``origin_m`` (model frame) is u = v = 0; for a cylinder the axis' foot, u being arc length from ``start_rad``.
+    """
+
+    name: str
+    origin_m: Array
+    u_axis: Array
+    v_axis: Array
+    size_m: tuple[float, float]
+    texel_m: float
+    radius_m: float = 0.0
+    start_rad: float = 0.0
+
+    @property
+    def shape_px(self) -> tuple[int, int]:
+        """Rows and columns of the texture; columns are a multiple of 4, as OpenGL unpacks rows."""
+        return round(self.size_m[1] / self.texel_m / 4) * 4, round(self.size_m[0] / self.texel_m / 4) * 4
+
+    def px_per_m(self) -> tuple[float, float]:
+        """Texels a metre along u and along v."""
+        rows, columns = self.shape_px
+        return columns / self.size_m[0], rows / self.size_m[1]
+
+    def normals(self, u_m: Array) -> Array:
+        """Outward unit normals (n, 3) at u (n,)."""
+        if self.radius_m == 0:
+            return np.broadcast_to(np.cross(self.u_axis, self.v_axis), (len(u_m), 3)).copy()
+        angle = self.start_rad + np.asarray(u_m) / self.radius_m
+        return np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+
+    def points(self, u_m: Array, v_m: Array, out_m: float = 0.0) -> Array:
+        """Model points (n, 3) at u, v, ``out_m`` in front of the surface."""
+        u, v, normals = np.asarray(u_m), np.asarray(v_m), self.normals(np.asarray(u_m))
+        if self.radius_m == 0:
+            return self.origin_m + np.outer(u, self.u_axis) + np.outer(v, self.v_axis) + out_m * normals
+        return self.origin_m + np.outer(v, self.v_axis) + (self.radius_m + out_m) * normals
+
+    def tangent(self, u_m: float) -> Array:
+        """Unit direction of growing u at u."""
+        if self.radius_m == 0:
+            return self.u_axis
+        return np.cross(self.v_axis, self.normals(np.array([u_m]))[0])
+
+    def locate(self, xyz_m: Array) -> tuple[Array, Array]:
+        """(u, v) (n, 2) of model points (n, 3) and their signed distance (n,) in front of the surface."""
+        d = np.asarray(xyz_m) - self.origin_m
+        v = d @ self.v_axis
+        if self.radius_m == 0:
+            return np.column_stack([d @ self.u_axis, v]), d @ np.cross(self.u_axis, self.v_axis)
+        angle = np.arctan2(d[:, 1], d[:, 0]) - self.start_rad
+        return np.column_stack([self.radius_m * angle, v]), np.hypot(d[:, 0], d[:, 1]) - self.radius_m
+
+
+def _upright(
+    name: str, origin: tuple[float, float, float], normal: tuple[float, float], u: float, v: float, texel: float
+) -> Chart:
+    return Chart(
+        name=name,
+        origin_m=np.array(origin),
+        u_axis=np.array([-normal[1], normal[0], 0.0]),
+        v_axis=np.array([0.0, 0.0, 1.0]),
+        size_m=(u, v),
+        texel_m=texel,
+    )
+
+
+def building_charts(b: Building, texel_m: float) -> list[Chart]:
+    """The facades: south, corner (round), east, north, west, and the set-back top storey's south, east and west."""
+    low, top, s, r = b.shoulder_m + b.parapet_m, b.top_m, b.setback_m, b.corner_radius_m
+    length, depth = b.length_m, b.depth_m
+    rise = top - b.shoulder_m
+    corner = Chart(
+        name="corner",
+        origin_m=np.array([length - r, r, 0.0]),
+        u_axis=np.array([1.0, 0.0, 0.0]),
+        v_axis=np.array([0.0, 0.0, 1.0]),
+        size_m=(r * np.pi / 2, low),
+        texel_m=texel_m,
+        radius_m=r,
+        start_rad=-np.pi / 2,
+    )
+    return [
+        _upright("south", (0, 0, 0), (0, -1), length - r, low, texel_m),
+        corner,
+        _upright("east", (length, r, 0), (1, 0), depth - r, low, texel_m),
+        _upright("north", (length, depth, 0), (0, 1), length, top, texel_m),
+        _upright("west", (0, depth, 0), (-1, 0), depth, low, texel_m),
+        _upright("top south", (s, s, b.shoulder_m), (0, -1), length - 2 * s, rise, texel_m),
+        _upright("top east", (length - s, s, b.shoulder_m), (1, 0), depth - s, rise, texel_m),
+        _upright("top west", (s, depth, b.shoulder_m), (-1, 0), depth - s, rise, texel_m),
+    ]
+
+
+def box_charts(box: Box, texel_m: float) -> list[Chart]:
+    """The four sides of a box beside the building, named ``<box> south`` and so on."""
+    (x, y, z), (dx, dy, dz) = box.origin_m, box.size_m
+    return [
+        _upright(f"{box.name} south", (x, y, z), (0, -1), dx, dz, texel_m),
+        _upright(f"{box.name} east", (x + dx, y, z), (1, 0), dy, dz, texel_m),
+        _upright(f"{box.name} north", (x + dx, y + dy, z), (0, 1), dx, dz, texel_m),
+        _upright(f"{box.name} west", (x, y + dy, z), (-1, 0), dy, dz, texel_m),
+    ]
+
+
+def flat_chart(name: str, low_m: tuple[float, float, float], size_m: tuple[float, float], texel_m: float) -> Chart:
+    """A level surface seen from above: u along x, v along y."""
+    return Chart(
+        name=name,
+        origin_m=np.array(low_m),
+        u_axis=np.array([1.0, 0.0, 0.0]),
+        v_axis=np.array([0.0, 1.0, 0.0]),
+        size_m=size_m,
+        texel_m=texel_m,
+    )

@@ -1,0 +1,226 @@
+"""What the facades look like before the sun shines on them: render, stone, brick, windows, doors, years of weather.
+
+Nothing repeats: every block, brick, spot and curtain draws its own numbers, so that a photograph finds its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from facadelake.demo.canvas import Canvas, Colour, Image
+from facadelake.demo.charts import Chart
+from facadelake.demo.recipe import Building, Openings
+
+RENDER: Colour = (203, 184, 146)
+TOP_RENDER: Colour = (196, 198, 194)
+STONE: Colour = (168, 160, 147)
+BRICK: Colour = (150, 82, 60)
+BAND: Colour = (176, 148, 120)
+
+
+def paint_facade(chart: Chart, building: Building, rng: np.random.Generator) -> Canvas:
+    """The texture of one of the building's facades, sound and without defects."""
+    top = chart.name.startswith("top")
+    canvas = Canvas(chart, rng, TOP_RENDER if top else RENDER)
+    _render(canvas)
+    if not top:
+        floors = [s.floor_m for s in building.storeys]
+        ashlar(canvas, 0.0, 0.0, chart.size_m[0], floors[1] - 0.15)
+        bricks(canvas, 0.0, floors[2], chart.size_m[0], floors[2] + 0.55, BRICK)
+        for u0 in (0.0, chart.size_m[0] - 0.45):
+            bricks(canvas, u0, floors[1], u0 + 0.45, chart.size_m[1], BRICK)
+        for floor in floors[1:]:
+            canvas.fill(0, floor - 0.15, chart.size_m[0], floor, BAND)
+            region = canvas.block(0, floor - 0.15, chart.size_m[0], floor)
+            canvas.add(9 * canvas.noise(0.25, region) + 7 * canvas.noise(0.03, region), region)
+    rows = [r for r in building.openings if r.facade == chart.name]
+    base = building.shoulder_m if top else 0.0
+    for row in rows:
+        for u in row.centres_u_m:
+            _surround(canvas, row, u, building.storeys[row.storey].floor_m - base)
+    _weather(canvas)
+    for row in rows:
+        for u in row.centres_u_m:
+            _glazing(canvas, row, u, building.storeys[row.storey].floor_m - base)
+    return canvas
+
+
+def _render(canvas: Canvas) -> None:
+    """Troweled render: blotches of all sizes, spots, and patches of other years."""
+    tone = (
+        6 * canvas.noise(2.2)
+        + 5 * canvas.noise(0.6)
+        + 4 * canvas.noise(0.15)
+        + 5 * canvas.noise(0.04)
+        + 4 * canvas.noise(0.012)
+    )
+    canvas.add(tone)
+    canvas.image[..., 2] += 4 * canvas.noise(1.1)
+    patches(canvas, 0.10, (0.12, 0.5), 9)
+    canvas.speckles(26, (0.006, 0.045), 13)
+
+
+def patches(canvas: Canvas, per_m2: float, radius_m: tuple[float, float], strength: float) -> None:
+    """Irregular fields of slightly other tone, with a faint rim, as mended render shows."""
+    rng = canvas.rng
+    tone: Image = np.zeros(canvas.image.shape[:2], dtype=np.float32)
+    width, height = canvas.chart.size_m
+    for _ in range(int(per_m2 * width * height)):
+        u, v, r = rng.uniform(0, width), rng.uniform(0, height), rng.uniform(*radius_m)
+        ring = [canvas.texel(u + x * r, v + y * r) for x, y in blob(rng, 18, 0.35)]
+        points = np.round(ring).astype(np.int32)
+        cv2.fillPoly(tone, [points], float(rng.normal(scale=strength)))
+        cv2.polylines(tone, [points], True, float(-strength * 0.7), 2)
+    canvas.add(tone)
+
+
+def blob(rng: np.random.Generator, corners: int, rough: float) -> list[tuple[float, float]]:
+    """Corners of an irregular closed outline inside about the unit circle."""
+    angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+    radius = 1 - rough * rng.uniform(0, 1, corners)
+    return [(float(r * np.cos(a)), float(r * np.sin(a))) for r, a in zip(radius, angle, strict=True)]
+
+
+def ashlar(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
+    """Courses of stone blocks with open joints, each block of its own tone and length."""
+    rng, v = canvas.rng, v0
+    while v < v1 - 0.05:
+        high = min(float(rng.uniform(0.30, 0.42)), v1 - v)
+        u = u0 - float(rng.uniform(0, 0.6))
+        while u < u1:
+            long = float(rng.uniform(0.45, 0.95))
+            region = canvas.block(max(u, u0), v, min(u + long, u1), v + high)
+            if canvas.image[region].size:
+                tint = rng.normal(scale=10) + rng.normal(scale=(3.0, 1.5, 3.5))
+                canvas.image[region] = np.array(STONE) + tint
+                canvas.add(7 * canvas.noise(0.18, region) + 7 * canvas.noise(0.03, region), region)
+                joint = canvas.image[region]
+                joint[:3], joint[:, :3] = (118, 110, 98), (118, 110, 98)
+            u += long
+        v += high
+    region = canvas.block(u0, v0, u1, v1)
+    canvas.add(5 * canvas.noise(1.4, region) + 4 * canvas.noise(0.012, region), region)
+
+
+def bricks(canvas: Canvas, u0: float, v0: float, u1: float, v1: float, colour: Colour) -> None:
+    """Running bond, 0.25 by 0.075 m, every brick burnt a little differently."""
+    rng = canvas.rng
+    region = canvas.block(u0, v0, u1, v1)
+    rows, columns = canvas.image[region].shape[:2]
+    if rows == 0 or columns == 0:
+        return
+    high, long = 0.075 * canvas.per_v, 0.25 * canvas.per_u
+    r, c = np.mgrid[0:rows, 0:columns].astype(np.float32)
+    course = (r / high).astype(int)
+    shifted = c / long + 0.5 * (course % 2)
+    index = course * 5003 + shifted.astype(int)
+    count = int(index.max()) + 1
+    tones = (rng.normal(scale=14, size=(count, 1)) + rng.normal(scale=(6, 4, 3), size=(count, 3))).astype(np.float32)
+    brick = np.array(colour, dtype=np.float32) + tones[index]
+    joint = ((r / high) % 1 * high < 3) | (shifted % 1 * long < 3)
+    brick[joint] = (172, 164, 150)
+    canvas.image[region] = brick
+    canvas.add(5 * canvas.noise(0.03, region) + 4 * canvas.noise(0.5, region), region)
+
+
+def _surround(canvas: Canvas, row: Openings, u: float, floor_m: float) -> None:
+    """A painted architrave round an opening."""
+    v, w = floor_m + row.sill_m, row.width_m / 2
+    region = canvas.block(u - w - 0.12, v - 0.08, u + w + 0.12, v + row.height_m + 0.12)
+    canvas.image[region] = (214, 208, 196)
+    canvas.add(4 * canvas.noise(0.2, region) + 5 * canvas.noise(0.02, region), region)
+
+
+def _weather(canvas: Canvas) -> None:
+    """Dirt that runs down in streaks and rises from the ground."""
+    rows, columns = canvas.image.shape[:2]
+    streak = cv2.GaussianBlur(canvas.rng.standard_normal((4, columns), dtype=np.float32), (0, 0), sigmaX=6)
+    field = np.asarray(cv2.resize(streak, (columns, rows), interpolation=cv2.INTER_CUBIC), dtype=np.float32)
+    runs = -26 * np.clip(field, 0, None) * (0.5 + 0.5 * np.tanh(canvas.noise(1.2)))
+    canvas.add(np.asarray(runs, dtype=np.float32))
+    if not canvas.chart.name.startswith("top"):
+        height = (np.arange(rows, 0, -1, dtype=np.float32) / canvas.per_v)[:, None]
+        damp = -30 * np.exp(-height / 0.25) * (1 + 0.5 * np.tanh(canvas.noise(0.5)))
+        canvas.add(np.asarray(damp, dtype=np.float32))
+
+
+def _glazing(canvas: Canvas, row: Openings, u: float, floor_m: float) -> None:
+    """Frame, panes and what hangs behind them; no two windows alike."""
+    rng = canvas.rng
+    v, w, h = floor_m + row.sill_m, row.width_m, row.height_m
+    left, right, top = u - w / 2, u + w / 2, v + h
+    if row.kind == "door":
+        _door(canvas, left, v, right, top)
+        return
+    frame = (226, 224, 218)
+    canvas.fill(left, v, right, top, frame)
+    sashes = 2 if w > 0.9 else 1
+    step = w / sashes
+    curtain, blind = rng.uniform(0.1, 0.42), rng.uniform(-0.6, 0.55)
+    cloth = tuple(float(x) for x in rng.uniform(150, 215) + rng.uniform((-5, -12, -25), (15, 5, 5)))
+    for i in range(sashes):
+        a, b = left + i * step + 0.07, left + (i + 1) * step - 0.07
+        region = canvas.block(a, v + 0.08, b, top - 0.08)
+        rows = canvas.image[region].shape[0]
+        depth = np.linspace(70, 34, rows, dtype=np.float32)[:, None, None] * np.array(
+            [0.85, 0.98, 1.12], dtype=np.float32
+        )
+        canvas.image[region] = depth
+        canvas.add(6 * canvas.noise(0.35, region), region)
+        _furniture(canvas, a, v, b, top)
+        side = (a, a + curtain * (b - a)) if i == 0 else (b - curtain * (b - a), b)
+        _cloth(canvas, side[0], v + 0.08, side[1], top - 0.08, cloth)
+        if blind > 0:
+            _slats(canvas, a, top - 0.08 - blind * h, b, top - 0.08)
+    if sashes == 2:
+        canvas.fill(right - 0.012 - step + 0.05, v + h * 0.45, right - step + 0.06, v + h * 0.53, (90, 90, 90))
+
+
+def _furniture(canvas: Canvas, a: float, v: float, b: float, top: float) -> None:
+    """Dim shapes behind the glass: a lamp, a shelf, a plant."""
+    rng = canvas.rng
+    for _ in range(int(rng.integers(1, 5))):
+        u, size = rng.uniform(a, b), rng.uniform(0.06, 0.22)
+        low = rng.uniform(v + 0.1, v + 0.5 * (top - v))
+        r, g, b_ = (float(x) for x in rng.uniform(45, 140) + rng.normal(scale=14, size=3))
+        canvas.fill(max(a, u - size), low, min(b, u + size), min(low + 1.6 * size, top - 0.1), (r, g, b_))
+
+
+def _cloth(canvas: Canvas, u0: float, v0: float, u1: float, v1: float, colour: Sequence[float]) -> None:
+    region = canvas.block(u0, v0, u1, v1)
+    rows, columns = canvas.image[region].shape[:2]
+    if rows and columns:
+        folds = cv2.GaussianBlur(canvas.rng.standard_normal((1, columns), dtype=np.float32), (0, 0), sigmaX=5) * 38
+        canvas.image[region] = np.array(colour, dtype=np.float32) + folds.reshape(1, columns, 1)
+        canvas.add(4 * canvas.noise(0.05, region), region)
+
+
+def _slats(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
+    region = canvas.block(u0, v0, u1, v1)
+    rows, columns = canvas.image[region].shape[:2]
+    if rows and columns:
+        wave = 14 * np.sin(np.arange(rows, dtype=np.float32) * 2 * np.pi / (0.05 * canvas.per_v))
+        canvas.image[region] = np.array((188, 186, 178), dtype=np.float32) + wave[:, None, None]
+        canvas.add(4 * canvas.noise(0.2, region), region)
+
+
+def _door(canvas: Canvas, left: float, v: float, right: float, top: float) -> None:
+    canvas.fill(left, v, right, top, (70, 48, 36))
+    region = canvas.block(left + 0.07, v, right - 0.07, top - 0.07)
+    canvas.image[region] = (112, 68, 44)
+    grain = cv2.resize(
+        canvas.rng.standard_normal((3, canvas.image[region].shape[1]), dtype=np.float32),
+        canvas.image[region].shape[1::-1],
+        interpolation=cv2.INTER_CUBIC,
+    )
+    canvas.add(np.asarray(8 * grain, dtype=np.float32), region)
+    middle = (left + right) / 2
+    for low, high in ((0.15, 0.85), (0.95, 1.35)):
+        for a, b in ((left + 0.16, middle - 0.06), (middle + 0.06, right - 0.16)):
+            canvas.fill(a, v + low, b, v + high, (88, 52, 34))
+            canvas.fill(a + 0.03, v + low + 0.03, b - 0.03, v + high - 0.03, (124, 78, 50))
+    canvas.fill(left + 0.16, v + 1.5, right - 0.16, top - 0.2, (58, 66, 74))
+    canvas.fill(right - 0.2, v + 1.0, right - 0.14, v + 1.08, (205, 190, 120))

@@ -1,0 +1,133 @@
+"""Where the camera was: an orbit in waves of height, close rows before the facades, and what the aircraft believed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+import numpy as np
+
+from facadelake.camera import Camera, PosedCamera
+from facadelake.demo.recipe import Building, Campaign, Optics
+from facadelake.demo.scene import World
+from facadelake.frames import Array, Similarity
+
+SECONDS_APART = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shot:
+    """A photograph to be taken: its file, time, true camera, and the tags with the aircraft's errors."""
+
+    file_name: str
+    taken: datetime
+    posed: PosedCamera
+    tag_lon_lat_height: Array
+    tag_yaw_pitch_roll_deg: Array
+
+
+def camera_of(optics: Optics) -> Camera:
+    """The true camera."""
+    keys = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
+    return Camera(**{k: getattr(optics, k) for k in keys})
+
+
+def rotation_of(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
+    """``site_from_cam`` rotation (3, 3): yaw clockwise from north, pitch up from level, roll right side down."""
+    y, p, r = np.radians([yaw_deg, pitch_deg, roll_deg])
+    forward = np.array([np.sin(y) * np.cos(p), np.cos(y) * np.cos(p), np.sin(p)])
+    right = np.array([np.cos(y), -np.sin(y), 0.0])
+    down = np.cross(forward, right)
+    return np.column_stack([np.cos(r) * right + np.sin(r) * down, np.cos(r) * down - np.sin(r) * right, forward])
+
+
+def attitude_of(rotation: Array) -> Array:
+    """Yaw, pitch and roll (degrees) of a ``site_from_cam`` rotation; the inverse of ``rotation_of``."""
+    right, forward = rotation[:, 0], rotation[:, 2]
+    yaw, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1, 1))
+    level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
+    roll = np.arctan2(right @ np.cross(forward, level), right @ level)
+    return np.degrees([yaw, pitch, roll])
+
+
+def _outline_point(b: Building, distance: float, along_m: float) -> tuple[Array, float]:
+    """The plan point (2,) at a length along the outline ``distance`` outside the house, from the south-west corner
+    anticlockwise round corners of that radius; and the outline's whole length."""
+    corners = np.array([(b.length_m, 0.0), (b.length_m, b.depth_m), (0.0, b.depth_m), (0.0, 0.0)])
+    arc = np.pi / 2 * distance
+    sides = [b.length_m, b.depth_m, b.length_m, b.depth_m]
+    total = sum(sides) + 4 * arc
+    left = along_m % total
+    for number, (corner, side) in enumerate(zip(corners, sides, strict=True)):
+        angle = (number - 1) * np.pi / 2
+        out = np.array([np.cos(angle), np.sin(angle)])
+        if left <= side:
+            return corner + distance * out - (side - left) * np.array([-out[1], out[0]]), total
+        if left <= side + arc:
+            turned = angle + (left - side) / distance
+            return corner + distance * np.array([np.cos(turned), np.sin(turned)]), total
+        left -= side + arc
+    raise AssertionError("a length within the outline lies on one of its pieces")
+
+
+def _orbit(b: Building, count: int, distance: float, heights: list[float]) -> list[tuple[Array, Array]]:
+    """Positions and aims (model frame) at even steps round the house.
+
+    Aims lie on a short line through the middle of the house, so that the view turns steadily round the corners.
+    """
+    _, total = _outline_point(b, distance, 0.0)
+    result = []
+    for i in range(count):
+        (x, y), _ = _outline_point(b, distance, (i + 0.5) * total / count)
+        height = heights[i % len(heights)]
+        aim_x = np.clip(x, 0.3 * b.length_m, 0.7 * b.length_m)
+        aim = np.array([aim_x, b.depth_m / 2, 0.45 * height + 0.26 * b.top_m])
+        result.append((np.array([x, y, height]), aim))
+    return result
+
+
+def _rows(world: World, campaign: Campaign) -> list[tuple[Array, Array]]:
+    """Positions and aims (model frame) of the close-range rows."""
+    result = []
+    for row in campaign.flight.close:
+        chart = world.charts[row.surface]
+        for u in np.linspace(row.u_from_m, row.u_to_m, row.count):
+            at = np.array([float(u)])
+            aim = chart.points(at, np.array([row.v_m]))[0]
+            out, along = chart.normals(at)[0], chart.tangent(float(u))
+            turn = np.radians(row.turn_deg)
+            result.append((aim + row.distance_m * (np.cos(turn) * out + np.sin(turn) * along), aim))
+    return result
+
+
+def plan_flight(world: World, campaign: Campaign, geo_from_site: Callable[[Array], Array]) -> list[Shot]:
+    """All photographs of a campaign in the order they were taken, ``multiview/`` first."""
+    flight, rng = campaign.flight, np.random.default_rng([world.recipe.seed, campaign.seed])
+    camera = camera_of(world.recipe.optics)
+    stops = [
+        ("multiview", *s)
+        for s in _orbit(world.recipe.building, flight.orbit_count, flight.orbit_distance_m, flight.orbit_heights_m)
+    ]
+    stops += [("closerange", *s) for s in _rows(world, campaign)]
+    starts = datetime.fromisoformat(campaign.starts)
+    shots = []
+    for number, (role, position_ifc, aim_ifc) in enumerate(stops, start=1):
+        scale = flight.jitter_m if role == "multiview" else 0.5 * flight.jitter_m
+        centre = world.to_site(position_ifc) + rng.uniform(-scale, scale, 3)
+        d = world.to_site(aim_ifc) - centre
+        aimed = np.array([np.degrees(np.arctan2(d[0], d[1])), np.degrees(np.arctan2(d[2], np.hypot(d[0], d[1]))), 0.0])
+        true = aimed + rng.uniform(-flight.jitter_deg, flight.jitter_deg, 3) * [1, 1, 0.5]
+        pose = Similarity(rotation=rotation_of(*true.tolist()), translation=centre)
+        believed = centre + flight.gps_bias_m + rng.normal(size=3) * flight.gps_noise_m
+        attitude = true + flight.attitude_bias_deg + rng.normal(scale=flight.attitude_noise_deg, size=3)
+        shots.append(
+            Shot(
+                file_name=f"{role}/DJI_{number:04d}.JPG",
+                taken=starts + timedelta(seconds=SECONDS_APART * number),
+                posed=PosedCamera(camera=camera, site_from_cam=pose),
+                tag_lon_lat_height=geo_from_site(believed[None])[0],
+                tag_yaw_pitch_roll_deg=attitude,
+            )
+        )
+    return shots

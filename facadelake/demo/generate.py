@@ -1,0 +1,237 @@
+"""Make the demo: model, photographs, boxes, control points, truth; once for a recipe, whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import json
+import logging
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import tempfile
+import uuid
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from filelock import FileLock
+
+from facadelake.cache import code_hash, key_of
+from facadelake.demo.annotations import FALSE_SHARE, exact_boxes, false_boxes, noisy_boxes, write_coco
+from facadelake.demo.exif_writer import exif_bytes, xmp_bytes
+from facadelake.demo.flight import Shot, camera_of, plan_flight
+from facadelake.demo.ifc_writer import write_ifc
+from facadelake.demo.light import RayScene
+from facadelake.demo.mesh import ifc_solids
+from facadelake.demo.placement import Placement, place_model
+from facadelake.demo.recipe import Campaign, DemoRecipe
+from facadelake.demo.render import PhotoJob, RenderJob
+from facadelake.demo.scene import Scene, World, build_scene, make_world
+from facadelake.demo.truth import (
+    Home,
+    home_of,
+    write_cameras,
+    write_checkpoints,
+    write_control_points,
+    write_defects,
+    write_detections,
+)
+from facadelake.demo.visibility import sightings, spot_of
+from facadelake.errors import FacadelakeError
+from facadelake.progress import stage_progress
+
+log = logging.getLogger(__name__)
+
+STAMP = "demo.json"
+RENDER_PROCESSES = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoCampaign:
+    """A campaign's folder and its photographs' root."""
+
+    campaign_id: str
+    folder: Path
+    images: Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoFiles:
+    """What the demo wrote; ``made`` is false where all of it was there already."""
+
+    folder: Path
+    ifc: Path
+    campaigns: tuple[DemoCampaign, ...]
+    made: bool
+
+
+def generate_demo(recipe: DemoRecipe, out: Path) -> DemoFiles:
+    """Write the demo of a recipe into ``out``, or find it there whole.
+
+    It is made in a folder beside ``out`` that takes its place at the end, so a killed run leaves nothing half-written.
+    """
+    key = key_of(
+        {"recipe": recipe.model_dump(mode="json"), "code": code_hash("demo", "camera.py", "frames.py", "geodesy.py")}
+    )
+    out = out.resolve()
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(out.parent / f".{out.name}.lock"):
+        if _is_whole(out, key):
+            return _files(recipe, out, made=False)
+        for left in out.parent.glob(f".{out.name}.*.part"):
+            shutil.rmtree(left, ignore_errors=True)
+        part = out.parent / f".{out.name}.{uuid.uuid4().hex[:8]}.part"
+        try:
+            _make(recipe, part)
+            names = sorted(str(p.relative_to(part)) for p in part.rglob("*") if p.is_file())
+            (part / STAMP).write_text(json.dumps({"key": key, "files": names}, indent=1))
+            shutil.rmtree(out, ignore_errors=True)
+            part.rename(out)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+    return _files(recipe, out, made=True)
+
+
+def _is_whole(out: Path, key: str) -> bool:
+    try:
+        stamp = json.loads((out / STAMP).read_text())
+    except (OSError, ValueError):
+        return False
+    return stamp.get("key") == key and all((out / name).is_file() for name in stamp["files"])
+
+
+def _files(recipe: DemoRecipe, out: Path, *, made: bool) -> DemoFiles:
+    folders = [(c.id, out / "campaigns" / c.id) for c in recipe.campaigns]
+    campaigns = tuple(DemoCampaign(campaign_id=i, folder=f, images=f / "images") for i, f in folders)
+    return DemoFiles(folder=out, ifc=out / "demo.ifc", campaigns=campaigns, made=made)
+
+
+def _make(recipe: DemoRecipe, out: Path) -> None:
+    out.mkdir(parents=True)
+    placement = place_model(recipe.place)
+    write_ifc(recipe, placement, out / "demo.ifc")
+    world = make_world(recipe, placement.affine(), ifc_solids(out / "demo.ifc"))
+    model_rays = RayScene([world.to_site(s.triangles) for s in world.ifc])
+    homes = {d.id: home_of(world, spot_of(world, d, "present"), model_rays) for d in recipe.defects}
+    photographs = sum(c.flight.orbit_count + sum(r.count for r in c.flight.close) for c in recipe.campaigns)
+    total = photographs + len(recipe.campaigns) * 4
+    with stage_progress("Demo building: model, light and photographs", total) as step:
+        for index, campaign in enumerate(recipe.campaigns):
+            folder = out / "campaigns" / campaign.id
+            shots = plan_flight(world, campaign, placement.origin.geo_from_site)
+            scene = build_scene(world, campaign, index)
+            step.advance(4)
+            for _ in _photograph(recipe, campaign, placement, shots, scene, folder / "images"):
+                step.advance()
+            _tell_truth(world, campaign, index, placement, shots, scene.rays, homes, folder)
+            log.info("campaign %s: %d photographs", campaign.id, len(shots))
+    _write_changes(recipe, out)
+
+
+def _photograph(
+    recipe: DemoRecipe, campaign: Campaign, placement: Placement, shots: list[Shot], scene: Scene, images: Path
+) -> Iterator[str]:
+    """Render a campaign's photographs in processes of their own; yields the name of each as it is ready."""
+    jobs = []
+    for number, shot in enumerate(shots):
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = shot.posed.site_from_cam.rotation, shot.posed.centre_site_m
+        jobs.append(
+            PhotoJob(
+                path=images / shot.file_name,
+                site_from_cam=pose,
+                exif=exif_bytes(shot, recipe.optics),
+                xmp=xmp_bytes(shot, recipe.place.height_ellipsoidal_m),
+                seed=campaign.seed * 1000 + number,
+            )
+        )
+    with tempfile.TemporaryDirectory(prefix="facadelake-demo-") as name:
+        folder = Path(name)
+        for i, (texture, image) in enumerate(scene.textures.items()):
+            drawn = [part for part in scene.parts if part.texture == texture]
+            np.save(folder / f"texture_{i:02d}.npy", image)
+            triangles, uv, colours = (
+                np.concatenate([getattr(p, k) for p in drawn]) for k in ("triangles", "uv", "colours")
+            )
+            np.savez(folder / f"part_{i:02d}.npz", triangles=triangles, uv=uv, colours=colours)
+        job = RenderJob(camera=camera_of(recipe.optics), noise=campaign.light.noise, photographs=jobs)
+        (folder / "job.pickle").write_bytes(pickle.dumps(job))
+        yield from _run_workers(folder, min(RENDER_PROCESSES, len(jobs)))
+
+
+def _run_workers(folder: Path, count: int) -> Iterator[str]:
+    environment = {**os.environ, "PYOPENGL_PLATFORM": "egl"}
+    workers = []
+    for shard in range(count):
+        errors = (folder / f"errors_{shard}.txt").open("w+")
+        command = [sys.executable, "-m", "facadelake.demo.render", str(folder), str(shard), str(count)]
+        workers.append(
+            (subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment), errors)
+        )
+    try:
+        for worker, errors in workers:
+            assert worker.stdout is not None
+            yield from (line.strip() for line in worker.stdout)
+            if worker.wait() != 0:
+                errors.seek(0)
+                last = errors.read().strip().splitlines()[-1:] or [f"exit code {worker.returncode}"]
+                raise FacadelakeError(
+                    f"rendering the demo's photographs failed: {last[0]}; `facadelake doctor` tells whether EGL works "
+                    "(Debian: apt-get install libegl1 libgl1 libegl-mesa0)"
+                )
+    finally:
+        for worker, errors in workers:
+            if worker.poll() is None:
+                worker.kill()
+                worker.wait()
+            errors.close()
+
+
+def _tell_truth(
+    world: World,
+    campaign: Campaign,
+    index: int,
+    placement: Placement,
+    shots: list[Shot],
+    rays: RayScene,
+    homes: dict[str, Home],
+    folder: Path,
+) -> None:
+    """Boxes, control points and truth of one campaign."""
+    recipe = world.recipe
+    rng = np.random.default_rng([recipe.seed, campaign.seed, 7])
+    there = {"present", "new", "grown"}
+    spots = [spot_of(world, d, d.states[index]) for d in recipe.defects if d.states[index] in there]
+    foreign = [spot_of(world, d, d.states[index]) for d in recipe.off_target_defects if d.states[index] in there]
+    found = sightings([*spots, *foreign], shots, rays)
+    exact = exact_boxes(found, {d.id for d in recipe.defects}, rng)
+    false = false_boxes(round(FALSE_SHARE * len(exact)), shots, rays, set(range(len(world.ifc))), rng)
+    noisy = noisy_boxes(exact, false, shots, rng)
+    write_coco(folder / "detections.coco.json", exact, shots)
+    write_coco(folder / "detections_noisy.coco.json", noisy, shots)
+    write_control_points(folder / "gcp_list.txt", world, shots, rays, placement, rng)
+    truth = folder / "truth"
+    write_cameras(truth / "cameras.csv", shots, placement)
+    write_checkpoints(truth / "checkpoints.csv", spots, homes, Counter(s.spot.defect.id for s in found), placement)
+    write_detections(truth / "detections.csv", {"detections.coco.json": exact, "detections_noisy.coco.json": noisy})
+    places = [spot_of(world, d, "present") for d in recipe.defects]
+    imaged = Counter(s.spot.defect.id for s in sightings(places, shots, rays))
+    write_defects(truth / "defects.csv", world, index, homes, imaged, placement)
+
+
+def _write_changes(recipe: DemoRecipe, out: Path) -> None:
+    """``truth/defects.csv``: one row a defect, one column a campaign, from the campaigns' own truth."""
+    states: dict[str, list[str]] = {d.id: [d.kind] for d in recipe.defects}
+    for campaign in recipe.campaigns:
+        with (out / "campaigns" / campaign.id / "truth" / "defects.csv").open(newline="") as stream:
+            for row in csv.DictReader(stream):
+                states[row["id"]].append(row["state"])
+    (out / "truth").mkdir()
+    with (out / "truth" / "defects.csv").open("w", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["id", "class", *(f"state_{c.id}" for c in recipe.campaigns)])
+        writer.writerows([i, *row] for i, row in states.items())

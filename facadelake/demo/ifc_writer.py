@@ -1,0 +1,297 @@
+"""The demo building as an IFC4 file: storeys, walls with openings, windows, balconies, materials, georeference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import ifcopenshell
+import ifcopenshell.api.aggregate
+import ifcopenshell.api.context
+import ifcopenshell.api.feature
+import ifcopenshell.api.georeference
+import ifcopenshell.api.material
+import ifcopenshell.api.project
+import ifcopenshell.api.pset
+import ifcopenshell.api.root
+import ifcopenshell.api.unit
+import numpy as np
+
+from facadelake.demo.charts import Chart, building_charts
+from facadelake.demo.ifc_parts import (
+    Entity,
+    body,
+    extrusion,
+    facing,
+    outline,
+    product,
+    rectangle,
+    ring_sector,
+    settle_guids,
+)
+from facadelake.demo.placement import Placement
+from facadelake.demo.recipe import Building, DemoRecipe, Openings
+
+COURSE_OUT_M, COURSE_HEIGHT_M = 0.06, 0.15
+SILL_OUT_M, SILL_HEIGHT_M = 0.05, 0.05
+
+
+class _Writer:
+    """One model under construction."""
+
+    def __init__(self, building: Building, placement: Placement) -> None:
+        self.b = building
+        self.charts = {c.name: c for c in building_charts(building, 0.01)}
+        self.model = ifcopenshell.api.project.create_file(version="IFC4")
+        self.walls: dict[tuple[str, int], Entity] = {}
+        self.storeys = self._spatial_structure(placement)
+        self._materials()
+
+    def _spatial_structure(self, placement: Placement) -> list[Entity]:
+        m = self.model
+        project = ifcopenshell.api.root.create_entity(m, ifc_class="IfcProject", name="Facadelake demo building")
+        ifcopenshell.api.unit.assign_unit(m, length={"is_metric": True, "raw": "METERS"})
+        model = ifcopenshell.api.context.add_context(m, context_type="Model")
+        ifcopenshell.api.context.add_context(
+            m, context_type="Model", context_identifier="Body", target_view="MODEL_VIEW", parent=model
+        )
+        site = ifcopenshell.api.root.create_entity(m, ifc_class="IfcSite", name="Demo site")
+        house = ifcopenshell.api.root.create_entity(m, ifc_class="IfcBuilding", name="Demo building")
+        ifcopenshell.api.aggregate.assign_object(m, products=[site], relating_object=project)
+        ifcopenshell.api.aggregate.assign_object(m, products=[house], relating_object=site)
+        storeys = []
+        for storey in self.b.storeys:
+            entity = ifcopenshell.api.root.create_entity(m, ifc_class="IfcBuildingStorey", name=storey.name)
+            entity.Elevation = storey.floor_m
+            storeys.append(entity)
+        ifcopenshell.api.aggregate.assign_object(m, products=storeys, relating_object=house)
+        ifcopenshell.api.georeference.add_georeferencing(m)
+        ifcopenshell.api.georeference.edit_georeferencing(
+            m,
+            projected_crs={
+                "Name": placement.crs,
+                "Description": "ETRS89 / UTM zone 32N; heights are ellipsoidal (GRS80)",
+                "GeodeticDatum": "ETRS89",
+                "MapProjection": "UTM",
+                "MapZone": "32N",
+            },
+            coordinate_operation={
+                "Eastings": placement.east_m,
+                "Northings": placement.north_m,
+                "OrthogonalHeight": placement.height_m,
+                "XAxisAbscissa": float(np.cos(placement.rotation_rad)),
+                "XAxisOrdinate": float(np.sin(placement.rotation_rad)),
+                "Scale": placement.scale,
+            },
+        )
+        return storeys
+
+    def _materials(self) -> None:
+        m = self.model
+        names = (
+            "Lime render",
+            "Clay brick",
+            "Gypsum plaster",
+            "Reinforced concrete",
+            "Glass",
+            "Galvanised steel",
+            "Sandstone",
+        )
+        self.material = {n: ifcopenshell.api.material.add_material(m, name=n) for n in names}
+        self.layers = ifcopenshell.api.material.add_material_set(
+            m, name="External wall", set_type="IfcMaterialLayerSet"
+        )
+        for name, thick in (("Lime render", 0.02), ("Clay brick", self.b.wall_m - 0.035), ("Gypsum plaster", 0.015)):
+            layer = ifcopenshell.api.material.add_layer(m, layer_set=self.layers, material=self.material[name])
+            ifcopenshell.api.material.edit_layer(m, layer=layer, attributes={"LayerThickness": thick})
+
+    def describe(self, element: Entity, pset: str, material: str | None, *, external: bool = True) -> None:
+        """Common property set and material of an element; no material name means the wall's layers."""
+        m = self.model
+        common = ifcopenshell.api.pset.add_pset(m, product=element, name=pset)
+        ifcopenshell.api.pset.edit_pset(m, pset=common, properties={"IsExternal": external})
+        if material is None:
+            ifcopenshell.api.material.assign_material(
+                m, products=[element], type="IfcMaterialLayerSet", material=self.layers
+            )
+        else:
+            ifcopenshell.api.material.assign_material(m, products=[element], material=self.material[material])
+
+    def wall(self, facade: str, storey: int, name: str, solid: Entity) -> None:
+        """An external wall of a facade and storey; ``name`` tells it from a parapet there."""
+        wall = product(self.model, "IfcWall", name, self.storeys[storey], [solid], predefined_type="SOLIDWALL")
+        self.describe(wall, "Pset_WallCommon", None)
+        self.walls.setdefault((facade, storey), wall)
+
+    def straight(
+        self, facade: str, storey: int, name: str, plan: tuple[float, float, float, float], base: float, height: float
+    ) -> None:
+        profile = outline(self.model, rectangle(*plan))
+        self.wall(facade, storey, name, extrusion(self.model, profile, base, height))
+
+    def corner(self, radius_in: float, radius_out: float) -> Entity:
+        """Profile of the round corner between two radii."""
+        b = self.b
+        centre = (b.length_m - b.corner_radius_m, b.corner_radius_m)
+        return outline(self.model, *ring_sector(centre, radius_in, radius_out, -np.pi / 2, 0.0))
+
+    def body_walls(self) -> None:
+        """Walls of the lower storeys, their parapets, and of the top storey set back."""
+        b, w, r, m = self.b, self.b.wall_m, self.b.corner_radius_m, self.model
+        length, depth, s, last = b.length_m, b.depth_m, b.setback_m, len(b.storeys) - 1
+        lower = {
+            "south": (0.0, 0.0, length - r, w),
+            "east": (length - w, r, length, depth - w),
+            "north": (0.0, depth - w, length, depth),
+            "west": (0.0, w, w, depth - w),
+        }
+        upper = {
+            "top south": (s, s, length - s, s + w),
+            "top east": (length - s - w, s + w, length - s, depth - w),
+            "north": (s, depth - w, length - s, depth),
+            "top west": (s, s + w, s + w, depth - w),
+        }
+        for i, storey in enumerate(b.storeys[:-1]):
+            for facade, plan in lower.items():
+                self.straight(
+                    facade,
+                    i,
+                    f"{facade.capitalize()} wall, {storey.name.lower()}",
+                    plan,
+                    storey.floor_m,
+                    storey.height_m,
+                )
+            solid = extrusion(m, self.corner(r - w, r), storey.floor_m, storey.height_m)
+            self.wall("corner", i, f"Round corner, {storey.name.lower()}", solid)
+        for facade, plan in upper.items():
+            name = f"{facade.removeprefix('top ').capitalize()} wall, {b.storeys[-1].name.lower()}"
+            self.straight(facade, last, name, plan, b.shoulder_m, b.storeys[-1].height_m)
+        parapets = {k: v for k, v in lower.items() if k != "north"}
+        parapets |= {
+            "north, west end": (0.0, depth - w, s, depth),
+            "north, east end": (length - s, depth - w, length, depth),
+        }
+        for facade, plan in parapets.items():
+            self.straight(f"parapet {facade}", last, f"Parapet, {facade}", plan, b.shoulder_m, b.parapet_m)
+        self.wall(
+            "parapet corner",
+            last,
+            "Parapet, round corner",
+            extrusion(m, self.corner(r - w, r), b.shoulder_m, b.parapet_m),
+        )
+
+    def slabs(self) -> None:
+        """Floors, the terrace and the roof."""
+        b, w, r, m = self.b, self.b.wall_m, self.b.corner_radius_m, self.model
+        length, depth, s = b.length_m, b.depth_m, b.setback_m
+        a = (r - w) * np.sqrt(0.5)
+        cx, cy = length - r, r
+        inside = [(w, w), (cx, w), (cx + a, cy - a), (length - w, cy), (length - w, depth - w), (w, depth - w)]
+        for i, storey in enumerate(b.storeys):
+            profile = outline(m, inside, [[1, 2], [2, 3, 4], [4, 5], [5, 6], [6, 1]])
+            name = "Terrace and floor slab" if i == len(b.storeys) - 1 else f"Floor slab, {storey.name.lower()}"
+            solid = extrusion(m, profile, storey.floor_m - 0.2, 0.2)
+            slab = product(m, "IfcSlab", name, self.storeys[i], [solid], predefined_type="FLOOR")
+            self.describe(slab, "Pset_SlabCommon", "Reinforced concrete", external=i == len(b.storeys) - 1)
+        plan = rectangle(s - 0.3, s - 0.3, length - s + 0.3, depth + 0.3)
+        roof = product(
+            m,
+            "IfcSlab",
+            "Roof slab",
+            self.storeys[-1],
+            [extrusion(m, outline(m, plan), b.top_m, 0.2)],
+            predefined_type="ROOF",
+        )
+        self.describe(roof, "Pset_SlabCommon", "Reinforced concrete")
+
+    def courses(self) -> None:
+        """Storey bands, a hand's breadth proud of the wall, at every floor line but the ground's."""
+        b, o, r, m = self.b, COURSE_OUT_M, self.b.corner_radius_m, self.model
+        length, depth = b.length_m, b.depth_m
+        plans = {
+            "south": rectangle(-o, -o, length - r, 0.0),
+            "east": rectangle(length, r, length + o, depth + o),
+            "north": rectangle(-o, depth, length, depth + o),
+            "west": rectangle(-o, 0.0, 0.0, depth),
+        }
+        for i, storey in enumerate(b.storeys[1:], start=1):
+            profiles = {k: outline(m, p) for k, p in plans.items()} | {"round corner": self.corner(r, r + o)}
+            for facade, profile in profiles.items():
+                solid = extrusion(m, profile, storey.floor_m - COURSE_HEIGHT_M, COURSE_HEIGHT_M)
+                band = product(
+                    m, "IfcMember", f"Storey band, {facade}, {storey.name.lower()}", self.storeys[i], [solid]
+                )
+                self.describe(band, "Pset_MemberCommon", "Sandstone")
+
+    def opening(self, row: Openings, u: float) -> None:
+        """A hole in a wall and the window or door that fills it, its pane behind the reveal."""
+        b, m, chart = self.b, self.model, self.charts[row.facade]
+        wall, storey = self.walls[(row.facade, row.storey)], b.storeys[row.storey]
+        base = storey.floor_m + row.sill_m
+        place = f"{row.facade}, {storey.name.lower()}, {u:.2f} m"
+
+        def block(width: float, out: tuple[float, float], z: float, height: float) -> Entity:
+            return extrusion(m, outline(m, facing(chart, u, width, *out)), z, height)
+
+        hole = ifcopenshell.api.root.create_entity(m, ifc_class="IfcOpeningElement", name=f"Opening {place}")
+        body(m, hole, [block(row.width_m, (-b.wall_m - 0.2, 0.2), base, row.height_m)])
+        ifcopenshell.api.feature.add_feature(m, feature=hole, element=wall)
+        sill = SILL_HEIGHT_M if row.kind == "window" and chart.radius_m == 0 else 0.0
+        kind = "IfcWindow" if row.kind == "window" else "IfcDoor"
+        pane = block(row.width_m, (-b.reveal_m - 0.06, -b.reveal_m), base + sill, row.height_m - sill)
+        filling = product(m, kind, f"{row.kind.capitalize()} {place}", self.storeys[row.storey], [pane])
+        filling.OverallHeight, filling.OverallWidth = row.height_m, row.width_m
+        ifcopenshell.api.feature.add_filling(m, opening=hole, element=filling)
+        self.describe(filling, "Pset_WindowCommon" if kind == "IfcWindow" else "Pset_DoorCommon", "Glass")
+        if sill:
+            ledge = block(row.width_m, (-b.reveal_m - 0.06, SILL_OUT_M), base, sill)
+            member = product(m, "IfcMember", f"Sill {place}", self.storeys[row.storey], [ledge])
+            self.describe(member, "Pset_MemberCommon", "Sandstone")
+
+    def balconies(self) -> None:
+        """Slabs in front of the facade and their railings of posts and rails."""
+        m = self.model
+        for balcony in self.b.balconies:
+            chart, storey = self.charts[balcony.facade], self.b.storeys[balcony.storey]
+            u, width, depth, floor = balcony.centre_u_m, balcony.width_m, balcony.depth_m, storey.floor_m
+            place = f"{balcony.facade}, {storey.name.lower()}, {u:.2f} m"
+            solid = extrusion(m, outline(m, facing(chart, u, width, COURSE_OUT_M, depth)), floor - 0.18, 0.18)
+            slab = product(
+                m, "IfcSlab", f"Balcony {place}", self.storeys[balcony.storey], [solid], predefined_type="FLOOR"
+            )
+            self.describe(slab, "Pset_SlabCommon", "Reinforced concrete")
+            bars = []
+            for z, thick in ((0.95, 0.06), (0.12, 0.03), (0.40, 0.03), (0.68, 0.03)):
+                for plan in self._rail(chart, u, width, depth, thick):
+                    bars.append(extrusion(m, outline(m, plan), floor + z, thick))
+            for at in np.linspace(-width / 2 + 0.05, width / 2 - 0.05, 5):
+                bars.append(
+                    extrusion(m, outline(m, facing(chart, u + at, 0.04, depth - 0.07, depth - 0.03)), floor, 0.95)
+                )
+            railing = product(
+                m, "IfcRailing", f"Railing {place}", self.storeys[balcony.storey], bars, predefined_type="BALUSTRADE"
+            )
+            self.describe(railing, "Pset_RailingCommon", "Galvanised steel")
+
+    @staticmethod
+    def _rail(chart: Chart, u: float, width: float, depth: float, thick: float) -> list[list[tuple[float, float]]]:
+        edge = width / 2 - 0.05
+        return [
+            facing(chart, u, width - 0.1 + thick, depth - 0.05 - thick / 2, depth - 0.05 + thick / 2),
+            facing(chart, u - edge, thick, 0.0, depth - 0.05 - thick / 2),
+            facing(chart, u + edge, thick, 0.0, depth - 0.05 - thick / 2),
+        ]
+
+
+def write_ifc(recipe: DemoRecipe, placement: Placement, path: Path) -> None:
+    """Write the demo building to ``path``; the same recipe gives the same GlobalIds."""
+    writer = _Writer(recipe.building, placement)
+    writer.body_walls()
+    writer.slabs()
+    writer.courses()
+    for row in recipe.building.openings:
+        for u in row.centres_u_m:
+            writer.opening(row, u)
+    writer.balconies()
+    settle_guids(writer.model)
+    writer.model.header.file_name.time_stamp = f"{recipe.campaigns[0].starts[:10]}T00:00:00"
+    writer.model.write(str(path))

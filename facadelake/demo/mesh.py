@@ -1,0 +1,121 @@
+"""Triangles of the demo: those of the written IFC (so that model and photographs agree) and of what is not in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import ifcopenshell
+import ifcopenshell.geom
+import ifcopenshell.util.element
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from facadelake.demo.recipe import Box, Tree
+from facadelake.errors import ModelError
+from facadelake.frames import Array
+
+# Chord error of the round corner's triangles; the radius is metres, so this is a few degrees a facet.
+DEFLECTION_M = 0.0005
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solid:
+    """Triangles (n, 3, 3) in the model's frame, of one element (``guid``, empty where it is not in the model)."""
+
+    guid: str
+    kind: str
+    name: str
+    storey: str
+    triangles: Array
+
+
+def ifc_solids(path: Path) -> list[Solid]:
+    """Every product of an IFC with a body, as triangles; openings are cut, spaces and openings left out."""
+    model = ifcopenshell.open(str(path))
+    settings = ifcopenshell.geom.settings()
+    settings.set("use-world-coords", True)
+    settings.set("mesher-linear-deflection", DEFLECTION_M)
+    settings.set("mesher-angular-deflection", 0.05)
+    iterator = ifcopenshell.geom.iterator(settings, model, 1, exclude=model.by_type("IfcOpeningElement"))
+    if not iterator.initialize():
+        raise ModelError(f"{path.name} has no geometry; write it again")
+    solids = []
+    for shape in _shapes(iterator):
+        element = model.by_guid(shape.guid)
+        container = ifcopenshell.util.element.get_container(element)
+        vertices = np.asarray(shape.geometry.verts, dtype=np.float64).reshape(-1, 3)
+        faces = np.asarray(shape.geometry.faces, dtype=np.int64).reshape(-1, 3)
+        solids.append(
+            Solid(
+                guid=shape.guid,
+                kind=element.is_a(),
+                name=element.Name or "",
+                storey=(container.Name or "") if container else "",
+                triangles=vertices[faces],
+            )
+        )
+    return sorted(solids, key=lambda s: s.guid)
+
+
+def _shapes(iterator: ifcopenshell.geom.iterator) -> Iterator[ifcopenshell.geom.ShapeElementType]:
+    while True:
+        yield iterator.get()
+        if not iterator.next():
+            return
+
+
+def box_solid(box: Box) -> Solid:
+    """An upright box that is not in the model."""
+    mesh = trimesh.creation.box(bounds=np.array([box.origin_m, np.add(box.origin_m, box.size_m)]))
+    return _foreign(box.name, np.asarray(mesh.triangles))
+
+
+def roof_solid(box: Box) -> Solid:
+    """A gable roof over a box, its ridge along the longer side, eaves 0.4 m out."""
+    (x, y, z), (dx, dy, dz) = box.origin_m, box.size_m
+    e, top, rise = 0.4, z + dz, 0.32 * min(dx, dy)
+    x0, x1, y0, y1 = x - e, x + dx + e, y - e, y + dy + e
+    if dx >= dy:
+        ridge = [(x0, (y0 + y1) / 2, top + rise), (x1, (y0 + y1) / 2, top + rise)]
+    else:
+        ridge = [((x0 + x1) / 2, y0, top + rise), ((x0 + x1) / 2, y1, top + rise)]
+    hull = trimesh.convex.convex_hull(np.array([(x0, y0, top), (x1, y0, top), (x1, y1, top), (x0, y1, top), *ridge]))
+    return _foreign(f"{box.name} roof", np.asarray(hull.triangles))
+
+
+def tree_solids(tree: Tree, rng: np.random.Generator) -> list[Solid]:
+    """A trunk, and a crown of some thousand leaves in clumps; the same generator state gives the same tree."""
+    foot = np.array(tree.foot_m)
+    trunk = trimesh.creation.cylinder(radius=0.05 * tree.height_m / 2 + 0.03, height=tree.height_m * 0.55, sections=10)
+    trunk.apply_translation(foot + np.array([0.0, 0.0, tree.height_m * 0.275]))
+    centre = foot + np.array([0.0, 0.0, tree.height_m - tree.crown_m])
+    clumps = rng.normal(size=(28, 3))
+    clumps *= (0.68 * tree.crown_m * rng.uniform(0.4, 1.0, 28) / np.linalg.norm(clumps, axis=1))[:, None]
+    spread = rng.normal(size=(5200, 3))
+    spread *= (0.42 * tree.crown_m * rng.uniform(0.5, 1.0, 5200) / np.linalg.norm(spread, axis=1))[:, None]
+    at = centre + clumps[rng.integers(0, 28, 5200)] + spread
+    leaves = at[:, None, :] + rng.normal(scale=0.075, size=(5200, 3, 3))
+    return [_foreign("trunk", np.asarray(trunk.triangles)), _foreign("crown", leaves)]
+
+
+def ground_solid(half_m: float, centre: tuple[float, float], level_m: float) -> Solid:
+    """A level square."""
+    x, y = centre
+    a, b, c, d = ((x + sx * half_m, y + sy * half_m, level_m) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+    return _foreign("ground", np.array([[a, b, c], [a, c, d]], dtype=np.float64))
+
+
+def _foreign(name: str, triangles: NDArray[np.float64]) -> Solid:
+    return Solid(guid="", kind="", name=name, storey="", triangles=np.asarray(triangles, dtype=np.float64))
+
+
+def subdivided(triangles: Array, edge_m: float) -> Array:
+    """The triangles cut until no edge is longer than ``edge_m`` (light is computed once a triangle)."""
+    n = len(triangles)
+    vertices, faces = trimesh.remesh.subdivide_to_size(
+        triangles.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3), max_edge=edge_m, max_iter=20
+    )
+    return np.asarray(np.asarray(vertices, dtype=np.float64)[np.asarray(faces)])

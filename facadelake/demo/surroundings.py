@@ -1,0 +1,108 @@
+"""Textures of what is not the building: neighbours, a container, ground, roofs, sky."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.demo.canvas import Canvas
+from facadelake.demo.charts import Chart
+from facadelake.demo.facade_textures import bricks, patches
+from facadelake.demo.recipe import Box
+
+
+def paint_box(chart: Chart, look: str, rng: np.random.Generator) -> Canvas:
+    """One side of a neighbour or of an obstacle."""
+    if look == "container":
+        return _container(chart, rng)
+    canvas = Canvas(chart, rng, (190, 170, 150))
+    width, height = chart.size_m
+    if look == "brick":
+        bricks(canvas, 0, 0, width, height, (128, 74, 58))
+    else:
+        canvas.add(6 * canvas.noise(1.5) + 5 * canvas.noise(0.3) + 4 * canvas.noise(0.05))
+        patches(canvas, 0.1, (0.2, 0.6), 10)
+    canvas.speckles(4, (0.02, 0.08), 11)
+    for v in np.arange(1.0, height - 1.6, 2.8):
+        for u in np.arange(1.4, width - 1.2, 2.6):
+            canvas.fill(u - 0.6, v - 0.06, u + 0.6, v + 1.46, (222, 218, 208))
+            region = canvas.block(u - 0.5, v, u + 0.5, v + 1.4)
+            canvas.image[region] = rng.uniform(45, 95)
+            canvas.add(9 * canvas.noise(0.4, region), region)
+            canvas.fill(u - 0.03, v, u + 0.03, v + 1.4, (222, 218, 208))
+    return canvas
+
+
+def _container(chart: Chart, rng: np.random.Generator) -> Canvas:
+    canvas = Canvas(chart, rng, (44, 92, 128))
+    columns = canvas.image.shape[1]
+    wave = 20 * np.sign(np.sin(np.arange(columns, dtype=np.float32) * 2 * np.pi / (0.28 * canvas.per_u)))
+    canvas.image += cv2.GaussianBlur(wave.reshape(1, -1), (0, 0), sigmaX=3).reshape(1, -1, 1)
+    canvas.add(5 * canvas.noise(0.8) + 4 * canvas.noise(0.05))
+    canvas.speckles(6, (0.01, 0.06), 20)
+    width, height = chart.size_m
+    canvas.fill(0.3, height - 0.75, min(1.9, width - 0.2), height - 0.35, (226, 226, 220))
+    return canvas
+
+
+def paint_ground(chart: Chart, keep_out_m: tuple[float, float, float, float], rng: np.random.Generator) -> Canvas:
+    """Lawn, with slabs round the building (its plan: x0, y0, x1, y1) and a gravel drive to the south."""
+    canvas = Canvas(chart, rng, (88, 104, 62))
+    canvas.add(11 * canvas.noise(5.0) + 9 * canvas.noise(1.0) + 9 * canvas.noise(0.2) + 9 * canvas.noise(0.06))
+    ox, oy = float(chart.origin_m[0]), float(chart.origin_m[1])
+    x0, y0, x1, y1 = keep_out_m
+    drive = canvas.block(x0 + 7 - ox, -20 - oy, x0 + 11 - ox, y0 - oy)
+    canvas.image[drive] = (150, 142, 128)
+    canvas.add(9 * canvas.noise(0.08, drive) + 8 * canvas.noise(0.7, drive) + 10 * canvas.noise(0.05, drive), drive)
+    slab, margin = 0.6, 1.8
+    for x in np.arange(x0 - margin, x1 + margin, slab):
+        for y in np.arange(y0 - margin, y1 + margin, slab):
+            region = canvas.block(x - ox, y - oy, x + slab - ox, y + slab - oy)
+            canvas.image[region] = 150 + rng.normal(scale=9)
+            canvas.add(7 * canvas.noise(0.1, region) + 5 * canvas.noise(0.05, region), region)
+            canvas.image[region][:1], canvas.image[region][:, :1] = 96, 96
+    canvas.speckles(3, (0.03, 0.15), 16)
+    return canvas
+
+
+def paint_roof(chart: Chart, rng: np.random.Generator) -> Canvas:
+    """Gravel on the terrace and roof."""
+    canvas = Canvas(chart, rng, (142, 138, 130))
+    canvas.add(7 * canvas.noise(2.0) + 12 * canvas.noise(0.06) + 8 * canvas.noise(0.03))
+    canvas.speckles(10, (0.02, 0.06), 18)
+    patches(canvas, 0.08, (0.2, 0.8), 10)
+    return canvas
+
+
+def paint_concrete(size_px: int, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """A tile of fair-faced concrete for everything small, mean 225, tinted when it is used."""
+    tile = np.full((size_px, size_px), 225, dtype=np.float32)
+    for cells, strength in ((8, 5), (32, 6), (128, 7), (512, 8)):
+        coarse = rng.standard_normal((cells, cells), dtype=np.float32)
+        tile += strength * np.asarray(cv2.resize(coarse, (size_px, size_px), interpolation=cv2.INTER_CUBIC))
+    return np.asarray(np.repeat(np.clip(tile, 0, 255).astype(np.uint8)[..., None], 3, axis=2))
+
+
+def paint_sky(rng: np.random.Generator) -> NDArray[np.uint8]:
+    """A dome: columns are azimuth, the top row the zenith, the bottom row a little below the horizon; hazy at its foot."""
+    rows, columns = 512, 2048
+    up = np.linspace(1, -0.15, rows, dtype=np.float32)[:, None, None]
+    zenith, haze = np.array([96, 146, 208], dtype=np.float32), np.array([214, 224, 232], dtype=np.float32)
+    sky = haze + (zenith - haze) * np.clip(up, 0, 1) ** 0.6 * np.ones((rows, columns, 1), dtype=np.float32)
+    clouds = np.zeros((rows, columns), dtype=np.float32)
+    for cells, strength in ((6, 1.0), (14, 0.7), (34, 0.4), (90, 0.2)):
+        coarse = rng.standard_normal((cells, 3 * cells), dtype=np.float32)
+        coarse[:, -2:] = coarse[:, :2]  # the dome's seam
+        clouds += strength * np.asarray(cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC))
+    cover = (np.clip(clouds - 0.5, 0, 1.2) / 1.2)[..., None] * np.clip(1.2 - up, 0, 1)
+    sky += cover * (np.array([246, 247, 249], dtype=np.float32) - sky)
+    hills = cv2.GaussianBlur(rng.standard_normal((1, columns), dtype=np.float32), (0, 0), sigmaX=40)[0] * 0.25 + 0.035
+    below = up[:, :, 0] < hills[None, :]
+    sky[below] = (128, 146, 140)
+    return np.asarray(np.clip(sky, 0, 255).astype(np.uint8))
+
+
+def has_roof(box: Box) -> bool:
+    """Whether a box carries a gable roof (houses do, containers do not)."""
+    return box.look != "container"
