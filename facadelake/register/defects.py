@@ -25,10 +25,9 @@ def defect_row(
     group: Sequence[int],
     scores: Mapping[str, float],
     elements: Mapping[str, Row],
-    building: BuildingModel,
     settings: MergeSettings,
 ) -> Row:
-    """The defect of the sightings ``seen`` (rows of ``observations``, ``group`` in ``sightings``), without its id."""
+    """The defect of ``seen`` (rows of ``observations``; ``group`` in ``sightings``), without its id and globe."""
     index = np.asarray(group)
     quality = np.array([np.cos(np.radians(row["incidence_deg"])) / row["gsd_mm"] for row in seen])
     hits, weights = sightings.xyz_site_m[index], quality**2
@@ -42,15 +41,11 @@ def defect_row(
     guid = _most([row["element_guid"] for row in seen], quality)
     of_element = [row for row in seen if row["element_guid"] == guid]
     element = elements[guid]
-    geo = building.origin.geo_from_site(xyz[None])[0]
-    on_map = building.map_from_site(xyz[None])[0]
     return {
         "defect_class": seen[0]["defect_class"],
         "severity": "ungraded",
         "severity_rule": "none",
         **dict(zip(("x_site_m", "y_site_m", "z_site_m"), map(float, xyz), strict=True)),
-        **dict(zip(("lon_deg", "lat_deg", "height_ellipsoidal_m"), map(float, geo), strict=True)),
-        **dict(zip(("east_map_m", "north_map_m", "height_map_m"), map(float, on_map), strict=True)),
         **dict(zip(("normal_x", "normal_y", "normal_z"), map(float, normal), strict=True)),
         **{name: float(np.median([row[name] for row in seen])) for name in ("width_m", "height_m", "area_m2")},
         "spread_m": float(gaps.max()),
@@ -63,8 +58,25 @@ def defect_row(
         "material": element["material"],
         "storey": element["storey"],
         "facade": Counter(sorted(row["facade"] for row in of_element)).most_common(1)[0][0],
-        "geometry": shapely.to_wkb(shapely.Point(*geo), output_dimension=3),
     }
+
+
+def on_the_globe(defects: Sequence[Row], building: BuildingModel) -> list[Row]:
+    """The defects with their places in EPSG:4979 and on the map, all converted at once."""
+    xyz = np.array([[d["x_site_m"], d["y_site_m"], d["z_site_m"]] for d in defects]).reshape(-1, 3)
+    if len(xyz) == 0:
+        return []
+    geo, on_map = building.origin.geo_from_site(xyz), building.map_from_site(xyz)
+    points = shapely.to_wkb(shapely.points(geo), output_dimension=3)
+    return [
+        {
+            **defect,
+            **dict(zip(("lon_deg", "lat_deg", "height_ellipsoidal_m"), map(float, geo[i]), strict=True)),
+            **dict(zip(("east_map_m", "north_map_m", "height_map_m"), map(float, on_map[i]), strict=True)),
+            "geometry": points[i],
+        }
+        for i, defect in enumerate(defects)
+    ]
 
 
 def in_stable_order(defects: Sequence[Row]) -> list[int]:

@@ -13,7 +13,7 @@ import pyarrow as pa
 from facadelake.camera import PosedCamera
 from facadelake.geobim.model import BuildingModel
 from facadelake.register.cluster import clusters_of
-from facadelake.register.defects import Row, defect_row, in_stable_order
+from facadelake.register.defects import Row, defect_row, in_stable_order, on_the_globe
 from facadelake.register.gate import Sightings, candidates_of
 from facadelake.register.settings import MergeSettings
 from facadelake.tables import table_of_rows
@@ -55,9 +55,8 @@ def merge(
         groups[number].append(index)
     scores = {row["detection_id"]: row["score"] for row in detections.select(["detection_id", "score"]).to_pylist()}
     elements = {row["element_guid"]: row for row in building.elements.to_pylist()}
-    defects = [
-        defect_row([seen[i] for i in group], sightings, group, scores, elements, building, settings) for group in groups
-    ]
+    found = [defect_row([seen[i] for i in group], sightings, group, scores, elements, settings) for group in groups]
+    defects = on_the_globe(found, building)
     order = in_stable_order(defects)
     names = {position: f"{prefix}-D{place:04d}" for place, position in enumerate(order, start=1)}
     name_of = {seen[i]["detection_id"]: names[position] for position, group in enumerate(groups) for i in group}

@@ -29,9 +29,9 @@ def position_of(
     """The place (3,) nearest to all rays, where the surface holds it to ``relief_m`` along its normal.
 
     Rays run through the hits ``xyz_site_m`` (n, 3) along unit ``ray_site`` (n, 3), each good to ``sigma_m`` (n,)
-    across. The surface is the plane of ``normal_site`` (3,) through the robust mean of the hits, weighted by ``weights`` (n,).
-    One ray, or rays side by side, leave the place on the surface; rays that cross lift it off by the building's relief,
-    which the model does not know.
+    across. The surface is the plane of ``normal_site`` (3,) through the robust mean of the hits by ``weights`` (n,).
+    One ray, or rays side by side, leave the place on the surface; rays that cross lift it off by the building's
+    relief, which the model does not know.
     """
     on_surface = robust_mean(xyz_site_m, weights)
     if len(xyz_site_m) == 1:
