@@ -1,0 +1,88 @@
+"""One table to one file for GIS or a spreadsheet; the file's suffix chooses the format."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv as csv
+import pyarrow.parquet as pq
+import pyogrio
+import shapely
+
+from facadelake.errors import InputDataError
+from facadelake.publish.geopackage import facade_layers, geo_layers, write_layers, write_plain
+from facadelake.publish.geoparquet import CRS_2D, GEOMETRY, frame, ordered, write_geoparquet
+
+
+def export(name: str, table: pa.Table, path: Path) -> Path:
+    """Write the rows of table ``name`` (lake form) to ``path``, which appears whole or not at all, and return it.
+
+    ``.parquet``: GeoParquet in EPSG:4979, or plain Parquet for a table without geometry. ``.gpkg``: a flat layer, one
+    in 3D and, for defects, the facades' elevations. ``.geojson``: RFC 7946 with heights. ``.csv``: geometry as WKT.
+    Raises InputDataError for another suffix, a folder that is not there, or GeoJSON of a table without geometry.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise InputDataError(f"cannot write {path.name}: the suffix must be one of {', '.join(FORMATS)}")
+    if not path.parent.is_dir():
+        raise InputDataError(f"cannot write {path}: there is no folder {path.parent}; make it first")
+    part = path.parent / f".{uuid.uuid4().hex[:8]}{suffix}"
+    try:
+        FORMATS[suffix](name, table, part)
+        part.replace(path)
+    except OSError as error:
+        raise InputDataError(f"cannot write {path}: {error}; choose a folder with rights and space") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _parquet(name: str, table: pa.Table, path: Path) -> None:
+    if GEOMETRY in table.column_names:
+        write_geoparquet(frame(table), path)
+    else:
+        pq.write_table(ordered(table), path)
+
+
+def _geopackage(name: str, table: pa.Table, path: Path) -> None:
+    if GEOMETRY not in table.column_names:
+        write_plain(table, name, path)
+        return
+    elevations = facade_layers(table) if name == "defects" else iter(())
+    write_layers((layer for layers in (geo_layers(table, name), elevations) for layer in layers), path)
+
+
+def _geojson(name: str, table: pa.Table, path: Path) -> None:
+    if GEOMETRY not in table.column_names:
+        raise InputDataError(f"table {name} has no geometry, so it cannot be GeoJSON; write .csv, .parquet or .gpkg")
+    # RFC 7946 knows one CRS: WGS 84 longitude and latitude, with an ellipsoidal height as a third number.
+    pyogrio.write_arrow(
+        ordered(table),
+        path,
+        layer=name,
+        driver="GeoJSON",
+        geometry_name=GEOMETRY,
+        geometry_type="Unknown",
+        crs=CRS_2D,
+        RFC7946="YES",
+        COORDINATE_PRECISION="9",
+    )
+
+
+def _csv(name: str, table: pa.Table, path: Path) -> None:
+    rows = ordered(table)
+    if GEOMETRY in rows.column_names:
+        text = shapely.to_wkt(shapely.from_wkb(rows.column(GEOMETRY).to_numpy()), rounding_precision=9)
+        rows = rows.drop_columns([GEOMETRY]).append_column("geometry_wkt", pa.array(text, pa.string()))
+    csv.write_csv(rows, path)
+
+
+FORMATS: dict[str, Callable[[str, pa.Table, Path], None]] = {
+    ".parquet": _parquet,
+    ".gpkg": _geopackage,
+    ".geojson": _geojson,
+    ".csv": _csv,
+}

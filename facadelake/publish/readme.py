@@ -1,0 +1,65 @@
+"""The text beside published files: what they are, in which CRS and datum, how well placed, and each column."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pyarrow as pa
+
+from facadelake.publish.geoparquet import ordered
+from schemas.tables import TABLES
+
+_FILES = """defects.parquet       defects as points, GeoParquet 1.1, EPSG:4979 (longitude, latitude, ellipsoidal height)
+defects_2d.parquet    the same without heights in the points, EPSG:4326, for programs that know no 3D CRS
+defects.gpkg          GeoPackage: layer 'defects' as defects_2d.parquet, 'defects_3d' as defects.parquet, and for each
+                      facade 'facade_N', 'facade_NE', ...: the boxes of its defects in the facade's plane, u metres to
+                      the right as seen from outside, v metres up, from the site's origin ('facade_level': from above)
+observations.parquet  every detection on its way to the surface; its outcome says what became of it, EPSG:4979"""
+
+
+def readme(tables: Mapping[str, pa.Table], *, version: int) -> str:
+    """The text for one campaign's tables (buildings, georeference, runs, defects; lake form)."""
+    building, place, run = (_row(tables[name]) for name in ("buildings", "georeference", "runs"))
+    return f"""{building["building_name"]} ({building["building_id"]}), campaign {building["campaign_id"]}
+{len(tables["defects"])} defects; version {version} of the lake.
+Run {run["run_id"]}, finished {run["finished_at"]:%Y-%m-%d %H:%M} UTC.
+These files never change: a later run of the same campaign makes another version beside them.
+
+FILES
+{_FILES}
+
+WHERE IT IS
+geometry, lon_deg, lat_deg, height_ellipsoidal_m   EPSG:4979, height above the WGS 84 ellipsoid, not above sea level
+east_map_m, north_map_m, height_map_m              {building["map_crs"]}; heights: {building["vertical_datum"]}
+x_site_m, y_site_m, z_site_m                       metres east, north and up from {building["origin_lon_deg"]:.9f}, \
+{building["origin_lat_deg"]:.9f}, {building["origin_height_ellipsoidal_m"]:.3f} (EPSG:4979)
+placed by {place["control"]}: {place["points_used"]} of {place["points_total"]} points, residuals mean \
+{place["residual_mean_m"]:.3f} m, RMS {place["residual_rmse_m"]:.3f} m, largest {place["residual_max_m"]:.3f} m
+{place["remarks"]}
+
+COLUMNS of defects
+{_columns(tables["defects"])}
+
+HOW IT WAS MADE
+Facadelake {run["facadelake_version"]}, code {run["code_sha256"]}
+inputs {run["inputs_sha256"]}
+building model {building["model_sha256"]}
+detector or detections {run["detector_sha256"]}
+A severity is a proposal by the rule named in severity_rule, not a person's judgement.
+"""
+
+
+def _row(table: pa.Table) -> dict[str, Any]:
+    row: dict[str, Any] = table.slice(0, 1).to_pylist()[0]
+    return row
+
+
+def _columns(table: pa.Table) -> str:
+    columns = {column.name: column for column in TABLES["defects"].columns}
+    lines = []
+    for name in ordered(table).column_names:
+        column = columns[name]
+        unit = f" [{column.unit}]" if column.unit else ""
+        lines.append(f"{name:<22}{column.meaning}{unit}")
+    return "\n".join(lines)

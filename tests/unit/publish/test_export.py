@@ -1,0 +1,76 @@
+"""One table, one file, the format by its suffix."""
+
+import json
+from pathlib import Path
+
+import pyarrow.csv as csv
+import pyarrow.parquet as pq
+import pyogrio
+import pytest
+import shapely
+
+from facadelake.errors import InputDataError
+from facadelake.publish.releases import export
+from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, lake_tables
+
+TABLES = lake_tables()
+
+
+def test_defects_in_each_format(tmp_path: Path) -> None:
+    table = TABLES["defects"]
+    for suffix in (".parquet", ".gpkg", ".geojson", ".csv"):
+        assert export("defects", table, tmp_path / f"defects{suffix}").is_file()
+    assert len(pq.read_table(tmp_path / "defects.parquet")) == 3
+    layers = [str(name) for name, _ in pyogrio.list_layers(tmp_path / "defects.gpkg")]
+    assert layers == ["defects", "defects_3d", "facade_S"]
+    features = json.loads((tmp_path / "defects.geojson").read_text())["features"]
+    assert len(features) == 3
+    assert features[0]["geometry"]["coordinates"] == pytest.approx([LON, LAT, HEIGHT + 3], rel=0, abs=1e-8)
+    assert features[0]["properties"]["element_name"] is None
+    rows = csv.read_csv(tmp_path / "defects.csv").to_pylist()
+    point = shapely.from_wkt(rows[2]["geometry_wkt"])
+    assert (point.x, point.y) == pytest.approx((LON + 2e-6, LAT), rel=0, abs=1e-9)  # deg
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "defects.csv", "defects.geojson", "defects.gpkg", "defects.parquet",
+    ]  # fmt: skip
+
+
+def test_polygons_and_plain_tables(tmp_path: Path) -> None:
+    export("elements", TABLES["elements"], tmp_path / "elements.gpkg")
+    info = pyogrio.read_info(tmp_path / "elements.gpkg", layer="elements")
+    assert (info["features"], info["geometry_type"]) == (1, "Polygon")
+    for suffix in (".parquet", ".gpkg", ".csv"):
+        export("photos", TABLES["photos"], tmp_path / f"photos{suffix}")
+    assert pyogrio.read_info(tmp_path / "photos.gpkg", layer="photos")["features"] == 3
+    assert len(pq.read_table(tmp_path / "photos.parquet")) == 3
+    with pytest.raises(InputDataError, match="table photos has no geometry, so it cannot be GeoJSON"):
+        export("photos", TABLES["photos"], tmp_path / "photos.geojson")
+
+
+def test_rows_without_a_place_stay_rows(tmp_path: Path) -> None:
+    table = TABLES["observations"]
+    missing = table.set_column(
+        table.column_names.index("geometry"),
+        table.schema.field("geometry"),
+        [[None] + table["geometry"].to_pylist()[1:]],
+    )
+    for suffix in (".parquet", ".gpkg", ".geojson", ".csv"):
+        export("observations", missing, tmp_path / f"o{suffix}")
+    assert pq.read_table(tmp_path / "o.parquet")["geometry"].null_count == 1
+    assert json.loads((tmp_path / "o.geojson").read_text())["features"][0]["geometry"] is None
+    assert pyogrio.read_info(tmp_path / "o.gpkg", layer="observations")["features"] == len(table)
+
+
+def test_an_earlier_file_is_replaced_or_left_whole(tmp_path: Path) -> None:
+    path = tmp_path / "defects.gpkg"
+    export("defects", TABLES["defects"], path)
+    export("defects", TABLES["defects"].slice(0, 1), path)
+    assert pyogrio.read_info(path, layer="defects")["features"] == 1
+
+
+def test_what_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError, match=r"defects.shp: the suffix must be one of .parquet, .gpkg, .geojson, .csv"):
+        export("defects", TABLES["defects"], tmp_path / "defects.shp")
+    with pytest.raises(InputDataError, match="there is no folder .*; make it first"):
+        export("defects", TABLES["defects"], tmp_path / "no" / "defects.csv")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,190 @@
+"""Published files: right places and CRS by readers that did not write them; immutable; latest leads to the newest."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pyogrio
+import pyproj
+import pytest
+import shapely
+
+from facadelake.errors import InputDataError, StoreError
+from facadelake.lake.connect import bare_connection
+from facadelake.publish import releases
+from facadelake.publish.releases import publish_campaign
+from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON
+from tests.unit.lake.test_commit import commit
+
+KEYS = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
+
+
+@pytest.fixture(scope="module")
+def committed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
+    folder = tmp_path_factory.mktemp("lake")
+    return folder, commit(folder, defects=3).version
+
+
+@pytest.fixture
+def lake(committed: tuple[Path, int], tmp_path: Path) -> tuple[Path, int]:
+    """A copy of the committed lake, so that each test publishes into its own."""
+    shutil.copytree(committed[0], tmp_path / "lake")
+    return tmp_path / "lake", committed[1]
+
+
+@pytest.fixture(scope="module")
+def release(committed: tuple[Path, int]) -> Path:
+    return publish_campaign(committed[0], version=committed[1], **KEYS)
+
+
+def test_geoparquet_says_its_version_crs_types_and_bbox(release: Path) -> None:
+    for name, code, kind in (
+        ("defects", 4979, "Point Z"),
+        ("defects_2d", 4326, "Point"),
+        ("observations", 4979, "Point Z"),
+    ):
+        file = pq.ParquetFile(release / f"{name}.parquet")
+        geo = json.loads(file.metadata.metadata[b"geo"])
+        column = geo["columns"][geo["primary_column"]]
+        assert geo["version"] == "1.1.0"
+        assert geo["primary_column"] == "geometry"
+        assert column["encoding"] == "WKB"
+        assert column["geometry_types"] == [kind]
+        assert pyproj.CRS.from_json_dict(column["crs"]) == pyproj.CRS.from_epsg(code)
+        assert column["covering"]["bbox"]["xmin"] == ["bbox", "xmin"]
+        assert file.schema_arrow.field("bbox").type.num_fields == 4
+        assert file.metadata.row_group(0).column(0).compression == "SNAPPY"
+
+
+def test_another_reader_finds_the_points_where_they_are(release: Path) -> None:
+    """DuckDB's reader knows nothing of geopandas."""
+    rows = bare_connection("spatial").execute(
+        f"SELECT ST_X(geometry), ST_Y(geometry), ST_Z(geometry), bbox.xmin, typeof(geometry), east_map_m, material "
+        f"FROM read_parquet('{release / 'defects.parquet'}') ORDER BY defect_id"
+    )
+    found = rows.fetchall()
+    assert len(found) == 3
+    for index, (x, y, z, xmin, kind, east, material) in enumerate(found):
+        assert x == pytest.approx(LON + 1e-6 * index, rel=0, abs=1e-12)  # deg
+        assert y == pytest.approx(LAT, rel=0, abs=1e-12)  # deg
+        assert z == pytest.approx(HEIGHT + 3 + 0.25 * index, rel=0, abs=1e-9)  # m
+        assert xmin == pytest.approx(x, rel=0, abs=1e-12)  # deg
+        assert "4979" in kind
+        assert east == pytest.approx(500000 + 0.5 * index, rel=0, abs=1e-6)  # m
+        assert material == "brick"
+
+
+def test_attribute_table_begins_with_what_it_is_and_keeps_nulls(release: Path) -> None:
+    table = pq.read_table(release / "defects.parquet")
+    assert table.column_names[:4] == ["defect_id", "defect_class", "severity", "width_m"]
+    assert table.column_names[-5:-2] == ["building_id", "campaign_id", "run_id"]
+    assert table["element_name"].null_count == 3
+    assert str(table.schema.field("element_name").type) == "string"
+
+
+def test_geopackage_layers_as_gdal_sees_them(release: Path) -> None:
+    path = release / "defects.gpkg"
+    assert [str(name) for name, _ in pyogrio.list_layers(path)] == ["defects", "defects_3d", "facade_S"]
+    for layer, code, kind in (("defects", 4326, "Point"), ("defects_3d", 4979, "Point Z")):
+        info = pyogrio.read_info(path, layer=layer)
+        assert (info["features"], info["geometry_type"]) == (3, kind)
+        assert pyproj.CRS(info["crs"]) == pyproj.CRS.from_epsg(code)
+        points = pyogrio.read_dataframe(path, layer=layer).geometry
+        np.testing.assert_allclose(points.x, LON + 1e-6 * np.arange(3), rtol=0, atol=1e-12)  # deg
+        np.testing.assert_allclose(points.y, LAT, rtol=0, atol=1e-12)  # deg
+        assert set(points.has_z) == {code == 4979}
+
+
+def test_facade_layer_is_an_elevation_in_metres(release: Path) -> None:
+    """On the south facade, right is east: u is x, v is z of the site."""
+    info = pyogrio.read_info(release / "defects.gpkg", layer="facade_S")
+    assert pyproj.CRS(info["crs"]).type_name == "Engineering CRS"
+    rows = pyogrio.read_dataframe(release / "defects.gpkg", layer="facade_S")
+    expected = [shapely.box(0.5 * i - 0.2, 2.9 + 0.25 * i, 0.5 * i + 0.2, 3.1 + 0.25 * i) for i in range(3)]
+    for found, box in zip(rows.geometry, expected, strict=True):
+        assert found.symmetric_difference(box).area == pytest.approx(0, abs=1e-9)  # m2
+
+
+@pytest.mark.parametrize("facade", ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
+def test_right_as_seen_from_outside_is_the_view_direction_times_up(facade: str) -> None:
+    from facadelake.publish.geopackage import right_of
+
+    outward = np.array(
+        [sum({"E": 1, "W": -1}.get(c, 0) for c in facade), sum({"N": 1, "S": -1}.get(c, 0) for c in facade), 0]
+    )
+    right = np.cross(-outward / np.linalg.norm(outward), [0, 0, 1])
+    np.testing.assert_allclose([*right_of(facade), 0], right, rtol=0, atol=1e-12)
+
+
+def test_readme_names_crs_datum_version_and_columns(release: Path) -> None:
+    text = (release / "README.txt").read_text("utf-8")
+    for words in ("EPSG:4979", "EPSG:25832; heights: ellipsoidal", f"Version {int(release.name[1:])} of the lake".lower(),
+                  "placed by gps: 2 of 2 points", "severity_rule", "run-1", "width_m               horizontal extent"):  # fmt: skip
+        assert words in text, words
+
+
+def test_same_version_again_changes_nothing(lake: tuple[Path, int], tmp_path: Path) -> None:
+    pictures = tmp_path / "pictures"
+    (pictures / "elevations").mkdir(parents=True)
+    (pictures / "elevations" / "S.png").write_bytes(b"picture")
+    first = publish_campaign(lake[0], version=lake[1], pictures=pictures, **KEYS)
+    assert (first / "elevations" / "S.png").read_bytes() == b"picture"
+    before = {path: path.stat().st_mtime_ns for path in first.rglob("*")}
+    assert publish_campaign(lake[0], version=lake[1], **KEYS) == first
+    assert {path: path.stat().st_mtime_ns for path in first.rglob("*")} == before
+    assert all(not path.stat().st_mode & 0o222 for path in first.rglob("*") if path.is_file())
+    assert first == lake[0] / "published" / BUILDING / CAMPAIGN / f"v{lake[1]:06d}"
+
+
+def test_latest_leads_to_the_highest_version(lake: tuple[Path, int]) -> None:
+    folder, old = lake
+    new = commit(folder, run_id="run-2", inputs="j" * 64, defects=5).version
+    newer = publish_campaign(folder, version=new, **KEYS)
+    older = publish_campaign(folder, version=old, **KEYS)
+    latest = newer.parent / "latest"
+    assert os.readlink(latest) == newer.name
+    assert len(pq.read_table(latest / "defects.parquet")) == 5
+    assert len(pq.read_table(older / "defects.parquet")) == 3
+    assert sorted(path.name for path in newer.parent.iterdir()) == sorted([older.name, newer.name, "latest"])
+
+
+def test_latest_is_a_copy_where_links_cannot_be_made(lake: tuple[Path, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: Path, target: str, target_is_directory: bool = False) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "symlink_to", refuse)
+    folder, old = lake
+    latest = publish_campaign(folder, version=old, **KEYS).parent / "latest"
+    assert len(pq.read_table(latest / "defects.parquet")) == 3
+    new = commit(folder, run_id="run-2", inputs="j" * 64, defects=5).version
+    publish_campaign(folder, version=new, **KEYS)
+    assert not latest.is_symlink()
+    assert len(pq.read_table(latest / "defects.parquet")) == 5
+    assert len(list(latest.parent.iterdir())) == 3
+
+
+def test_campaign_without_defects_is_published_too(tmp_path: Path) -> None:
+    version = commit(tmp_path, defects=0).version
+    release = publish_campaign(tmp_path, version=version, **KEYS)
+    assert len(pq.read_table(release / "defects.parquet")) == 0
+    assert pyogrio.read_info(release / "defects.gpkg", layer="defects")["features"] == 0
+
+
+def test_failure_leaves_no_folder(lake: tuple[Path, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(text: str) -> str:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(releases, "readme", lambda tables, version: full(""))
+    with pytest.raises(StoreError, match=r"No space left .*; the commit is safe in version \d+ of the lake: free some"):
+        publish_campaign(lake[0], version=lake[1], **KEYS)
+    assert list((lake[0] / "published" / BUILDING / CAMPAIGN).iterdir()) == []
+
+
+def test_campaign_that_is_not_there(committed: tuple[Path, int]) -> None:
+    with pytest.raises(InputDataError, match="has no campaign 1999-01 of tower in its version"):
+        publish_campaign(committed[0], building_id=BUILDING, campaign_id="1999-01", version=committed[1])
+    with pytest.raises(InputDataError, match=r"the id '\.\./x' cannot name a folder"):
+        publish_campaign(committed[0], building_id="../x", campaign_id=CAMPAIGN, version=committed[1])
