@@ -52,10 +52,9 @@ def evaluate_campaign(
         file = building.detections_of(campaign_id, detections)
         model = load_building(building.model_path(), settings=model_settings(building))
         found = import_coco(file, tables["photos"], class_names=building.detector.classes)
-        seen = observe(
-            found, posed_cameras(tables["poses"]), model, Surface(model), settings=register_settings(building)
-        )
-        merged = merge(seen, found, model, prefix=f"{building.id}-{campaign_id}")
+        posed = posed_cameras(tables["poses"])
+        seen = observe(found, posed, model, Surface(model), settings=register_settings(building))
+        merged = merge(seen, found, model, posed, prefix=f"{building.id}-{campaign_id}")
         tables |= {"detections": found, "observations": merged.observations, "defects": merged.defects}
     return evaluate(
         photos=tables["photos"],

@@ -78,7 +78,7 @@ def inspect_building(
     block = reconstruct_block(job, photos)
     placed = georeference_block(job, model, photos, block)
     registered = register(job, model, placed, found)
-    merged = merge_duplicates(job, model, registered, found)
+    merged = merge_duplicates(job, model, placed, registered, found)
     integrity = verify_model(job, model, block, placed)
     folders = StageFolders(
         model=model,

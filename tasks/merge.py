@@ -9,6 +9,7 @@ from prefect import task
 from facadelake.cache import file_hash
 from facadelake.geobim.model import read_building
 from facadelake.lake.severity import grade, rule_file
+from facadelake.posed import posed_cameras
 from facadelake.register.merge import merge
 from facadelake.tables import read_table, write_table
 from tasks.job import InspectionJob, StageResult
@@ -17,7 +18,11 @@ from tasks.stage import Counts, run_stage
 
 @task(name="merge")
 def merge_duplicates(
-    job: InspectionJob, model: StageResult, observations: StageResult, detections: StageResult
+    job: InspectionJob,
+    model: StageResult,
+    placed: StageResult,
+    observations: StageResult,
+    detections: StageResult,
 ) -> StageResult:
     """Tables ``defects`` and ``observations`` (each with the defect it shows)."""
     rules = rule_file(job.building.severity_rules)
@@ -27,6 +32,7 @@ def merge_duplicates(
             read_table("observations", observations.folder),
             read_table("detections", detections.folder),
             read_building(model.folder),
+            posed_cameras(read_table("poses", placed.folder)),
             prefix=f"{job.building.id}-{job.campaign_id}",
         )
         write_table("observations", merged.observations, folder)
@@ -38,4 +44,6 @@ def merge_duplicates(
         "rules": file_hash(rules),
         "prefix": [job.building.id, job.campaign_id],
     }
-    return run_stage(job, "merge", code=["register", "geobim", "lake/severity.py"], inputs=inputs, make=make)
+    return run_stage(
+        job, "merge", code=["register", "geobim", "posed.py", "lake/severity.py"], inputs=inputs, make=make
+    )
