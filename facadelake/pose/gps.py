@@ -21,7 +21,8 @@ from schemas.vocabulary import HeightDatum, PositionSource
 ATTITUDE_SIGMA_DEG = 6.0
 # Below this spread across the cameras' main line (in sigmas of a position), positions do not fix the turn about it.
 _SPREAD_SIGMAS = 4.0
-_LARGEST_ROTATION_SIGMA_DEG = 5.0
+# Twelve degrees at 10 m are 2 m, what GPS is off anyway; beyond it the placement is a guess.
+_LARGEST_ROTATION_SIGMA_DEG = 12.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -42,12 +42,15 @@ def choose_pairs(
             continue
         cost = _cost(i, xyz_m, direction)
         cost[~placed] = np.inf
-        nearest = [*np.argsort(cost, kind="stable")[: settings.neighbours]]
         # Close-range photographs crowd together; without some of the other role they would never join the block.
         other = np.where(close_range != close_range[i], cost, np.inf)
-        nearest += [*np.argsort(other, kind="stable")[: settings.neighbours // 2]]
-        pairs |= {(min(i, int(j)), max(i, int(j))) for j in nearest if np.isfinite(cost[j])}
+        nearest = [*_smallest(cost, settings.neighbours), *_smallest(other, settings.neighbours // 2)]
+        pairs |= {(min(i, j), max(i, j)) for j in nearest}
     return sorted(pairs)
+
+
+def _smallest(cost: Array, count: int) -> list[int]:
+    return [int(j) for j in np.argsort(cost, kind="stable")[:count] if np.isfinite(cost[j])]
 
 
 def _cost(i: int, xyz_m: Array, direction: Array) -> Array:

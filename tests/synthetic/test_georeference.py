@@ -1,0 +1,343 @@
+"""Georeference of a synthetic block: a box building, cameras around it, noise injected, two-sided bounds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from scipy.spatial.transform import Rotation
+
+from facadelake.camera import Camera
+from facadelake.errors import GeoreferenceError
+from facadelake.frames import Similarity
+from facadelake.geodesy import SiteOrigin
+from facadelake.pose.control_points import ControlPoint, ControlPoints, Sighting
+from facadelake.pose.georeference import Georeferenced, georeference
+from facadelake.pose.poses import poses_table
+from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
+from facadelake.tables import table_of_rows
+from schemas.vocabulary import ControlKind
+
+ORIGIN = SiteOrigin(lon_deg=8.4, lat_deg=48.9, height_ellipsoidal_m=180.0)
+CAMERA = Camera(width_px=4000, height_px=3000, fx_px=2900, fy_px=2900, cx_px=2010, cy_px=1490, k1=-0.02)
+SITE_FROM_SFM = Similarity(
+    rotation=Rotation.from_euler("xyz", [100, -35, 60], degrees=True).as_matrix(),
+    translation=np.array([4.0, -2.0, 7.0]),
+    scale=5.1,
+)
+HALF = np.array([10.0, 6.0, 7.0])  # the building: a box of 20 x 12 x 14 m around (0, 0, 7)
+BIAS = np.array([1.3, -0.8, 2.1])
+NOISE = np.array([0.4, 0.4, 0.7])
+
+
+def looking(at: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """site_from_cam rotation of an upright camera."""
+    z = (at - centre) / np.linalg.norm(at - centre)
+    x = np.cross(z, [0, 0, 1.0])
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def ring(count: int = 24) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Cameras around the building, at three heights."""
+    out = []
+    for k in range(count):
+        angle = 2 * np.pi * k / count
+        centre = np.array([26 * np.cos(angle), 22 * np.sin(angle), (3.0, 7.0, 11.0)[k % 3]])
+        out.append((centre, looking(np.array([0, 0, 6.0]), centre)))
+    return out
+
+
+def line(count: int = 16) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Cameras along one facade, all at one height, square-on."""
+    centres = [np.array([x, -20.0, 6.0]) for x in np.linspace(-12, 12, count)]
+    return [(centre, looking(centre + [0, 1.0, 0], centre)) for centre in centres]
+
+
+@dataclass(frozen=True)
+class Box:
+    """The building's walls and a flat ground around it, cut by rays analytically."""
+
+    ground: bool = False
+
+    @dataclass(frozen=True)
+    class Hits:
+        distance_m: np.ndarray
+        normal_site: np.ndarray
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> "Box.Hits":
+        centre = np.array([0, 0, 7.0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            enter = np.where(directions > 0, centre - HALF - origins, centre + HALF - origins) / directions
+            leave = np.where(directions > 0, centre + HALF - origins, centre - HALF - origins) / directions
+            down = np.where(directions[:, 2] < 0, -origins[:, 2] / directions[:, 2], np.inf)
+        axis = np.argmax(enter, axis=1)
+        near = enter.max(axis=1)
+        near[(near > leave.min(axis=1)) | (near < 0)] = np.inf
+        normal = np.eye(3)[axis] * -np.sign(directions[np.arange(len(axis)), axis])[:, None]
+        if self.ground:
+            normal[down < near] = [0, 0, 1.0]
+            near = np.minimum(near, down)
+        return Box.Hits(near, np.where(np.isfinite(near)[:, None], normal, np.nan))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A block of known truth; everything random comes from ``seed``."""
+
+    poses: Sequence[tuple[np.ndarray, np.ndarray]]
+    seed: int = 1
+    bias: np.ndarray = field(default_factory=lambda: BIAS)
+    ground: bool = False
+    attitude: bool = True
+
+    def ids(self) -> list[str]:
+        return [f"p{k:02}.jpg" for k in range(len(self.poses))]
+
+    def points(self) -> np.ndarray:
+        """Points on the four walls, and on the ground."""
+        rng = np.random.default_rng(self.seed)
+        uv = rng.uniform(-1, 1, (2400, 2))
+        side = rng.integers(0, 4, 2400)
+        across = np.where(side < 2, uv[:, 0] * HALF[0], np.sign(side - 2.5) * HALF[0])
+        along = np.where(side < 2, np.sign(side - 0.5) * HALF[1], uv[:, 0] * HALF[1])
+        walls = np.column_stack([across, along, 7 + 0.97 * uv[:, 1] * HALF[2]])
+        if not self.ground:
+            return walls
+        flat = rng.uniform(-20, 20, (900, 2))
+        outside = (np.abs(flat) > HALF[:2] + 0.5).any(axis=1)
+        return np.vstack([walls, np.column_stack([flat[outside], np.zeros(outside.sum())])])
+
+    def reconstruction(self) -> Reconstruction:
+        """The block in sfm: tie points with 1 cm of noise, seen where they face the camera."""
+        rng = np.random.default_rng(self.seed + 1)
+        xyz = self.points()
+        sfm_from_site = SITE_FROM_SFM.inverse()
+        photos, track_photo, track_point, track_xy = [], [], [], []
+        for k, (centre, rotation) in enumerate(self.poses):
+            hits = Box(self.ground).cast(np.broadcast_to(centre, xyz.shape), xyz - centre)
+            cam = Similarity(rotation=rotation, translation=centre).inverse().apply(xyz)
+            xy = CAMERA.project(cam)
+            seen = (np.abs(hits.distance_m - 1) < 1e-6) & np.isfinite(xy[:, 0])
+            seen[seen] = CAMERA.contains(xy[seen])
+            track_photo.append(np.full(seen.sum(), k))
+            track_point.append(np.flatnonzero(seen))
+            track_xy.append(xy[seen])
+            photos.append(
+                LocalisedPhoto(
+                    photo_id=self.ids()[k],
+                    camera=CAMERA,
+                    sfm_from_cam=Similarity(
+                        rotation=sfm_from_site.rotation @ rotation, translation=sfm_from_site.apply(centre)
+                    ),
+                    reprojection_error_px=0.5,
+                    tie_points=int(seen.sum()),
+                )
+            )
+        return Reconstruction(
+            photos=tuple(photos),
+            unlocalised=(UnlocalisedPhoto(photo_id="lost.jpg", reason="too little overlap"),),
+            xyz_sfm=sfm_from_site.apply(xyz + rng.normal(0, 0.01, xyz.shape)),
+            rgb=np.zeros((len(xyz), 3), np.uint8),
+            track_photo=np.concatenate(track_photo),
+            track_point=np.concatenate(track_point),
+            track_xy_img=np.concatenate(track_xy),
+            mean_reprojection_error_px=0.5,
+            costs=(),
+        )
+
+    def photos(self, moved: dict[int, np.ndarray] | None = None) -> pa.Table:
+        """Table `photos`: GPS with bias and noise, gimbal attitude with 2 deg of yaw error."""
+        rng = np.random.default_rng(self.seed + 2)
+        rows = []
+        for k, (centre, rotation) in enumerate(self.poses):
+            prior = centre + self.bias + rng.normal(0, NOISE) + (moved or {}).get(k, np.zeros(3))
+            lon, lat, height = ORIGIN.geo_from_site(prior[None])[0]
+            z = rotation[:, 2]
+            rows.append(
+                {
+                    "photo_id": self.ids()[k], "sha256": str(k), "bytes": 1, "role": "multiview",
+                    "photo_outcome": "accepted", "image_width_px": 4000, "image_height_px": 3000,
+                    "prior_source": "xmp", "prior_lon_deg": lon, "prior_lat_deg": lat, "prior_height_m": height,
+                    "prior_height_datum": "unknown", "prior_sigma_horizontal_m": 3.0, "prior_sigma_vertical_m": 5.0,
+                }
+                | (
+                    {
+                        "prior_yaw_deg": float(np.degrees(np.arctan2(z[0], z[1]))) + 2.0,
+                        "prior_pitch_deg": float(np.degrees(np.arcsin(z[2]))),
+                        "prior_roll_deg": 0.0,
+                    }
+                    if self.attitude
+                    else {}
+                )
+            )  # fmt: skip
+        lost = {"photo_id": "lost.jpg", "sha256": "x", "bytes": 1, "role": "multiview", "photo_outcome": "accepted",
+                "image_width_px": 4000, "image_height_px": 3000, "prior_source": "none", "prior_height_datum": "unknown"}  # fmt: skip
+        return table_of_rows("photos", [*rows, lost])
+
+    def control(self, count: int = 6, survey_m: float = 0.01, mark_px: float = 0.5) -> ControlPoints:
+        """Control points on the walls, marked in up to five photographs each."""
+        rng = np.random.default_rng(self.seed + 3)
+        xyz = self.points()[:: 2400 // 6][:count]
+        points = []
+        for k, at in enumerate(xyz):
+            sightings = []
+            for photo_id, (centre, rotation) in zip(self.ids(), self.poses, strict=True):
+                hit = Box(self.ground).cast(centre[None], (at - centre)[None])
+                xy = CAMERA.project(Similarity(rotation=rotation, translation=centre).inverse().apply(at[None]))
+                if abs(hit.distance_m[0] - 1) < 1e-6 and CAMERA.contains(xy)[0]:
+                    marked = xy[0] + rng.normal(0, mark_px, 2)
+                    sightings.append(Sighting(photo_name=photo_id, x_px=marked[0], y_px=marked[1]))
+            east, north, height = ORIGIN.map_from_site((at + rng.normal(0, survey_m, 3))[None], "EPSG:25832")[0]
+            points.append(ControlPoint(name=f"G{k + 1}", x=east, y=north, z=height, sightings=tuple(sightings[:5])))
+        return ControlPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(points))
+
+    def placed(self, control: ControlKind | None, **given: object) -> Georeferenced:
+        """Georeference the block."""
+        return georeference(
+            self.reconstruction(),
+            given.get("photos", self.photos()),  # type: ignore[arg-type]
+            origin=ORIGIN,
+            map_crs="EPSG:25832",
+            vertical_datum="ellipsoidal",
+            control=control,
+            control_points=given.get("control_points"),  # type: ignore[arg-type]
+            surface=given.get("surface"),  # type: ignore[arg-type]
+        )
+
+    def error_m(self, found: Georeferenced) -> np.ndarray:
+        """Camera centres minus truth (n, 3)."""
+        truth = np.array([centre for centre, _ in self.poses])
+        return np.array([found.cameras[photo_id].centre_site_m for photo_id in self.ids()]) - truth
+
+
+def test_gps_leaves_its_common_bias_and_averages_its_noise() -> None:
+    scene = Scene(ring())
+    found = scene.placed(ControlKind.GPS)
+    offset = scene.error_m(found).mean(axis=0)
+    # 24 photographs: noise of the mean 0.08, 0.08, 0.14 m; four sigma
+    np.testing.assert_allclose(offset, BIAS, rtol=0, atol=0.6)  # m
+    assert 0.005 < np.abs(offset - BIAS).max() < 0.6  # m, the noise is in there
+    assert 0.5 < found.row["residual_rmse_m"] < 1.2  # m, sqrt(0.4^2 + 0.4^2 + 0.7^2) = 0.9
+    assert abs(found.row["scale"] / 5.1 - 1) < 0.02
+    assert found.row["points_used"] == found.row["points_total"] == 24
+    assert "do not name their datum" in found.row["remarks"]
+    assert "common to all GPS positions" in found.row["remarks"]
+
+
+def test_a_gross_gps_error_is_left_out_and_named() -> None:
+    scene = Scene(ring(), bias=np.zeros(3))
+    found = scene.placed(ControlKind.GPS, photos=scene.photos({7: np.array([60.0, 0, 0]), 9: np.array([0, 0, -90.0])}))
+    assert found.row["points_used"] == 22
+    assert "gross errors: p07.jpg, p09.jpg" in found.row["remarks"]
+    assert 0.02 < np.linalg.norm(scene.error_m(found), axis=1).mean() < 0.7  # m
+
+
+def test_control_points_place_the_block_to_a_centimetre() -> None:
+    scene = Scene(ring())
+    found = scene.placed(None, control_points=scene.control())
+    assert found.control is ControlKind.GCP
+    error = np.linalg.norm(scene.error_m(found), axis=1)
+    assert 0.001 < error.mean() < 0.04  # m; 1 cm of survey noise on 6 points
+    assert 0.003 < found.row["residual_rmse_m"] < 0.03  # m
+    offset = [found.row[f"gps_offset_{axis}_m"] for axis in ("east", "north", "up")]
+    np.testing.assert_allclose(offset, BIAS, rtol=0, atol=0.6)  # m
+    assert found.table().num_rows == 1
+
+
+def test_a_blunder_among_control_points_is_left_out_and_named() -> None:
+    scene = Scene(ring())
+    good = scene.control()
+    wrong = good.points[2]
+    moved = ControlPoint(name=wrong.name, x=wrong.x + 2.0, y=wrong.y, z=wrong.z, sightings=wrong.sightings)
+    points = (*good.points[:2], moved, *good.points[3:])
+    found = scene.placed(ControlKind.GCP, control_points=ControlPoints(source="g", crs=good.crs, points=points))
+    assert (found.row["points_used"], found.row["points_total"]) == (5, 6)
+    assert "gross errors: G3" in found.row["remarks"]
+    assert 0.001 < np.linalg.norm(scene.error_m(found), axis=1).mean() < 0.06  # m
+
+
+def test_too_few_control_points() -> None:
+    scene = Scene(ring())
+    two = scene.control(count=2)
+    found = scene.placed(None, control_points=two)
+    assert found.control is ControlKind.GPS
+    assert "2 of 2 control points of gcp_list.txt can be used (3 are needed)" in found.row["remarks"]
+    with pytest.raises(GeoreferenceError, match=r"2 of 2 control points .* 3 are needed"):
+        scene.placed(ControlKind.GCP, control_points=two)
+    with pytest.raises(GeoreferenceError, match="none were given"):
+        scene.placed(ControlKind.GCP)
+
+
+def test_walls_alone_fix_the_plan_and_leave_the_height_to_gps() -> None:
+    scene = Scene(ring())
+    found = scene.placed(ControlKind.MODEL, surface=Box())
+    offset = scene.error_m(found).mean(axis=0)
+    assert 1e-5 < np.linalg.norm(offset[:2]) < 0.03  # m; 1.5 m before
+    assert 1.3 < offset[2] < 2.9  # m: the bias of 2.1 m is still there
+    assert "held by GPS alone: height" in found.row["remarks"]
+    assert abs(found.row["scale"] / 5.1 - 1) < 2e-3
+    assert 0.003 < found.row["residual_rmse_m"] < 0.03  # m
+
+
+def test_walls_and_ground_fix_the_height_too() -> None:
+    scene = Scene(ring(), ground=True)
+    found = scene.placed(ControlKind.MODEL, surface=Box(ground=True))
+    assert 1e-5 < np.linalg.norm(scene.error_m(found).mean(axis=0)) < 0.05  # m
+    assert "not observed by the model" not in found.row["remarks"]
+    assert found.row["gps_offset_up_m"] == pytest.approx(2.1, abs=0.7)  # m
+
+
+def test_a_model_of_another_place_is_refused() -> None:
+    scene = Scene(ring(), bias=np.array([300.0, 0, 0]))
+    with pytest.raises(GeoreferenceError, match=r"tie points lie within 4.0 m of the model's visible surface"):
+        scene.placed(ControlKind.MODEL, surface=Box())
+    with pytest.raises(GeoreferenceError, match="surface was not given"):
+        scene.placed(ControlKind.MODEL)
+
+
+def test_cameras_on_a_line_need_attitudes() -> None:
+    scene = Scene(line(), bias=np.zeros(3))
+    found = scene.placed(ControlKind.GPS)
+    assert "near one line" in found.row["remarks"]
+    turned = [
+        np.degrees(np.linalg.norm(Rotation.from_matrix(found.cameras[i].site_from_cam.rotation @ truth.T).as_rotvec()))
+        for i, (_, truth) in zip(scene.ids(), scene.poses, strict=True)
+    ]
+    assert 0.05 < np.mean(turned) < 3.5  # deg; yaw was off by 2
+    with pytest.raises(GeoreferenceError, match="carry no gimbal attitude"):
+        Scene(line(), attitude=False).placed(ControlKind.GPS)
+
+
+def test_without_gps_the_message_says_what_to_give() -> None:
+    scene = Scene(ring())
+    photos = scene.photos()
+    column = pa.array(["none"] * len(photos))
+    bare = photos.set_column(photos.schema.get_field_index("prior_source"), photos.schema.field("prior_source"), column)
+    with pytest.raises(GeoreferenceError, match=r"0 localised photographs have a GPS position .* control points"):
+        scene.placed(ControlKind.GPS, photos=bare)
+
+
+def test_poses_table_says_the_same_as_the_cameras() -> None:
+    scene = Scene(ring())
+    photos = scene.photos()
+    found = scene.placed(ControlKind.GPS, photos=photos)
+    rows = {
+        row["photo_id"]: row for row in poses_table(found, scene.reconstruction(), photos, origin=ORIGIN).to_pylist()
+    }
+    assert (rows["lost.jpg"]["pose_source"], rows["lost.jpg"]["reason"]) == ("unlocalised", "too little overlap")
+    row, posed = rows["p05.jpg"], found.cameras["p05.jpg"]
+    w, x, y, z = (row[name] for name in ("qw", "qx", "qy", "qz"))
+    by_hand = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    np.testing.assert_allclose(by_hand, posed.site_from_cam.rotation, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        ORIGIN.site_from_geo(np.array([[row["lon_deg"], row["lat_deg"], row["height_ellipsoidal_m"]]]))[0],
+        [row["x_site_m"], row["y_site_m"], row["z_site_m"]], rtol=0, atol=1e-5,
+    )  # fmt: skip

@@ -1,0 +1,79 @@
+"""Which photographs are compared."""
+
+import numpy as np
+import pytest
+
+from facadelake.errors import InputDataError
+from facadelake.pose.gps import rotation_of_attitude
+from facadelake.pose.pairing import choose_pairs, viewing_directions
+from facadelake.pose.settings import ReconstructionSettings
+
+
+def strip(n: int) -> np.ndarray:
+    """Photographs every 2 m on a line."""
+    return np.column_stack([2.0 * np.arange(n), np.zeros(n), np.full(n, 5.0)])
+
+
+UNKNOWN = np.full((60, 3), np.nan)
+ALL_FAR = np.zeros(60, dtype=bool)
+FEW = ReconstructionSettings(exhaustive_up_to=10, neighbours=6)
+
+
+def test_small_sets_are_compared_all_with_all() -> None:
+    pairs = choose_pairs(UNKNOWN[:9], UNKNOWN[:9], ALL_FAR[:9], FEW)
+    assert len(pairs) == 36
+    assert all(i < j for i, j in pairs)
+
+
+def test_large_sets_are_compared_with_neighbours_only() -> None:
+    pairs = choose_pairs(strip(60), UNKNOWN, ALL_FAR, FEW)
+    assert pairs == sorted(set(pairs))
+    # Six nearest on a line are three on either side; at the ends up to six on one side.
+    assert max(j - i for i, j in pairs) == 6
+    assert {(20, 21), (20, 22), (20, 23)} <= set(pairs)
+    assert len(pairs) < 60 * 5
+
+
+def test_opposite_views_are_not_compared() -> None:
+    """Two rows back to back: each photograph's partner behind it is nearest, but sees the other side."""
+    xyz = np.vstack([strip(30), strip(30) + [0, 0.5, 0]])
+    yaw = np.array([0.0] * 30 + [180.0] * 30)
+    pairs = choose_pairs(xyz, viewing_directions(yaw, np.zeros(60)), ALL_FAR, FEW)
+    across = [(i, j) for i, j in pairs if (i < 30) != (j < 30)]
+    assert across == [(28, 30), (29, 30), (29, 31)]  # the sequence alone joins them
+
+
+def test_a_photograph_without_position_is_compared_with_all() -> None:
+    xyz = strip(60)
+    xyz[17] = np.nan
+    pairs = set(choose_pairs(xyz, UNKNOWN, ALL_FAR, FEW))
+    assert all((min(17, j), max(17, j)) in pairs for j in range(60) if j != 17)
+
+
+def test_close_range_photographs_meet_the_others() -> None:
+    """A crowd of close-range photographs, whose nearest neighbours are all close-range."""
+    xyz = np.vstack([strip(40), [[20.0 + 0.01 * k, 3.0, 5.0] for k in range(20)]])
+    close = np.array([False] * 40 + [True] * 20)
+    pairs = choose_pairs(xyz, UNKNOWN, close, FEW)
+    for k in range(45, 60):
+        assert any(i < 40 for i, j in pairs if j == k)
+
+
+def test_the_viewing_direction_is_the_optical_axis_of_the_attitude() -> None:
+    """East is yaw 90; and a camera tilted down 30 deg looks down by its sine."""
+    np.testing.assert_allclose(viewing_directions(np.array([90.0]), np.array([0.0]))[0], [1, 0, 0], rtol=0, atol=1e-12)
+    down = viewing_directions(np.array([35.0]), np.array([-30.0]))[0]
+    assert down[2] == pytest.approx(-0.5)
+    rotation = rotation_of_attitude(35.0, -30.0, 0.0)
+    np.testing.assert_allclose(rotation[:, 2], down, rtol=0, atol=1e-12)
+    assert abs(rotation[2, 0]) < 1e-12  # without roll the camera's x is level
+    assert rotation[2, 1] < 0  # and its y points down
+    assert rotation_of_attitude(35.0, -30.0, 10.0)[2, 0] == pytest.approx(
+        -np.sin(np.radians(10)) * np.cos(np.radians(30))
+    )
+
+
+def test_settings_refuse_the_impossible() -> None:
+    with pytest.raises(InputDataError, match="max_image_px is 100; it must be 400 or more"):
+        ReconstructionSettings(max_image_px=100)
+    assert ReconstructionSettings(threads=1).key() == ReconstructionSettings(threads=2).key()
