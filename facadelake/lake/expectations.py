@@ -8,6 +8,7 @@ from typing import Any
 
 import duckdb
 import pyarrow as pa
+import pyarrow.compute as pc
 
 import facadelake.quiet
 from facadelake.errors import SchemaError, StoreError
@@ -42,7 +43,7 @@ def validate(tables: Mapping[str, pa.Table]) -> pa.Table:
 
 def failures(checks: pa.Table) -> pa.Table:
     """The rows of ``checks`` that were not met."""
-    return checks.filter(pa.compute.invert(checks.column("passed")))
+    return checks.filter(pc.invert(checks.column("passed")))
 
 
 def failure_text(checks: pa.Table) -> str:

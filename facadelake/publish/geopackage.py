@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyogrio
 import shapely
 
@@ -62,7 +63,7 @@ def geo_layers(table: pa.Table, name: str) -> Iterator[Layer]:
 def facade_layers(defects: pa.Table) -> Iterator[Layer]:
     """For each facade its defects as boxes in the facade's plane (u, v in metres)."""
     for facade in sorted(set(defects.column("facade").to_pylist())):
-        rows = defects.filter(pa.compute.equal(defects.column("facade"), facade))
+        rows = defects.filter(pc.equal(defects.column("facade"), facade))
         x, y, z, width, height = (
             rows.column(name).to_numpy() for name in ("x_site_m", "y_site_m", "z_site_m", "width_m", "height_m")
         )

@@ -52,7 +52,7 @@ def test_rows_without_a_place_stay_rows(tmp_path: Path) -> None:
     missing = table.set_column(
         table.column_names.index("geometry"),
         table.schema.field("geometry"),
-        [[None] + table["geometry"].to_pylist()[1:]],
+        [[None, *table["geometry"].to_pylist()[1:]]],
     )
     for suffix in (".parquet", ".gpkg", ".geojson", ".csv"):
         export("observations", missing, tmp_path / f"o{suffix}")
@@ -71,6 +71,6 @@ def test_an_earlier_file_is_replaced_or_left_whole(tmp_path: Path) -> None:
 def test_what_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"defects.shp: the suffix must be one of .parquet, .gpkg, .geojson, .csv"):
         export("defects", TABLES["defects"], tmp_path / "defects.shp")
-    with pytest.raises(InputDataError, match="there is no folder .*; make it first"):
+    with pytest.raises(InputDataError, match=r"there is no folder .*; make it first"):
         export("defects", TABLES["defects"], tmp_path / "no" / "defects.csv")
     assert list(tmp_path.iterdir()) == []

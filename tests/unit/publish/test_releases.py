@@ -1,7 +1,6 @@
 """Published files: right places and CRS by readers that did not write them; immutable; latest leads to the newest."""
 
 import json
-import os
 import shutil
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import shapely
 from facadelake.errors import InputDataError, StoreError
 from facadelake.lake.connect import bare_connection
 from facadelake.publish import releases
+from facadelake.publish.geopackage import right_of
 from facadelake.publish.releases import publish_campaign
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON
 from tests.unit.lake.test_commit import commit
@@ -36,8 +36,10 @@ def lake(committed: tuple[Path, int], tmp_path: Path) -> tuple[Path, int]:
 
 
 @pytest.fixture(scope="module")
-def release(committed: tuple[Path, int]) -> Path:
-    return publish_campaign(committed[0], version=committed[1], **KEYS)
+def release(committed: tuple[Path, int], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    lake = tmp_path_factory.mktemp("published") / "lake"
+    shutil.copytree(committed[0], lake)
+    return publish_campaign(lake, version=committed[1], **KEYS)
 
 
 def test_geoparquet_says_its_version_crs_types_and_bbox(release: Path) -> None:
@@ -110,8 +112,6 @@ def test_facade_layer_is_an_elevation_in_metres(release: Path) -> None:
 
 @pytest.mark.parametrize("facade", ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
 def test_right_as_seen_from_outside_is_the_view_direction_times_up(facade: str) -> None:
-    from facadelake.publish.geopackage import right_of
-
     outward = np.array(
         [sum({"E": 1, "W": -1}.get(c, 0) for c in facade), sum({"N": 1, "S": -1}.get(c, 0) for c in facade), 0]
     )
@@ -121,8 +121,15 @@ def test_right_as_seen_from_outside_is_the_view_direction_times_up(facade: str) 
 
 def test_readme_names_crs_datum_version_and_columns(release: Path) -> None:
     text = (release / "README.txt").read_text("utf-8")
-    for words in ("EPSG:4979", "EPSG:25832; heights: ellipsoidal", f"Version {int(release.name[1:])} of the lake".lower(),
-                  "placed by gps: 2 of 2 points", "severity_rule", "run-1", "width_m               horizontal extent"):  # fmt: skip
+    for words in (
+        "EPSG:4979",
+        "EPSG:25832; heights: ellipsoidal",
+        f"version {int(release.name[1:])} of the lake",
+        "placed by gps: 2 of 2 points",
+        "severity_rule",
+        "Run run-1",
+        "width_m               horizontal extent",
+    ):
         assert words in text, words
 
 
@@ -145,7 +152,7 @@ def test_latest_leads_to_the_highest_version(lake: tuple[Path, int]) -> None:
     newer = publish_campaign(folder, version=new, **KEYS)
     older = publish_campaign(folder, version=old, **KEYS)
     latest = newer.parent / "latest"
-    assert os.readlink(latest) == newer.name
+    assert str(latest.readlink()) == newer.name
     assert len(pq.read_table(latest / "defects.parquet")) == 5
     assert len(pq.read_table(older / "defects.parquet")) == 3
     assert sorted(path.name for path in newer.parent.iterdir()) == sorted([older.name, newer.name, "latest"])
