@@ -52,7 +52,7 @@ def ring(count: int = 24) -> list[tuple[np.ndarray, np.ndarray]]:
 def line(count: int = 16) -> list[tuple[np.ndarray, np.ndarray]]:
     """Cameras along one facade, all at one height, square-on."""
     centres = [np.array([x, -20.0, 6.0]) for x in np.linspace(-12, 12, count)]
-    return [(centre, looking(centre + [0, 1.0, 0], centre)) for centre in centres]
+    return [(centre, looking(centre + np.array([0, 1.0, 0]), centre)) for centre in centres]
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,8 @@ class Scene:
                 )
             )  # fmt: skip
         lost = {"photo_id": "lost.jpg", "sha256": "x", "bytes": 1, "role": "multiview", "photo_outcome": "accepted",
-                "image_width_px": 4000, "image_height_px": 3000, "prior_source": "none", "prior_height_datum": "unknown"}  # fmt: skip
+                "image_width_px": 4000, "image_height_px": 3000, "prior_source": "none",
+                "prior_height_datum": "unknown"}  # fmt: skip
         return table_of_rows("photos", [*rows, lost])
 
     def control(self, count: int = 6, survey_m: float = 0.01, mark_px: float = 0.5) -> ControlPoints:

@@ -119,7 +119,9 @@ def test_a_photograph_without_a_usable_position_is_accepted_without_prior(
 def test_xmp_goes_before_exif_and_a_bad_xmp_position_falls_back(tmp_path: Path) -> None:
     good = 'drone-dji:GpsLatitude="48.95" drone-dji:GpsLongitude="8.45" drone-dji:AbsoluteAltitude="+190.5"'
     (tmp_path / "xmp.jpg").write_bytes(photograph(lat=48.94, xmp=good))
-    (tmp_path / "both.jpg").write_bytes(photograph(lat=48.94, xmp='drone-dji:GpsLatitude="0" drone-dji:GpsLongitude="0"'))
+    (tmp_path / "both.jpg").write_bytes(
+        photograph(lat=48.94, xmp='drone-dji:GpsLatitude="0" drone-dji:GpsLongitude="0"')
+    )
     rows = ingest(tmp_path)
     said = [rows["xmp.jpg"][f"prior_{name}"] for name in ("source", "lat_deg", "lon_deg", "height_m")]
     assert said == ["xmp", 48.95, 8.45, 190.5]

@@ -13,7 +13,10 @@ HEAD = (
     '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
     '<rdf:Description rdf:about="" xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/"'
 )
-ATTRIBUTES = HEAD + ' drone-dji:GpsLatitude="+48.5" drone-dji:GpsLongtitude="8.25" drone-dji:RtkFlag="50"/></rdf:RDF></x:xmpmeta>'
+ATTRIBUTES = (
+    HEAD
+    + ' drone-dji:GpsLatitude="+48.5" drone-dji:GpsLongtitude="8.25" drone-dji:RtkFlag="50"/></rdf:RDF></x:xmpmeta>'
+)
 ELEMENTS = (
     HEAD + "><drone-dji:GpsLatitude>48.5</drone-dji:GpsLatitude><drone-dji:GpsLongitude> 8.25 </drone-dji:GpsLongitude>"
     "<drone-dji:RtkFlag>50</drone-dji:RtkFlag></rdf:Description></rdf:RDF></x:xmpmeta>"
@@ -67,12 +70,12 @@ PLACE = 'drone-dji:GpsLatitude="48.5" drone-dji:GpsLongitude="8.25" drone-dji:Ab
         ('drone-dji:RtkFlag="34"', SIGMA_RTK_FLOAT, HeightDatum.UNKNOWN),
         ('drone-dji:RtkFlag="50"', SIGMA_RTK_FIXED, HeightDatum.ELLIPSOIDAL),
         (
-            'drone-dji:RtkFlag="50" drone-dji:RtkStdLon="0.011" drone-dji:RtkStdLat="0.014" drone-dji:RtkStdHgt="0.021"',
+            'drone-dji:RtkFlag="50" drone-dji:RtkStdLon=".011" drone-dji:RtkStdLat=".014" drone-dji:RtkStdHgt=".021"',
             Sigma(horizontal_m=0.014, vertical_m=0.021),
             HeightDatum.ELLIPSOIDAL,
         ),
         (
-            'drone-dji:RtkFlag="16" drone-dji:RtkStdLon="0.011" drone-dji:RtkStdLat="0.014" drone-dji:RtkStdHgt="0.021"',
+            'drone-dji:RtkFlag="16" drone-dji:RtkStdLon=".011" drone-dji:RtkStdLat=".014" drone-dji:RtkStdHgt=".021"',
             SIGMA_DRONE,  # standard deviations without a fix mean nothing
             HeightDatum.UNKNOWN,
         ),

@@ -72,7 +72,7 @@ def test_mistakes_are_named_with_line_and_value(tmp_path: Path, text: str, messa
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match="nowhere.txt cannot be read"):
+    with pytest.raises(InputDataError, match=r"nowhere\.txt cannot be read"):
         read_control_points(tmp_path / "nowhere.txt")
 
 
@@ -87,7 +87,7 @@ def test_a_name_means_its_path_or_the_only_file_of_that_end() -> None:
 
 
 def test_coordinates_reach_the_site(tmp_path: Path) -> None:
-    """A point 10 m east, 20 m north, 3 m up, written in the map's CRS; and heights of a model's datum without a grid."""
+    """A point 10 m east, 20 m north, 3 m up, in the map's CRS; and heights of a datum whose grid is missing."""
     origin = SiteOrigin(lon_deg=8.4078, lat_deg=48.9405, height_ellipsoidal_m=180.0)
     east, north, height = origin.map_from_site(np.array([[10.0, 20.0, 3.0]]), "EPSG:25832")[0]
     points = read(tmp_path, f"EPSG:25832\n{east:.6f} {north:.6f} {height:.6f} 1 2 a.jpg\n")

@@ -36,7 +36,7 @@ def test_large_sets_are_compared_with_neighbours_only() -> None:
 
 def test_opposite_views_are_not_compared() -> None:
     """Two rows back to back: each photograph's partner behind it is nearest, but sees the other side."""
-    xyz = np.vstack([strip(30), strip(30) + [0, 0.5, 0]])
+    xyz = np.vstack([strip(30), strip(30) + np.array([0, 0.5, 0])])
     yaw = np.array([0.0] * 30 + [180.0] * 30)
     pairs = choose_pairs(xyz, viewing_directions(yaw, np.zeros(60)), ALL_FAR, FEW)
     across = [(i, j) for i, j in pairs if (i < 30) != (j < 30)]

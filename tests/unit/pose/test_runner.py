@@ -1,0 +1,130 @@
+"""The worker process: its progress, its refusals and its end, seen from the parent."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from facadelake.errors import FacadelakeError, InputDataError
+from facadelake.pose import runner
+from facadelake.progress import listening
+
+SCRIPT = """
+import json, os, signal, sys
+job = json.loads(open(sys.argv[1]).read())
+print("chatter of a library")
+for event in job["events"]:
+    print(json.dumps(event), flush=True)
+print("last words", file=sys.stderr, flush=True)
+if job["end"] == "kill":
+    os.kill(os.getpid(), signal.SIGKILL)
+sys.exit(job["end"])
+"""
+
+
+class Heard:
+    """A listener that remembers."""
+
+    def __init__(self) -> None:
+        self.said: list[tuple[str, object]] = []
+
+    def begin(self, label: str, total: int | None) -> int:
+        self.said.append((label, total))
+        return len(self.said)
+
+    def advance(self, handle: int, steps: int) -> None:
+        self.said.append(("advance", steps))
+
+    def end(self, handle: int) -> None:
+        self.said.append(("end", handle))
+
+
+@pytest.fixture
+def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Workers run SCRIPT instead of pycolmap."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    real = subprocess.Popen
+    monkeypatch.setattr(
+        runner.subprocess, "Popen", lambda command, **how: real([sys.executable, str(script), command[-1]], **how)
+    )
+
+
+EVENTS = [
+    {"event": "begin", "label": "Finding features", "total": 4},
+    {"event": "advance", "steps": 4},
+    {"event": "begin", "label": "Comparing", "total": 9},
+    {"event": "advance", "steps": 2},
+]
+
+
+@pytest.mark.usefixtures("scripted")
+def test_progress_reaches_the_listener_and_bars_end(tmp_path: Path) -> None:
+    heard = Heard()
+    with listening(heard):
+        runner.run_worker({"events": EVENTS, "end": 0}, tmp_path / "out")
+    assert heard.said == [
+        ("Finding features", 4), ("advance", 4), ("end", 1), ("Comparing", 9), ("advance", 2), ("end", 4),
+    ]  # fmt: skip
+    assert "last words" in (tmp_path / "out" / runner.LOG_NAME).read_text()
+
+
+@pytest.mark.usefixtures("scripted")
+@pytest.mark.parametrize(
+    ("job", "kind", "message"),
+    [
+        ({"events": [{"event": "refused", "text": "no overlap"}], "end": 2}, InputDataError, "^no overlap$"),
+        ({"events": [], "end": 3}, FacadelakeError, r"ended with status 3; .*\n.*last words"),
+        ({"events": [], "end": "kill"}, FacadelakeError, r"signal SIGKILL .*out of memory.*\n.*last words"),
+    ],
+)
+def test_the_end_of_a_worker_is_said_clearly(
+    tmp_path: Path, job: dict[str, object], kind: type[Exception], message: str
+) -> None:
+    with pytest.raises(kind, match=message):
+        runner.run_worker(job, tmp_path / "out")
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] not in ("Z", "X")
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGINT])
+def test_the_worker_ends_with_its_parent(tmp_path: Path, end: signal.Signals) -> None:
+    """A parent whose worker is at work is killed, or interrupted: the worker must go too."""
+    folder = tmp_path / "out"
+    folder.mkdir()
+    waiting = tmp_path / "parent.py"
+    # The worker is the real one; only its work is replaced by a long sleep, after it has asked the kernel.
+    waiting.write_text(
+        "import sys, pathlib, subprocess\n"
+        "from facadelake.pose import runner\n"
+        "real = subprocess.Popen\n"
+        "code = ('import sys,time,os,facadelake.pose.worker.__main__ as m; m._end_with_parent(int(sys.argv[1]));'\n"
+        "        'print(os.getpid(), file=open(sys.argv[2],\"w\")); time.sleep(60)')\n"
+        "runner.subprocess.Popen = lambda c, **k: real([sys.executable, '-c', code, str(__import__('os').getpid()), "
+        "sys.argv[2]], **k)\n"
+        "runner.run_worker({}, pathlib.Path(sys.argv[1]))\n"
+    )
+    pid_file = tmp_path / "pid"
+    parent = subprocess.Popen(
+        [sys.executable, str(waiting), str(folder), str(pid_file)], stderr=subprocess.DEVNULL, cwd=Path.cwd()
+    )
+    for _ in range(600):
+        if pid_file.exists() and pid_file.read_text().strip():
+            break
+        time.sleep(0.05)
+    worker = int(pid_file.read_text())
+    assert _alive(worker)
+    parent.send_signal(end)
+    parent.wait(timeout=20)
+    deadline = time.monotonic() + 10
+    while _alive(worker) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _alive(worker)
