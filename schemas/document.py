@@ -1,0 +1,61 @@
+"""docs/tables.md, made from schemas/: ``python -m schemas.document > docs/tables.md``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from schemas.columns import Column
+from schemas.tables import RUN_KEYS, SCHEMA_VERSION, TABLES, Table
+
+HEADER = f"""# Tables
+
+Made from `schemas/` by `python -m schemas.document`; do not edit. Schema version {SCHEMA_VERSION}.
+
+Every table begins with `building_id`, `campaign_id` and `run_id`, which are not repeated below. A campaign is
+committed whole, under one version of the lake. A geometry is WKB whose CRS is named in the unit column: longitude,
+latitude, ellipsoidal height, in that order. Times are UTC. "May be empty" says when a value may be missing; all other
+columns have one in every row. Checks across tables are in `sql/checks/`, questions to ask in `sql/questions/`.
+"""
+
+
+def document() -> str:
+    """The whole text."""
+    index = ["| table | a row is a | says |", "|---|---|---|"]
+    index += [f"| [{table.name}](#{table.name}) | {table.grain} | {table.meaning} |" for table in TABLES.values()]
+    return "\n".join([HEADER, *index, "", *(line for table in TABLES.values() for line in _table(table))])
+
+
+def _table(table: Table) -> Iterator[str]:
+    yield f"## {table.name}"
+    yield ""
+    yield f"One row per {table.grain}: {table.meaning}. Key: {', '.join(f'`{name}`' for name in table.key)}."
+    yield "The table may have no rows." if table.may_be_empty else "The table has at least one row."
+    yield ""
+    yield "| column | type | unit | meaning | allowed | may be empty |"
+    yield "|---|---|---|---|---|---|"
+    for column in table.columns:
+        if column.name not in RUN_KEYS:
+            empty = "yes" if column.name in table.optional else ""
+            cells = (f"`{column.name}`", column.kind, column.unit, column.meaning, _allowed(column), empty)
+            yield f"| {' | '.join(str(cell).replace('|', chr(92) + '|') for cell in cells)} |"
+    yield ""
+
+
+def _allowed(column: Column) -> str:
+    if column.allowed:
+        return ", ".join(column.allowed)
+    low, high = column.minimum, column.maximum
+    if low is not None and high is not None:
+        return f"{low:g} to {high:g}"
+    if low is not None:
+        return f"{low:g} or more"
+    return "" if high is None else f"{high:g} or less"
+
+
+def main() -> None:
+    """Print the text."""
+    print(document(), end="")
+
+
+if __name__ == "__main__":
+    main()
