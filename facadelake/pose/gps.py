@@ -19,6 +19,10 @@ from schemas.vocabulary import HeightDatum, PositionSource
 
 # A gimbal's yaw is a compass's, off by degrees near steel and concrete; pitch and roll are better, but drift.
 ATTITUDE_SIGMA_DEG = 6.0
+# Geoid undulations are tens of metres (-106 to 85 on Earth, 36 to 50 in Germany).
+DATUM_SIGMA_M = 50.0
+# What the block's own bending adds to a position; without it an RTK sigma of 1 cm would reject good cameras.
+BLOCK_SIGMA_M = 0.05
 # Below this spread across the cameras' main line (in sigmas of a position), positions do not fix the turn about it.
 _SPREAD_SIGMAS = 4.0
 # Twelve degrees at 10 m are 2 m, what GPS is off anyway; beyond it the placement is a guess.
@@ -39,6 +43,14 @@ class GpsPriors:
     sigma_m: Array
     datum_unknown: bool
     site_from_cam_rotation: Array
+
+    @property
+    def common_sigma_m(self) -> Array:
+        """One sigma (3,) of the error that all priors share: the receiver's, and for heights the unknown datum's."""
+        sigma: Array = np.median(self.sigma_m, axis=0)
+        if self.datum_unknown:
+            sigma[2] = np.hypot(sigma[2], DATUM_SIGMA_M)
+        return sigma
 
 
 def rotation_of_attitude(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
@@ -72,7 +84,7 @@ def gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOri
     return GpsPriors(
         photo=np.array(index, dtype=np.int64),
         xyz_site_m=origin.site_from_geo(np.array(geo).reshape(-1, 3)),
-        sigma_m=np.array(sigma).reshape(-1, 3),
+        sigma_m=np.hypot(np.array(sigma).reshape(-1, 3), BLOCK_SIGMA_M),
         datum_unknown=datums != {HeightDatum.ELLIPSOIDAL},
         site_from_cam_rotation=np.array(rotations).reshape(-1, 3, 3),
     )

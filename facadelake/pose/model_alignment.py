@@ -115,8 +115,8 @@ def align_to_model(
         if len(planes.xyz_sfm) < _LEAST_POINTS:
             raise GeoreferenceError(
                 f"only {len(planes.xyz_sfm)} of {len(points)} tie points lie within {gate_m} m of the model's visible "
-                f"surface ({_LEAST_POINTS} are needed): GPS is too far off or the model is of another place; give "
-                "control points, or georeference by gps"
+                f"surface ({_LEAST_POINTS} are needed): GPS is too far off (in height too, where its datum is unknown) "
+                "or the model is of another place; give control points, or georeference by gps"
             )
         now, bias = _adjusted(now, bias, planes, _observed_shifts(now, planes), centres, priors)
     planes = _correspondences(now, points, centres[cameras], surface, _GATES_M[-1])
@@ -190,7 +190,11 @@ def _adjusted(
     along = np.array([shift.direction for shift in shifts])
     seen = along.T @ np.diag([float(shift.observed) for shift in shifts]) @ along  # projects on what is observed
     planes = replace(planes, normal=planes.normal @ seen)
-    bias_sigma = np.where([shift.observed for shift in shifts], np.median(priors.sigma_m), _HELD_SIGMA_M)
+    bias_sigma = np.where(
+        [shift.observed for shift in shifts],
+        [np.linalg.norm(priors.common_sigma_m * shift.direction) for shift in shifts],
+        _HELD_SIGMA_M,
+    )
 
     def residuals(step: Array) -> Array:
         moved = parameters_applied(now, pivot, step[:7])
@@ -233,7 +237,7 @@ def _observed_shifts(site_from_sfm: Similarity, planes: _Planes) -> tuple[Observ
 def _remarks(shifts: tuple[ObservedShift, ...], priors: GpsPriors) -> tuple[str, ...]:
     seen = [f"{shift.words} ({shift.share:.3f})" for shift in shifts if shift.observed]
     remarks = [f"the model's surface observes {', '.join(seen) or 'no shift'} (share needed: {OBSERVED_SHARE})"]
-    sigma = np.median(priors.sigma_m, axis=0)
+    sigma = priors.common_sigma_m
     held = [
         f"{shift.words} ({shift.share:.3f}; GPS sigma {np.linalg.norm(sigma * shift.direction):.1f} m)"
         for shift in shifts
