@@ -57,13 +57,15 @@ def make_demo_in_terminal(
 ) -> list[InspectionResult]:
     """Make the demo building (once) and inspect its campaigns in order."""
     from facadelake.demo.generate import generate_demo
-    from facadelake.demo.recipe import read_recipe
+    from facadelake.demo.recipe import load_recipe
 
     os.environ["FACADELAKE_DEMO"] = str(folder.resolve())  # the registry's paths of the demo are made of it
     with ProgressBars(console) as bars, listening(bars):
-        files = generate_demo(read_recipe(recipe), folder)
-        bars.say(f"The demo building is in {folder}: {', '.join(files.campaigns)}")
+        files = generate_demo(load_recipe(recipe), folder)
+        bars.say(f"The demo building is in {folder}" + ("" if files.made else " (it was there already)"))
     return [
-        inspect_in_terminal(console, building_id="demo", campaign_id=campaign, portfolio=portfolio, lake=lake)
+        inspect_in_terminal(
+            console, building_id="demo", campaign_id=campaign.campaign_id, portfolio=portfolio, lake=lake
+        )
         for campaign in files.campaigns
     ]
