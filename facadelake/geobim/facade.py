@@ -13,6 +13,8 @@ LEVEL = "level"
 INSIDE = "inside"
 _SKY = [(azimuth, height) for height in (15.0, 40.0, 65.0) for azimuth in (-50.0, 0.0, 50.0)]
 _LIFT_M = 0.01
+_SAME_PLANE_DEG = 2.0
+_MAIN_SHARE = 0.5  # of an element's open area: below it the element is round, and its mean direction counts
 _ONE_SIDED = 0.3  # net over total open area above which an element has one outward direction
 
 
@@ -64,7 +66,7 @@ def facades_of(surface: Surface, element_of_triangle: NDArray[np.int64], element
             outward = net[own].sum(axis=0) * [1, 1, 0]
             if np.linalg.norm(outward) < _ONE_SIDED * sides[own].sum():
                 outward = _two_sided(normals[own], sides[own], centres[own] - middle)
-            names.append(compass_of(outward))
+            names.append(compass_of(_main_side(net[own] * [1, 1, 0], outward)))
     return names
 
 
@@ -84,6 +86,26 @@ def openness(surface: Surface, points_site_m: Array, normals_site: Array) -> Arr
         share += outward & ~surface.cast(starts, ray).hit
     share /= len(_SKY)
     return share
+
+
+def _main_side(net: Array, outward: Array) -> Array:
+    """The direction of the flat face that makes up most of the open area on the ``outward`` side, if one does.
+
+    Elements of one plane then have one direction, however unevenly their reveals lie open.
+    """
+    area = np.linalg.norm(net, axis=1)
+    ahead = (area > 0) & (net @ outward > 0)
+    if not ahead.any():
+        return outward
+    azimuth = np.degrees(np.arctan2(net[ahead, 0], net[ahead, 1]))
+    # Bins begin off the whole degrees that buildings like, and off the jump from 180 to -180.
+    step = np.floor(((azimuth + 0.71) % 360.0) / _SAME_PLANE_DEG).astype(np.int64)
+    _, where = np.unique(step, return_inverse=True)
+    weight = np.bincount(where, weights=area[ahead])
+    if weight.max() < _MAIN_SHARE * weight.sum():
+        return outward
+    main: Array = net[ahead][where == int(np.argmax(weight))].sum(axis=0)
+    return main
 
 
 def _two_sided(normals: Array, weights: Array, from_middle: Array) -> Array:

@@ -8,12 +8,14 @@ import ifcopenshell.api.root
 import numpy as np
 import pytest
 import shapely
+import trimesh
 
 from facadelake.errors import ModelError
-from facadelake.geobim.facade import compass_of
+from facadelake.geobim.facade import compass_of, facade_seen, facades_of
 from facadelake.geobim.load import load_building
 from facadelake.geobim.mesh import meshes_of, open_ifc
 from facadelake.geobim.model import ModelSettings
+from facadelake.geobim.surface import Surface
 from tests.unit.geobim.conftest import Box, Ifc
 
 PLACED = {
@@ -105,6 +107,39 @@ def test_materials_and_is_external(write_ifc):
 )  # fmt: skip
 def test_compass(direction, name):
     assert compass_of(np.array(direction, dtype=float)) == name
+
+
+def test_a_return_does_not_turn_its_wall():
+    """A wall of 10 m that faces 156 degrees, with 6 m round the corner that face 246: their mean would look south."""
+    a = np.radians(156.0)
+    out, aside, up = np.array([np.sin(a), np.cos(a), 0]), np.array([-np.cos(a), np.sin(a), 0]), np.array([0, 0, 4.0])
+    block = trimesh.creation.box(extents=[10, 8, 4])
+    turned = block.vertices @ np.array([aside, -out, [0, 0, 1]]) + up / 2 - 4.05 * out
+    wall = np.array([5 * aside, -5 * aside, -5 * aside + up, 5 * aside + up])
+    side = np.array([5.05 * aside - 6 * out, 5.05 * aside, 5.05 * aside + up, 5.05 * aside - 6 * out + up])
+    square = np.array([[0, 1, 2], [0, 2, 3]])
+    owner = np.array([0, 0, 0, 0, *[1] * len(block.faces)])
+    surface = Surface.from_mesh(
+        np.vstack([wall, side, turned]), np.vstack([square, square + 4, block.faces + 8]), owner
+    )
+    assert (compass_of(out), compass_of(out + 0.6 * aside)) == ("SE", "S")
+    assert facades_of(surface, owner, 2)[0] == "SE"
+
+
+@pytest.mark.parametrize(
+    ("element", "normal", "seen"),
+    [
+        ("S", [0, -1, 0], "S"),
+        ("S", [1, 0, 0], "S"),  # a reveal counts with its wall
+        ("S", [0.1, 1, 0], "N"),  # the wall's other side
+        ("S", [0, 0, 1], "S"),  # a sill
+        ("level", [0, -1, 0], "S"),  # the edge of a slab
+        ("level", [0, 0, -1], "level"),
+        ("inside", [1, 0, 0], "E"),
+    ],
+)
+def test_the_facade_a_place_is_counted_with(element, normal, seen):
+    assert facade_seen(element, np.array(normal, dtype=float)) == seen
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.999])
