@@ -116,13 +116,13 @@ def test_a_return_does_not_turn_its_wall():
     block = trimesh.creation.box(extents=[10, 8, 4])
     turned = block.vertices @ np.array([aside, -out, [0, 0, 1]]) + up / 2 - 4.05 * out
     wall = np.array([5 * aside, -5 * aside, -5 * aside + up, 5 * aside + up])
-    side = np.array([5.05 * aside - 6 * out, 5.05 * aside, 5.05 * aside + up, 5.05 * aside - 6 * out + up])
+    side = np.array([-5.05 * aside - 6 * out, -5.05 * aside, -5.05 * aside + up, -5.05 * aside - 6 * out + up])
     square = np.array([[0, 1, 2], [0, 2, 3]])
     owner = np.array([0, 0, 0, 0, *[1] * len(block.faces)])
     surface = Surface.from_mesh(
         np.vstack([wall, side, turned]), np.vstack([square, square + 4, block.faces + 8]), owner
     )
-    assert (compass_of(out), compass_of(out + 0.6 * aside)) == ("SE", "S")
+    assert (compass_of(out), compass_of(out - 0.6 * aside)) == ("SE", "S")
     assert facades_of(surface, owner, 2)[0] == "SE"
 
 
