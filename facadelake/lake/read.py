@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -45,21 +45,40 @@ def read_table(
     Without building or campaign all of them; without ``as_of`` the newest version. Raises SchemaError for a table
     that there is not, StoreError for a lake that cannot be read or has no such version.
     """
-    if name not in TABLES:
-        raise SchemaError(f"there is no table {name}; the tables are {', '.join(TABLES)}")
-    kind = TABLES[name]
-    columns = [f"ST_AsWKB({c.name}) AS {c.name}" if c.kind is Kind.GEOMETRY else c.name for c in kind.columns]
+    return read_tables(lake, [name], building_id=building_id, campaign_id=campaign_id, as_of=as_of)[name]
+
+
+def read_tables(
+    lake: Path,
+    names: Sequence[str],
+    *,
+    building_id: str | None = None,
+    campaign_id: str | None = None,
+    as_of: int | None = None,
+) -> dict[str, pa.Table]:
+    """Several tables as ``read_table`` reads one, all of the same version, by name."""
+    unknown = [name for name in names if name not in TABLES]
+    if unknown:
+        raise SchemaError(f"there is no table {', '.join(unknown)}; the tables are {', '.join(TABLES)}")
     wanted = {"building_id": building_id, "campaign_id": campaign_id}
     given = {key: value for key, value in wanted.items() if value is not None}
     where = f"WHERE {' AND '.join(f'{key} = ?' for key in given)}" if given else ""
+    found = {}
     with reading(lake, as_of=as_of) as connection:
         check_version(connection, lake)
-        with store_errors(f"reading {name} of the lake {lake}", "check that the lake's files are whole"):
-            rows = connection.execute(
-                f"SELECT {', '.join(columns)} FROM lake.{name} {where} ORDER BY {', '.join(kind.key)}",
-                list(given.values()),
-            ).to_arrow_table()
-    return rows.cast(kind.arrow)
+        with store_errors(f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole"):
+            connection.execute("BEGIN")  # one transaction sees one version
+            for name in names:
+                kind = TABLES[name]
+                columns = [
+                    f"ST_AsWKB({c.name}) AS {c.name}" if c.kind is Kind.GEOMETRY else c.name for c in kind.columns
+                ]
+                rows = connection.execute(
+                    f"SELECT {', '.join(columns)} FROM lake.{name} {where} ORDER BY {', '.join(kind.key)}",
+                    list(given.values()),
+                ).to_arrow_table()
+                found[name] = rows.cast(kind.arrow)
+    return found
 
 
 def versions(lake: Path) -> pa.Table:
@@ -88,7 +107,7 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
     ``parameters`` are bound to ``$name``. Spatial functions (ST_...) work. Raises InputDataError for anything but a
     SELECT over tables and views, or one that DuckDB cannot answer; StoreError where the lake cannot be read.
     """
-    with _sealed(lake, as_of) as connection:
+    with sealed(lake, as_of) as connection:
         views = {view.name for view in statements("views")}
         refuse_unless_plain_select(connection, sql, frozenset(TABLES) | views)
         try:
@@ -102,7 +121,7 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
 
 
 @contextmanager
-def _sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]:
+def sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]:
     """A reading connection with the views, that can open no file but the lake's own and cannot be reconfigured."""
     with reading(lake, as_of=as_of) as connection:
         check_version(connection, lake)

@@ -62,7 +62,8 @@ def geo_layers(table: pa.Table, name: str) -> Iterator[Layer]:
 
 def facade_layers(defects: pa.Table) -> Iterator[Layer]:
     """For each facade its defects as boxes in the facade's plane (u, v in metres)."""
-    for facade in sorted(set(defects.column("facade").to_pylist())):
+    # A facade "inside" the building has no outside to look at it from.
+    for facade in sorted({*_COMPASS, LEVEL} & set(defects.column("facade").to_pylist())):
         rows = defects.filter(pc.equal(defects.column("facade"), facade))
         x, y, z, width, height = (
             rows.column(name).to_numpy() for name in ("x_site_m", "y_site_m", "z_site_m", "width_m", "height_m")

@@ -16,7 +16,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from facadelake.errors import InputDataError, StoreError
-from facadelake.lake.read import read_table
+from facadelake.lake.read import read_tables
 from facadelake.publish.export import export
 from facadelake.publish.geopackage import facade_layers, geo_layers, write_layers
 from facadelake.publish.geoparquet import flat, frame, write_geoparquet
@@ -56,9 +56,7 @@ def publish_campaign(
     if folder.is_dir():
         logger.info("%s is published already", folder)
         return folder
-    tables = {
-        name: read_table(lake, name, building_id=building_id, campaign_id=campaign_id, as_of=version) for name in TABLES
-    }
+    tables = read_tables(lake, TABLES, building_id=building_id, campaign_id=campaign_id, as_of=version)
     if not len(tables["campaigns"]):
         raise InputDataError(f"the lake {lake} has no campaign {campaign_id} of {building_id} in its version {version}")
     part = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.part"

@@ -1,17 +1,23 @@
 """A small campaign with every table filled, made by hand."""
 
 import json
+import sys
+import textwrap
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import shapely
 
+from facadelake.lake.commit import Committed, commit_campaign
 from facadelake.tables import table_of_rows, with_run_keys
 from schemas.tables import TABLES
 
+REPOSITORY = Path(__file__).resolve().parents[3]
 BUILDING, CAMPAIGN = "tower", "2026-04"
+INPUTS = "i" * 64
 START = datetime(2026, 4, 1, 8, 0, tzinfo=UTC)
 LON, LAT, HEIGHT = 9.5, 48.25, 312.5
 
@@ -27,7 +33,7 @@ def _position(index: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def rows(defects: int = 3, sightings: int = 2, inputs: str = "i" * 64, note: str = "a") -> dict[str, list[dict]]:
+def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str = "a") -> dict[str, list[dict]]:
     """Rows of each table: ``defects`` defects seen ``sightings`` times each, one detection a photograph off target."""
     photos = [f"closerange/p{i}.jpg" for i in range(sightings)]
     found = [(d, s, f"{photos[s]}#{d}") for d in range(defects) for s in range(sightings)]
@@ -121,3 +127,21 @@ def lake_tables(
     """The small campaign with its run keys."""
     keys = {"building_id": building_id, "campaign_id": campaign_id, "run_id": run_id}
     return {name: with_run_keys(name, table, **keys) for name, table in stage_tables(**settings).items()}
+
+
+def commit(
+    lake: Path, *, run_id: str = "run-1", campaign_id: str = CAMPAIGN, inputs: str = INPUTS, **settings: Any
+) -> Committed:
+    """Commit the small campaign; settings as of ``rows``."""
+    tables = lake_tables(run_id=run_id, campaign_id=campaign_id, inputs=inputs, **settings)
+    return commit_campaign(
+        lake, building_id=BUILDING, campaign_id=campaign_id, run_id=run_id, tables=tables, inputs_sha256=inputs
+    )
+
+
+def in_process(code: str, *, head: str = "") -> list[str]:
+    """Command of a fresh interpreter in the repository that knows Path, ``commit`` and its module."""
+    setup = f"import sys; sys.path.insert(0, {str(REPOSITORY)!r})\n{head}\nfrom pathlib import Path\n"
+    setup += "from facadelake.lake import commit as commit_module\n"
+    setup += "from tests.unit.lake.small_campaign import commit\n"
+    return [sys.executable, "-c", setup + textwrap.dedent(code)]

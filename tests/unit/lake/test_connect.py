@@ -14,7 +14,7 @@ from facadelake.lake.migrate import migrate, migrations, schema_version
 from facadelake.lake.read import read_table, versions
 from schemas.ddl import create_table
 from schemas.tables import SCHEMA_VERSION, TABLES
-from tests.unit.lake.test_commit import REPOSITORY, commit, in_process
+from tests.unit.lake.small_campaign import REPOSITORY, commit, in_process
 
 
 def test_needs_no_network_and_nothing_in_the_home_folder(tmp_path: Path) -> None:

@@ -12,8 +12,7 @@ from facadelake.lake.expectations import CHECKED, failure_text, failures, valida
 from facadelake.lake.sqlfiles import statements
 from facadelake.tables import stage_schema
 from schemas.tables import RUN_KEYS, TABLES
-from tests.unit.lake.small_campaign import lake_tables, rows, stage_tables
-from tests.unit.lake.test_commit import REPOSITORY
+from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_tables
 
 
 def loose(name: str, made: list[dict[str, Any]]) -> pa.Table:

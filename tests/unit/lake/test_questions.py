@@ -1,16 +1,19 @@
 """Questions read, and can do nothing else."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
+import duckdb
 import pytest
 
 from facadelake.errors import InputDataError, StoreError
 from facadelake.lake.connect import extension_file
+from facadelake.lake.guard import refuse_unless_plain_select
 from facadelake.lake.questions import ask
-from facadelake.lake.read import query
+from facadelake.lake.read import query, sealed
 from facadelake.lake.sqlfiles import read_statement
-from tests.unit.lake.small_campaign import CAMPAIGN
-from tests.unit.lake.test_commit import commit
+from schemas.tables import TABLES
+from tests.unit.lake.small_campaign import CAMPAIGN, commit
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +39,12 @@ def test_select_with_parameters_spatial_functions_and_views(lake: Path) -> None:
     assert "defects" in query(lake, "SHOW TABLES")["name"].to_pylist()
     assert "defect_id" in query(lake, "DESCRIBE defects")["column_name"].to_pylist()
     assert query(lake, "SELECT max(n) AS n FROM (SELECT count(*) AS n FROM lake.main.defects)")["n"].to_pylist() == [5]
+
+
+@pytest.fixture(scope="module")
+def connection(lake: Path) -> Iterator[duckdb.DuckDBPyConnection]:
+    with sealed(lake, None) as opened:
+        yield opened
 
 
 @pytest.mark.parametrize(
@@ -79,15 +88,40 @@ def test_select_with_parameters_spatial_functions_and_views(lake: Path) -> None:
         "",
     ],
 )
-def test_anything_else_is_refused(lake: Path, sql: str) -> None:
-    before = {path: path.stat().st_mtime_ns for path in lake.rglob("*") if path.is_file()}
+def test_anything_else_is_refused_by_the_guard(lake: Path, connection: duckdb.DuckDBPyConnection, sql: str) -> None:
     text = sql.format(lake=lake, spatial=extension_file("spatial"))
     with pytest.raises(InputDataError) as refusal:
-        query(lake, text)
+        refuse_unless_plain_select(connection, text, frozenset(TABLES))
     assert any(
         words in str(refusal.value)
         for words in ("only answers a SELECT", "one statement at a time", "may not be used", "there is no table")
     ), refusal.value
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "DELETE FROM defects",
+        "CREATE TABLE x (a INT)",
+        "ATTACH '{lake}/other.db'",
+        "COPY defects TO '{lake}/out.parquet'",
+        "SELECT * FROM read_csv('{lake}/secret.csv')",
+        "SET enable_external_access = true",
+        "CALL ducklake_expire_snapshots('lake', older_than => now())",
+    ],
+)
+def test_connection_itself_refuses_without_the_guard(
+    lake: Path, connection: duckdb.DuckDBPyConnection, sql: str
+) -> None:
+    with pytest.raises(duckdb.Error):
+        connection.execute(sql.format(lake=lake))
+
+
+def test_query_asks_the_guard_and_leaves_the_lake_alone(lake: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in lake.rglob("*") if path.is_file()}
+    for sql in ("DELETE FROM defects", "COPY (SELECT 1) TO 'x.csv'", "SELECT * FROM sqlite_scan('a', 'b')"):
+        with pytest.raises(InputDataError):
+            query(lake, sql)
     assert {path: path.stat().st_mtime_ns for path in lake.rglob("*") if path.is_file()} == before
 
 

@@ -16,8 +16,7 @@ from facadelake.lake.connect import bare_connection
 from facadelake.publish import releases
 from facadelake.publish.geopackage import right_of
 from facadelake.publish.releases import publish_campaign
-from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON
-from tests.unit.lake.test_commit import commit
+from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit
 
 KEYS = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
 
