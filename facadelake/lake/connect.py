@@ -6,6 +6,7 @@ may be moved or copied as a whole while nobody writes.
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import tempfile
 from collections.abc import Iterator
@@ -59,7 +60,7 @@ def store_errors(doing: str, remedy: str) -> Iterator[None]:
 
 def bare_connection(*extensions: str) -> duckdb.DuckDBPyConnection:
     """An in-memory DuckDB in UTC with the named extensions, which never looks for others on the network."""
-    temporary = Path(tempfile.gettempdir()) / "facadelake-duckdb"
+    temporary = Path(tempfile.gettempdir()) / f"facadelake-duckdb-{os.getuid()}"
     connection = duckdb.connect(
         config={
             "autoinstall_known_extensions": False,
