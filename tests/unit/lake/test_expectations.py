@@ -8,9 +8,11 @@ import pyarrow as pa
 import pytest
 
 from facadelake.errors import SchemaError
-from facadelake.lake.expectations import CHECKED, failure_text, failures, validate
+from facadelake.lake import expectations as module
+from facadelake.lake.expectations import CHECKED, checks_sha256, failure_text, failures, validate
 from facadelake.lake.sqlfiles import statements
 from facadelake.tables import stage_schema
+from schemas.expectations import expectations
 from schemas.tables import RUN_KEYS, TABLES
 from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_tables
 
@@ -70,3 +72,12 @@ def test_wrong_columns_are_refused_at_once() -> None:
         validate({name: table for name, table in tables.items() if name != "poses"})
     with pytest.raises(SchemaError, match="table poses has the columns"):
         validate({**tables, "poses": tables["poses"].drop_columns(["qw"])})
+
+
+def test_hash_of_the_checks_changes_with_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = checks_sha256()
+    assert checks_sha256() == before
+    monkeypatch.setattr(module, "expectations", lambda table: expectations(table)[1:])
+    fewer = checks_sha256()
+    monkeypatch.setattr(module, "statements", lambda kind: statements(kind)[1:])
+    assert len({before, fewer, checks_sha256()}) == 3
