@@ -39,9 +39,14 @@ class Scene:
 
 
 def draw_elevation(
-    scene: Scene, rectified: RectifiedElevation, background: Picture, marks: Sequence[Mark], covered: float
-) -> Figure:
-    """The finished sheet; ``background`` has the relief's cells, ``covered`` is the share photographs show."""
+    scene: Scene, rectified: RectifiedElevation, background: Picture, marks: Sequence[Mark],
+    others: Sequence[Mark], covered: float,
+) -> Figure:  # fmt: skip
+    """The finished sheet.
+
+    ``background`` has the relief's cells; ``marks`` are the facade's own, ``others`` those of other facades that it
+    shows; ``covered`` is the share of its surface that photographs show.
+    """
     facade, (rows, columns) = rectified.relief.facade, rectified.relief.shape
     scale = min(_MAX_WIDTH_PX / columns, _MAX_HEIGHT_PX / rows, max(1.0, _MIN_HEIGHT_PX / rows))
     width_in, height_in = columns * scale / DPI, rows * scale / DPI
@@ -74,9 +79,9 @@ def draw_elevation(
     axes.set_xlabel("metres along the facade, from its left as seen from outside", fontsize=8)
     axes.set_ylabel(f"metres above {scene.storeys[0].name if scene.storeys else 'the lowest point'}", fontsize=8)
     _storey_lines(axes, scene, zero, width_m)
-    _defects(axes, facade, marks, zero, px_per_m=scale / rectified.relief.cell_m)
+    _defects(axes, facade, marks, others, zero, px_per_m=scale / rectified.relief.cell_m)
     _scale_bar(figure, axes, width_m, total_in)
-    _title(figure, scene, facade, marks, covered, rectified.relief.cell_m, total_in)
+    _title(figure, scene, facade, marks, len(others), covered, rectified.relief.cell_m, total_in)
     return figure
 
 
@@ -93,35 +98,33 @@ def _storey_lines(axes: Axes, scene: Scene, zero: float, width_m: float) -> None
             )  # fmt: skip
 
 
-def _defects(axes: Axes, facade: Facade, marks: Sequence[Mark], zero: float, px_per_m: float) -> None:
-    if not marks:
+def _defects(
+    axes: Axes, facade: Facade, marks: Sequence[Mark], others: Sequence[Mark], zero: float, px_per_m: float
+) -> None:
+    """Outlines and numbers: filled labels for the facade's own, hollow ones for those counted on another facade."""
+    everyone = [*marks, *others]
+    if not everyone:
         return
-    outlines = []
-    for mark in marks:
-        uv = facade.uvw(mark.corners_site_m)[:, :2] - [facade.u_min_m, zero]
-        colour = class_colour(mark.defect_class)
+    corners = [facade.uvw(mark.corners_site_m)[:, :2] - [facade.u_min_m, zero] for mark in everyone]
+    for mark, uv in zip(everyone, corners, strict=True):
+        dashes, colour = class_dashes(mark.defect_class), class_colour(mark.defect_class)
         axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor="white", linewidth=2.8))
-        axes.add_patch(
-            Polygon(
-                uv, closed=True, fill=False, edgecolor=colour, linewidth=1.5, linestyle=class_dashes(mark.defect_class)
-            )
-        )
-        outlines.append([*uv.min(axis=0), *uv.max(axis=0)])
-    boxes = np.array(outlines)
-    # A 6.5 point label: 13.5 px a line and 8.5 px a character at 150 dpi, with its frame.
-    sizes = np.array([[12 + 9.0 * len(mark.label), 18.0] for mark in marks]) / px_per_m
-    left, right = axes.get_xlim()
-    low, high = axes.get_ylim()
-    middles = place_labels(boxes * px_per_m, sizes * px_per_m, np.array([left, low, right, high]) * px_per_m) / px_per_m
-    for mark, box, middle, size in zip(marks, boxes, middles, sizes, strict=True):
+        axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor=colour, linewidth=1.5, linestyle=dashes))
+    boxes = np.array([[*uv.min(axis=0), *uv.max(axis=0)] for uv in corners])
+    # A 6.5 point label at 150 dpi: 18 px high, 9 px a character, with its frame.
+    sizes = np.array([[12 + 9.0 * len(mark.label), 18.0] for mark in everyone])
+    bounds = np.array([axes.get_xlim(), axes.get_ylim()]).T.ravel() * px_per_m
+    middles = place_labels(boxes * px_per_m, sizes, bounds) / px_per_m
+    for place, (mark, box, middle) in enumerate(zip(everyone, boxes, middles, strict=True)):
         colour = class_colour(mark.defect_class)
         nearest = np.clip(middle, box[:2], box[2:])
-        if np.linalg.norm((nearest - middle) / size) > 0.75:
+        if np.linalg.norm((nearest - middle) * px_per_m / sizes[place]) > 0.75:
             axes.plot(*np.array([nearest, middle]).T, color="white", linewidth=2.0, solid_capstyle="butt", zorder=3)
             axes.plot(*np.array([nearest, middle]).T, color=colour, linewidth=0.8, zorder=3.1)
+        ink, ground, rim = ("white", colour, "white") if place < len(marks) else (colour, "white", colour)
         axes.text(
-            middle[0], middle[1], mark.label, fontsize=6.5, color="white", ha="center", va="center_baseline", zorder=4,
-            bbox={"boxstyle": "round,pad=0.18", "facecolor": colour, "edgecolor": "white", "linewidth": 0.6},
+            middle[0], middle[1], mark.label, fontsize=6.5, color=ink, ha="center", va="center_baseline", zorder=4,
+            bbox={"boxstyle": "round,pad=0.18", "facecolor": ground, "edgecolor": rim, "linewidth": 0.6},
         )  # fmt: skip
 
 
@@ -146,11 +149,11 @@ def _scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float
 
 
 def _title(
-    figure: Figure, scene: Scene, facade: Facade, marks: Sequence[Mark], covered: float, cell_m: float,
+    figure: Figure, scene: Scene, facade: Facade, marks: Sequence[Mark], others: int, covered: float, cell_m: float,
     total_in: tuple[float, float],
 ) -> None:  # fmt: skip
     left, height = 0.2 / total_in[0], total_in[1]
-    title = f"{_plain(scene.building_name)} — {facade.name} facade (faces {facade.azimuth_deg:.0f}°)"
+    title = f"{_plain(scene.building_name)} — {facade.title} (faces {facade.azimuth_deg:.0f}°)"
     figure.text(left, 1 - 0.18 / height, title, fontsize=12, weight="bold", va="top")
     count = "no defects" if not marks else f"{len(marks)} defect{'s' if len(marks) != 1 else ''}"
     figure.text(
@@ -171,9 +174,13 @@ def _title(
         )
         for name in sorted(counts)
     ]
+    if others:
+        note = f"hollow number: counted on another facade ({others})"
+        figure.text(left, 0.12 / height, note, fontsize=8, va="bottom", color="#303030")
     if handles:
+        corner = (left, (0.32 if others else 0.12) / height)
         figure.legend(
-            handles=handles, loc="lower left", bbox_to_anchor=(left, 0.12 / height), ncols=len(handles), fontsize=8,
+            handles=handles, loc="lower left", bbox_to_anchor=corner, ncols=len(handles), fontsize=8,
             frameon=False, handlelength=2.2, columnspacing=1.4, borderaxespad=0.0,
         )  # fmt: skip
 

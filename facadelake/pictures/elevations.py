@@ -15,7 +15,7 @@ from facadelake.geobim.surface import Surface
 from facadelake.pictures.elevation_figure import DPI, Scene, draw_elevation
 from facadelake.pictures.facades import Facade, find_facades
 from facadelake.pictures.inspection import Inspection, PictureSettings
-from facadelake.pictures.marks import Mark, marks_of, marks_per_facade
+from facadelake.pictures.marks import Mark, marks_also_seen, marks_of, marks_per_facade
 from facadelake.pictures.rectify import RectifiedElevation, rectify
 from facadelake.pictures.relief import Picture, cell_size_m, grey_drawing, look_square_on, openings_of, relief_edges
 from facadelake.pictures.storeys import storey_levels
@@ -70,7 +70,9 @@ def facade_elevations(
         background = compose(rectified, is_opening)
         met = rectified.relief.element >= 0
         covered = float((rectified.covered & met).sum() / max(int(met.sum()), 1))
-        draw_elevation(scene, rectified, background, own, covered).savefig(path, dpi=DPI)
+        others = marks_also_seen(rectified.relief, marks, own)
+        sheet = draw_elevation(scene, rectified, background, own, others, covered)
+        sheet.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
         elevations.append(Elevation(path=path, facade=facade, marks=tuple(own), covered_share=covered))
     elevations.sort(key=lambda elevation: -elevation.facade.area_m2)
     if elevations:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +13,12 @@ from facadelake.frames import Array
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.inspection import PictureSettings
+from facadelake.pictures.outward import Walls, azimuth_of, element_azimuths, turn_deg, walls_of
 from facadelake.pictures.palette import compass_word
-from facadelake.pictures.sight import sees
 
-log = logging.getLogger(__name__)
-
-_COMPASS_DEG = {"N": 0, "NE": 45, "E": 90, "SE": 135, "S": 180, "SW": 225, "W": 270, "NW": 315}
 _WINDOW_DEG = 25.0  # elements that look within this angle of one another make one facade
+_SAME_SHEET = 0.6  # of the tallest facade's height
 _MIN_VISIBLE_SHARE = 0.3  # of an element's area, to count as shown in an elevation
-_MAX_JUDGED_TRIANGLES = 20_000
-_MAX_JUDGING_CAMERAS = 150
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,6 +41,12 @@ class Facade:
     far_w_m: float
 
     @property
+    def title(self) -> str:
+        """The name for people: "South-east facade", or "East facade 2" where two look one way."""
+        words, _, number = self.name.partition(" ")
+        return f"{words} facade {number}".rstrip()
+
+    @property
     def axes_site(self) -> Array:
         """Rows u, v, w (3, 3): unit directions in site; right-handed, so a wall's writing reads as on the wall."""
         azimuth = np.radians(self.azimuth_deg)
@@ -58,103 +59,25 @@ class Facade:
         return np.asarray(xyz_site_m, dtype=np.float64) @ self.axes_site.T
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Walls:
-    """Triangles of the model with what facades need to know of them."""
-
-    normal: Array
-    area: Array
-    centre: Array
-    element: NDArray[np.int64]
-
-
-def _walls(building: BuildingModel, surface: Surface) -> _Walls:
-    return _Walls(
-        normal=surface.normals_site,
-        area=np.where(np.abs(surface.normals_site[:, 2]) < 0.35, surface.areas_m2, 0.0),
-        centre=surface.vertices_site_m[surface.triangles].mean(axis=1),
-        element=np.asarray(building.element_of_triangle, dtype=np.int64),
-    )
-
-
-def _azimuth(vector: Array) -> float:
-    return float(np.degrees(np.arctan2(vector[0], vector[1])) % 360.0)
-
-
-def _turn(a_deg: Array | float, b_deg: Array | float) -> Array:
-    """Smallest angle between azimuths, degrees."""
-    return np.abs((np.asarray(a_deg) - b_deg + 180.0) % 360.0 - 180.0)
-
-
-def _seen_area(walls: _Walls, surface: Surface, posed: Mapping[str, PosedCamera], tolerance_m: float) -> Array:
-    """Area of each triangle (n,) if any camera sees its centre from in front, else 0."""
-    largest = np.argsort(-walls.area)[:_MAX_JUDGED_TRIANGLES]
-    largest = largest[walls.area[largest] > 0]
-    seen = np.zeros(len(walls.area), dtype=bool)
-    cameras = list(posed.values())
-    for camera in cameras[:: max(1, len(cameras) // _MAX_JUDGING_CAMERAS)]:
-        ask = largest[~seen[largest]]
-        if len(ask) == 0:
-            break
-        view = sees(
-            camera, surface, walls.centre[ask], walls.normal[ask], tolerance_m=tolerance_m, max_incidence_deg=80
-        )
-        seen[ask[view.visible]] = True
-    return np.where(seen, walls.area, 0.0)
-
-
-def _element_azimuths(building: BuildingModel, walls: _Walls, seen_area: Array) -> tuple[Array, Array]:
-    """Outward azimuth (elements,) in degrees, NaN where an element has none, and the area (elements,) that looks so.
-
-    The model's own word (column facade) is kept unless the photographs see another side of the element: a wall has
-    two sides, and round a courtyard only the cameras know which of them is outside.
-    """
-    count = len(building.elements)
-    azimuth, area = np.full(count, np.nan), np.zeros(count)
-    words = building.elements.column("facade").to_pylist()
-    external = building.elements.column("is_external").to_pylist()
-    order = np.argsort(walls.element, kind="stable")
-    starts = np.searchsorted(walls.element[order], np.arange(count + 1))
-    side = np.degrees(np.arctan2(walls.normal[:, 0], walls.normal[:, 1])) % 360.0
-    for row in range(count):
-        mine = order[starts[row] : starts[row + 1]]
-        mine = mine[walls.area[mine] > 0]
-        if len(mine) == 0 or (external[row] is False and not seen_area[mine].any()):
-            continue
-        told = _COMPASS_DEG.get(words[row])
-        seen = seen_area[mine]
-        if seen.any() and (told is None or seen[_turn(side[mine], told) <= 60].sum() < 0.25 * seen.sum()):
-            told_deg = float(side[mine][np.argmax(seen)])
-        elif told is None:
-            continue
-        else:
-            told_deg = float(told)
-        facing = mine[_turn(side[mine], told_deg) <= 60]
-        if len(facing):
-            azimuth[row] = _azimuth((walls.normal[facing] * walls.area[facing, None]).sum(axis=0))
-            area[row] = walls.area[facing].sum()
-    return azimuth, area
-
-
 def _directions(azimuth: Array, area: Array) -> list[tuple[float, NDArray[np.int64]]]:
     """Groups of elements that look one way: the direction with most area first, its neighbours within 25 degrees."""
     left = np.isfinite(azimuth) & (area > 0)
     groups: list[tuple[float, NDArray[np.int64]]] = []
     while left.any():
         rows = np.flatnonzero(left)
-        near = _turn(azimuth[rows][:, None], azimuth[rows][None, :]) <= _WINDOW_DEG / 2
+        near = turn_deg(azimuth[rows][:, None], azimuth[rows][None, :]) <= _WINDOW_DEG / 2
         middle = float(azimuth[rows][np.argmax(near @ area[rows])])
-        core = rows[_turn(azimuth[rows], middle) <= _WINDOW_DEG / 2]
+        core = rows[turn_deg(azimuth[rows], middle) <= _WINDOW_DEG / 2]
         vectors = np.column_stack([np.sin(np.radians(azimuth[core])), np.cos(np.radians(azimuth[core]))])
-        middle = _azimuth((vectors * area[core, None]).sum(axis=0))
-        members = rows[_turn(azimuth[rows], middle) <= _WINDOW_DEG]
+        middle = azimuth_of((vectors * area[core, None]).sum(axis=0))
+        members = rows[turn_deg(azimuth[rows], middle) <= _WINDOW_DEG]
         groups.append((middle, members))
         left[members] = False
     return groups
 
 
 def _layers(
-    middle_deg: float, members: NDArray[np.int64], walls: _Walls, surface: Surface, settings: PictureSettings
+    middle_deg: float, members: NDArray[np.int64], walls: Walls, surface: Surface, settings: PictureSettings
 ) -> list[NDArray[np.int64]]:
     """Split elements that look one way where some stand behind others (a courtyard's far side), front first."""
     outward = np.array([np.sin(np.radians(middle_deg)), np.cos(np.radians(middle_deg)), 0.0])
@@ -186,9 +109,8 @@ def find_facades(
     settings: PictureSettings,
 ) -> list[Facade]:
     """The main facades, clockwise from north; smaller ones only where an element of ``defect_guids`` is on them."""
-    walls = _walls(building, surface)
-    seen_area = _seen_area(walls, surface, posed, settings.visibility_tolerance_m)
-    azimuth, area = _element_azimuths(building, walls, seen_area)
+    walls = walls_of(building, surface)
+    azimuth, area = element_azimuths(building, walls, surface, posed, settings.visibility_tolerance_m)
     guids = np.array(building.elements.column("element_guid").to_pylist(), dtype=object)
     facades: list[Facade] = []
     for middle, members in _directions(azimuth, area):
@@ -198,14 +120,14 @@ def find_facades(
                 continue
             facades.append(_facade(middle, elements, float(area[elements].sum()), walls, building, settings))
     facades.sort(key=lambda f: (f.azimuth_deg, -f.near_w_m))
-    return _named(facades)
+    return _named(_level(facades))
 
 
 def _facade(
     middle_deg: float,
     elements: NDArray[np.int64],
     area_m2: float,
-    walls: _Walls,
+    walls: Walls,
     building: BuildingModel,
     settings: PictureSettings,
 ) -> Facade:
@@ -224,6 +146,17 @@ def _facade(
     )  # fmt: skip
 
 
+def _level(facades: list[Facade]) -> list[Facade]:
+    """Facades of about one height get one vertical extent, so that their sheets can be laid side by side."""
+    if not facades:
+        return facades
+    low, high = min(f.v_min_m for f in facades), max(f.v_max_m for f in facades)
+    return [
+        replace(f, v_min_m=low, v_max_m=high) if f.v_max_m - f.v_min_m > _SAME_SHEET * (high - low) else f
+        for f in facades
+    ]
+
+
 def _named(facades: list[Facade]) -> list[Facade]:
     """Each facade with the words of its direction; a number where two share them."""
     words = [compass_word(f.azimuth_deg) for f in facades]
@@ -231,5 +164,5 @@ def _named(facades: list[Facade]) -> list[Facade]:
     for i, facade in enumerate(facades):
         number = words[: i + 1].count(words[i])
         name = words[i] if words.count(words[i]) == 1 else f"{words[i]} {number}"
-        named.append(Facade(**{**facade.__dict__, "name": name}))
+        named.append(replace(facade, name=name))
     return named

@@ -12,7 +12,10 @@ from facadelake.frames import Array
 from facadelake.geobim.model import BuildingModel
 from facadelake.pictures.facades import Facade
 from facadelake.pictures.palette import short_ids
+from facadelake.pictures.relief import Relief
 
+_FLATTEST_COS = 0.2  # seen flatter than this an outline is a stroke
+_SURFACE_SLACK_M = 0.25
 _DEPTH_SLACK_M = 1.5  # a defect this far behind a facade's rearmost wall is not on it
 
 
@@ -79,6 +82,19 @@ def marks_per_facade(
         else:
             nowhere.append(mark)
     return shown, nowhere
+
+
+def marks_also_seen(relief: Relief, marks: Sequence[Mark], own: Sequence[Mark]) -> list[Mark]:
+    """Marks of other facades that this elevation shows too, such as on a curved wall's flank."""
+    mine = {mark.defect_id for mark in own}
+    outward = relief.facade.axes_site[2]
+    return [
+        mark
+        for mark in marks
+        if mark.defect_id not in mine
+        and float(mark.normal_site @ outward) > _FLATTEST_COS
+        and relief.shows(mark.centre_site_m, _SURFACE_SLACK_M)
+    ]
 
 
 def _belongs(mark: Mark, facade: Facade, is_member: bool) -> float:

@@ -51,6 +51,14 @@ class Relief:
         points: Array = uvw @ self.facade.axes_site
         return points
 
+    def shows(self, xyz_site_m: Array, tolerance_m: float) -> bool:
+        """Whether the elevation's surface passes within ``tolerance_m`` of a point (3,) of site, seen square-on."""
+        u, v, w = self.facade.uvw(xyz_site_m[None])[0]
+        column, row = int((u - self.facade.u_min_m) // self.cell_m), int((self.facade.v_max_m - v) // self.cell_m)
+        if not (0 <= row < self.shape[0] and 0 <= column < self.shape[1]):
+            return False
+        return bool(abs(float(self.w_m[row, column]) - w) <= tolerance_m)
+
 
 def cell_size_m(facade: Facade, settings: PictureSettings) -> float:
     """The settings' cell, or the smallest that keeps the facade below ``max_cells``."""

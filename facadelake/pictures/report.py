@@ -101,7 +101,7 @@ def _tiles(inspection: Inspection) -> Html:
 
 def _elevation(elevation: Elevation, folder: Path) -> Html:
     count = len(elevation.marks)
-    name = f"{elevation.facade.name} facade"
+    name = elevation.facade.title
     caption = (
         f"{name}, facing {elevation.facade.azimuth_deg:.0f}°, {elevation.facade.area_m2:.0f} m² of walls and openings: "
         f"{count} defect{'' if count == 1 else 's'}. Seen square-on from outside; photographs rectified onto the model "

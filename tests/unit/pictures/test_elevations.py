@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from facadelake.frames import Array
+from facadelake.geobim.surface import Surface
 from facadelake.pictures.elevations import facade_elevations
 from facadelake.pictures.facades import Facade, find_facades
 from facadelake.pictures.inspection import PictureSettings
-from facadelake.pictures.marks import marks_of, marks_per_facade
+from facadelake.pictures.marks import marks_also_seen, marks_of, marks_per_facade
 from facadelake.pictures.rectify import RectifiedElevation, rectify
 from facadelake.pictures.relief import look_square_on
 from tests.unit.pictures.painted_wall import (
@@ -19,8 +20,11 @@ from tests.unit.pictures.painted_wall import (
     WALL_HEIGHT_M,
     WALL_WIDTH_M,
     Painted,
+    box,
     defect_row,
     inspection_of,
+    looking,
+    photograph,
 )
 
 SETTINGS = PictureSettings(cell_m=0.01, feather_m=0.2)
@@ -118,9 +122,6 @@ def test_a_photograph_that_is_gone_is_left_out(painted: Painted, caplog: pytest.
 
 
 def test_a_hidden_wall_takes_no_colour_from_what_hides_it(painted: Painted) -> None:
-    from facadelake.geobim.surface import Surface
-    from tests.unit.pictures.painted_wall import box
-
     screen, triangles = box(np.array([3.0, -2.0, 0.0]), np.array([4.0, -1.9, 4.0]))
     building = replace(
         painted.building,
@@ -155,6 +156,43 @@ def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: Painted)
     uvw = facade.uvw(shown[0].corners_site_m)
     np.testing.assert_allclose(np.ptp(uvw, axis=0), [0.4, 0.2, 0.0], rtol=0, atol=1e-9)  # m
     np.testing.assert_allclose(uvw.mean(axis=0), [2.0, 1.0, 0.0], rtol=0, atol=1e-9)  # m: u is east on a south wall
+
+
+def test_what_stands_before_the_wall_in_one_photograph_is_passed_over(painted: Painted, tmp_path: Path) -> None:
+    camera = painted.posed["a.png"].camera
+    posed = {
+        f"{i}.png": looking(np.array([x, -5.5, 1.8]), np.array([4.0, 0.0, 2.0]), camera)
+        for i, x in enumerate((4.0, 2.5, 5.5, 3.2))
+    }
+    for name, pose in posed.items():
+        shot = np.clip(photograph(pose, painted.paint) + 0.5, 0, 255).astype(np.uint8)
+        if name == "0.png":  # the squarest view has a red thing in its middle, about 1.5 m wide
+            shot[240:460, 380:620] = (220, 20, 20)
+        cv2.imwrite(str(tmp_path / name), shot[..., ::-1])
+    relief = look_square_on(front(painted), painted.surface, 0.02)
+
+    def red_share(names: list[str]) -> float:
+        some = {name: posed[name] for name in names}
+        files = {name: tmp_path / name for name in names}
+        result = rectify([relief], painted.surface, some, files, SETTINGS)[0]
+        red = (result.picture[..., 0] > 190) & (result.picture[..., 1] < 50)
+        return float(red.sum() / result.covered.sum())
+
+    assert red_share(["0.png"]) > 0.05
+    assert red_share(["0.png", "1.png", "2.png", "3.png"]) < 0.0005
+
+
+def test_a_mark_of_another_facade_is_shown_where_it_can_be_seen(painted: Painted) -> None:
+    relief = look_square_on(front(painted), painted.surface, 0.05)
+    rows = [
+        defect_row("D1", 2.0, 1.0),
+        defect_row("D2", 4.0, 1.0),
+        defect_row("D3", 5.0, 1.0, y_site_m=0.3, normal_y=1.0),  # on the wall's back
+        defect_row("D4", 20.0, 1.0),  # beside the wall
+    ]
+    marks = marks_of(inspection_of(painted, rows, []).defects)
+    seen = marks_also_seen(relief, marks, marks[:1])
+    assert [mark.defect_id for mark in seen] == ["D2"]
 
 
 def test_elevations_are_written_with_and_without_defects(painted: Painted, tmp_path: Path) -> None:
