@@ -33,7 +33,7 @@ class Box:
 
 
 def exact_boxes(found: Sequence[Sighting], on_target: set[str], rng: np.random.Generator) -> list[Box]:
-    """A box about every sighting, as a detector without fault would give it; defects of the neighbour are off target."""
+    """A box about every sighting, as a faultless detector would give it; defects of the neighbour are off target."""
     return [
         Box(
             file_name=s.shot.file_name,

@@ -1,4 +1,4 @@
-"""Charts: the surfaces that carry a drawn texture, each with its plane coordinates u (right, from outside) and v (up)."""
+"""Charts: the surfaces that carry a drawn texture, each with coordinates u (right, from outside) and v (up)."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class _Sheet:
         self.rows, self.columns = canvas.image[self.region].shape[:2]
 
     def fine(self, u_m: Array, v_m: Array) -> NDArray[np.int32]:
-        """Offsets from the defect's centre (metres) as fixed-point points (n, 2) of the fine mask, 8 bits of fraction."""
+        """Offsets from the defect's centre (metres) as points (n, 2) of the fine mask, 8 bits of fraction."""
         c = (self.centre[0] + u_m * self.canvas.per_u - self.region[1].start) * FINE - 0.5
         r = (self.centre[1] - v_m * self.canvas.per_v - self.region[0].start) * FINE - 0.5
         return np.round(np.column_stack([c, r]) * 256).astype(np.int32)
@@ -131,7 +131,7 @@ def _spall(canvas: Canvas, defect: Defect, rng: np.random.Generator, width: floa
     canvas.blend(sheet.region, np.asarray(inside, dtype=np.float32), mask)
     soft = cv2.GaussianBlur(mask, (0, 0), sigmaX=1.5)
     slope = np.roll(soft, 2, axis=0) - np.roll(soft, -2, axis=0)
-    canvas.add(np.asarray(np.clip(slope, -0.8, 0.8) * 75, dtype=np.float32), sheet.region)
+    canvas.add(np.asarray(np.clip(slope, -0.8, 0.8) * 75 * mask, dtype=np.float32), sheet.region)
 
 
 def _damp(canvas: Canvas, defect: Defect, rng: np.random.Generator, width: float, height: float) -> None:

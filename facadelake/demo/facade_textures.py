@@ -60,7 +60,8 @@ def _render(canvas: Canvas) -> None:
     canvas.add(tone)
     canvas.image[..., 2] += 4 * canvas.noise(1.1)
     patches(canvas, 0.10, (0.12, 0.5), 9)
-    canvas.speckles(26, (0.006, 0.045), 13)
+    canvas.speckles(22, (0.006, 0.03), 13)
+    canvas.speckles(16, (0.015, 0.06), 15)
 
 
 def patches(canvas: Canvas, per_m2: float, radius_m: tuple[float, float], strength: float) -> None:
@@ -185,7 +186,7 @@ def _furniture(canvas: Canvas, a: float, v: float, b: float, top: float) -> None
     for _ in range(int(rng.integers(1, 5))):
         u, size = rng.uniform(a, b), rng.uniform(0.06, 0.22)
         low = rng.uniform(v + 0.1, v + 0.5 * (top - v))
-        r, g, b_ = (float(x) for x in rng.uniform(45, 140) + rng.normal(scale=14, size=3))
+        r, g, b_ = (float(x) for x in rng.uniform(45, 140) + rng.normal(scale=8, size=3))
         canvas.fill(max(a, u - size), low, min(b, u + size), min(low + 1.6 * size, top - 0.1), (r, g, b_))
 
 

@@ -14,7 +14,7 @@ from facadelake.geodesy import GEO, SiteOrigin, transform
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placement:
-    """The model's georeference: ``map = (east, north, height) + scale * Rz(rotation) @ xyz_ifc`` (IFC4 IfcMapConversion).
+    """The model's georeference: ``map = (east, north, height) + scale * Rz(rotation) @ xyz_ifc`` (IfcMapConversion).
 
     The scale, that of the projection and of the height together, multiplies z as well, as the standard has it, so a
     metre of height in the model is 0.9995 m on the globe.

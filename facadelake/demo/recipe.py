@@ -1,4 +1,4 @@
-"""The demo's recipe: what the building, its defects, its surroundings and its two flights are (data/demo/recipe.yaml)."""
+"""The demo's recipe: the building, its defects, its surroundings, its flights (data/demo/recipe.yaml)."""
 
 from __future__ import annotations
 

@@ -82,8 +82,8 @@ def make_world(recipe: DemoRecipe, site_from_ifc: Array, ifc: list[Solid]) -> Wo
         charts += box_charts(box, 3 * recipe.texel_m)
     mid = (b.length_m / 2, b.depth_m / 2)
     low = (mid[0] - GROUND_HALF_M, mid[1] - GROUND_HALF_M, -0.02)
-    charts.append(flat_chart("ground", low, (2 * GROUND_HALF_M, 2 * GROUND_HALF_M), 0.02))
-    charts.append(flat_chart("roof", (-0.5, -0.5, b.shoulder_m), (b.length_m + 1, b.depth_m + 1), 0.01))
+    charts.append(flat_chart("ground", low, (2 * GROUND_HALF_M, 2 * GROUND_HALF_M), 6 * recipe.texel_m))
+    charts.append(flat_chart("roof", (-0.5, -0.5, b.shoulder_m), (b.length_m + 1, b.depth_m + 1), 3 * recipe.texel_m))
     return World(recipe=recipe, site_from_ifc=site_from_ifc, ifc=ifc, charts={c.name: c for c in charts})
 
 

@@ -85,7 +85,7 @@ def paint_concrete(size_px: int, rng: np.random.Generator) -> NDArray[np.uint8]:
 
 
 def paint_sky(rng: np.random.Generator) -> NDArray[np.uint8]:
-    """A dome: columns are azimuth, the top row the zenith, the bottom row a little below the horizon; hazy at its foot."""
+    """A dome: columns are azimuth, the top row the zenith, the bottom row a little under the horizon."""
     rows, columns = 512, 2048
     up = np.linspace(1, -0.15, rows, dtype=np.float32)[:, None, None]
     zenith, haze = np.array([96, 146, 208], dtype=np.float32), np.array([214, 224, 232], dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Truth files of a campaign: cameras, check points, which box shows what, every defect's state; and its control points."""
+"""Truth files of a campaign: cameras, check points, which box shows what, states; and control points."""
 
 from __future__ import annotations
 
@@ -83,17 +83,10 @@ def write_checkpoints(
         d, home = spot.defect, homes[spot.defect.id]
         if seen.get(d.id):
             width, height = size_in(d, spot.state)
-            rows.append(
-                [
-                    d.id,
-                    d.kind,
-                    *(f"{x:.5f}" for x in spot.centre),
-                    *_geo(placement, spot.centre),
-                    round(width, 4),
-                    round(height, 4),
-                ]
-                + [seen[d.id], 0.0, round(home.distance_m, 5), home.solid.guid, home.solid.name, home.solid.storey]
-            )
+            place = [*(f"{x:.5f}" for x in spot.centre), *_geo(placement, spot.centre)]
+            size, element = [round(width, 4), round(height, 4)], home.solid
+            quality = [seen[d.id], 0.0, round(home.distance_m, 5)]
+            rows.append([d.id, d.kind, *place, *size, *quality, element.guid, element.name, element.storey])
     _write(path, header, rows)
 
 
@@ -125,11 +118,10 @@ def write_defects(
         gone = state in ("absent", "repaired")
         width, height = (0.0, 0.0) if gone else size_in(d, state)
         centre = spot_of(world, d, state).centre
-        rows.append(
-            [d.id, d.kind, recorded_state(state, imaged.get(d.id, 0)), state, round(width, 4), round(height, 4)]
-            + [d.surface, d.u_m, d.v_m, *(f"{x:.5f}" for x in centre), *_geo(placement, centre)]
-            + [imaged.get(d.id, 0), solid.guid, solid.name, solid.storey]
-        )
+        photographs = imaged.get(d.id, 0)
+        known = [recorded_state(state, photographs), state, round(width, 4), round(height, 4)]
+        place = [d.surface, d.u_m, d.v_m, *(f"{x:.5f}" for x in centre), *_geo(placement, centre)]
+        rows.append([d.id, d.kind, *known, *place, photographs, solid.guid, solid.name, solid.storey])
     _write(path, header, rows)
 
 

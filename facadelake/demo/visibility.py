@@ -23,7 +23,7 @@ STOP_M = 0.02
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spot:
-    """A defect's place in site: its centre (3,), a grid over it (n, 3) with the centre first, outward normals (n, 3)."""
+    """A defect's place in site: a grid over it (n, 3) with its centre first, outward normals (n, 3)."""
 
     defect: Defect
     state: DefectState

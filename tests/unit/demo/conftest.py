@@ -1,0 +1,37 @@
+"""A small demo, made once: four photographs a campaign, the second day as the first but with every defect there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from facadelake.demo.generate import DemoFiles, generate_demo
+from facadelake.demo.recipe import DemoRecipe, load_recipe
+
+RECIPE = Path(__file__).parents[3] / "data" / "demo" / "recipe.yaml"
+
+
+@pytest.fixture(scope="session")
+def recipe() -> DemoRecipe:
+    return load_recipe(RECIPE)
+
+
+@pytest.fixture(scope="session")
+def small_recipe(recipe: DemoRecipe) -> DemoRecipe:
+    """Two days that differ in the defects alone: same flight, same light, no noise, no obstacle."""
+    first = recipe.campaigns[0]
+    flight = first.flight.model_copy(update={"orbit_count": 8, "close": first.flight.close[1:2]})
+    light = first.light.model_copy(update={"noise": 0.0})
+    before, after = (
+        first.model_copy(update={"id": name, "flight": flight, "light": light}) for name in ("before", "after")
+    )
+    defects = [d.model_copy(update={"states": ["absent", "present"]}) for d in recipe.defects]
+    return recipe.scaled(width_px=1000).model_copy(
+        update={"campaigns": [before, after], "defects": defects, "texel_m": 0.008, "trees": recipe.trees[:1]}
+    )
+
+
+@pytest.fixture(scope="session")
+def small_demo(small_recipe: DemoRecipe, tmp_path_factory: pytest.TempPathFactory) -> DemoFiles:
+    return generate_demo(small_recipe, tmp_path_factory.mktemp("demo") / "out")
