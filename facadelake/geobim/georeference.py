@@ -23,7 +23,7 @@ from facadelake.frames import Array
 from facadelake.geobim.vertical import ELLIPSOIDAL, horizontal_and_vertical, vertical_named
 from facadelake.geodesy import GEO, as_3d, transform
 
-__all__ = ["ELLIPSOIDAL", "Georeference", "MapPlacement", "georeference_of"]
+__all__ = ["ELLIPSOIDAL", "Georeference", "MapPlacement", "georeferences_of", "the_one_in_use"]
 
 _log = logging.getLogger(__name__)
 _SCALE_LIMIT = 0.1  # a grid factor beyond 1 +- this is a wrong unit, not a projection
@@ -75,18 +75,13 @@ def _geo_from_map(map_m: Array, map_crs: str, vertical_datum: str) -> Array:
     return transform(map_m / units, whole, GEO)
 
 
-def georeference_of(
-    model: ifcopenshell.file,
-    centre_ifc_m: Array,
-    *,
-    map_crs: str | None,
-    vertical_datum: str | None,
-    placement: MapPlacement | None,
-) -> Georeference:
-    """The model's georeference; what the caller gives (from the registry) goes before what the IFC says.
+def georeferences_of(
+    model: ifcopenshell.file, *, map_crs: str | None, vertical_datum: str | None, placement: MapPlacement | None
+) -> list[Georeference]:
+    """Readings of the model's georeference, the standard's first; what the caller gives goes before what the IFC says.
 
-    ``centre_ifc_m`` (3,), the middle of the geometry, must come to lie where the CRS is in use. Raises
-    GeoreferenceError where the map placement, the CRS or the vertical datum is neither in the IFC nor given.
+    Raises GeoreferenceError where the map placement, the CRS or the vertical datum is neither in the IFC nor given,
+    or where PROJ lacks a grid for them.
     """
     stated_crs, stated_vertical = _stated_crs(model)
     if map_crs is None and stated_crs is None:
@@ -102,24 +97,33 @@ def georeference_of(
             f"neither the IFC nor the registry says what the model's heights refer to (CRS {horizontal}); give the "
             "registry's crs.vertical: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
         )
-    candidates = (
-        [(placement, "", "registry")] if placement else [(p, said, "50") for p, said in _stated(model, horizontal)]
-    )
-    if not candidates:
+    places = [(placement, "", "registry")] if placement else [(p, said, "50") for p, said in _stated(model, horizontal)]
+    if not places:
         raise GeoreferenceError(
             f"the IFC is not georeferenced: it has no IfcMapConversion ({_what_there_is(model)}); "
             "georeference it in the authoring tool, or give the registry's crs.placement "
             "(east, north, height, rotation)"
         )
-    for place, said, level in candidates:
-        georeference = Georeference(
-            placement=place, map_crs=horizontal, vertical_datum=vertical, level=level, remarks=said
-        )
-        if _in_use(georeference, centre_ifc_m):
-            if said:
-                _log.info("georeference of the model: %s", said)
-            return georeference
-    found = candidates[0][0].map_from_ifc(centre_ifc_m[None])[0].round(1).tolist()
+    readings = [
+        Georeference(placement=place, map_crs=horizontal, vertical_datum=vertical, level=level, remarks=said)
+        for place, said, level in places
+    ]
+    _in_use(readings[0], np.zeros(3))  # raises where a grid is missing, before the long work of meshing
+    return readings
+
+
+def the_one_in_use(readings: list[Georeference], centre_ifc_m: Array) -> Georeference:
+    """The first reading that puts ``centre_ifc_m`` (3,), the middle of the geometry, where its CRS is in use.
+
+    Raises GeoreferenceError where none does.
+    """
+    for reading in readings:
+        if _in_use(reading, centre_ifc_m):
+            if reading.remarks:
+                _log.info("georeference of the model: %s", reading.remarks)
+            return reading
+    horizontal = readings[0].map_crs
+    found = readings[0].placement.map_from_ifc(centre_ifc_m[None])[0].round(1).tolist()
     raise GeoreferenceError(
         f"the model's middle comes to lie at east, north, height {found} m, outside the area where {horizontal} is in "
         f"use ({_area_text(horizontal)}); is the CRS the right one, are units mixed, or is the shift in the "
