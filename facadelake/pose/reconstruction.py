@@ -36,10 +36,11 @@ class UnlocalisedPhoto:
 
 @dataclass(frozen=True, kw_only=True)
 class StepCost:
-    """Wall time of a step of the reconstruction, and the process's peak memory at its end."""
+    """Wall and processor time of a step of the reconstruction, and the process's peak memory at its end."""
 
     step: str
     seconds: float
+    cpu_seconds: float
     peak_memory_mb: float
 
 

@@ -20,8 +20,8 @@ class ReconstructionSettings:
 
     max_image_px: int = 2000
     max_features: int = 8192
-    exhaustive_up_to: int = 40
-    neighbours: int = 20
+    exhaustive_up_to: int = 30
+    neighbours: int = 16
     threads: int = 0
     seed: int = 1
 

@@ -16,7 +16,8 @@ CAMERA = Camera(
     k1=-0.08, k2=0.03, p1=7e-4, p2=-4e-4,
 )  # fmt: skip
 POSE = Similarity(
-    rotation=Rotation.from_euler("xyz", [80, 10, -30], degrees=True).as_matrix(), translation=np.array([12.0, -30.0, 4.0])
+    rotation=Rotation.from_euler("xyz", [80, 10, -30], degrees=True).as_matrix(),
+    translation=np.array([12.0, -30.0, 4.0]),
 )
 
 

@@ -63,11 +63,15 @@ def test_map_coordinates_put_east_first() -> None:
     # Length of the meridian to 48 deg on GRS 80 is 5 318 111.93 m by Helmert's series; times 0.9996.
     n = F / (2 - F)
     lat = np.radians(48.0)
-    arc = A / (1 + n) * (
-        (1 + n**2 / 4 + n**4 / 64) * lat
-        - 1.5 * (n - n**3 / 8) * np.sin(2 * lat)
-        + 15 / 16 * (n**2 - n**4 / 4) * np.sin(4 * lat)
-        - 35 / 48 * n**3 * np.sin(6 * lat)
+    arc = (
+        A
+        / (1 + n)
+        * (
+            (1 + n**2 / 4 + n**4 / 64) * lat
+            - 1.5 * (n - n**3 / 8) * np.sin(2 * lat)
+            + 15 / 16 * (n**2 - n**4 / 4) * np.sin(4 * lat)
+            - 35 / 48 * n**3 * np.sin(6 * lat)
+        )
     )
     np.testing.assert_allclose([east, north, height], [500_000, 0.9996 * arc, 0], rtol=0, atol=0.002)  # m
 

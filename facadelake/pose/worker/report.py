@@ -15,10 +15,11 @@ from typing import Any, TextIO
 
 @dataclass(frozen=True, kw_only=True)
 class StepCost:
-    """Wall time of a step and the process's peak memory up to its end."""
+    """Wall and processor time of a step, and the process's peak memory up to its end."""
 
     step: str
     seconds: float
+    cpu_seconds: float
     peak_memory_mb: float
 
 
@@ -44,12 +45,14 @@ class Report:
     def step(self, label: str, total: int | None) -> Iterator[None]:
         """A piece of work of ``total`` steps; its cost is noted at its end."""
         self._send(event="begin", label=label, total=total)
-        started = time.perf_counter()
+        started, cpu_before = time.perf_counter(), time.process_time()
         yield
-        seconds = time.perf_counter() - started
+        seconds, cpu_seconds = time.perf_counter() - started, time.process_time() - cpu_before
         peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        self.costs.append(StepCost(step=label, seconds=seconds, peak_memory_mb=peak_mb))
-        self._send(event="note", text=f"{label}: {seconds:.1f} s, peak {peak_mb:.0f} MB")
+        self.costs.append(StepCost(step=label, seconds=seconds, cpu_seconds=cpu_seconds, peak_memory_mb=peak_mb))
+        self._send(
+            event="note", text=f"{label}: {seconds:.1f} s ({cpu_seconds:.1f} s of processor), peak {peak_mb:.0f} MB"
+        )
 
     def advance(self, steps: int = 1) -> None:
         """``steps`` more of the current piece are done."""
