@@ -60,14 +60,14 @@ def normalised_distance(sightings: Sightings, pairs: NDArray[np.int64], settings
     """Distance of each pair (k, 2) in sigmas (k,): Mahalanobis, with the covariance of the two sightings' difference.
 
     Each sighting varies by ``size_share`` of its extents along the surface and by ``floor_m`` in every direction. A
-    relief r moves it by ``r * ray / (normal . ray)``; both see the same r, so their difference varies by ``relief_m``
-    along the difference of those two shifts.
+    surface that stands b (3,) off the model moves it by ``(normal . b) / (normal . ray) * ray``; both see the same b,
+    of ``relief_m`` in each direction, so their difference varies by the difference of those two shifts alone.
     """
     i, j = pairs[:, 0], pairs[:, 1]
-    shift = sightings.ray_site / _facing(sightings)[:, None]
+    shift = sightings.ray_site[:, :, None] * sightings.normal_site[:, None, :] / _facing(sightings)[:, None, None]
     apart = shift[i] - shift[j]
     covariance = _placing(sightings, settings)
-    total = covariance[i] + covariance[j] + settings.relief_m**2 * apart[:, :, None] * apart[:, None, :]
+    total = covariance[i] + covariance[j] + settings.relief_m**2 * apart @ apart.transpose(0, 2, 1)
     difference = sightings.xyz_site_m[i] - sightings.xyz_site_m[j]
     solved = np.linalg.solve(total, difference[:, :, None])[:, :, 0]
     distance: Array = np.sqrt(np.maximum((difference * solved).sum(axis=1), 0.0))
