@@ -66,6 +66,8 @@ class StageCache:
         with FileLock(folder.parent / f".{key}.lock"):
             if folder.is_dir():
                 return Cached(folder=folder, hit=True)
+            for left in folder.parent.glob(f".{key}.*.part"):  # of a killed run: we hold the lock, nobody writes it
+                shutil.rmtree(left, ignore_errors=True)
             part = folder.parent / f".{key}.{uuid.uuid4().hex[:8]}.part"
             part.mkdir()
             try:

@@ -129,8 +129,8 @@ _LIST = [
         "what the detector, or a person, saw",
         "building_id campaign_id detection_id",
         "detection_id photo_id source_annotation? detection_outcome reason? defect_class? source_class score "
-        "box_x_px box_y_px "
-        "box_width_px box_height_px detector detector_sha256",
+        "box_x_px? box_y_px? "
+        "box_width_px? box_height_px? detector detector_sha256",
         may_be_empty=True,
     ),
     _table(

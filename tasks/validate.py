@@ -7,7 +7,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.errors import SchemaError
-from facadelake.lake.expectations import failure_text, failures, validate
+from facadelake.lake.expectations import checks_sha256, failure_text, failures, validate
 from facadelake.progress import stage_progress
 from facadelake.tables import read_table, write_table
 from tasks.job import InspectionJob, StageResult
@@ -26,7 +26,7 @@ def validate_tables(job: InspectionJob, folders: StageFolders) -> StageResult:
         write_table("checks", checks, folder)
         return {"checks": len(checks), "failed": len(failures(checks))}
 
-    result = run_stage(job, "validate", code=["lake"], inputs={"tables": folders.keys()}, make=make)
+    result = run_stage(job, "validate", code=["lake"], inputs={"tables": folders.keys(), "checks": checks_sha256()}, make=make)
     checks = read_table("checks", result.folder)
     failed = len(failures(checks))
     if failed:

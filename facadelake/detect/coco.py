@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,6 @@ from schemas.vocabulary import DetectionOutcome, PhotoOutcome
 
 _log = logging.getLogger(__name__)
 _PHOTO_COLUMNS = ["photo_id", "photo_outcome", "image_width_px", "image_height_px"]
-_EMPTY = Box(x_px=0.0, y_px=0.0, width_px=0.0, height_px=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +46,8 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
 
     ``photos`` is table ``photos``; ``class_names`` (the file's class name -> defect class) goes over the built-in
     crosswalk. A box partly outside its photograph is cut to it and kept, with the reason; one wholly outside, of no
-    size, of an unknown class or photograph is a row with that outcome. Of a box that is not four numbers the numbers
-    it has are kept, the others are 0, and the reason quotes it.
+    size, of an unknown class or photograph is a row with that outcome. A box that is not four numbers is left empty,
+    and the reason quotes it.
 
     Raises InputDataError where the file as a whole cannot be used: unreadable, keys missing, boxes normalised to
     0..1, or no box on an accepted photograph of this campaign, in that photograph's size.
@@ -80,10 +79,7 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
                 "defect_class": None if defect_class is None else str(defect_class),
                 "source_class": f"category {annotation.category_id}" if source_class is None else source_class,
                 "score": _score_or_zero(annotation),
-                "box_x_px": box.x_px,
-                "box_y_px": box.y_px,
-                "box_width_px": box.width_px,
-                "box_height_px": box.height_px,
+                **({} if box is None else _columns(box)),
                 "detector": f"coco:{file.name}",
                 "detector_sha256": sha256,
             }
@@ -127,17 +123,21 @@ def _place(image: CocoImage, names: PhotoNames, photos: Mapping[str, Mapping[str
     return _Place(photo_id=match.photo_id, verdict=verdict, width_px=width, height_px=height)
 
 
-def _judge_box(annotation: CocoAnnotation, place: _Place) -> tuple[Box, _Verdict]:
-    """The box to keep and what it is worth in its photograph."""
+def _columns(box: Box) -> dict[str, float]:
+    return {f"box_{name}": value for name, value in asdict(box).items()}
+
+
+def _judge_box(annotation: CocoAnnotation, place: _Place) -> tuple[Box | None, _Verdict]:
+    """The box to keep (None where it is not four numbers) and what it is worth in its photograph."""
     bad = DetectionOutcome.BAD_BOX
     bbox = annotation.bbox
     if not isinstance(bbox, list) or len(bbox) != 4:
-        return _EMPTY, _Verdict(outcome=bad, reason=f"bbox is {bbox!r}; it must be [x, y, width, height] in pixels")
-    values = [number(value) for value in bbox]
-    x, y, width, height = (0.0 if value is None else value for value in values)
+        return None, _Verdict(outcome=bad, reason=f"bbox is {bbox!r}; it must be [x, y, width, height] in pixels")
+    values = [value for value in map(number, bbox) if value is not None]
+    if len(values) != 4:
+        return None, _Verdict(outcome=bad, reason=f"bbox is {bbox}; its four values must be finite numbers")
+    x, y, width, height = values
     box = Box(x_px=x, y_px=y, width_px=width, height_px=height)
-    if None in values:
-        return box, _Verdict(outcome=bad, reason=f"bbox is {bbox}; its four values must be finite numbers")
     if width <= 0 or height <= 0:
         return box, _Verdict(outcome=bad, reason=f"box {describe(box)}: width and height must be more than 0 px")
     score = number(annotation.score)

@@ -163,10 +163,10 @@ CREATE TABLE detections (
     defect_class      VARCHAR,
     source_class      VARCHAR NOT NULL,
     score             DOUBLE NOT NULL,
-    box_x_px          DOUBLE NOT NULL,
-    box_y_px          DOUBLE NOT NULL,
-    box_width_px      DOUBLE NOT NULL,
-    box_height_px     DOUBLE NOT NULL,
+    box_x_px          DOUBLE,
+    box_y_px          DOUBLE,
+    box_width_px      DOUBLE,
+    box_height_px     DOUBLE,
     detector          VARCHAR NOT NULL,
     detector_sha256   VARCHAR NOT NULL
 );
