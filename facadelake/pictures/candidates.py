@@ -90,7 +90,9 @@ def find_candidates(
             camera, surface, xyz, normal,
             tolerance_m=settings.visibility_tolerance_m, max_incidence_deg=settings.max_incidence_deg,
         )  # fmt: skip
-        cells = np.flatnonzero(sight.visible)
+        # The cells round a coarse one must lie in the photograph too.
+        reach = 4.0 * step * relief.cell_m / sight.pixel_m / min(camera.camera.width_px, camera.camera.height_px)
+        cells = np.flatnonzero(sight.visible & (sight.inset > reach))
         if len(cells) == 0:
             continue
         pixel_m[name] = float(np.quantile(sight.pixel_m[cells], 0.05))

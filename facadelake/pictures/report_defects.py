@@ -92,7 +92,7 @@ def _defect_row(row: Mapping[str, Any], label: str, crop: Path | None, folder: P
     alternative = html_of(f"{row['defect_class']} {label}")
     link = link_of(crop, folder) if crop is not None else ""
     picture = (
-        Html(f'<a href="{link}"><img class="crop" src="{link}" alt="{alternative}" loading="lazy"></a>')
+        Html(f'<a href="{link}"><img class="crop" src="{link}" alt="{alternative}"></a>')
         if crop is not None
         else Html('<span class="soft">no picture</span>')
     )

@@ -58,18 +58,18 @@ def sees(
     flatter than ``max_incidence_deg``. Rays are cast only for points that project into the photograph.
     """
     count = len(xyz_site_m)
-    visible, pixel_m = np.zeros(count, dtype=bool), np.full(count, np.inf)
-    xy, inside = pixels_of(posed, xyz_site_m)
+    visible, pixel_m, inset = np.zeros(count, dtype=bool), np.full(count, np.inf), np.zeros(count)
     to_point = xyz_site_m - posed.centre_site_m
     distance = np.linalg.norm(to_point, axis=1)
-    direction = to_point / np.maximum(distance, 1e-9)[:, None]
-    cosine = -(direction * normal_site).sum(axis=1)
-    ask = np.flatnonzero(inside & (cosine > np.cos(np.radians(max_incidence_deg))))
+    cosine = -np.einsum("ij,ij->i", to_point, normal_site) / np.maximum(distance, 1e-9)
+    facing = np.flatnonzero(cosine > np.cos(np.radians(max_incidence_deg)))
+    xy, inside = pixels_of(posed, xyz_site_m[facing])
+    ask = facing[inside]
     if len(ask):
-        origins = np.broadcast_to(posed.centre_site_m, (len(ask), 3)).copy()
-        hits = surface.cast(origins, direction[ask])
+        origins = np.broadcast_to(posed.centre_site_m, (len(ask), 3))
+        hits = surface.cast(origins, to_point[ask])
         visible[ask] = hits.distance_m >= distance[ask] - tolerance_m
         pixel_m[ask] = distance[ask] / posed.camera.fx_px / cosine[ask]
-    share = np.where(inside[:, None], xy, 0.0) / (posed.camera.width_px, posed.camera.height_px)
-    inset = 2.0 * np.minimum(share, 1.0 - share).min(axis=1)
-    return Sight(visible=visible, pixel_m=pixel_m, inset=np.clip(inset, 0.0, 1.0))
+        share = xy[inside] / (posed.camera.width_px, posed.camera.height_px)
+        inset[ask] = np.clip(2.0 * np.minimum(share, 1.0 - share).min(axis=1), 0.0, 1.0)
+    return Sight(visible=visible, pixel_m=pixel_m, inset=inset)

@@ -15,6 +15,8 @@ from facadelake.pictures.inspection import PictureSettings
 from facadelake.pictures.marks import marks_also_seen, marks_of, marks_per_facade
 from facadelake.pictures.rectify import RectifiedElevation, rectify
 from facadelake.pictures.relief import look_square_on
+from facadelake.pictures.storeys import storey_levels
+from facadelake.tables import table_of_rows
 from tests.unit.pictures.painted_wall import (
     PAINT_PX_PER_M,
     WALL_HEIGHT_M,
@@ -204,6 +206,41 @@ def test_elevations_are_written_with_and_without_defects(painted: Painted, tmp_p
         assert [elevation.path.name for elevation in elevations] == ["elevation_south.png"]
         assert [len(elevation.marks) for elevation in elevations] == [len(defects)]
         assert 0.5 < elevations[0].covered_share < 1.0
+        assert (folder / "thumbnail_elevation.jpg").is_file()
         picture = cv2.imread(str(elevations[0].path))
         assert picture.shape[1] > 800
         assert picture.std() > 20
+
+
+def test_a_building_that_no_photograph_shows_is_drawn_grey(painted: Painted, tmp_path: Path) -> None:
+    inspection = replace(inspection_of(painted, [], []), posed={})
+    (elevation,) = facade_elevations(inspection, painted.surface, tmp_path, PictureSettings(cell_m=0.03))
+    assert elevation.covered_share == 0.0
+    picture = cv2.imread(str(elevation.path))
+    height, width = picture.shape[:2]
+    middle = picture[height // 2 - 50 : height // 2 + 50, width // 2 - 50 : width // 2 + 50].reshape(-1, 3)
+    assert 180 < np.median(middle) < 250  # light grey
+
+
+def test_storeys_begin_at_their_walls_feet(painted: Painted) -> None:
+    parts = [box(np.array([0.0, 0, z]), np.array([1.0, 1, z + 1])) for z in (0.0, 0.0, 2.0, 3.0, 3.0, 3.0, 5.2)]
+    names = ["Ground", "Ground", "Ground", "First", "First", "First", "First"]  # the last of each is a lintel
+    words = {
+        "element_guid": [str(i) for i in range(7)],
+        "ifc_class": ["IfcWall"] * 7,
+        "storey": names,
+        "facade": ["S"] * 7,
+        "surface_area_m2": [6.0] * 7,
+        "triangles": [12] * 7,
+    }
+    rows = [{key: values[i] for key, values in words.items()} for i in range(7)]
+    building = replace(
+        painted.building,
+        vertices_site_m=np.vstack([vertices for vertices, _ in parts]),
+        triangles=np.vstack([triangles + 8 * i for i, (_, triangles) in enumerate(parts)]),
+        element_of_triangle=np.repeat(np.arange(7), 12),
+        elements=table_of_rows("elements", rows),
+    )
+    levels = storey_levels(building)
+    assert [level.name for level in levels] == ["Ground", "First"]
+    np.testing.assert_allclose([level.z_site_m for level in levels], [0.0, 3.0], rtol=0, atol=1e-9)  # m
