@@ -20,6 +20,7 @@ from facadelake.geobim.footprint import in_lon_lat, outline_of
 from facadelake.geobim.georeference import Georeference, georeferences_of, the_one_in_use
 from facadelake.geobim.mesh import ElementMesh, meshes_of, open_ifc
 from facadelake.geobim.model import BuildingModel, ModelSettings
+from facadelake.geobim.storeys import StoreyLevel
 from facadelake.geobim.surface import Surface
 from facadelake.geodesy import SiteOrigin
 from facadelake.tables import table_of_rows
@@ -61,6 +62,7 @@ def load_building(path: Path, *, settings: ModelSettings) -> BuildingModel:
         triangles=triangles,
         element_of_triangle=owner,
         elements=_elements(model, meshes, surface, owner, origin),
+        storeys=_levels(model, georeference, origin, centre),
     )
 
 
@@ -73,6 +75,20 @@ def site_origin(georeference: Georeference, centre_ifc_m: Array) -> SiteOrigin:
     lon, lat, height = middle if np.linalg.norm(centre_ifc_m) > _FAR_M else own
     return SiteOrigin(
         lon_deg=round(float(lon), 4), lat_deg=round(float(lat), 4), height_ellipsoidal_m=round(float(height), -1)
+    )
+
+
+def _levels(
+    model: ifcopenshell.file, georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Array
+) -> tuple[StoreyLevel, ...]:
+    """The storeys' floors in site, at the building's middle."""
+    storeys = storeys_of(model)
+    if not storeys:
+        return ()
+    floors = np.array([[centre_ifc_m[0], centre_ifc_m[1], storey.level_m] for storey in storeys])
+    levels = origin.site_from_geo(georeference.geo_from_ifc(floors))[:, 2]
+    return tuple(
+        StoreyLevel(name=storey.name, floor_site_m=float(level)) for storey, level in zip(storeys, levels, strict=True)
     )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from facadelake.errors import ModelError
 from facadelake.frames import Array
 from facadelake.geobim.georeference import ELLIPSOIDAL, MapPlacement
+from facadelake.geobim.storeys import StoreyLevel
 from facadelake.geodesy import SiteOrigin, as_3d
 from facadelake.tables import read_table, write_table
 
@@ -43,7 +44,7 @@ class BuildingModel:
     ``vertices_site_m`` (n, 3) float64, ``triangles`` (m, 3) rows of vertices, wound so that normals of closed bodies
     point out; ``element_of_triangle`` (m,) rows of ``elements`` (a table of kind ``elements``).
     ``vertical_datum`` is "ellipsoidal" or an EPSG code; ``georeference_level`` is LoGeoRef 50 or "registry".
-    ``remarks`` says in words what had to be assumed; empty where nothing was.
+    ``remarks`` says in words what had to be assumed; empty where nothing was. ``storeys`` come from the lowest up.
     """
 
     origin: SiteOrigin
@@ -55,6 +56,7 @@ class BuildingModel:
     triangles: NDArray[np.int64]
     element_of_triangle: NDArray[np.int64]
     elements: pa.Table
+    storeys: tuple[StoreyLevel, ...] = ()
 
     @property
     def height_crs(self) -> str:
@@ -68,6 +70,14 @@ class BuildingModel:
         units = [axis.unit_conversion_factor for axis in as_3d(self.height_crs).axis_info]
         metres: Array = self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
         return metres
+
+    def extents_site_m(self) -> Array:
+        """Lowest and highest level (elements, 2) of each element in site."""
+        levels = self.vertices_site_m[self.triangles, 2]
+        low, high = np.full(len(self.elements), np.inf), np.full(len(self.elements), -np.inf)
+        np.minimum.at(low, self.element_of_triangle, levels.min(axis=1))
+        np.maximum.at(high, self.element_of_triangle, levels.max(axis=1))
+        return np.column_stack([low, high])
 
     def save(self, folder: Path) -> None:
         """Write the model into ``folder``, for ``read_building``."""
@@ -84,6 +94,7 @@ class BuildingModel:
             "vertical_datum": self.vertical_datum,
             "georeference_level": self.georeference_level,
             "remarks": self.remarks,
+            "storeys": [asdict(storey) for storey in self.storeys],
         }
         (folder / _PLACE).write_text(json.dumps(place, indent=1))
 
@@ -108,6 +119,7 @@ def read_building(folder: Path) -> BuildingModel:
         vertical_datum=place["vertical_datum"],
         georeference_level=place["georeference_level"],
         remarks=place["remarks"],
+        storeys=tuple(StoreyLevel(**storey) for storey in place["storeys"]),
         vertices_site_m=vertices,
         triangles=triangles,
         element_of_triangle=owner,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -39,7 +38,8 @@ def defect_row(
     gaps = np.linalg.norm(hits - xyz, axis=1)
     best = seen[max(range(len(seen)), key=lambda i: (quality[i], seen[i]["photo_id"]))]
     guid = _most([row["element_guid"] for row in seen], quality)
-    of_element = [row for row in seen if row["element_guid"] == guid]
+    own = [i for i, row in enumerate(seen) if row["element_guid"] == guid]
+    of_element = [seen[i] for i in own]
     element = elements[guid]
     return {
         "defect_class": seen[0]["defect_class"],
@@ -56,8 +56,8 @@ def defect_row(
         "ifc_class": element["ifc_class"],
         "element_name": element["element_name"],
         "material": element["material"],
-        "storey": element["storey"],
-        "facade": Counter(sorted(row["facade"] for row in of_element)).most_common(1)[0][0],
+        "storey": _most([row["storey"] for row in of_element], quality[own]),
+        "facade": _most([row["facade"] for row in of_element], quality[own]),
     }
 
 
@@ -105,10 +105,10 @@ def in_stable_order(defects: Sequence[Row]) -> list[int]:
     return sorted(range(len(defects)), key=place)
 
 
-def _most(words: Sequence[str], weights: Array) -> str:
+def _most(words: Sequence[Any], weights: Array) -> Any:
     """The commonest word; of equally common ones the one with more weight, then the first by name."""
-    total: dict[str, tuple[int, float]] = {}
+    total: dict[Any, tuple[int, float]] = {}
     for word, weight in zip(words, weights, strict=True):
         count, sum_ = total.get(word, (0, 0.0))
         total[word] = (count + 1, sum_ + float(weight))
-    return min(total, key=lambda word: (-total[word][0], -total[word][1], word))
+    return min(total, key=lambda word: (-total[word][0], -total[word][1], str(word)))

@@ -19,6 +19,7 @@ from facadelake.camera import PosedCamera
 from facadelake.frames import Array
 from facadelake.geobim.facade import facade_seen
 from facadelake.geobim.model import BuildingModel
+from facadelake.geobim.storeys import storeys_of_places
 from facadelake.geobim.surface import MISS, Hits, Surface
 from facadelake.progress import stage_progress
 from facadelake.register.patch import Patches, patches_of
@@ -137,9 +138,10 @@ def _placed(
     cosine = np.clip(-np.einsum("ij,ij->i", directions[centre], normal), 0.0, 1.0)
     incidence = np.degrees(np.arccos(cosine))
     points = shapely.to_wkb(shapely.points(geo), output_dimension=3)
-    guids, storeys, facades = (
+    guids, named, facades = (
         building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
     )
+    storeys = storeys_of_places(building.storeys, named, building.extents_site_m(), hits.element[centre], xyz[:, 2])
     rows = []
     for i, (index, ray) in enumerate(zip(kept, centre, strict=True)):
         camera = posed[batch[index]["photo_id"]]
@@ -163,7 +165,7 @@ def _placed(
                 height_m=float(patches.height_m[index]),
                 area_m2=float(patches.area_m2[index]),
                 element_guid=guids[element],
-                storey=storeys[element],
+                storey=storeys[i],
                 facade=facade_seen(facades[element], normal[i]),
                 geometry=points[i],
             )

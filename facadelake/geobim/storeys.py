@@ -1,0 +1,61 @@
+"""Which storey a place on the building belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.frames import Array
+
+_RISE_M = 0.1  # a place may lie this far below its storey's floor
+_PART_OF_NEXT_M = 1.0  # an element that reaches further than this beyond its storey spans several
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreyLevel:
+    """A storey and the level of its floor in site, metres."""
+
+    name: str
+    floor_site_m: float
+
+
+def storey_at(levels: Sequence[StoreyLevel], z_site_m: float) -> str:
+    """Name of the highest storey whose floor lies at or below ``z_site_m``; the lowest for places under all of them.
+
+    ``levels`` come from the lowest up; empty where the model has no storeys.
+    """
+    below = [level.name for level in levels if level.floor_site_m <= z_site_m + _RISE_M]
+    if below:
+        return below[-1]
+    return levels[0].name if levels else ""
+
+
+def storeys_of_places(
+    levels: Sequence[StoreyLevel],
+    named: Sequence[str | None],
+    extents_site_m: Array,
+    element: NDArray[np.int64],
+    z_site_m: Array,
+) -> list[str | None]:
+    """Storey (n) of places at ``z_site_m`` (n,) on ``element`` (n,).
+
+    It is the element's own (``named``, one an element), save where the element, from ``extents_site_m`` (elements, 2:
+    lowest and highest level), reaches into other storeys, as a curtain wall does: there the place's level decides.
+    """
+    spans = [_spans(levels, name, extent) for name, extent in zip(named, extents_site_m, strict=True)]
+    return [
+        storey_at(levels, z) if spans[i] else named[i] for i, z in zip(element.tolist(), z_site_m.tolist(), strict=True)
+    ]
+
+
+def _spans(levels: Sequence[StoreyLevel], name: str | None, extent: Array) -> bool:
+    places = [i for i, level in enumerate(levels) if level.name == name]
+    if not places:
+        return False
+    floor = levels[places[0]].floor_site_m
+    above = [level.floor_site_m for level in levels if level.floor_site_m > floor + _RISE_M]
+    low_in_another = places[0] > 0 and extent[0] < floor - _PART_OF_NEXT_M
+    return bool(low_in_another or (above and extent[1] > above[0] + _PART_OF_NEXT_M))
