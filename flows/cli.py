@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from facadelake.registry import Portfolio
 
 ROOT = Path(__file__).resolve().parent.parent
-console = Console()
+# Where the output goes to a file or a pipe there is no width to keep to.
+console = Console(width=None if sys.stdout.isatty() else 160)
 problems = Console(stderr=True)
 
 app = typer.Typer(
@@ -86,7 +87,7 @@ def inspect(
     from flows.terminal.inspection import show_inspection
     from flows.terminal.run import inspect_in_terminal
 
-    _portfolio(portfolio).building(building)  # a mistake in the registry is told before Prefect starts
+    _portfolio(portfolio).building(building).model_path()  # the registry's mistakes are told before Prefect starts
     result = inspect_in_terminal(
         console,
         building_id=building,
@@ -251,7 +252,7 @@ def main() -> None:
         app()
     except FacadelakeError as error:
         problems.print(f"[bold red]{type(error).__name__}[/bold red]: ", end="")
-        problems.print(str(error), markup=False, highlight=False)
+        problems.print(str(error), markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
     except KeyboardInterrupt:
         problems.print("stopped; finished stages are kept, run the same command to go on")

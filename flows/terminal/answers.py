@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def show_questions(console: Console) -> None:
     """The stored questions with what they answer and take."""
-    from facadelake.lake.question import list_questions
+    from facadelake.lake.questions import list_questions
 
     table = RichTable(title="Stored questions: facadelake sql NAME [name=value ...]", title_justify="left")
     for column in ("name", "answers", "parameters"):
@@ -32,7 +32,7 @@ def show_questions(console: Console) -> None:
         table.add_row(
             question.name,
             escape(question.meaning),
-            "\n".join(f"{p.name}: {escape(p.meaning)}" for p in question.parameters),
+            ", ".join(question.parameters),
         )
     console.print(table)
 
@@ -41,8 +41,8 @@ def ask(
     console: Console, lake: Path, question: str, parameters: Sequence[str], *, as_of: int | None, as_json: bool
 ) -> None:
     """Answer a stored question or a SELECT statement."""
-    from facadelake.lake.question import ask as ask_stored
-    from facadelake.lake.question import list_questions, query
+    from facadelake.lake.questions import ask as ask_stored
+    from facadelake.lake.questions import list_questions, query
 
     given: dict[str, str] = {}
     for text in parameters:
@@ -84,11 +84,10 @@ def _as_rich(answer: pa.Table) -> RichTable:
 
 def show_figures(console: Console, figures: Figures) -> None:
     """The figures of an evaluation, a line each."""
-    header, *rows = figures.rows()
     table = RichTable(title="Against truth (no alignment after the run)", title_justify="left")
-    for index, name in enumerate(header):
+    for index, name in enumerate(figures.COLUMNS):
         table.add_column(name, justify="left" if index == 0 else "right")
-    for row in rows:
+    for row in figures.rows():
         table.add_row(*row)
     console.print(table)
 

@@ -44,10 +44,8 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
     table.add_row("photographs", f"{len(photos)} in, {len(localised)} localised, {len(refused)} rejected")
-    for photo in refused[:5]:
-        table.add_row("", f"rejected {escape(photo['photo_id'])}: {escape(photo['reason'] or photo['photo_outcome'])}")
-    for pose in [pose for pose in poses if pose["qw"] is None][:5]:
-        table.add_row("", f"not localised {escape(pose['photo_id'])}: {escape(pose['reason'] or '')}")
+    _add_examples(table, "rejected", refused)
+    _add_examples(table, "not localised", [pose for pose in poses if pose["qw"] is None])
     table.add_row(
         "alignment",
         f"{passport['control']}: {passport['points_used']} of {passport['points_total']} points used, residual mean "
@@ -76,6 +74,14 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     for warning in result.warnings:
         table.add_row("[yellow]warning[/yellow]", escape(warning))
     console.print(table)
+
+
+def _add_examples(table: RichTable, what: str, rows: Sequence[dict[str, Any]]) -> None:
+    """The photographs that were not used: the first three with their reasons, the others counted."""
+    for row in rows[:3]:
+        table.add_row("", f"{what}: {escape(row['photo_id'])}, {escape(row['reason'] or '')}")
+    if len(rows) > 3:
+        table.add_row("", f"{what}: {len(rows) - 3} more (facadelake sql photographs_rejected)")
 
 
 def _outcomes(observations: Sequence[dict[str, Any]]) -> list[str]:

@@ -14,6 +14,8 @@ from facadelake.lake.read import read_table
 from facadelake.registry import Portfolio
 from schemas.vocabulary import DefectClass
 
+ROOMY_COLUMNS = 120  # a narrower terminal is not shown where a defect is; 'facadelake sql' and 'export' tell
+
 
 def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str | None) -> None:
     """One line for each campaign that is registered or in the lake."""
@@ -60,30 +62,19 @@ def show_defects(
     chosen = [row for row in rows if defect_class in (None, row["defect_class"])]
     chosen.sort(key=lambda row: -max(row["width_m"], row["height_m"]))
     table = RichTable(title=f"{len(chosen)} defects of {building}, the largest first", title_justify="left")
-    for name, justify in (
-        ("defect", "left"),
-        ("class", "left"),
-        ("severity", "left"),
-        ("facade", "left"),
-        ("storey", "left"),
-        ("element", "left"),
-        ("size cm", "right"),
-        ("seen", "right"),
-        ("lon, lat, height", "left"),
-    ):
-        table.add_column(name, justify=justify, no_wrap=name == "defect")  # type: ignore[arg-type]
+    roomy = console.width >= ROOMY_COLUMNS
+    for name in ("defect", "class", "severity", "facade", "storey", "size cm", "seen"):
+        table.add_column(name, justify="right" if name in ("size cm", "seen") else "left", no_wrap=True)
+    if roomy:
+        table.add_column("element")
+        table.add_column("lon, lat, ellipsoidal height", no_wrap=True)
     for row in chosen[:limit]:
-        table.add_row(
-            row["defect_id"],
-            row["defect_class"],
-            row["severity"],
-            row["facade"],
-            row["storey"] or "",
-            escape(row["element_name"] or row["ifc_class"]),
-            f"{row['width_m'] * 100:.0f} x {row['height_m'] * 100:.0f}",
-            str(row["sightings"]),
-            f"{row['lon_deg']:.7f}, {row['lat_deg']:.7f}, {row['height_ellipsoidal_m']:.2f}",
-        )
+        cells = [row["defect_id"], row["defect_class"], row["severity"], row["facade"], row["storey"] or ""]
+        cells += [f"{row['width_m'] * 100:.0f} x {row['height_m'] * 100:.0f}", str(row["sightings"])]
+        if roomy:
+            cells.append(escape(row["element_name"] or row["ifc_class"]))
+            cells.append(f"{row['lon_deg']:.7f}, {row['lat_deg']:.7f}, {row['height_ellipsoidal_m']:.2f}")
+        table.add_row(*cells)
     console.print(table)
     if len(chosen) > limit:
         console.print(f"{len(chosen) - limit} more; --limit {len(chosen)} shows all")

@@ -31,6 +31,7 @@ class _BarsLog(logging.Handler):
 
 def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **parameters: Any) -> InspectionResult:
     """Run the flow ``inspect_building`` in this process; its errors come out as they were raised."""
+    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # main() tells the error, once
     prepare(lake)
     with ProgressBars(console) as bars, listening(bars):
         handle = bars.begin("Starting Prefect", None)
