@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 import pyproj
-from pyproj.database import query_crs_info
+from pyproj.database import get_codes, query_crs_info
 from pyproj.enums import PJType
 from pyproj.exceptions import CRSError
 
@@ -51,7 +51,7 @@ def vertical_named(text: str) -> str:
     if word.lower() in _ELLIPSOIDS or "ellipsoid" in word.lower():
         return ELLIPSOIDAL
     code = _CODE.match(word)
-    if code:
+    if code and (code[1] or code[2]) in get_codes("EPSG", PJType.CRS, allow_deprecated=True):
         crs = pyproj.CRS.from_epsg(int(code[1] or code[2]))
         if crs.is_vertical:
             return f"EPSG:{crs.to_epsg()}"
