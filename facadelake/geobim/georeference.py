@@ -224,9 +224,9 @@ def _map_unit_m(model: ifcopenshell.file) -> float | None:
 def _pset_2x3(model: ifcopenshell.file, name: str) -> dict[str, Any]:
     """A property set of the project or, as the user guide has it, of the site; empty where there is none."""
     for holder in [*model.by_type("IfcProject"), *model.by_type("IfcSite")]:
-        values = ifcopenshell.util.element.get_pset(holder, name) or {}
-        if values:
-            return dict(values)
+        for found, values in ifcopenshell.util.element.get_psets(holder, psets_only=True).items():
+            if found.lower() == name.lower():  # exporters write ePset and ePSet
+                return dict(values)
     return {}
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import ifcopenshell
 import ifcopenshell.api
+import ifcopenshell.api.owner.settings
 import ifcopenshell.api.project
 import numpy as np
 import pytest
@@ -35,12 +36,19 @@ class Ifc:
 
 
 @pytest.fixture
-def write_ifc(tmp_path: Path) -> Callable[[Ifc], Path]:
+def write_ifc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Ifc], Path]:
     """Writes an Ifc to a file and returns its path."""
 
     def write(wanted: Ifc) -> Path:
         run = ifcopenshell.api.run
         model = ifcopenshell.api.project.create_file(version=wanted.schema)
+        if wanted.schema == "IFC2X3":  # there every entity has an owner
+            person = model.create_entity("IfcPerson", Id="nobody")
+            firm = model.create_entity("IfcOrganization", Name="nobody")
+            user = model.create_entity("IfcPersonAndOrganization", ThePerson=person, TheOrganization=firm)
+            tool = model.create_entity("IfcApplication", firm, "1", "test", "test")
+            monkeypatch.setattr(ifcopenshell.api.owner.settings, "get_user", lambda file: user)
+            monkeypatch.setattr(ifcopenshell.api.owner.settings, "get_application", lambda file: tool)
         unit_m = 0.001 if wanted.milli else 1.0
         project = run("root.create_entity", model, ifc_class="IfcProject", name="test")
         length = run("unit.add_si_unit", model, unit_type="LENGTHUNIT", prefix="MILLI" if wanted.milli else None)

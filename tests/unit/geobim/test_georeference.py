@@ -2,6 +2,9 @@
 
 import re
 
+import ifcopenshell
+import ifcopenshell.api
+import ifcopenshell.api.owner.settings
 import numpy as np
 import pyproj
 import pytest
@@ -90,6 +93,36 @@ def test_a_grid_factor_stretches_the_map_and_not_the_height(write_ifc):
     building = load_building(path, settings=ModelSettings())
     assert_same_places(building, expected_geo(corners_of(Box(size_m=(50.0, 0.3, 80.0))), factor=0.9996))
     assert "grid factor 0.999600" in building.remarks
+
+
+@pytest.mark.parametrize(("holder", "prefix"), [("IfcSite", "ePSet"), ("IfcProject", "ePset")])
+def test_ifc2x3_by_property_sets_at_the_site_or_the_project(write_ifc, monkeypatch, holder, prefix):
+    path = write_ifc(Ifc(schema="IFC2X3", milli=True))
+    model = ifcopenshell.open(path)
+    user, tool = model.by_type("IfcPersonAndOrganization")[0], model.by_type("IfcApplication")[0]
+    monkeypatch.setattr(ifcopenshell.api.owner.settings, "get_user", lambda file: user)
+    monkeypatch.setattr(ifcopenshell.api.owner.settings, "get_application", lambda file: tool)
+    sets = {
+        f"{prefix}_MapConversion": CONVERSION | {"Scale": 0.001},
+        f"{prefix}_ProjectedCRS": {"Name": "EPSG:25832", "MapUnit": "METRE", "VerticalDatum": "ellipsoidal"},
+    }
+    for name, properties in sets.items():
+        pset = ifcopenshell.api.run("pset.add_pset", model, product=model.by_type(holder)[0], name=name)
+        ifcopenshell.api.run("pset.edit_pset", model, pset=pset, properties=properties)
+    model.write(str(path))
+    assert_same_places(load_building(path, settings=ModelSettings()), expected_geo(corners_of(Box())))
+
+
+def test_a_shifted_world_coordinate_system_is_refused(write_ifc):
+    path = write_ifc(Ifc(conversion=CONVERSION, crs=CRS))
+    model = ifcopenshell.open(path)
+    context = model.by_type("IfcGeometricRepresentationContext", include_subtypes=False)[0]
+    context.WorldCoordinateSystem = model.create_entity(
+        "IfcAxis2Placement3D", model.create_entity("IfcCartesianPoint", (100.0, 0.0, 0.0))
+    )
+    model.write(str(path))
+    with pytest.raises(GeoreferenceError, match="WorldCoordinateSystem"):
+        load_building(path, settings=ModelSettings())
 
 
 def test_the_registry_stands_in_for_a_missing_georeference(write_ifc):
