@@ -108,7 +108,7 @@ def _defects(
     corners = [facade.uvw(mark.corners_site_m)[:, :2] - [facade.u_min_m, zero] for mark in everyone]
     for mark, uv in zip(everyone, corners, strict=True):
         dashes, colour = class_dashes(mark.defect_class), class_colour(mark.defect_class)
-        axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor="white", linewidth=2.8))
+        axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor="white", linewidth=2.4))
         axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor=colour, linewidth=1.5, linestyle=dashes))
     boxes = np.array([[*uv.min(axis=0), *uv.max(axis=0)] for uv in corners])
     # A 6.5 point label at 150 dpi: 18 px high, 9 px a character, with its frame.
