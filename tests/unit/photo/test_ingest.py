@@ -1,49 +1,13 @@
-"""Ingest: outcomes and reasons of good and bad files."""
+"""Ingest: what good files become; bad ones are in tests/counterexamples/test_photographs.py."""
 
-import io
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-import pytest
-from PIL import Image
-from PIL.TiffImagePlugin import IFDRational
 
-from facadelake.errors import InputDataError
 from facadelake.photo.files import find_photographs
 from facadelake.photo.ingest import ingest_photographs
-
-XMP = (
-    '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
-    '<rdf:Description rdf:about="" xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" {}/></rdf:RDF></x:xmpmeta>'
-)
-
-
-def dms(value: float) -> tuple[IFDRational, IFDRational, IFDRational]:
-    """Degrees as EXIF writes them."""
-    value = abs(value)
-    minutes = (value % 1) * 60
-    return IFDRational(int(value), 1), IFDRational(int(minutes), 1), IFDRational(round((minutes % 1) * 60e5), 100000)
-
-
-def photograph(lat: float | None = None, lon: float = 8.4, xmp: str = "", seed: int = 0, **gps: object) -> bytes:
-    """A small JPEG with EXIF, optional GPS and XMP."""
-    rng = np.random.default_rng(seed)
-    image = Image.fromarray(rng.integers(0, 255, (48, 64, 3), dtype=np.uint8))
-    exif = Image.Exif()
-    exif[271], exif[272] = "Maker", "Model\0\0"
-    exif.get_ifd(0x8769)[36867] = "2026:04:14 10:00:05"
-    exif.get_ifd(0x8769)[36881] = "+02:00"
-    exif.get_ifd(0x8769)[37386] = IFDRational(5, 1)
-    exif.get_ifd(0x8769)[41989] = 26
-    if lat is not None:
-        block = exif.get_ifd(0x8825)
-        block[1], block[2] = "S" if lat < 0 else "N", dms(lat)
-        block[3], block[4] = "W" if lon < 0 else "E", dms(lon)
-        block[5], block[6] = b"\0", IFDRational(1805, 10)
-    out = io.BytesIO()
-    image.save(out, "JPEG", quality=95, exif=exif, xmp=XMP.format(xmp).encode() if xmp else None)
-    return out.getvalue()
+from tests.unit.photo.small_photographs import photograph
 
 
 def ingest(root: Path, **changed: object) -> dict[str, dict[str, object]]:
@@ -64,56 +28,6 @@ def test_a_good_photograph_says_what_its_exif_says(tmp_path: Path) -> None:
     assert (row["prior_source"], row["prior_height_m"], row["prior_height_datum"]) == ("exif", 180.5, "unknown")
     assert (row["focal_length_mm"], row["focal_length_35mm_mm"]) == (5.0, 26.0)
     assert row["role"] == "multiview"
-
-
-def test_bad_files_are_rows_with_their_reason(tmp_path: Path) -> None:
-    good = photograph(lat=48.94, seed=1)
-    (tmp_path / "good.jpg").write_bytes(good)
-    (tmp_path / "truncated.jpg").write_bytes(photograph(lat=48.94, seed=2)[:-400])
-    (tmp_path / "zero.jpg").write_bytes(b"")
-    (tmp_path / "text.jpg").write_bytes(b"this is no photograph")
-    (tmp_path / "twin.jpg").write_bytes(good)
-    (tmp_path / "raw.DNG").write_bytes(b"II*\0")
-    Image.new("RGB", (8, 8)).save(tmp_path / "png.JPG", format="PNG")
-    rows = ingest(tmp_path)
-    expected = {
-        "good.jpg": ("accepted", None),
-        "truncated.jpg": ("unreadable", "does not decode to its end (image file is truncated"),
-        "zero.jpg": ("unreadable", "the file is empty (0 bytes)"),
-        "text.jpg": ("unreadable", "no image format is recognised"),
-        "twin.jpg": ("duplicate", "the same bytes as good.jpg"),
-        "raw.DNG": ("unreadable", "raw photograph: it must be developed first"),
-        "png.JPG": ("unreadable", "the name ends in .JPG but the content is PNG"),
-    }
-    assert rows.keys() == expected.keys()
-    for photo_id, (outcome, reason) in expected.items():
-        assert rows[photo_id]["photo_outcome"] == outcome, photo_id
-        said = rows[photo_id]["reason"]
-        assert said is None if reason is None else reason in str(said), (photo_id, said)
-
-
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [
-        (photograph(), "EXIF: no position"),
-        (photograph(lat=0.0, lon=0.0), "EXIF: position is 0/0"),
-        (photograph(lat=91.0), "EXIF: position lon 8.400000, lat 91.000000 is off the globe"),
-        (
-            photograph(xmp='drone-dji:GpsLatitude="91.0" drone-dji:GpsLongitude="8.4"'),
-            "XMP: position lon 8.400000, lat 91.000000 is off the globe",
-        ),
-        (photograph(xmp='drone-dji:GpsLatitude="nan" drone-dji:GpsLongitude="8.4"'), "XMP: no position"),
-    ],
-)
-def test_a_photograph_without_a_usable_position_is_accepted_without_prior(
-    tmp_path: Path, content: bytes, reason: str
-) -> None:
-    (tmp_path / "a.jpg").write_bytes(content)
-    row = ingest(tmp_path)["a.jpg"]
-    assert (row["photo_outcome"], row["prior_source"]) == ("accepted", "none")
-    assert reason in str(row["reason"])
-    assert row["prior_lat_deg"] is None
-    assert row["prior_sigma_horizontal_m"] is None
 
 
 def test_xmp_goes_before_exif_and_a_bad_xmp_position_falls_back(tmp_path: Path) -> None:
@@ -153,13 +67,3 @@ def test_hidden_and_foreign_files_are_not_photographs(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"x")
     assert [path.name for path in find_photographs(tmp_path)] == ["e.Jpeg", "d.TIFF"]
-
-
-def test_nothing_usable_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match="does not exist"):
-        ingest(tmp_path / "nowhere")
-    with pytest.raises(InputDataError, match="no photograph in"):
-        ingest(tmp_path)
-    (tmp_path / "a.jpg").write_bytes(b"")
-    with pytest.raises(InputDataError, match=r"none of the 1 photographs .* a.jpg: the file is empty"):
-        ingest(tmp_path)

@@ -1,0 +1,152 @@
+"""Bad photographs among good ones, each with the words it must give; and folders that give nothing to work with."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+from PIL import Image
+
+from facadelake.detect.coco import import_coco
+from facadelake.errors import InputDataError
+from facadelake.photo.ingest import ingest_photographs
+from facadelake.pose.reconstruct import reconstruct
+from facadelake.pose.settings import ReconstructionSettings
+from tests.unit.photo.small_photographs import photograph
+
+LAT = 48.94  # deg, where the good ones stand
+XMP_91 = 'drone-dji:GpsLatitude="91.0" drone-dji:GpsLongitude="8.4"'
+NO_PRIOR = "the photograph is used without one"
+
+REFUSED = {
+    "text.jpg": "no image format is recognised in the file; copy it again from the card",
+    "truncated.jpg": "the photograph does not decode to its end (image file is truncated (… bytes not processed)); "
+    "copy it again from the card",
+    "header-alone.jpg": "the photograph does not decode to its end (Truncated File Read); copy it again from the card",
+    "zero.jpg": "the file is empty (0 bytes); copy it again from the camera's card",
+    "png.JPG": "the name ends in .JPG but the content is PNG; such files come from a conversion that often loses "
+    "metadata: export the original again, or give the file its true name",
+    "raw.DNG": "raw photograph: it must be developed first; export it as JPEG or TIFF",
+}
+WITHOUT_PRIOR = {
+    "no-exif.jpg": f"no position prior (EXIF: no position); {NO_PRIOR}",
+    "no-gps.jpg": f"no position prior (EXIF: no position); {NO_PRIOR}",
+    "zero-zero.jpg": "no position prior (EXIF: position is 0/0, which receivers write without a fix); "
+    "the photograph is used without one",
+    "lat-91.jpg": "no position prior (EXIF: position lon 8.400000, lat 91.000000 is off the globe "
+    "(lon -180..180, lat -90..90)); the photograph is used without one",
+    "xmp-91.jpg": "no position prior (XMP: position lon 8.400000, lat 91.000000 is off the globe "
+    "(lon -180..180, lat -90..90); EXIF: no position); the photograph is used without one",
+    "xmp-nan.jpg": f"no position prior (XMP: no position; EXIF: no position); {NO_PRIOR}",
+}
+GOOD = ("good-1.jpg", "good-2.jpg", "good-3.jpg")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three good photographs and every kind of bad one."""
+    root = tmp_path_factory.mktemp("photographs")
+    for seed, name in enumerate(GOOD):
+        (root / name).write_bytes(photograph(lat=LAT, seed=seed))
+    (root / "twin-of-1.jpg").write_bytes((root / GOOD[0]).read_bytes())
+    (root / "text.jpg").write_bytes(b"this is no photograph")
+    (root / "truncated.jpg").write_bytes(photograph(lat=LAT, seed=10)[:-400])
+    (root / "header-alone.jpg").write_bytes(photograph(lat=LAT, seed=11)[:300])
+    (root / "zero.jpg").write_bytes(b"")
+    Image.new("RGB", (8, 8)).save(root / "png.JPG", format="PNG")
+    (root / "raw.DNG").write_bytes(b"II*\0")
+    Image.new("RGB", (64, 48), (90, 80, 70)).save(root / "no-exif.jpg", format="JPEG")
+    (root / "no-gps.jpg").write_bytes(photograph(seed=12))
+    (root / "zero-zero.jpg").write_bytes(photograph(lat=0.0, lon=0.0, seed=13))
+    (root / "lat-91.jpg").write_bytes(photograph(lat=91.0, seed=14))
+    (root / "xmp-91.jpg").write_bytes(photograph(xmp=XMP_91, seed=15))
+    (root / "xmp-nan.jpg").write_bytes(photograph(xmp=XMP_91.replace("91.0", "nan"), seed=16))
+    return root
+
+
+@pytest.fixture(scope="module")
+def photos(folder: Path) -> pa.Table:
+    return ingest_photographs(folder, distance_to_model_m=None, close_range_below_m=8.0)
+
+
+def test_every_bad_file_is_a_row_and_the_good_ones_go_on(photos: pa.Table) -> None:
+    rows = {row["photo_id"]: row for row in photos.to_pylist()}
+    found = {
+        photo_id: (row["photo_outcome"], re.sub(r"\d+(?= bytes not)", "…", row["reason"] or ""))
+        for photo_id, row in rows.items()
+    }
+    assert found == {
+        **dict.fromkeys(GOOD, ("accepted", "")),
+        **{name: ("unreadable", reason) for name, reason in REFUSED.items()},
+        **{name: ("accepted", reason) for name, reason in WITHOUT_PRIOR.items()},
+        "twin-of-1.jpg": ("duplicate", "the same bytes as good-1.jpg; one of the two is enough, remove the other"),
+    }
+    assert [rows[name]["prior_source"] for name in GOOD] == ["exif"] * 3
+    for name in WITHOUT_PRIOR:
+        prior = {key: value for key, value in rows[name].items() if key.startswith("prior_")}
+        assert prior.pop("prior_source") == "none"
+        assert prior.pop("prior_height_datum") == "unknown"
+        assert set(prior.values()) == {None}, name
+
+
+def test_a_position_off_the_globe_in_xmp_leaves_that_of_exif(tmp_path: Path) -> None:
+    (tmp_path / "both.jpg").write_bytes(photograph(lat=LAT, xmp=XMP_91))
+    (row,) = ingest_photographs(tmp_path, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
+    assert (row["photo_outcome"], row["reason"], row["prior_source"]) == ("accepted", None, "exif")
+    assert row["prior_lat_deg"] == pytest.approx(LAT, rel=0, abs=1e-8)  # deg
+
+
+def test_boxes_on_a_refused_photograph_are_rows_and_the_others_go_on(tmp_path: Path, photos: pa.Table) -> None:
+    names = ["good-1.jpg", "truncated.jpg", "twin-of-1.jpg"]
+    boxes = tmp_path / "boxes.json"
+    boxes.write_text(
+        json.dumps(
+            {
+                "images": [{"id": i, "file_name": name} for i, name in enumerate(names)],
+                "categories": [{"id": 1, "name": "crack"}],
+                "annotations": [{"id": i, "image_id": i, "category_id": 1, "bbox": [1, 2, 3, 4]} for i in range(3)],
+            }
+        )
+    )
+    found = import_coco(boxes, photos, class_names={}).to_pylist()
+    assert [(row["detection_outcome"], row["reason"]) for row in found] == [
+        ("accepted", None),
+        ("unknown_photo", "the photograph was not accepted: unreadable"),
+        ("unknown_photo", "the photograph was not accepted: duplicate"),
+    ]
+
+
+def refusal(root: Path) -> str:
+    with pytest.raises(InputDataError) as raised:
+        ingest_photographs(root, distance_to_model_m=None, close_range_below_m=8.0)
+    return str(raised.value)
+
+
+def test_a_folder_with_nothing_to_work_with(tmp_path: Path) -> None:
+    nowhere = tmp_path / "nowhere"
+    assert refusal(nowhere) == f"photographs' folder {nowhere} does not exist; check the path in the portfolio"
+    (tmp_path / "readme.txt").write_text("no photograph")
+    assert refusal(tmp_path) == (
+        f"no photograph in {tmp_path}: jpg, jpeg, png, tif and tiff were looked for, in all sub-folders"
+    )
+    (tmp_path / "a.jpg").write_bytes(b"")
+    (tmp_path / "b.jpg").write_bytes(b"")
+    assert refusal(tmp_path) == (
+        f"none of the 2 photographs in {tmp_path} can be used; the first, a.jpg: "
+        "the file is empty (0 bytes); copy it again from the camera's card"
+    )
+
+
+def test_two_usable_photographs_are_too_few(tmp_path: Path) -> None:
+    root = tmp_path / "photographs"
+    root.mkdir()
+    for seed, name in enumerate(GOOD):
+        (root / name).write_bytes(photograph(lat=LAT, seed=seed))
+    (root / GOOD[2]).write_bytes(b"")
+    photos = ingest_photographs(root, distance_to_model_m=None, close_range_below_m=8.0)
+    with pytest.raises(InputDataError) as raised:
+        reconstruct(photos, root, tmp_path / "block", ReconstructionSettings())
+    assert str(raised.value) == "2 usable photographs; a reconstruction needs 3 or more that overlap"

@@ -1,0 +1,39 @@
+"""Small JPEGs with the metadata a test asks for."""
+
+import io
+
+import numpy as np
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
+
+XMP = (
+    '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    '<rdf:Description rdf:about="" xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" {}/></rdf:RDF></x:xmpmeta>'
+)
+
+
+def dms(value: float) -> tuple[IFDRational, IFDRational, IFDRational]:
+    """Degrees as EXIF writes them."""
+    value = abs(value)
+    minutes = (value % 1) * 60
+    return IFDRational(int(value), 1), IFDRational(int(minutes), 1), IFDRational(round((minutes % 1) * 60e5), 100000)
+
+
+def photograph(lat: float | None = None, lon: float = 8.4, xmp: str = "", seed: int = 0, **gps: object) -> bytes:
+    """A small JPEG with EXIF, optional GPS and XMP."""
+    rng = np.random.default_rng(seed)
+    image = Image.fromarray(rng.integers(0, 255, (48, 64, 3), dtype=np.uint8))
+    exif = Image.Exif()
+    exif[271], exif[272] = "Maker", "Model\0\0"
+    exif.get_ifd(0x8769)[36867] = "2026:04:14 10:00:05"
+    exif.get_ifd(0x8769)[36881] = "+02:00"
+    exif.get_ifd(0x8769)[37386] = IFDRational(5, 1)
+    exif.get_ifd(0x8769)[41989] = 26
+    if lat is not None:
+        block = exif.get_ifd(0x8825)
+        block[1], block[2] = "S" if lat < 0 else "N", dms(lat)
+        block[3], block[4] = "W" if lon < 0 else "E", dms(lon)
+        block[5], block[6] = b"\0", IFDRational(1805, 10)
+    out = io.BytesIO()
+    image.save(out, "JPEG", quality=95, exif=exif, xmp=XMP.format(xmp).encode() if xmp else None)
+    return out.getvalue()
