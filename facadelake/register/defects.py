@@ -33,7 +33,8 @@ def defect_row(
     nearest = int(np.argmin(np.linalg.norm(hits - robust_mean(hits, weights), axis=1)))
     normal = sightings.normal_site[index[nearest]]
     extent = np.hypot(sightings.width_m[index], sightings.height_m[index])
-    sigma = np.hypot(settings.centre_share * extent, settings.floor_m)
+    # Where the campaign itself may be off, its rays cross off the wall together: then the surface is the better word.
+    sigma = np.hypot(settings.centre_share * extent, np.hypot(settings.floor_m, settings.offset_m))
     xyz = position_of(hits, sightings.ray_site[index], sigma, weights, normal, settings.relief_m)
     gaps = np.linalg.norm(hits - xyz, axis=1)
     best = seen[max(range(len(seen)), key=lambda i: (quality[i], seen[i]["photo_id"]))]

@@ -61,13 +61,13 @@ def normalised_distance(sightings: Sightings, pairs: NDArray[np.int64], settings
 
     Each sighting varies by ``size_share`` of its extents along the surface and by ``floor_m`` in every direction. A
     surface that stands b (3,) off the model moves it by ``(normal . b) / (normal . ray) * ray``; both see the same b,
-    of ``relief_m`` in each direction, so their difference varies by the difference of those two shifts alone.
+    of ``stand_off_m`` in each direction, so their difference varies by the difference of those two shifts alone.
     """
     i, j = pairs[:, 0], pairs[:, 1]
     shift = sightings.ray_site[:, :, None] * sightings.normal_site[:, None, :] / _facing(sightings)[:, None, None]
     apart = shift[i] - shift[j]
     covariance = _placing(sightings, settings)
-    total = covariance[i] + covariance[j] + settings.relief_m**2 * apart @ apart.transpose(0, 2, 1)
+    total = covariance[i] + covariance[j] + settings.stand_off_m**2 * apart @ apart.transpose(0, 2, 1)
     difference = sightings.xyz_site_m[i] - sightings.xyz_site_m[j]
     solved = np.linalg.solve(total, difference[:, :, None])[:, :, 0]
     distance: Array = np.sqrt(np.maximum((difference * solved).sum(axis=1), 0.0))
@@ -100,14 +100,14 @@ def _near_pairs(sightings: Sightings, settings: MergeSettings) -> NDArray[np.int
     for code in np.unique(sightings.defect_class):
         rows = np.flatnonzero(sightings.defect_class == code)
         tree = cKDTree(sightings.xyz_site_m[rows])
-        near = tree.query_pairs(settings.ceiling_m, output_type="ndarray")
+        near = tree.query_pairs(settings.reach_m, output_type="ndarray")
         found.append(np.sort(rows[near], axis=1))
         # A defect larger than the ceiling may be cut differently by each photograph: those few look further.
-        for row in rows[2 * reach[rows] > settings.ceiling_m]:
+        for row in rows[2 * reach[rows] > settings.reach_m]:
             others = rows[tree.query_ball_point(sightings.xyz_site_m[row], 2 * reach[row])]
             others = others[others != row]
             gap = np.linalg.norm(sightings.xyz_site_m[others] - sightings.xyz_site_m[row], axis=1)
-            others = others[(gap > settings.ceiling_m) & (gap <= reach[row] + reach[others])]
+            others = others[(gap > settings.reach_m) & (gap <= reach[row] + reach[others])]
             found.append(np.sort(np.column_stack([np.full(len(others), row), others]), axis=1))
     pairs = np.unique(np.vstack([np.zeros((0, 2), dtype=np.int64), *found]), axis=0)
     apart: NDArray[np.int64] = pairs[sightings.photo[pairs[:, 0]] != sightings.photo[pairs[:, 1]]]

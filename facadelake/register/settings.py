@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 
 from facadelake.errors import InputDataError
 
@@ -39,12 +40,12 @@ class MergeSettings:
 
     ``size_share``: one sigma of where boxes of one defect have their centres, as a share of the patch's extent: two
     photographs may show different parts of it. ``centre_share``: the same for boxes that show the same part, which
-    places the defect.
-    ``floor_m``: one sigma of what is left of the pose; no gate is narrower. ``relief_m``: one sigma of how far the
-    real surface stands off the model's. ``gate_sigma``: the normalised distance within which two sightings may be
-    one; 3.03 holds 99 % in the plane of the surface. ``ceiling_m``: no two sightings further apart than this, or than
-    half their extents together, are one. ``agreement``: share of the pairs between two groups that must lie in the
-    gate to join them.
+    places the defect. ``floor_m``: one sigma of what is left of the pose; no gate is narrower. ``relief_m``: one sigma
+    of how far the real surface stands off the model's. ``gate_sigma``: the normalised distance within which two
+    sightings may be one; 3.03 holds 99 % in the plane of the surface. ``ceiling_m``: no two sightings further apart
+    than this, or than half their extents together, are one. ``offset_m``: one sigma of how far the whole campaign may
+    stand off the model; 0 where control points or the model placed it, the GPS's own error where GPS alone did.
+    ``agreement``: share of the pairs between two groups that must lie in the gate to join them.
     """
 
     size_share: float = 0.15
@@ -53,9 +54,20 @@ class MergeSettings:
     relief_m: float = 0.05
     gate_sigma: float = 3.03
     ceiling_m: float = 0.5
+    offset_m: float = 0.0
     agreement: float = 0.5
 
     def __post_init__(self) -> None:
         values = (self.size_share, self.centre_share, self.floor_m, self.relief_m, self.gate_sigma, self.ceiling_m)
-        if min(values) <= 0 or not 0 < self.agreement <= 1:
+        if min(values) <= 0 or self.offset_m < 0 or not 0 < self.agreement <= 1:
             raise InputDataError(f"merge settings {self} are out of range: all positive, agreement at most 1")
+
+    @property
+    def stand_off_m(self) -> float:
+        """One sigma of how far the real surface stands off the model as this campaign sees it."""
+        return hypot(self.relief_m, self.offset_m)
+
+    @property
+    def reach_m(self) -> float:
+        """How far apart two sightings of one small defect may be registered."""
+        return max(self.ceiling_m, 3 * self.offset_m)

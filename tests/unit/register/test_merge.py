@@ -111,6 +111,25 @@ def test_relief_parts_oblique_sightings_in_a_known_direction():
     assert len(candidates_of(upward, MERGE).first) == 0
 
 
+def test_a_campaign_that_stands_off_the_model_still_merges(wall, detections_of):
+    """All cameras 0.8 m too far forward and 0.5 m aside, as GPS alone may place them; one defect seen from three."""
+    real = {f"p{i}": looking([-6.0 + 6 * i, -8.0, 2.0], [0.0, 0.0, 1.5]) for i in range(3)}
+    placed = {name: looking(p.centre_site_m + np.array([0.5, 0.8, 0]), [0.5, 0.8, 1.5]) for name, p in real.items()}
+    made = []
+    for name, posed in real.items():
+        u, v = posed.project_site(np.array([[0.2, 0.0, 1.4]]))[0]
+        made.append((name, name, "crack", (u - 15, v - 15, 30, 30)))
+    detections = detections_of(*made)
+    observations = observe(detections, placed, wall, Surface(wall), RegisterSettings())
+    strict = merge(observations, detections, wall, placed, prefix="x")
+    wide = merge(observations, detections, wall, placed, prefix="x", settings=MergeSettings(offset_m=1.0))
+    assert len(strict.defects) == 3
+    assert len(wide.defects) == 1
+    row = wide.defects.to_pylist()[0]
+    assert abs(row["y_site_m"]) < 0.02  # m: it stays on the wall, though its rays cross 0.8 m behind it
+    np.testing.assert_allclose([row["x_site_m"], row["z_site_m"]], [0.7, 1.4], rtol=0, atol=0.15)  # m: moved aside
+
+
 def test_large_patches_may_differ_by_more_than_the_ceiling():
     far = np.array([0.0, 0.9])
     assert merged(sightings_at(far, np.array([0, 1]), size_m=3.0)) == [0, 0]
