@@ -18,7 +18,7 @@ from tasks.stage import Counts, run_stage
 @task(name="reconstruct")
 def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
     """Camera poses and tie points in the frame ``sfm``."""
-    settings = ReconstructionSettings(max_image_px=job.building.tolerances.sift_max_image_px)
+    settings = ReconstructionSettings(max_image_px=job.building.tolerances.features_max_image_px)
     root = job.building.photographs_of(job.campaign_id)
 
     def make(folder: Path) -> Counts:

@@ -26,7 +26,9 @@ def validate_tables(job: InspectionJob, folders: StageFolders) -> StageResult:
         write_table("checks", checks, folder)
         return {"checks": len(checks), "failed": len(failures(checks))}
 
-    result = run_stage(job, "validate", code=["lake"], inputs={"tables": folders.keys(), "checks": checks_sha256()}, make=make)
+    result = run_stage(
+        job, "validate", code=["lake"], inputs={"tables": folders.keys(), "checks": checks_sha256()}, make=make
+    )
     checks = read_table("checks", result.folder)
     failed = len(failures(checks))
     if failed:

@@ -76,12 +76,15 @@ class BuildingCrs(_Strict):
 
 
 class Tolerances(_Strict):
-    """Limits of the stages; each says its unit."""
+    """Limits of the stages; each says its unit.
+
+    ``features_max_image_px``: photographs are reduced to this longer side before features are looked for.
+    """
 
     close_range_below_m: Annotated[float, Field(gt=0)] = 8.0
     grazing_above_deg: Annotated[float, Field(gt=0, le=90)] = 80.0
     target_share_min: Annotated[float, Field(ge=0, le=1)] = 0.5
-    sift_max_image_px: Annotated[int, Field(ge=500, le=20000)] = 3200
+    features_max_image_px: Annotated[int, Field(ge=500, le=20000)] = 2000
 
 
 class CocoDetector(_Strict):
