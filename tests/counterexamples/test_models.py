@@ -1,0 +1,202 @@
+"""Building models that are no model, are cut off, or do not say where they stand: each with its words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from facadelake.errors import FacadelakeError, GeoreferenceError, ModelError
+from facadelake.geobim.load import load_building
+from facadelake.geobim.model import ModelSettings
+from facadelake.registry.building import Building
+from tests.unit.geobim.conftest import Box, Ifc
+
+WriteIfc = Callable[[Ifc], Path]
+CONVERSION = {"Eastings": 456639.25, "Northings": 5421033.5, "OrthogonalHeight": 178.25}
+UTM = {"Name": "EPSG:25832"}
+CRS = UTM | {"VerticalDatum": "ellipsoidal"}
+PLACED = Ifc(crs=CRS, conversion=CONVERSION)
+BY_IFC = ModelSettings()
+
+STEP = (
+    b"ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\n"
+    b"FILE_SCHEMA(('%s'));\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n"
+)
+NOT_STEP = "export it as .ifc (IFC2x3, IFC4 or IFC4.3), not zipped or as XML"
+OTHER_SCHEMA = "export it again as IFC2x3, IFC4 or IFC4.3"
+
+
+def refused(kind: type[FacadelakeError], path: Path, settings: ModelSettings = BY_IFC) -> str:
+    with pytest.raises(kind) as raised:
+        load_building(path, settings=settings)
+    return str(raised.value)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 0.999])
+def test_a_truncated_model_is_refused_before_it_is_parsed(write_ifc: WriteIfc, share: float) -> None:
+    """A cut file parses without an error and lacks elements: half a building would be inspected."""
+    path = write_ifc(PLACED)
+    whole = path.read_bytes()
+    size = int(share * len(whole))
+    path.write_bytes(whole[:size])
+    assert refused(ModelError, path) == (
+        f"building model {path} is cut off: {size} bytes without the closing END-ISO-10303-21; copy or export it again"
+    )
+    path.write_bytes(whole)
+    assert len(load_building(path, settings=BY_IFC).elements) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (b"", f"is not an IFC in STEP text: it begins with b'', not ISO-10303-21; {NOT_STEP}"),
+        (
+            b"PK\x03\x04 zipped",
+            f"is not an IFC in STEP text: it begins with b'PK\\x03\\x04 zipped', not ISO-10303-21; {NOT_STEP}",
+        ),
+        (
+            b"<?xml version='1.0'?><ifc/>",
+            f'is not an IFC in STEP text: it begins with b"<?xml version=\'1", not ISO-10303-21; {NOT_STEP}',
+        ),
+        (
+            STEP % b"NONSENSE",
+            f"is damaged or of an unknown schema (Unsupported schema: NONSENSE); {OTHER_SCHEMA}",
+        ),
+        (
+            b"ISO-10303-21;\n\x00\xff\xfe garbage ((((\nEND-ISO-10303-21;\n",
+            f"is damaged or of an unknown schema (Unable to parse IFC SPF header); {OTHER_SCHEMA}",
+        ),
+        (STEP % b"IFC4", "holds no IfcProject; export the whole model, not a library or a part"),
+    ],
+    ids=["zero bytes", "zipped", "xml", "unknown schema", "garbage", "no project"],
+)
+def test_what_is_no_model(tmp_path: Path, content: bytes, what: str) -> None:
+    path = tmp_path / "model.ifc"
+    path.write_bytes(content)
+    assert refused(ModelError, path) == f"building model {path} {what}"
+
+
+def test_a_missing_model_and_one_without_bodies(tmp_path: Path, write_ifc: WriteIfc) -> None:
+    path = tmp_path / "nothing.ifc"
+    assert refused(ModelError, path) == (
+        f"building model {path} cannot be read (No such file or directory); check the registry's model path"
+    )
+    assert refused(ModelError, write_ifc(Ifc(boxes=[], crs=CRS, conversion=CONVERSION))) == (
+        "the building model has 0 elements with a body and none gave a surface; "
+        "export it with body geometry (design transfer or reference view)"
+    )
+
+
+VERTICAL = "give the registry's crs.vertical: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
+GIVE_CRS = "give the registry's crs.map an EPSG code such as EPSG:25832"
+MIXED = "is the CRS the right one, are units mixed, or is the shift in the geometry and in IfcMapConversion too?"
+UNKNOWN_DATUM = "EPSG:99999"
+
+
+@pytest.mark.parametrize(
+    ("ifc", "settings", "message"),
+    [
+        (
+            Ifc(),
+            BY_IFC,
+            "the IFC names no projected CRS (it has no IfcSite latitude and longitude either); "
+            "write IfcProjectedCRS into it, or give the registry's crs.map, such as EPSG:25832",
+        ),
+        (
+            Ifc(crs=CRS),
+            BY_IFC,
+            "the IFC is not georeferenced: it has no IfcMapConversion (it has no IfcSite latitude and longitude "
+            "either); georeference it in the authoring tool, or give the registry's crs.placement "
+            "(east, north, height, rotation)",
+        ),
+        (
+            Ifc(crs=UTM, conversion=CONVERSION),
+            BY_IFC,
+            "neither the IFC nor the registry says what the model's heights refer to (CRS EPSG:25832); "
+            "give the registry's crs.vertical: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)",
+        ),
+        (
+            Ifc(crs=UTM | {"VerticalDatum": "castle zero"}, conversion=CONVERSION),
+            BY_IFC,
+            f"the vertical datum 'castle zero' is not one that PROJ knows by that name; {VERTICAL}",
+        ),
+        (
+            Ifc(crs=UTM | {"VerticalDatum": UNKNOWN_DATUM}, conversion=CONVERSION),
+            BY_IFC,
+            f"the vertical datum 'EPSG:99999' is not one that PROJ knows by that name; {VERTICAL}",
+        ),
+        (
+            PLACED,
+            ModelSettings(vertical_datum=UNKNOWN_DATUM),
+            f"the vertical datum 'EPSG:99999' is not one that PROJ knows by that name; {VERTICAL}",
+        ),
+        (
+            PLACED,
+            ModelSettings(vertical_datum="EPSG:25832"),
+            "EPSG:25832 (ETRS89 / UTM zone 32N) is not a vertical CRS; give one such as EPSG:5783 (DHHN92 height)",
+        ),
+        (
+            PLACED,
+            ModelSettings(vertical_datum="EPSG:7837"),
+            "no exact transformation from EPSG:25832+7837 to EPSG:4979: the grid de_bkg_gcg2016.tif is not on this "
+            "machine; install the grid in PROJ's data folder, or give heights as ellipsoidal",
+        ),
+        (
+            Ifc(crs=CRS | {"Name": "Ettlingen local"}, conversion=CONVERSION),
+            BY_IFC,
+            f"CRS 'Ettlingen local' is not known to PROJ; {GIVE_CRS}",
+        ),
+        (PLACED, ModelSettings(map_crs="EPSG:99999"), f"CRS 'EPSG:99999' is not known to PROJ; {GIVE_CRS}"),
+        (
+            PLACED,
+            ModelSettings(map_crs="EPSG:4326"),
+            "CRS 'EPSG:4326' (WGS 84) is not a projected CRS in metres or feet, which a map conversion needs; "
+            f"{GIVE_CRS}",
+        ),
+        (
+            Ifc(crs=CRS | {"Name": "EPSG:2056"}, conversion=CONVERSION),
+            BY_IFC,
+            "the model's middle comes to lie at east, north, height [456641.2, 5421033.6, 179.8] m, outside the area "
+            f"where EPSG:2056 is in use (Liechtenstein; Switzerland.); {MIXED}",
+        ),
+        (
+            Ifc(crs=CRS, conversion=CONVERSION | {"Eastings": 5421033.5, "Northings": 456639.25}),
+            BY_IFC,
+            "the model's middle comes to lie at east, north, height [5421035.5, 456639.4, 179.8] m, outside the area "
+            f"where EPSG:25832 is in use (Europe between 6°E and 12°E); {MIXED}",
+        ),
+        (
+            Ifc(crs=CRS, conversion=CONVERSION, boxes=[Box(corner_m=(456639.0, 5421033.0, 178.0))]),
+            BY_IFC,
+            "the model's middle comes to lie at east, north, height [913280.2, 10842066.6, 357.8] m, outside the area "
+            f"where EPSG:25832 is in use (Europe between 6°E and 12°E); {MIXED}",
+        ),
+    ],
+    ids=[
+        "no georeference", "no map conversion", "no vertical datum", "unknown vertical datum",
+        "unknown vertical code in the IFC", "unknown vertical code in the registry", "horizontal as vertical",
+        "grid not here", "unknown CRS in the IFC", "unknown CRS in the registry", "geographic CRS",
+        "CRS of another country", "east and north swapped", "shift in geometry and conversion",
+    ],
+)  # fmt: skip
+def test_a_model_that_cannot_be_placed(write_ifc: WriteIfc, ifc: Ifc, settings: ModelSettings, message: str) -> None:
+    assert refused(GeoreferenceError, write_ifc(ifc), settings) == message
+
+
+def test_the_remedies_for_crs_and_datum_help(write_ifc: WriteIfc) -> None:
+    path = write_ifc(Ifc(crs={"Name": "Ettlingen local"}, conversion=CONVERSION))
+    building = load_building(path, settings=ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal"))
+    assert (building.map_crs, building.vertical_datum) == ("EPSG:25832", "ellipsoidal")
+
+
+@pytest.mark.xfail(strict=True, reason="the registry has no crs.placement yet, though the message names it")
+def test_the_remedy_for_a_model_without_map_conversion_is_a_key_of_the_registry() -> None:
+    Building.model_validate(
+        {
+            "id": "hall", "name": "Hall", "model": "hall.ifc", "photographs": "photos/{campaign}",
+            "detector": {"kind": "coco", "file": "boxes.json"},
+            "crs": {"placement": {"east_m": 456639.25, "north_m": 5421033.5, "height_m": 178.25, "rotation_deg": 30.0}},
+        }
+    )  # fmt: skip
