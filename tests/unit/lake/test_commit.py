@@ -1,6 +1,5 @@
-"""A campaign is in the lake whole or not at all."""
+"""A campaign is in the lake whole or not at all; full disks are in tests/counterexamples/test_lake.py."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -127,50 +126,6 @@ def test_kill_inside_the_catalogs_own_write_is_undone_on_reading(tmp_path: Path)
     subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=False)
     assert (tmp_path / "catalog.sqlite-journal").exists()
     assert len(read_table(tmp_path, "defects")) == 3
-
-
-@pytest.mark.parametrize(("defects", "limit_bytes"), [(3000, 120_000), (4, 4096)])
-def test_disk_full_at_commit_leaves_nothing_half_written(tmp_path: Path, defects: int, limit_bytes: int) -> None:
-    """A real write error of the system: a limit on file size stops a large data file, or the small catalog."""
-    first = commit(tmp_path)
-    code = f"""
-        from facadelake.errors import StoreError
-        try:
-            commit(Path({str(tmp_path)!r}), run_id="run-2", inputs="j" * 64, defects={defects}, sightings=1)
-        except StoreError as error:
-            print("StoreError", error)
-    """
-    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit_bytes}, {limit_bytes}))"
-    done = subprocess.run(in_process(code, head=limit), capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("StoreError "), done.stdout + done.stderr
-    assert "free space" in done.stdout
-    assert versions(tmp_path)["version"].to_pylist() == [first.version]
-    assert len(read_table(tmp_path, "defects")) == 3
-    assert commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=4).changed
-
-
-def test_full_file_system_leaves_nothing_half_written(tmp_path: Path) -> None:
-    """ENOSPC proper, on a file system of 4 MB."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)], capture_output=True, check=False
-    )
-    if mounted.returncode:
-        pytest.skip("mounting a small file system needs root; the file size limit covers the same path")
-    try:
-        lake = disk / "lake"
-        first = commit(lake)
-        with (disk / "ballast").open("wb") as ballast:
-            ballast.write(b"0" * (os.statvfs(disk).f_bavail * os.statvfs(disk).f_frsize - 150_000))
-        with pytest.raises(StoreError, match=r"(?i)nothing of this run was written"):
-            commit(lake, run_id="run-2", inputs="j" * 64, defects=3000, sightings=1)
-        assert versions(lake)["version"].to_pylist() == [first.version]
-        assert len(read_table(lake, "defects")) == 3
-        (disk / "ballast").unlink()
-        assert commit(lake, run_id="run-2", inputs="j" * 64, defects=4).changed
-    finally:
-        subprocess.run(["umount", str(disk)], check=True)
 
 
 def test_two_committers_and_a_reader_at_once(tmp_path: Path) -> None:

@@ -65,17 +65,6 @@ def test_catalog_that_is_no_catalog(tmp_path: Path) -> None:
         read_table(tmp_path, "defects")
 
 
-def test_lake_of_a_newer_facadelake_is_left_alone(tmp_path: Path) -> None:
-    commit(tmp_path)
-    with locked(tmp_path), writing(tmp_path) as connection:
-        connection.execute("INSERT INTO migrations VALUES (?, 'from_the_future', now())", [SCHEMA_VERSION + 1])
-    message = rf"schema version {SCHEMA_VERSION + 1}, this Facadelake knows versions up to {SCHEMA_VERSION}; update"
-    with pytest.raises(StoreError, match=message):
-        read_table(tmp_path, "defects")
-    with pytest.raises(StoreError, match=message):
-        commit(tmp_path, run_id="run-2", inputs="j" * 64)
-
-
 def test_failing_migration_leaves_the_version_before(tmp_path: Path) -> None:
     steps = tmp_path / "steps"
     steps.mkdir()

@@ -1,0 +1,111 @@
+"""Lakes that cannot be written or read: the version before stays whole, and the next run works."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from facadelake.errors import StoreError
+from facadelake.lake.connect import locked, writing
+from facadelake.lake.read import read_table, versions
+from schemas.tables import SCHEMA_VERSION
+from tests.counterexamples.command_line import facadelake
+from tests.unit.lake.small_campaign import commit, in_process
+
+NOTHING_WRITTEN = (
+    "nothing of this run was written and the earlier versions are whole; "
+    "check free space and rights of the lake's folder, then run again (the stages' results are cached)"
+)
+
+
+def assert_refused_on_a_full_disk(lake: Path, message: str) -> None:
+    """What failed, which file, the system's own words, and the remedy."""
+    doing, remedy = f"committing tower 2026-04 to the lake {lake} failed: ", f"; {NOTHING_WRITTEN}"
+    assert message.startswith(doing), message
+    assert message.endswith(remedy), message
+    cause = message[len(doing) : -len(remedy)]
+    assert re.search(r"(?i)could not write file|no space left|disk.*full|disk i/o error", cause), cause
+
+
+def assert_as_before(lake: Path, version: int) -> None:
+    assert versions(lake)["version"].to_pylist() == [version]
+    assert read_table(lake, "runs")["run_id"].to_pylist() == ["run-1"]
+    assert len(read_table(lake, "defects")) == 3
+
+
+@pytest.mark.parametrize(("defects", "limit_bytes"), [(3000, 120_000), (4, 4096)])
+def test_disk_full_at_commit_leaves_nothing_half_written(tmp_path: Path, defects: int, limit_bytes: int) -> None:
+    """A real write error of the system: a limit on file size stops a large data file, or the small catalog."""
+    first = commit(tmp_path)
+    code = f"""
+        from facadelake.errors import StoreError
+        try:
+            commit(Path({str(tmp_path)!r}), run_id="run-2", inputs="j" * 64, defects={defects}, sightings=1)
+        except StoreError as error:
+            print(error)
+    """
+    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({limit_bytes}, {limit_bytes}))"
+    done = subprocess.run(in_process(code, head=limit), capture_output=True, text=True, check=True)
+    assert_refused_on_a_full_disk(tmp_path, done.stdout.rstrip("\n"))
+    assert_as_before(tmp_path, first.version)
+    assert commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=4).changed
+    assert len(read_table(tmp_path, "defects")) == 4
+    assert len(read_table(tmp_path, "defects", as_of=first.version)) == 3
+
+
+def test_full_file_system_leaves_nothing_half_written(tmp_path: Path) -> None:
+    """ENOSPC proper, on a file system of 4 MB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)], capture_output=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip("mounting a small file system needs root; the file size limit covers the same path")
+    try:
+        lake = disk / "lake"
+        first = commit(lake)
+        with (disk / "ballast").open("wb") as ballast:
+            ballast.write(b"0" * (os.statvfs(disk).f_bavail * os.statvfs(disk).f_frsize - 150_000))
+        with pytest.raises(StoreError) as raised:
+            commit(lake, run_id="run-2", inputs="j" * 64, defects=3000, sightings=1)
+        assert_refused_on_a_full_disk(lake, str(raised.value))
+        assert_as_before(lake, first.version)
+        (disk / "ballast").unlink()
+        assert commit(lake, run_id="run-2", inputs="j" * 64, defects=4).changed
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_lake_of_a_newer_facadelake_is_left_alone(tmp_path: Path) -> None:
+    commit(tmp_path)
+    with locked(tmp_path), writing(tmp_path) as connection:
+        connection.execute("INSERT INTO migrations VALUES (?, 'from_the_future', now())", [SCHEMA_VERSION + 1])
+    before = sorted(path for path in tmp_path.rglob("*") if path.suffix == ".parquet")
+    message = (
+        f"the lake has schema version {SCHEMA_VERSION + 1}, this Facadelake knows versions up to {SCHEMA_VERSION}; "
+        "update Facadelake, or name another lake"
+    )
+    with pytest.raises(StoreError) as raised:
+        commit(tmp_path, run_id="run-2", inputs="j" * 64)
+    assert str(raised.value) == message
+    with pytest.raises(StoreError) as raised:
+        read_table(tmp_path, "defects")
+    assert str(raised.value) == message
+    done = facadelake("defects", "tower", "--lake", tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", f"StoreError: {message}\n")
+    assert sorted(path for path in tmp_path.rglob("*") if path.suffix == ".parquet") == before
+
+
+def test_no_lake_yet(tmp_path: Path) -> None:
+    done = facadelake("defects", "tower", "--lake", tmp_path)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        f"StoreError: there is no lake in {tmp_path} (no catalog.sqlite); "
+        "inspect a campaign first, or name another lake\n"
+    )
+    assert list(tmp_path.iterdir()) == []
