@@ -10,7 +10,7 @@ import numpy as np
 
 from facadelake.camera import Camera, PosedCamera
 from facadelake.demo.recipe import Building, Campaign, Optics
-from facadelake.demo.scene import World
+from facadelake.demo.world import World
 from facadelake.frames import Array, Similarity
 
 SECONDS_APART = 4

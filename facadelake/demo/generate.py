@@ -30,7 +30,7 @@ from facadelake.demo.mesh import ifc_solids
 from facadelake.demo.placement import Placement, place_model
 from facadelake.demo.recipe import Campaign, DemoRecipe
 from facadelake.demo.render import PhotoJob, RenderJob
-from facadelake.demo.scene import Scene, World, build_scene, make_world
+from facadelake.demo.scene import Scene, build_scene
 from facadelake.demo.truth import (
     Home,
     home_of,
@@ -41,6 +41,7 @@ from facadelake.demo.truth import (
     write_detections,
 )
 from facadelake.demo.visibility import sightings, spot_of
+from facadelake.demo.world import World, make_world
 from facadelake.errors import FacadelakeError
 from facadelake.progress import stage_progress
 

@@ -16,8 +16,8 @@ from facadelake.demo.light import RayScene
 from facadelake.demo.mesh import Solid
 from facadelake.demo.placement import Placement
 from facadelake.demo.recipe import ControlPoint, Defect, DefectState
-from facadelake.demo.scene import World
 from facadelake.demo.visibility import Spot, sighting_of, spot_of
+from facadelake.demo.world import World
 from facadelake.errors import ModelError
 from facadelake.frames import Array
 

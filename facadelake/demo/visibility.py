@@ -10,7 +10,7 @@ from facadelake.demo.defects import size_in
 from facadelake.demo.flight import Shot
 from facadelake.demo.light import RayScene
 from facadelake.demo.recipe import Defect, DefectState
-from facadelake.demo.scene import World
+from facadelake.demo.world import World
 from facadelake.frames import Array
 
 MAX_INCIDENCE_DEG = 75.0

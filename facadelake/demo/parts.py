@@ -1,0 +1,128 @@
+"""Triangles sorted by the surface that draws them, with texture coordinates; and the far backdrop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.demo.charts import Chart, building_charts
+from facadelake.demo.light import shade
+from facadelake.demo.mesh import Solid, ground_solid
+from facadelake.demo.recipe import Box, Light
+from facadelake.demo.world import World
+from facadelake.frames import Array
+
+# The texture of everything that no chart draws.
+DETAIL = "detail"
+FAR_M = 170.0
+# A triangle belongs to a facade's drawing if it lies this near to its surface: panes behind, bands and sills in front.
+BEHIND_M, BEFORE_M = -0.30, 0.09
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RenderPart:
+    """Triangles (n, 3, 3) in site metres, texture coordinates (n, 3, 2), colours (n, 3) of 0 to 1."""
+
+    texture: str
+    triangles: Array
+    uv: Array
+    colours: Array
+
+
+def split_by_chart(
+    world: World, solids: Sequence[Solid], boxes: dict[str, Box]
+) -> tuple[list[RenderPart], list[tuple[Solid, Array]]]:
+    """Triangles that lie on a chart, as parts of that chart; and the rest, solid by solid."""
+    facades = [c.name for c in building_charts(world.recipe.building, 1.0)]
+    collected: dict[str, list[Array]] = {}
+    loose: list[tuple[Solid, Array]] = []
+    for solid in solids:
+        if solid.guid:
+            names = ([] if solid.kind in ("IfcRailing",) else facades) + ["roof"]
+        else:
+            names = (
+                ["ground"]
+                if solid.name == "ground"
+                else [f"{solid.name} {s}" for s in ("south", "east", "north", "west") if solid.name in boxes]
+            )
+        rest = solid.triangles
+        for name in names:
+            mine = on_chart(world.charts[name], rest)
+            if mine.any():
+                collected.setdefault(name, []).append(rest[mine])
+                rest = rest[~mine]
+        loose.append((solid, rest))
+    parts = []
+    for name, groups in collected.items():
+        triangles = np.concatenate(groups)
+        chart = world.charts[name]
+        uv = chart.locate(triangles.reshape(-1, 3))[0] / chart.size_m
+        parts.append(
+            RenderPart(
+                texture=name,
+                triangles=world.to_site(triangles),
+                uv=np.clip(uv, 0.0, 1.0).reshape(-1, 3, 2),
+                colours=np.ones((len(triangles), 3)),
+            )
+        )
+    return parts, loose
+
+
+def face_normals(triangles: Array) -> Array:
+    n = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-15))
+
+
+def on_chart(chart: Chart, triangles: Array) -> NDArray[np.bool_]:
+    """Which triangles (n,) are drawn by a chart: near its surface, facing as it faces, inside its bounds."""
+    if len(triangles) == 0:
+        return np.zeros(0, dtype=bool)
+    uv, distance = chart.locate(triangles.reshape(-1, 3))
+    uv, distance = uv.reshape(-1, 3, 2), distance.reshape(-1, 3)
+    centre = uv.mean(axis=1)
+    facing = np.einsum("ij,ij->i", face_normals(triangles), chart.normals(centre[:, 0])) > 0.95
+    slack = 0.12
+    inside = ((uv > -slack) & (uv < np.array(chart.size_m) + slack)).all(axis=(1, 2))
+    near = (distance > BEHIND_M) & (distance < (4.0 if chart.name == "roof" else BEFORE_M))
+    return np.asarray(facing & inside & near.all(axis=1))
+
+
+def dome_part() -> RenderPart:
+    """The sky, far away, with its texture's rows from the zenith to a little below the horizon."""
+    columns, rows = 96, 40
+    azimuth = np.linspace(0, 2 * np.pi, columns + 1)
+    sine = np.linspace(-0.15, 1.0, rows + 1)
+    a, s = np.meshgrid(azimuth, sine)
+    radius = np.sqrt(np.clip(1 - s**2, 0, 1))
+    points = FAR_M * np.stack([radius * np.sin(a), radius * np.cos(a), s], axis=-1)
+    uv = np.stack([a / (2 * np.pi), (s + 0.15) / 1.15], axis=-1)
+    quads = [
+        (slice(None, -1), slice(None, -1)),
+        (slice(None, -1), slice(1, None)),
+        (slice(1, None), slice(1, None)),
+        (slice(1, None), slice(None, -1)),
+    ]
+
+    def cut(grid: Array) -> Array:
+        p = [grid[q].reshape(-1, grid.shape[-1]) for q in quads]
+        return np.concatenate([np.stack([p[0], p[1], p[2]], axis=1), np.stack([p[0], p[2], p[3]], axis=1)])
+
+    triangles = cut(points)
+    return RenderPart(texture="sky", triangles=triangles, uv=cut(uv), colours=np.ones((len(triangles), 3)))
+
+
+def far_ground_part(light: Light) -> RenderPart:
+    """Plain green out to the dome, a little lower than the near ground."""
+    half = 0.99 * FAR_M
+    triangles = ground_solid(half, (0.0, 0.0), -0.15).triangles
+    sun = np.array([np.sin(np.radians(light.sun_elevation_deg))])
+    colour = np.array([92, 108, 66]) / 225 * shade(sun, np.ones(1), light)[0]
+    return RenderPart(
+        texture=DETAIL,
+        triangles=triangles,
+        uv=triangles[:, :, :2] / 40.0,
+        colours=np.repeat(np.clip(colour, 0, 1)[None], len(triangles), axis=0),
+    )

@@ -1,0 +1,52 @@
+"""What does not change from campaign to campaign: the model's solids, the drawn surfaces, the frames."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from facadelake.demo.charts import Chart, box_charts, building_charts, flat_chart
+from facadelake.demo.mesh import Solid
+from facadelake.demo.recipe import DemoRecipe
+from facadelake.frames import Array
+
+GROUND_HALF_M = 42.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class World:
+    """What does not change from campaign to campaign: the model's solids, the charts, the frames."""
+
+    recipe: DemoRecipe
+    site_from_ifc: Array
+    ifc: list[Solid]
+    charts: dict[str, Chart] = field(repr=False)
+
+    def to_site(self, xyz_ifc: Array) -> Array:
+        """Model points (..., 3) in site metres."""
+        return np.asarray(xyz_ifc @ self.site_from_ifc[:3, :3].T + self.site_from_ifc[:3, 3])
+
+    def turn(self, directions_ifc: Array) -> Array:
+        """Model directions (n, 3) as unit vectors in site."""
+        out = directions_ifc @ self.site_from_ifc[:3, :3].T
+        return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
+
+
+def make_world(recipe: DemoRecipe, site_from_ifc: Array, ifc: list[Solid]) -> World:
+    """The world of a recipe around the solids of its written model."""
+    b = recipe.building
+    charts = building_charts(b, recipe.texel_m)
+    for box in (*recipe.neighbours, *(o for c in recipe.campaigns for o in c.obstacles)):
+        charts += box_charts(box, 3 * recipe.texel_m)
+    mid = (b.length_m / 2, b.depth_m / 2)
+    low = (mid[0] - GROUND_HALF_M, mid[1] - GROUND_HALF_M, -0.02)
+    charts.append(flat_chart("ground", low, (2 * GROUND_HALF_M, 2 * GROUND_HALF_M), 6 * recipe.texel_m))
+    charts.append(flat_chart("roof", (-0.5, -0.5, b.shoulder_m), (b.length_m + 1, b.depth_m + 1), 3 * recipe.texel_m))
+    return World(recipe=recipe, site_from_ifc=site_from_ifc, ifc=ifc, charts={c.name: c for c in charts})
+
+
+def seeded(recipe: DemoRecipe, name: str) -> np.random.Generator:
+    """Random numbers of one thing of the recipe, whatever else is drawn."""
+    return np.random.default_rng([recipe.seed, zlib.crc32(name.encode())])
