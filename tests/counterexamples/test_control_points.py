@@ -156,7 +156,7 @@ FAR = (
         (
             replace(CONTROL, crs="EPSG:25833"),
             SCENE.photos(),
-            FAR.format(km="439", control="gcp", lon="14.400", lat="48.900"),
+            FAR.format(km="440", control="gcp", lon="14.400", lat="48.900"),
         ),
     ],
     ids=["latitude and longitude swapped", "control points of the wrong UTM zone"],
