@@ -16,7 +16,9 @@ from facadelake.lake.read import read_table
 from facadelake.posed import posed_cameras
 from facadelake.register.merge import merge
 from facadelake.register.observe import observe
+from facadelake.register.settings import MergeSettings
 from facadelake.registry import Building, CocoDetector
+from schemas.vocabulary import ControlKind
 from tasks.load_model import model_settings
 from tasks.register import register_settings
 
@@ -29,7 +31,7 @@ def evaluate_campaign(
     With ``detections`` another file is registered and merged on the committed poses, in memory.
     Raises StoreError where the lake does not hold the campaign, InputDataError where the truth is not usable.
     """
-    names = ("buildings", "photos", "poses", "detections", "observations", "defects")
+    names = ("buildings", "photos", "poses", "georeference", "detections", "observations", "defects")
     if not exists(lake):
         raise StoreError(f"there is no lake at {lake}; run 'facadelake inspect {building.id} {campaign_id}' first")
     tables = {name: read_table(lake, name, building_id=building.id, campaign_id=campaign_id) for name in names}
@@ -52,9 +54,10 @@ def evaluate_campaign(
         file = building.detections_of(campaign_id, detections)
         model = load_building(building.model_path(), settings=model_settings(building))
         found = import_coco(file, tables["photos"], class_names=building.detector.classes)
+        settings = MergeSettings.under(ControlKind(tables["georeference"].column("control")[0].as_py()))
         posed = posed_cameras(tables["poses"])
         seen = observe(found, posed, model, Surface(model), settings=register_settings(building))
-        merged = merge(seen, found, model, posed, prefix=f"{building.id}-{campaign_id}")
+        merged = merge(seen, found, model, posed, prefix=f"{building.id}-{campaign_id}", settings=settings)
         tables |= {"detections": found, "observations": merged.observations, "defects": merged.defects}
     return evaluate(
         photos=tables["photos"],

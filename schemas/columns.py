@@ -107,7 +107,9 @@ _ALL = [
     _text("model_sha256", "hash of the model file"),
     _text("map_crs", "projected CRS of the model, which east_map_m and north_map_m are in"),
     _text("vertical_datum", "what the model's heights refer to, as stated by the model or the registry"),
-    _text("georeference_level", "how the model is georeferenced (LoGeoRef 10 to 50)"),
+    _text(
+        "georeference_level", "how the model is georeferenced: its LoGeoRef level (50: map conversion), or 'registry'"
+    ),
     _real("origin_lon_deg", "deg", "longitude of the site frame's origin (EPSG:4979)", -180, 180),
     _real("origin_lat_deg", "deg", "latitude of the site frame's origin (EPSG:4979)", -90, 90),
     _real(
@@ -186,7 +188,9 @@ _ALL = [
     _text("storey", "storey, by containment, else by elevation"),
     _text("material", "materials, outermost first, separated by '; '"),
     _flag("is_external", "whether the model calls the element external"),
-    _text("facade", "compass name of the outward direction (N, NE, ...), or 'level' where it has none"),
+    _text(
+        "facade", "compass name of the outward direction (N, NE, ...), 'level' where it has none, 'inside' under no sky"
+    ),
     _real("surface_area_m2", "m2", "area of the element's triangles", 0),
     _count("triangles", "triangles of the element's surface"),
     # detections

@@ -7,6 +7,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.cache import file_hash
+from facadelake.geobim.georeference import MapPlacement
 from facadelake.geobim.load import load_building
 from facadelake.geobim.model import ModelSettings
 from facadelake.geodesy import SiteOrigin
@@ -35,7 +36,17 @@ def load_model(job: InspectionJob) -> StageResult:
 def model_settings(building: Building) -> ModelSettings:
     """The registry's word on the model, as geobim takes it."""
     crs = building.crs
+    place = crs.placement
     return ModelSettings(
+        placement=MapPlacement(
+            east_m=place.east_m,
+            north_m=place.north_m,
+            height_m=place.height_m,
+            rotation_deg=place.rotation_deg,
+            scale=(place.scale, place.scale, 1.0),
+        )
+        if place
+        else None,
         map_crs=crs.map,
         vertical_datum=crs.vertical,
         origin=SiteOrigin(**crs.origin.model_dump()) if crs.origin else None,

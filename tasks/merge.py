@@ -11,7 +11,9 @@ from facadelake.geobim.model import read_building
 from facadelake.lake.severity import grade, rule_file
 from facadelake.posed import posed_cameras
 from facadelake.register.merge import merge
+from facadelake.register.settings import MergeSettings
 from facadelake.tables import read_table, write_table
+from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -28,12 +30,14 @@ def merge_duplicates(
     rules = rule_file(job.building.severity_rules)
 
     def make(folder: Path) -> Counts:
+        passport = read_table("georeference", placed.folder).to_pylist()[0]
         merged = merge(
             read_table("observations", observations.folder),
             read_table("detections", detections.folder),
             read_building(model.folder),
             posed_cameras(read_table("poses", placed.folder)),
             prefix=f"{job.building.id}-{job.campaign_id}",
+            settings=MergeSettings.under(ControlKind(passport["control"])),
         )
         write_table("observations", merged.observations, folder)
         write_table("defects", grade(merged.defects, rules), folder)

@@ -29,10 +29,14 @@ class Placement:
     scale: float
 
     def map_from_ifc(self, xyz_ifc: Array) -> Array:
-        """Points (n, 3) of the model in the projected CRS, ellipsoidal heights, metres."""
+        """Points (n, 3) of the model in the projected CRS, ellipsoidal heights, metres.
+
+        The scale is the grid's, of east and north; a height is no longer on the map than in nature.
+        """
         c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        out = self.scale * np.asarray(xyz_ifc, dtype=np.float64) @ turn.T + [self.east_m, self.north_m, self.height_m]
+        stretched = np.asarray(xyz_ifc, dtype=np.float64) * [self.scale, self.scale, 1.0]
+        out = stretched @ turn.T + [self.east_m, self.north_m, self.height_m]
         return np.asarray(out, dtype=np.float64)
 
     def site_from_ifc(self, xyz_ifc: Array) -> Array:

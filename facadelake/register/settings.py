@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from math import hypot
 
 from facadelake.errors import InputDataError
+from schemas.vocabulary import ControlKind
+
+GPS_OFFSET_M = 2.0  # one sigma of what all positions of an uncorrected receiver share, after tens of minutes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +59,11 @@ class MergeSettings:
     ceiling_m: float = 0.5
     offset_m: float = 0.0
     agreement: float = 0.5
+
+    @classmethod
+    def under(cls, control: ControlKind) -> MergeSettings:
+        """The settings for a campaign placed by ``control``: GPS alone leaves it metres off the model."""
+        return cls(offset_m=GPS_OFFSET_M if control is ControlKind.GPS else 0.0)
 
     def __post_init__(self) -> None:
         values = (self.size_share, self.centre_share, self.floor_m, self.relief_m, self.gate_sigma, self.ceiling_m)

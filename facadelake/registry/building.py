@@ -64,6 +64,19 @@ class SiteOriginSetting(_Strict):
     height_ellipsoidal_m: Annotated[float, Field(ge=-1000, le=10000)]
 
 
+class PlacementSetting(_Strict):
+    """Where the model's zero lies in the projected CRS: metres, and degrees anticlockwise from map east to model x.
+
+    ``scale`` is of east and north, such as the grid's 0.9996.
+    """
+
+    east_m: float
+    north_m: float
+    height_m: float
+    rotation_deg: float = 0.0
+    scale: Annotated[float, Field(gt=0)] = 1.0
+
+
 class BuildingCrs(_Strict):
     """Overrides for a model that does not say where it stands.
 
@@ -72,6 +85,7 @@ class BuildingCrs(_Strict):
 
     map: str | None = None
     vertical: str | None = None
+    placement: PlacementSetting | None = None
     origin: SiteOriginSetting | None = None
 
 
@@ -100,7 +114,10 @@ class CocoDetector(_Strict):
 
 
 class OnnxDetectorSetting(_Strict):
-    """Detections are made by an ONNX model, whose card (``crack.card.yaml`` beside ``crack.onnx`` unless given) declares its layout."""
+    """Detections are made by an ONNX model.
+
+    Its card, ``crack.card.yaml`` beside ``crack.onnx`` unless ``card`` says another, declares its layout.
+    """
 
     kind: Literal["onnx"]
     model: str

@@ -1,0 +1,118 @@
+"""The whole flow on a small building: what a user runs, runs again, changes and asks."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import geopandas as gpd
+import pytest
+
+from facadelake.lake.read import read_table, versions
+from tests.flows.conftest import CAMPAIGN, SmallPortfolio
+
+pytestmark = pytest.mark.slow
+
+CLI = [sys.executable, "-c", "from flows.cli import main; main()"]
+NOISE = ("Traceback", "Warning", "WARNING", "ERROR", "database is locked")
+
+
+def run(*words: str, expect: int = 0) -> subprocess.CompletedProcess[str]:
+    """The command line in a process of its own, as a user starts it."""
+    done = subprocess.run([*CLI, *words], capture_output=True, text=True, env=dict(os.environ), timeout=900)
+    assert done.returncode == expect, f"{done.stdout}\n{done.stderr}"
+    return done
+
+
+def inspect(small: SmallPortfolio, *more: str) -> str:
+    """Inspect the small building; a good run's output has no library's chatter in it."""
+    done = run("inspect", "small", CAMPAIGN, "--portfolio", str(small.registry), "--lake", str(small.lake), *more)
+    assert not [word for word in NOISE if word in done.stdout + done.stderr], done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def first_run(small: SmallPortfolio) -> str:
+    """The output of the first inspection, with two unusable files among the photographs."""
+    photographs = sorted(small.images.rglob("*.JPG"))
+    (small.images / "multiview" / "broken.JPG").write_bytes(photographs[0].read_bytes()[:40_000])
+    shutil.copy(photographs[1], small.images / "multiview" / "twice.JPG")
+    return inspect(small)
+
+
+def rows(small: SmallPortfolio, name: str, as_of: int | None = None) -> list[dict[str, Any]]:
+    """A table of the lake."""
+    return read_table(small.lake, name, as_of=as_of).to_pylist()
+
+
+def test_a_campaign_becomes_tables(small: SmallPortfolio, first_run: str) -> None:
+    photos = {row["photo_id"]: row for row in rows(small, "photos")}
+    assert photos["multiview/broken.JPG"]["photo_outcome"] == "unreadable"
+    assert photos["multiview/twice.JPG"]["photo_outcome"] == "duplicate"
+    accepted = [row for row in photos.values() if row["photo_outcome"] == "accepted"]
+    localised = [row for row in rows(small, "poses") if row["qw"] is not None]
+    assert len(localised) == len(accepted) == len(photos) - 2
+    observations, defects = rows(small, "observations"), rows(small, "defects")
+    assert {row["defect_id"] for row in observations} - {None} == {row["defect_id"] for row in defects}
+    assert len(defects) >= 25
+    assert all(row["severity"] in ("minor", "moderate", "severe") for row in defects)
+    assert all(row["passed"] for row in rows(small, "checks"))
+    for said in ("2 rejected", "broken.JPG", "alignment", "gcp", "by storey", "Ground floor", "published/small"):
+        assert said in first_run
+
+
+def test_what_is_published_opens_elsewhere(small: SmallPortfolio, first_run: str) -> None:
+    latest = small.lake / "published" / "small" / CAMPAIGN / "latest"
+    in_lake = rows(small, "defects")
+    parquet, package = gpd.read_parquet(latest / "defects.parquet"), gpd.read_file(latest / "defects.gpkg")
+    assert len(parquet) == len(package) == len(in_lake)
+    assert parquet.crs.to_epsg() == 4979
+    report = (latest / "report.html").read_text()
+    elevations = list(latest.glob("elevation_*.png"))
+    assert elevations and all(elevation.name in report for elevation in elevations)
+    assert "broken.JPG" in report
+
+
+def test_the_figures_against_truth_are_those_of_a_good_run(small: SmallPortfolio, first_run: str) -> None:
+    done = run(
+        "evaluate", "small", CAMPAIGN, "--truth", str(small.truth), "--json",
+        "--portfolio", str(small.registry), "--lake", str(small.lake),
+    )  # fmt: skip
+    figures = json.loads(done.stdout)
+    assert figures["photographs"]["localised"] == figures["photographs"]["total"] - 2
+    assert 0.001 < figures["camera_error_m"]["mean"] < 0.10  # m; 800 px photographs, similarity to control points
+    assert 0.001 < figures["defect_error_m"]["mae"] < 0.05  # m
+    assert figures["merge"]["f1"] > 0.97
+    assert figures["element_correct_share"] > 0.97
+    assert figures["off_truth"] == 0
+
+
+def test_the_same_inputs_make_no_second_copy_and_changed_ones_a_version(small: SmallPortfolio, first_run: str) -> None:
+    before = versions(small.lake).to_pylist()
+    again = inspect(small)
+    assert "unchanged" in again and "from the cache" in again
+    assert versions(small.lake).to_pylist() == before
+    count = len(rows(small, "detections"))
+    inspect(small, "--detections", "noisy")
+    after = versions(small.lake).to_pylist()
+    assert len(after) == len(before) + 1
+    assert len(rows(small, "detections")) != count
+    assert len(rows(small, "detections", as_of=before[-1]["version"])) == count
+
+
+def test_a_refused_input_is_a_message_and_commits_nothing(
+    small: SmallPortfolio, first_run: str, tmp_path: Path
+) -> None:
+    before = versions(small.lake).to_pylist()
+    done = run(
+        "inspect", "small", CAMPAIGN, "--detections", str(tmp_path / "none.json"),
+        "--portfolio", str(small.registry), "--lake", str(small.lake), expect=1,
+    )  # fmt: skip
+    assert "neither a file nor one of building 'small's alternatives (noisy)" in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stdout + done.stderr
+    assert versions(small.lake).to_pylist() == before
