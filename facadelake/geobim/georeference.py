@@ -102,7 +102,7 @@ def georeferences_of(
         raise GeoreferenceError(
             f"the IFC is not georeferenced: it has no IfcMapConversion ({_what_there_is(model)}); "
             "georeference it in the authoring tool, or give the registry's crs.placement "
-            "(east, north, height, rotation)"
+            "(east_m, north_m, height_m, rotation_deg)"
         )
     readings = [
         Georeference(placement=place, map_crs=horizontal, vertical_datum=vertical, level=level, remarks=said)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from facadelake.errors import FacadelakeError, GeoreferenceError, ModelError
+from facadelake.geobim.georeference import MapPlacement
 from facadelake.geobim.load import load_building
 from facadelake.geobim.model import ModelSettings
 from facadelake.registry.building import Building
@@ -109,7 +110,7 @@ UNKNOWN_DATUM = "EPSG:99999"
             BY_IFC,
             "the IFC is not georeferenced: it has no IfcMapConversion (it has no IfcSite latitude and longitude "
             "either); georeference it in the authoring tool, or give the registry's crs.placement "
-            "(east, north, height, rotation)",
+            "(east_m, north_m, height_m, rotation_deg)",
         ),
         (
             Ifc(crs=UTM, conversion=CONVERSION),
@@ -191,12 +192,19 @@ def test_the_remedies_for_crs_and_datum_help(write_ifc: WriteIfc) -> None:
     assert (building.map_crs, building.vertical_datum) == ("EPSG:25832", "ellipsoidal")
 
 
-@pytest.mark.xfail(strict=True, reason="the registry has no crs.placement yet, though the message names it")
-def test_the_remedy_for_a_model_without_map_conversion_is_a_key_of_the_registry() -> None:
-    Building.model_validate(
+def test_the_remedy_for_a_model_without_map_conversion_helps(write_ifc: WriteIfc) -> None:
+    """The keys that the message names are the registry's, and what they say places the model."""
+    building = Building.model_validate(
         {
             "id": "hall", "name": "Hall", "model": "hall.ifc", "photographs": "photos/{campaign}",
             "detector": {"kind": "coco", "file": "boxes.json"},
             "crs": {"placement": {"east_m": 456639.25, "north_m": 5421033.5, "height_m": 178.25, "rotation_deg": 30.0}},
         }
     )  # fmt: skip
+    place = building.crs.placement
+    assert place is not None
+    placement = MapPlacement(
+        east_m=place.east_m, north_m=place.north_m, height_m=place.height_m, rotation_deg=place.rotation_deg
+    )
+    model = load_building(write_ifc(Ifc(crs=CRS)), settings=ModelSettings(placement=placement))
+    assert (model.georeference_level, model.map_crs) == ("registry", "EPSG:25832")

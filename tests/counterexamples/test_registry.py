@@ -1,0 +1,182 @@
+"""Mistakes in the registry: told by the command line with file, key, value and what is allowed, all at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from facadelake.errors import FacadelakeError, InputDataError
+from facadelake.lake.severity import rule_file
+from facadelake.registry import Building, read_portfolio
+from tests.counterexamples.command_line import facadelake
+
+GOOD = """
+buildings:
+  - id: hall
+    name: Town hall
+    model: models/hall.ifc
+    photographs: photos/{campaign}/images
+    detector: {kind: coco, file: "photos/{campaign}/boxes.json", alternatives: {noisy: "photos/{campaign}/noisy.json"}}
+    schedule: {cron: "0 6 1 4,10 *", timezone: Europe/Berlin}
+"""
+TYPOS = """
+buildings:
+  - id: hall
+    name: Town hall
+    model: models/hall.ifc
+    photograps: photos/{campaign}/images
+    detector: {kind: yolo, file: "photos/{campaign}/boxes.json"}
+    schedule: {cron: "61 6 1 4,10 *", timezone: Berlin}
+    crs: {mapp: EPSG:25832}
+    tolerances: {grazing_above_deg: 100}
+  - id: town hall
+    name: ""
+    model: hall.ifc
+    photographs: photos/{campaign}
+    detector: {kind: coco, file: boxes.json, classes: {Rust: rust}}
+  - id: mill
+    name: Mill
+    model: s3://bucket/mill.ifc
+    photographs: photos/{campaign}
+    detector: {kind: coco, file: boxes.json}
+  - id: barn
+    name: Barn
+    model: barn.ifc
+    photographs: photos
+    detector: {kind: coco, file: boxes.json}
+"""
+MISTAKES = (
+    "buildings[0].photographs (id 'hall'): missing; every building needs it",
+    "buildings[0].detector.kind (id 'hall'): 'yolo'; allowed are 'coco', 'onnx'",
+    "buildings[0].schedule.cron (id 'hall'): '61 6 1 4,10 *': not a cron expression (Bad minute); "
+    "use five fields: minute hour day month weekday, such as '0 6 1 4,10 *'",
+    "buildings[0].schedule.timezone (id 'hall'): 'Berlin': not a time zone; "
+    "use a name of the IANA list such as Europe/Berlin or UTC",
+    "buildings[0].tolerances.grazing_above_deg (id 'hall'): 100: Input should be less than or equal to 90",
+    "buildings[0].photograps (id 'hall'): unknown key (did you mean 'photographs'?); allowed are id, name, model, ",
+    "buildings[0].crs.mapp (id 'hall'): unknown key (did you mean 'map'?); allowed are map, vertical, ",
+    "buildings[1].id (id 'town hall'): 'town hall': "
+    "an id is letters, digits, '.', '_' and '-', and begins with a letter or digit",
+    "buildings[1].name (id 'town hall'): '': String should have at least 1 character",
+    "buildings[1].detector.classes.Rust (id 'town hall'): 'rust': Input should be 'crack', 'spalling' or 'moisture'",
+    "buildings[2]: 's3://bucket/mill.ifc' is of the scheme 's3'; a path or a file:// URI is allowed",
+    "buildings[3] (id 'barn'): photographs '{folder}/photos' has no {campaign} in it and 'campaigns' is empty, "
+    "so no campaign can be told from another; put {campaign} in the path, or list the campaigns",
+)
+
+
+def registry(folder: Path, text: str) -> Path:
+    path = folder / "portfolio.yaml"
+    path.write_text(text)
+    return path
+
+
+def hall(folder: Path, text: str = GOOD) -> Building:
+    return read_portfolio(registry(folder, text)).building("hall")
+
+
+def test_every_typo_is_told_at_once_without_a_traceback(tmp_path: Path) -> None:
+    path = registry(tmp_path, TYPOS)
+    done = facadelake("campaigns", "--portfolio", path, "--lake", tmp_path / "lake")
+    assert (done.returncode, done.stdout) == (1, "")
+    head, *lines = done.stderr.splitlines()
+    assert head == "InputDataError: the registry has mistakes:"
+    assert len(lines) == len(MISTAKES), done.stderr
+    for said in MISTAKES:
+        start = f"  {path}: {said.replace('{folder}', str(tmp_path))}"
+        assert any(line.startswith(start) for line in lines), (start, done.stderr)
+    assert not (tmp_path / "lake").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("inspect", "tower", "2026-04"), "there is no building 'tower' in the registry; it has hall"),
+        (
+            ("inspect", "hall", "2026-04"),
+            "the model {folder}/models/hall.ifc of building 'hall' does not exist; correct the path in the registry",
+        ),
+    ],
+    ids=["unknown building", "no model"],
+)
+def test_what_the_command_line_refuses_before_any_work(
+    tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    done = facadelake(*arguments, "--portfolio", registry(tmp_path, GOOD), "--lake", tmp_path / "lake")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f"InputDataError: {message.replace('{folder}', str(tmp_path))}\n"
+    assert not (tmp_path / "lake").exists()
+
+
+def test_no_registry(tmp_path: Path) -> None:
+    path = tmp_path / "nothing.yaml"
+    with pytest.raises(InputDataError) as raised:
+        read_portfolio(path)
+    assert str(raised.value) == (
+        f"there is no registry at {path}; give a YAML file, or a folder of them, with --portfolio"
+    )
+
+
+def refused(building: Building, campaign: str) -> str:
+    with pytest.raises(FacadelakeError) as raised:
+        building.photographs_of(campaign)
+    return str(raised.value)
+
+
+def test_a_missing_folder_of_photographs_names_the_campaigns_there_are(tmp_path: Path) -> None:
+    folder = tmp_path / "photos" / "2026-04" / "images"
+    assert refused(hall(tmp_path), "2026-04") == (
+        f"the photographs' folder {folder} of building 'hall', campaign '2026-04', does not exist "
+        "(campaigns with photographs: none found); correct the path in the registry"
+    )
+    folder.mkdir(parents=True)
+    other = tmp_path / "photos" / "2026-05" / "images"
+    assert refused(hall(tmp_path), "2026-05") == (
+        f"the photographs' folder {other} of building 'hall', campaign '2026-05', does not exist "
+        "(campaigns with photographs: 2026-04); correct the path in the registry"
+    )
+    listed = GOOD.replace("photos/{campaign}/images", 'photos\n    campaigns: ["2026-04", "2026-10"]')
+    assert refused(hall(tmp_path, listed), "2026-05") == (
+        "building 'hall' has no campaign '2026-05'; it has 2026-04, 2026-10 (key 'campaigns')"
+    )
+
+
+def test_a_folder_named_by_an_environment_variable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("HALL_DATA", raising=False)
+    text = GOOD.replace("photos/{campaign}/images", "${HALL_DATA:-nowhere}/{campaign}")
+    assert refused(hall(tmp_path, text), "2026-04") == (
+        f"the photographs' folder {tmp_path / 'nowhere' / '2026-04'} of building 'hall', campaign '2026-04', does not "
+        "exist (campaigns with photographs: none found); "
+        "correct the path in the registry, or set the environment variable HALL_DATA"
+    )
+    with pytest.raises(InputDataError) as raised:
+        hall(tmp_path, GOOD.replace("models/hall.ifc", "${HALL_DATA}/hall.ifc"))
+    assert str(raised.value) == (
+        f"the registry has mistakes:\n  {tmp_path / 'portfolio.yaml'}: buildings[0]: '${{HALL_DATA}}/hall.ifc' needs "
+        "the environment variable HALL_DATA, which is not set; set it to a folder"
+    )
+
+
+def test_detections_that_are_not_there(tmp_path: Path) -> None:
+    building = hall(tmp_path)
+    with pytest.raises(InputDataError) as raised:
+        building.detections_of("2026-04", None)
+    assert str(raised.value) == (
+        f"the detections file {tmp_path / 'photos' / '2026-04' / 'boxes.json'} of building 'hall' does not exist; "
+        "correct the path in the registry"
+    )
+    with pytest.raises(InputDataError) as raised:
+        building.detections_of("2026-04", "nosy")
+    assert str(raised.value) == (
+        "detections 'nosy' are neither a file nor one of building 'hall's alternatives (noisy); "
+        "give a path, or add the name under detector: alternatives"
+    )
+
+
+def test_an_unknown_severity_rule_pack(tmp_path: Path) -> None:
+    building = hall(tmp_path, GOOD + "    severity_rules: extent_v9\n")
+    with pytest.raises(InputDataError) as raised:
+        rule_file(building.severity_rules)
+    folder = Path(__file__).resolve().parents[2] / "data" / "severity"
+    assert str(raised.value) == f"there is no severity rule pack extent_v9 in {folder}; there are extent_v1"
