@@ -11,6 +11,7 @@ import pytest
 
 from facadelake.detect.card import ModelCard
 from facadelake.detect.coco import import_coco
+from facadelake.detect.detector import load_detector
 from facadelake.detect.onnx import OnnxDetector
 from facadelake.errors import InputDataError, ModelError
 from facadelake.tables import table_of_rows
@@ -28,9 +29,9 @@ PHOTOS = table_of_rows(
 GOOD = {"bbox": [100, 200, 30, 40], "category_id": 1}
 
 
-def rows_of(folder: Path, *annotations: dict[str, Any]) -> list[dict[str, Any]]:
+def rows_of(folder: Path, *annotations: dict[str, Any], file_name: str = "IMG_1.JPG") -> list[dict[str, Any]]:
     content = {
-        "images": [{"id": 1, "file_name": "IMG_1.JPG", "width": 4000, "height": 3000}],
+        "images": [{"id": 1, "file_name": file_name, "width": 4000, "height": 3000}],
         "categories": [{"id": 1, "name": "Crack"}, {"id": 2, "name": "Graffiti"}],
         "annotations": [{"id": i, "image_id": 1, **a} for i, a in enumerate(annotations, start=1)],
     }
@@ -79,6 +80,49 @@ def test_a_coco_file_cut_short(tmp_path: Path) -> None:
     path.write_text(path.read_text()[:-20])
     with pytest.raises(InputDataError, match=r"boxes.json is not JSON: .* at line 1, column \d+; export it again"):
         import_coco(path, PHOTOS, class_names={})
+
+
+def test_a_coco_file_that_is_not_there(tmp_path: Path) -> None:
+    path = tmp_path / "boxes.json"
+    with pytest.raises(InputDataError) as raised:
+        import_coco(path, PHOTOS, class_names={})
+    assert str(raised.value) == (
+        f"detections file {path} does not exist; correct the path in the registry, or put the file there"
+    )
+
+
+def test_a_coco_file_of_another_campaign(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        rows_of(tmp_path, GOOD, GOOD, file_name="DJI_0815.JPG")
+    assert str(raised.value) == (
+        f"detections file {tmp_path / 'boxes.json'}: none of its 2 boxes is on an accepted photograph of the "
+        "campaign's 1 (first: 'DJI_0815.JPG' is not among the campaign's photographs); "
+        "give the detections of this campaign, with file_name ending as the photographs' paths do"
+    )
+
+
+def test_boxes_in_shares_of_the_photograph_instead_of_pixels(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        rows_of(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4], "category_id": 1})
+    assert str(raised.value) == (
+        f"detections file {tmp_path / 'boxes.json'}: all 1 boxes lie within 0..1, so they are normalised; "
+        "COCO boxes are [x, y, width, height] in pixels: export them so"
+    )
+
+
+def test_a_model_without_a_card_and_a_card_without_a_model(tmp_path: Path) -> None:
+    model = save_model(tmp_path / "crack.onnx", np.zeros((1, 126, 7)))
+    with pytest.raises(ModelError) as raised:
+        load_detector(model, None)
+    assert str(raised.value) == (
+        f"model card {tmp_path / 'crack.card.yaml'} does not exist; "
+        "every detector needs one beside it (docs/model-card.md shows one)"
+    )
+    with pytest.raises(ModelError) as raised:
+        OnnxDetector(tmp_path / "crak.onnx", ModelCard.model_validate(card("yolox")))
+    assert str(raised.value) == (
+        f"model {tmp_path / 'crak.onnx'} does not exist; correct the detector's path in the registry"
+    )
 
 
 def test_a_model_with_wrong_outputs(tmp_path: Path) -> None:
