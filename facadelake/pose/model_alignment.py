@@ -46,14 +46,17 @@ _MOST_POINTS = 6000
 _LEAST_POINTS = 100
 _FACING_COSINE = 0.25  # rays more grazing than 75 degrees tell little of the plane they meet
 # A direction of shift is called observed where at least this share of the correspondences would notice it.
-OBSERVED_SHARE = 0.02
+OBSERVED_SHARE = 0.05
 _HELD_SIGMA_M = 0.01
+_FREE_BELOW_M = 1.0
+_TURN_AND_SCALE = np.arange(10) // 3 == 1  # parameters 3 to 5
+_TURN_AND_SCALE[6] = True
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObservedShift:
-    """A direction of shift (3,), unit, in site, and the share (0 to 1) of the correspondences that would notice a shift
-    along it which no turn or scale could answer for."""
+    """A direction of shift (3,), unit, in site, and the share (0 to 1) of the correspondences that would notice a
+    shift along it."""
 
     direction: Array
     share: float
@@ -108,8 +111,9 @@ def align_to_model(
     """
     points, cameras = _offered(reconstruction, seed)
     centres = reconstruction.centres_sfm
-    now = start
-    bias = np.zeros(3)
+    limits = _limits(start, reconstruction, priors)
+    pivot = np.median(start.apply(points), axis=0)
+    now, found = start, np.zeros(10)
     for gate_m in _GATES_M:
         planes = _correspondences(now, points, centres[cameras], surface, gate_m)
         if len(planes.xyz_sfm) < _LEAST_POINTS:
@@ -118,15 +122,28 @@ def align_to_model(
                 f"surface ({_LEAST_POINTS} are needed): GPS is too far off (in height too, where its datum is unknown) "
                 "or the model is of another place; give control points, or georeference by gps"
             )
-        now, bias = _adjusted(now, bias, planes, _observed_shifts(now, planes), centres, priors)
+        problem = _Problem(
+            start=start,
+            pivot=pivot,
+            planes=planes,
+            surface_sigma_m=max(SURFACE_SIGMA_M, gate_m / 4.0),
+            shifts=_observed_shifts(planes),
+            centres_sfm=centres[priors.photo],
+            priors=priors,
+        )
+        # GPS knows turn and scale better than correspondences that are still metres off: first the shift alone.
+        held = np.where(_TURN_AND_SCALE, 1e-6, limits) if gate_m > _FREE_BELOW_M else limits
+        found = _adjusted(problem, found, held)
+        now = parameters_applied(start, pivot, found[:7])
+    _check_against_gps(now, centres[priors.photo], priors)
     planes = _correspondences(now, points, centres[cameras], surface, _GATES_M[-1])
-    shifts = _observed_shifts(now, planes)
+    shifts = _observed_shifts(planes)
     return ModelAlignment(
         site_from_sfm=now,
         residual_m=np.abs(_point_to_plane(now, planes)),
         points_offered=len(points),
         shifts=shifts,
-        gps_bias_m=bias,
+        gps_bias_m=found[7:],
         remarks=_remarks(shifts, priors),
     )
 
@@ -170,26 +187,49 @@ def _point_to_plane(site_from_sfm: Similarity, planes: _Planes) -> Array:
     return distance
 
 
-def _adjusted(
-    now: Similarity,
-    bias: Array,
-    planes: _Planes,
-    shifts: tuple[ObservedShift, ...],
-    centres: Array,
-    priors: GpsPriors,
-) -> tuple[Similarity, Array]:
-    """Least squares over the seven parameters and the common GPS bias (3), from ``now``.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Problem:
+    """One least-squares problem: seven parameters about ``pivot`` from ``start``, and the common GPS bias (3).
+
+    The surface's sigma follows the gate: while correspondences are still metres off, GPS must be heard too.
+    """
+
+    start: Similarity
+    pivot: Array
+    planes: _Planes
+    surface_sigma_m: float
+    shifts: tuple[ObservedShift, ...]
+    centres_sfm: Array
+    priors: GpsPriors
+
+
+def _limits(start: Similarity, reconstruction: Reconstruction, priors: GpsPriors) -> Array:
+    """How far (10,) the parameters may leave the start: four sigmas of what GPS alone leaves open.
+
+    Without them a block can shrink onto one wall, where every point-to-plane distance is small.
+    """
+    left = priors.xyz_site_m - start.apply(reconstruction.centres_sfm[priors.photo])
+    noise = 1.4826 * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
+    arms = priors.xyz_site_m - priors.xyz_site_m.mean(axis=0)
+    relative = float(np.linalg.norm(noise) / max(np.sqrt((arms**2).sum()), 1e-9))
+    shift = 4.0 * priors.common_sigma_m
+    return np.concatenate(
+        [shift, np.full(3, max(4.0 * relative, np.radians(2.0))), [max(4.0 * relative, 0.005)], shift]
+    )
+
+
+def _adjusted(problem: _Problem, found: Array, limits: Array) -> Array:
+    """Least squares from ``found`` (10,).
 
     Along a direction that the surface does not observe, its residuals are left out and the bias is held at zero: else
     a handful of sills and false correspondences would move the block by metres, and nothing would speak against them.
     """
-    pivot = np.median(now.apply(planes.xyz_sfm), axis=0)
-    posed = centres[priors.photo]
+    priors, shifts = problem.priors, problem.shifts
     # The bias of a flight has the prior's sigma; what is left between photographs is about a third of it.
     noise = priors.sigma_m / 3.0
     along = np.array([shift.direction for shift in shifts])
     seen = along.T @ np.diag([float(shift.observed) for shift in shifts]) @ along  # projects on what is observed
-    planes = replace(planes, normal=planes.normal @ seen)
+    planes = replace(problem.planes, normal=problem.planes.normal @ seen)
     bias_sigma = np.where(
         [shift.observed for shift in shifts],
         [np.linalg.norm(priors.common_sigma_m * shift.direction) for shift in shifts],
@@ -197,38 +237,37 @@ def _adjusted(
     )
 
     def residuals(step: Array) -> Array:
-        moved = parameters_applied(now, pivot, step[:7])
-        gps = (moved.apply(posed) + step[7:] - priors.xyz_site_m) / noise
-        return np.concatenate(
-            [_point_to_plane(moved, planes) / SURFACE_SIGMA_M, _tamed(gps.ravel()), along @ step[7:] / bias_sigma]
+        moved = parameters_applied(problem.start, problem.pivot, step[:7])
+        surface = _point_to_plane(moved, planes) / problem.surface_sigma_m
+        gps = (moved.apply(problem.centres_sfm) + step[7:] - priors.xyz_site_m) / noise
+        return np.concatenate([surface, gps.ravel(), along @ step[7:] / bias_sigma])
+
+    begin = np.clip(np.concatenate([found[:7], seen @ found[7:]]), -0.999 * limits, 0.999 * limits)
+    fit = least_squares(
+        residuals, begin, bounds=(-limits, limits), x_scale=limits, loss="soft_l1", max_nfev=30, method="trf"
+    )
+    solved: Array = fit.x
+    return solved
+
+
+def _check_against_gps(site_from_sfm: Similarity, centres: Array, priors: GpsPriors) -> None:
+    """The block may be shifted against GPS as a whole, not bent against it: else the surface misled it."""
+    left = priors.xyz_site_m - site_from_sfm.apply(centres)
+    left = np.abs(left - np.median(left, axis=0)) / priors.sigma_m
+    worst = float(np.median(left.max(axis=1)))
+    if worst > 1.0:
+        raise GeoreferenceError(
+            f"aligned to the model, the block disagrees with its GPS positions by {worst:.1f} of their sigmas (median, "
+            "limit 1): the tie points fell onto wrong faces; give control points, or georeference by gps"
         )
 
-    fit = least_squares(
-        residuals, np.concatenate([np.zeros(7), seen @ bias]), x_scale="jac", loss="soft_l1", max_nfev=30
-    )
-    return parameters_applied(now, pivot, fit.x[:7]), fit.x[7:]
 
+def _observed_shifts(planes: _Planes) -> tuple[ObservedShift, ...]:
+    """The three principal directions of shift, weakest first: eigenvectors of the normals' mean outer product.
 
-def _tamed(normalised: Array) -> Array:
-    """Residuals beyond 3 sigma grow by their root: a gross GPS error does not pull."""
-    size = np.abs(normalised)
-    tamed: Array = np.sign(normalised) * np.where(size <= 3.0, size, np.sqrt(3.0 * np.maximum(size, 3.0)))
-    return tamed
-
-
-def _observed_shifts(site_from_sfm: Similarity, planes: _Planes) -> tuple[ObservedShift, ...]:
-    """The three principal directions of shift, weakest first, by the information per correspondence on each."""
-    xyz = site_from_sfm.apply(planes.xyz_sfm)
-    lever = xyz - xyz.mean(axis=0)
-    extent = np.sqrt((lever**2).sum(axis=1).mean())
-    turn = np.cross(lever, planes.normal) / extent
-    scale = np.einsum("ij,ij->i", lever, planes.normal)[:, None] / extent
-    jacobian = np.hstack([planes.normal, turn, scale])
-    information = jacobian.T @ jacobian / len(xyz)
-    cross = information[:3, 3:]
-    # Schur complement: what is left of the shift's information after turns and scale took their part.
-    shift = information[:3, :3] - cross @ np.linalg.pinv(information[3:, 3:], rcond=1e-6, hermitian=True) @ cross.T
-    shares, directions = np.linalg.eigh(shift)
+    Turn and scale are bounded by GPS (``_limits``), so they cannot answer for a shift and are not asked.
+    """
+    shares, directions = np.linalg.eigh(planes.normal.T @ planes.normal / len(planes.normal))
     return tuple(
         ObservedShift(direction=directions[:, k], share=max(0.0, float(shares[k]))) for k in range(len(shares))
     )

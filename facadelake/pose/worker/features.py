@@ -69,6 +69,7 @@ def extract(job: dict[str, Any], database_path: Path, report: Report) -> None:
     options.max_image_size = settings["max_image_px"]
     options.num_threads = job["cores"]
     options.sift.max_num_features = settings["max_features"]
+    options.sift.peak_threshold = 0.01 / 3  # half of COLMAP's: plain render needs its faint features
     options.sift.first_octave = 0  # COLMAP doubles the photograph first: twice the time, no gain on sharp photographs
     names = [photo["photo_id"] for photo in job["photos"]]
     with report.step("Finding features", len(names)):

@@ -28,6 +28,8 @@ def map_photographs(job: dict[str, Any], database_path: Path, report: Report) ->
     options.num_threads = job["cores"]
     options.min_model_size = 3
     options.image_path = job["photographs_root"]
+    # At a building's corners, neighbours share one narrow face: fewer points than COLMAP's 30 must do.
+    options.mapper.abs_pose_min_num_inliers = 20
     total = len(job["photos"])
     with report.step("Placing photographs", total), tempfile.TemporaryDirectory(dir=database_path.parent) as scratch:
         report_two = lambda: report.advance(2)  # noqa: E731 - the pipeline wants a callable without arguments
