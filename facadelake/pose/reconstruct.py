@@ -32,7 +32,9 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
     """
     rows = [row for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
     if len(rows) < 3:
-        raise InputDataError(f"{len(rows)} of {len(photos)} photographs are usable; add some: 3 that overlap are needed")
+        raise InputDataError(
+            f"{len(rows)} of {len(photos)} photographs are usable; add some: 3 that overlap are needed"
+        )
     rows.sort(key=lambda row: (row["taken_at"] is None, row["taken_at"], row["photo_id"]))
     cameras, camera_of = _cameras(rows)
     xyz_m, sigma_m = prior_positions(rows)
