@@ -14,10 +14,9 @@ from facadelake.geodesy import GEO, SiteOrigin, transform
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Placement:
-    """The model's georeference: ``map = (east, north, height) + scale * Rz(rotation) @ xyz_ifc`` (IfcMapConversion).
+    """IfcMapConversion: ``(east, north) = origin + scale * Rz(rotation) @ xy_ifc``, ``height = origin + z_ifc``.
 
-    The scale, that of the projection and of the height together, multiplies z as well, as the standard has it, so a
-    metre of height in the model is 0.9995 m on the globe.
+    The scale is that of the grid and of the height above the ellipsoid together, so the model's metres are true ones.
     """
 
     crs: str

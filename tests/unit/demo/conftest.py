@@ -1,4 +1,4 @@
-"""A small demo, made once: eight photographs a campaign, the second day as the first but with every defect there."""
+"""A small demo, made once: seven photographs a campaign, the second day as the first but with every defect there."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ def recipe() -> DemoRecipe:
 def small_recipe(recipe: DemoRecipe) -> DemoRecipe:
     """Two days that differ in the defects alone: same flight, same light, no noise, no obstacle."""
     first = recipe.campaigns[0]
-    flight = first.flight.model_copy(update={"orbit_count": 6, "close": first.flight.close[1:2]})
+    flight = first.flight.model_copy(update={"orbit_count": 5, "close": first.flight.close[1:2]})
     light = first.light.model_copy(update={"noise": 0.0})
     before, after = (
         first.model_copy(update={"id": name, "flight": flight, "light": light}) for name in ("before", "after")
     )
     defects = [d.model_copy(update={"states": ["absent", "present"]}) for d in recipe.defects]
-    return recipe.scaled(width_px=1000).model_copy(
+    return recipe.scaled(width_px=900).model_copy(
         update={
             "campaigns": [before, after],
             "defects": defects,
-            "texel_m": 0.008,
+            "texel_m": 0.01,
             "trees": [],
             "neighbours": [],
             "off_target_defects": [],

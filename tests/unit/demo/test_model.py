@@ -78,7 +78,8 @@ def test_check_points_lie_on_their_element(small_demo: DemoFiles) -> None:
         )
         d = np.array([east - conversion.Eastings, north - conversion.Northings, height - conversion.OrthogonalHeight])
         c, s = np.cos(turn), np.sin(turn)
-        xyz = np.array([c * d[0] + s * d[1], c * d[1] - s * d[0], d[2]]) / conversion.Scale
+        scale = conversion.Scale
+        xyz = np.array([(c * d[0] + s * d[1]) / scale, (c * d[1] - s * d[0]) / scale, d[2]])
         element = model.by_guid(row["element_guid"])
         shape = ifcopenshell.geom.create_shape(settings, element).geometry
         mesh = trimesh.Trimesh(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import cv2
 import numpy as np
 import pyproj
 import pytest
@@ -112,18 +113,12 @@ def test_boxes_are_centred_on_the_projected_check_points(seen: list[Seen]) -> No
 
 
 def test_drawn_defects_are_where_truth_projects(seen: list[Seen]) -> None:
-    """Cracks and holes have crisp edges, so the middle of the changed pixels is the middle of the defect."""
-    off = np.array([s.changed_px - s.projected_px for s in seen if s.kind == "spalling"])
-    assert len(off) > 15
-    assert np.abs(np.median(off, axis=0)).max() < 0.3  # px: no common shift (a half pixel would show)
-    assert np.percentile(np.linalg.norm(off, axis=1), 90) < 1.5  # px
-
-
-def test_cracks_are_dark_lines_inside_their_boxes(seen: list[Seen]) -> None:
-    off = np.array([s.changed_px - s.projected_px for s in seen if s.kind == "crack"])
-    assert len(off) > 15
-    assert np.abs(np.median(off, axis=0)).max() < 0.6  # px
-    assert np.percentile(np.linalg.norm(off, axis=1), 80) < 2.5  # px
+    """The middle of the pixels that a defect changes; faint tips and brick behind brick leave some a little off."""
+    off = np.array([s.changed_px - s.projected_px for s in seen])
+    assert {s.kind for s in seen} == {"crack", "spalling", "moisture"}
+    assert np.abs(np.median(off, axis=0)).max() < 0.4  # px: no common shift
+    assert np.median(np.linalg.norm(off, axis=1)) < 1.2  # px
+    assert np.percentile(np.linalg.norm(off, axis=1), 80) < 2.2  # px
 
 
 def test_tags_say_the_position_with_the_injected_errors(small_demo: DemoFiles, small_recipe: DemoRecipe) -> None:
@@ -172,12 +167,18 @@ def test_control_points_project_onto_their_marks(small_demo: DemoFiles, small_re
     cameras = {c["image"]: c for c in read(folder / "truth" / "cameras.csv")}
     centres = dict(zip(cameras, enu(list(cameras.values()), small_recipe), strict=True))
     grid = pyproj.Transformer.from_crs(pyproj.CRS(head).to_3d(), "EPSG:4979", always_xy=True)
-    errors = []
+    clicked, drawn = [], []
     for line in lines:
         east, north, height, x, y, name, _ = line.split()
         lon, lat, up = grid.transform(float(east), float(north), float(height))
         row = {"lon_deg": str(lon), "lat_deg": str(lat), "height_ellipsoidal_m": str(up)}
         pixel = project(cameras[name], centres[name], enu([row], small_recipe)[0])
-        errors.append(pixel - [float(x), float(y)])
-    assert len(errors) >= 5
-    assert 0.1 < np.sqrt(np.mean(np.square(errors))) < 1.0  # px
+        clicked.append(np.array([float(x), float(y)]) - pixel)
+        grey = np.asarray(Image.open(folder / "images" / name).convert("L"))
+        start = np.array([[pixel - 0.5]], dtype=np.float32)  # OpenCV counts from a pixel's centre
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 1e-3)
+        drawn.append(cv2.cornerSubPix(grey, start, (3, 3), (-1, -1), criteria)[0, 0] + 0.5 - pixel)
+    assert len(clicked) >= 5
+    assert 0.1 < np.sqrt(np.mean(np.square(clicked))) < 0.8  # px
+    assert np.abs(np.mean(drawn, axis=0)).max() < 0.45  # px
+    assert np.sqrt(np.mean(np.square(drawn))) < 1.0  # px
