@@ -14,7 +14,7 @@ from facadelake.errors import GeoreferenceError
 from facadelake.frames import Array, Similarity
 from facadelake.geodesy import SiteOrigin
 from facadelake.pose.control_points import ControlPoints, control_in_site, has_own_heights, match_photo_names
-from facadelake.pose.gps import GpsPriors, align_to_gps, gps_priors
+from facadelake.pose.gps import GpsPriors, align_to_gps, check_against_gps, gps_priors
 from facadelake.pose.model_alignment import SurfaceLike, align_to_model
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.similarity_fit import robust_similarity
@@ -88,6 +88,9 @@ def georeference(
         remarks.append(why)
     if control is ControlKind.GCP:
         placement = _by_control_points(reconstruction, control_points, origin, vertical_datum)
+        if priors.sigma_m.size and float(np.median(priors.sigma_m)) > 1.0:  # RTK bends less than the block: no judge
+            centres = reconstruction.centres_sfm[priors.photo]
+            check_against_gps(placement.site_from_sfm, centres, priors, by="control points")
     elif control is ControlKind.GPS:
         placement = _by_gps(reconstruction, priors)
     else:
@@ -185,6 +188,11 @@ def _by_control_points(
         )
     xyz_sfm, xyz_site = np.array(source), np.array(target)
     fit = robust_similarity(xyz_sfm, xyz_site, np.full(xyz_site.shape, _CONTROL_SIGMA_M))
+    if 2 * fit.used.sum() <= len(names):
+        raise GeoreferenceError(
+            f"only {int(fit.used.sum())} of {len(names)} control points of {control_points.source} agree with one "
+            "another (more than half must): check their coordinates, CRS and marks, or georeference by gps"
+        )
     remarks = []
     if lost:
         remarks.append(f"control points not usable (fewer than 2 agreeing marks): {', '.join(lost)}")

@@ -202,3 +202,21 @@ def _coupled(information: Array) -> Array:
     cross = information[3:6][:, others]
     taken: Array = cross @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True) @ cross.T
     return taken
+
+
+def check_against_gps(site_from_sfm: Similarity, centres_sfm: Array, priors: GpsPriors, *, by: str) -> None:
+    """A placement ``by`` something else may shift the block against GPS as a whole, not turn or stretch it against GPS.
+
+    ``centres_sfm`` (n, 3) belong to ``priors``. Raises GeoreferenceError where the median photograph is off by more
+    than a sigma after the common shift is taken out; a few photographs with wrong GPS do not matter.
+    """
+    if len(priors.photo) < 3:
+        return
+    left = priors.xyz_site_m - site_from_sfm.apply(centres_sfm)
+    left = np.abs(left - np.median(left, axis=0)) / priors.sigma_m
+    worst = float(np.median(left.max(axis=1)))
+    if worst > 1.0:
+        raise GeoreferenceError(
+            f"placed by {by}, the block is turned or stretched against its GPS positions: the median photograph is "
+            f"{worst:.1f} sigmas off (limit 1); check the control points or the model, or georeference by gps"
+        )

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from facadelake.errors import GeoreferenceError
 from facadelake.frames import Array, Similarity
-from facadelake.pose.gps import GpsPriors
+from facadelake.pose.gps import GpsPriors, check_against_gps
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.similarity_fit import parameters_applied
 
@@ -135,7 +135,7 @@ def align_to_model(
         held = np.where(_TURN_AND_SCALE, 1e-6, limits) if gate_m > _FREE_BELOW_M else limits
         found = _adjusted(problem, found, held)
         now = parameters_applied(start, pivot, found[:7])
-    _check_against_gps(now, centres[priors.photo], priors)
+    check_against_gps(now, centres[priors.photo], priors, by="the model")
     planes = _correspondences(now, points, centres[cameras], surface, _GATES_M[-1])
     shifts = _observed_shifts(planes)
     return ModelAlignment(
@@ -248,18 +248,6 @@ def _adjusted(problem: _Problem, found: Array, limits: Array) -> Array:
     )
     solved: Array = fit.x
     return solved
-
-
-def _check_against_gps(site_from_sfm: Similarity, centres: Array, priors: GpsPriors) -> None:
-    """The block may be shifted against GPS as a whole, not bent against it: else the surface misled it."""
-    left = priors.xyz_site_m - site_from_sfm.apply(centres)
-    left = np.abs(left - np.median(left, axis=0)) / priors.sigma_m
-    worst = float(np.median(left.max(axis=1)))
-    if worst > 1.0:
-        raise GeoreferenceError(
-            f"aligned to the model, the block disagrees with its GPS positions by {worst:.1f} of their sigmas (median, "
-            "limit 1): the tie points fell onto wrong faces; give control points, or georeference by gps"
-        )
 
 
 def _observed_shifts(planes: _Planes) -> tuple[ObservedShift, ...]:

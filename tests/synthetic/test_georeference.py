@@ -259,6 +259,18 @@ def test_a_blunder_among_control_points_is_left_out_and_named() -> None:
     assert 0.001 < np.linalg.norm(scene.error_m(found), axis=1).mean() < 0.06  # m
 
 
+def test_control_points_of_another_block_are_refused() -> None:
+    """Marks and coordinates that belong together by name alone: neither a majority nor GPS supports them."""
+    scene = Scene(ring())
+    good = scene.control()
+    swapped = tuple(
+        ControlPoint(name=p.name, x=q.x, y=q.y, z=q.z, sightings=p.sightings)
+        for p, q in zip(good.points, [good.points[k] for k in (3, 5, 0, 1, 2, 4)], strict=True)
+    )
+    with pytest.raises(GeoreferenceError, match=r"agree with one another|agree on one placement|against its GPS"):
+        scene.placed(ControlKind.GCP, control_points=ControlPoints(source="g", crs=good.crs, points=swapped))
+
+
 def test_too_few_control_points() -> None:
     scene = Scene(ring())
     two = scene.control(count=2)
