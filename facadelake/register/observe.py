@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -105,7 +106,8 @@ def _registered(
     """Rows of detections whose centre lies in a localised photograph."""
     side = settings.rays_per_side
     origins, directions = _rays(batch, posed, side)
-    hits = surface.cast(origins, directions)
+    seen = surface.cast(origins + settings.near_m * directions, directions)
+    hits = replace(seen, distance_m=seen.distance_m + settings.near_m)
     patches = patches_of(hits, len(batch), side, settings.step_m)
     centre = np.arange(len(batch)) * side * side + side * side // 2
     on_target = (hits.element[centre] != MISS) & (patches.target_share >= settings.target_share_min)

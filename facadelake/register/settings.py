@@ -18,19 +18,26 @@ class RegisterSettings:
     ``rays_per_side``: each box is sampled by that many rays squared, its edges included; odd, so that one is the
     centre. ``grazing_above_deg``: beyond this incidence a pixel smears over the wall and the position with it.
     ``target_share_min``: a box of which less meets the building is off target. ``step_m``: neighbouring hits whose
-    surfaces lie further apart belong to different surfaces.
+    surfaces lie further apart belong to different surfaces. ``near_m``: a surface nearer to the camera is not what the
+    photograph shows (nobody flies that close): the camera stands beside or, by its pose's error, inside the model.
     """
 
     rays_per_side: int = 11
     grazing_above_deg: float = 80.0
     target_share_min: float = 0.5
     step_m: float = 0.05
+    near_m: float = 0.5
     detections_per_cast: int = 4096
 
     def __post_init__(self) -> None:
         if self.rays_per_side < 3 or self.rays_per_side % 2 == 0:
             raise InputDataError(f"rays_per_side is {self.rays_per_side}; it must be an odd number of 3 or more")
-        if not (0 < self.grazing_above_deg <= 90 and 0 <= self.target_share_min <= 1 and self.step_m > 0):
+        if not (
+            0 < self.grazing_above_deg <= 90
+            and 0 <= self.target_share_min <= 1
+            and self.step_m > 0
+            and self.near_m >= 0
+        ):
             raise InputDataError(
                 f"registration settings {self} are out of range: grazing_above_deg 0..90, target_share_min 0..1, "
                 "step_m above 0"

@@ -142,3 +142,13 @@ def test_settings_out_of_range_are_refused():
         RegisterSettings(rays_per_side=10)
     with pytest.raises(InputDataError, match="out of range"):
         RegisterSettings(grazing_above_deg=120.0)
+
+
+def test_a_surface_nearer_than_anyone_flies_is_not_what_the_photograph_shows(wall, detections_of):
+    # By its pose's error the camera stands 0.3 m before a wall that is beside it, not before it.
+    near = looking([0.0, -0.3, 2.0], [0.0, 0.0, 2.0])
+    box = box_of(near, [0.0, 0, 2.0], 0.01, 0.01)
+    assert one(detections_of(("a", "p", "crack", box)), {"p": near}, wall)["observation_outcome"] == "off_target"
+    allowed = one(detections_of(("a", "p", "crack", box)), {"p": near}, wall, RegisterSettings(near_m=0.0))
+    assert allowed["observation_outcome"] == "registered"
+    np.testing.assert_allclose(allowed["distance_m"], 0.3, rtol=0, atol=1e-6)  # m
