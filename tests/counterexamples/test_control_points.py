@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -134,11 +135,28 @@ def swapped_gps() -> pa.Table:
     return pa.Table.from_pylist(rows, schema=SCENE.photos().schema)
 
 
-def test_swapped_gps_does_no_harm_beside_control_points() -> None:
-    found = placed(None, CONTROL, swapped_gps())
-    assert found.control == "gcp"
-    assert 0.001 < camera_errors_m(found).max() < 0.1  # m
-    assert abs(found.row["gps_offset_east_m"]) > 1e6  # m: the passport shows how far GPS is off
+@pytest.mark.parametrize(
+    ("points", "photos", "message"),
+    [
+        (
+            CONTROL,
+            swapped_gps(),
+            "placed by control points, the block is turned or stretched against its GPS positions: the median "
+            "photograph is … sigmas off (limit 1); check the control points or the model, or georeference by gps",
+        ),
+        (
+            replace(CONTROL, points=tuple(replace(p, x=p.y, y=p.x) for p in CONTROL.points)),
+            SCENE.photos(),
+            "only 3 of 6 control points of gcp_list.txt agree with one another (more than half must): "
+            "check their coordinates, CRS and marks, or georeference by gps",
+        ),
+    ],
+    ids=["GPS has latitude and longitude swapped", "control points have east and north swapped"],
+)
+def test_control_that_contradicts_itself(points: ControlPoints, photos: pa.Table, message: str) -> None:
+    with pytest.raises(GeoreferenceError) as raised:
+        placed(None, points, photos)
+    assert re.sub(r"\d+\.\d(?= sigmas)", "…", str(raised.value)) == message
 
 
 FAR = (
