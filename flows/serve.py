@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+import warnings
 from pathlib import Path
 
 from rich.console import Console
@@ -82,4 +83,6 @@ def _serve(console: Console, registered: Portfolio, portfolio: Path, lake: Path)
         )
         due = f"{schedule.cron} {schedule.timezone}" if schedule else "by hand only"
         console.print(f"  {building.id}: {due}", highlight=False)
-    serve(*deployments, print_starting_message=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Prefect's runner forgets a coroutine when it is stopped
+        serve(*deployments, print_starting_message=False)
