@@ -84,10 +84,12 @@ def inspect(
     Running it again is safe: finished stages come from the cache, unchanged inputs make no second copy. After Ctrl-C
     run it again; it goes on after the last finished stage.
     """
+    from flows.precheck import check_files, resolved_campaign
     from flows.terminal.inspection import show_inspection
     from flows.terminal.run import inspect_in_terminal
 
-    _portfolio(portfolio).building(building).model_path()  # the registry's mistakes are told before Prefect starts
+    registered = _portfolio(portfolio).building(building)
+    check_files(registered, resolved_campaign(registered, campaign), detections)  # before Prefect takes its time
     result = inspect_in_terminal(
         console,
         building_id=building,

@@ -10,8 +10,9 @@ from uuid import uuid4
 
 from prefect import flow
 
-from facadelake.errors import FacadelakeError, InputDataError
-from facadelake.registry import Building, read_portfolio
+from facadelake.errors import FacadelakeError
+from facadelake.registry import read_portfolio
+from flows.precheck import LATEST, check_files, resolved_campaign
 from schemas.vocabulary import ControlKind
 from tasks.commit import commit
 from tasks.detect import detect
@@ -29,8 +30,6 @@ from tasks.validate import validate_tables
 from tasks.verify_model import verify_model
 
 log = logging.getLogger("facadelake.flows")
-
-LATEST = "latest"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +61,8 @@ def inspect_building(
     """
     building = read_portfolio(Path(portfolio)).building(building_id)
     started_at = datetime.now(UTC)
-    campaign = newest_campaign(building) if campaign_id == LATEST else campaign_id
+    campaign = resolved_campaign(building, campaign_id)
+    warnings = list(check_files(building, campaign, detections))
     job = InspectionJob(
         building=building,
         campaign_id=campaign,
@@ -92,7 +92,6 @@ def inspect_building(
     )
     checks = validate_tables(job, folders)
     committed = commit(job, folders, checks)
-    warnings: list[str] = []
     pictures: StageResult | None = None
     try:
         pictures = draw(job, folders, checks)
@@ -110,13 +109,3 @@ def inspect_building(
         stages=(*folders.stages(), checks, *([pictures] if pictures else [])),
         warnings=tuple(warnings),
     )
-
-
-def newest_campaign(building: Building) -> str:
-    """The last of the building's campaigns that has photographs. Raises InputDataError where there is none."""
-    known = building.known_campaigns()
-    if not known:
-        raise InputDataError(
-            f"building '{building.id}' has no campaign with photographs yet; looked for {building.photographs}"
-        )
-    return known[-1]

@@ -25,6 +25,8 @@ from schemas.vocabulary import ControlKind
 # Survey, marking and the block's own bending together; a control point farther off (3.5 times) is a blunder.
 _CONTROL_SIGMA_M = 0.15
 _LEAST_CONTROL_POINTS = 3
+# No photograph of a building is taken from farther; swapped axes and wrong zones are off by hundreds of kilometres.
+_FARTHEST_M = 10_000.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,6 +98,7 @@ def georeference(
     else:
         placement = _by_model(reconstruction, priors, surface)
     site_from_sfm = placement.site_from_sfm
+    _refuse_far_away(site_from_sfm.apply(reconstruction.centres_sfm), control, origin)
     row: dict[str, Any] = {
         "control": control,
         "map_crs": map_crs,
@@ -129,6 +132,20 @@ def georeference(
         residuals=placement.residuals,
         row=row,
     )
+
+
+def _refuse_far_away(centres_site_m: Array, control: ControlKind, origin: SiteOrigin) -> None:
+    """Raise GeoreferenceError where the cameras came to lie at another place than the building (site's origin)."""
+    middle_m = np.median(centres_site_m, axis=0)
+    away_m = float(np.linalg.norm(middle_m))
+    if away_m > _FARTHEST_M:
+        lon, lat, _ = origin.geo_from_site(middle_m[None])[0]
+        raise GeoreferenceError(
+            f"the photographs come to lie {away_m / 1000:.0f} km from the building model (limit "
+            f"{_FARTHEST_M / 1000:.0f} km) by {control}, near lon {lon:.3f}, lat {lat:.3f}; are latitude and longitude "
+            "(or east and north) swapped, is a CRS or UTM zone wrong, or do photographs and model belong to different "
+            "buildings?"
+        )
 
 
 def _views(reconstruction: Reconstruction, control_points: ControlPoints) -> list[list[View]]:

@@ -218,5 +218,6 @@ def check_against_gps(site_from_sfm: Similarity, centres_sfm: Array, priors: Gps
     if worst > 1.0:
         raise GeoreferenceError(
             f"placed by {by}, the block is turned or stretched against its GPS positions: the median photograph is "
-            f"{worst:.1f} sigmas off (limit 1); check the control points or the model, or georeference by gps"
+            f"{worst:.1f} sigmas off (limit 1); check the control points or the model, "
+            "or the photographs' GPS (latitude and longitude swapped?)"
         )

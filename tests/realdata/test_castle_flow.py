@@ -17,8 +17,8 @@ pytestmark = [pytest.mark.realdata, pytest.mark.slow]
 
 CLI = [sys.executable, "-c", "from flows.cli import main; main()"]
 KEYS = {
-    "photographs", "camera_error_m", "ray_error_m", "observation_error_m", "defect_error_m", "roundtrip_px", "roundtrip_cm",
-    "merge", "element_correct_share", "off_truth", "coverage_2sigma",
+    "photographs", "camera_error_m", "ray_error_m", "observation_error_m", "defect_error_m", "roundtrip_px",
+    "roundtrip_cm", "merge", "element_correct_share", "off_truth", "coverage_2sigma",
 }  # fmt: skip
 
 

@@ -1,0 +1,48 @@
+"""What can be told before any work begins: files that an inspection needs and that are not there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from facadelake.errors import InputDataError
+from facadelake.lake.severity import rule_file
+from facadelake.registry import Building, CocoDetector
+
+LATEST = "latest"
+
+
+def resolved_campaign(building: Building, campaign_id: str) -> str:
+    """The campaign itself, or the building's newest for 'latest'. Raises InputDataError where there is none."""
+    if campaign_id != LATEST:
+        return campaign_id
+    known = building.known_campaigns()
+    if not known:
+        raise InputDataError(
+            f"building '{building.id}' has no campaign with photographs yet; looked for {building.photographs}"
+        )
+    return known[-1]
+
+
+def check_files(building: Building, campaign_id: str, detections: str | None) -> tuple[str, ...]:
+    """Raise InputDataError for the first file that an inspection needs and that is not there.
+
+    Returns warnings of what is missing but can be done without.
+    """
+    building.model_path()
+    building.photographs_of(campaign_id)
+    rule_file(building.severity_rules)
+    if isinstance(building.detector, CocoDetector):
+        building.detections_of(campaign_id, detections)
+    elif detections is not None:
+        raise InputDataError(
+            f"--detections '{detections}' is for buildings whose detector reads COCO files; '{building.id}' has a model"
+        )
+    elif not Path(building.detector.model).is_file():
+        raise InputDataError(
+            f"the detector model {building.detector.model} of building '{building.id}' does not exist; "
+            "correct detector.model in the registry"
+        )
+    if building.control_points is not None and building.control_points_of(campaign_id) is None:
+        path = building.control_points.replace("{campaign}", campaign_id)
+        return (f"the registry names control points, but {path} does not exist; without them GPS is the control",)
+    return ()
