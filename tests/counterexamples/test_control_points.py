@@ -142,7 +142,8 @@ def swapped_gps() -> pa.Table:
             CONTROL,
             swapped_gps(),
             "placed by control points, the block is turned or stretched against its GPS positions: the median "
-            "photograph is … sigmas off (limit 1); check the control points or the model, or the photographs' GPS (latitude and longitude swapped?)",
+            "photograph is … sigmas off (limit 1); check the control points or the model, "
+            "or the photographs' GPS (latitude and longitude swapped?)",
         ),
         (
             replace(CONTROL, points=tuple(replace(p, x=p.y, y=p.x) for p in CONTROL.points)),
