@@ -1,6 +1,7 @@
 """What every test may use: the shared data folder, and the versions a failure was seen with."""
 
 import os
+import signal
 from importlib.metadata import version
 from pathlib import Path
 
@@ -11,6 +12,12 @@ REPORTED = (
     "numpy", "pandas", "pyarrow", "duckdb", "duckdb-extension-ducklake", "prefect", "pycolmap", "open3d", "pyrender",
     "onnxruntime", "opencv-python-headless", "ifcopenshell", "pyproj", "geopandas", "great-expectations",
 )  # fmt: skip
+
+
+def pytest_configure() -> None:
+    """Tests interrupt processes; a shell's background job (`make test &`) would have them inherit an ignored SIGINT."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_report_header() -> list[str]:
