@@ -256,6 +256,3 @@ def main() -> None:
         problems.print(f"[bold red]{type(error).__name__}[/bold red]: ", end="")
         problems.print(str(error), markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
-    except KeyboardInterrupt:
-        problems.print("stopped; finished stages are kept, run the same command to go on")
-        sys.exit(130)

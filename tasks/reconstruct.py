@@ -9,10 +9,12 @@ from prefect import task
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import read_reconstruction
 from facadelake.pose.settings import ReconstructionSettings
-from facadelake.pose.surface_mesh import as_built_mesh
 from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
+
+# Not all of pose/: a change in how a block is placed must not make the block anew.
+CODE = ("pose/worker", "pose/reconstruct.py", "pose/pairing.py", "pose/settings.py", "pose/reconstruction.py")
 
 
 @task(name="reconstruct")
@@ -23,10 +25,9 @@ def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
 
     def make(folder: Path) -> Counts:
         reconstruct(read_table("photos", photos.folder), root, folder, settings)
-        as_built_mesh(folder, folder)
         block = read_reconstruction(folder)
         return {"cameras": len(block.photos), "tie points": len(block.xyz_sfm)}
 
     return run_stage(
-        job, "reconstruct", code=["pose"], inputs={"photos": photos.key, "settings": settings.key()}, make=make
+        job, "reconstruct", code=CODE, inputs={"photos": photos.key, "settings": settings.key()}, make=make
     )

@@ -7,11 +7,12 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.errors import InputDataError
 from facadelake.frames import read_similarity
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
-from facadelake.integrity.views import integrity_views
-from facadelake.pose.surface_mesh import read_mesh
+from facadelake.integrity.views import integrity_views, nothing_to_compare
+from facadelake.pose.surface_mesh import as_built_mesh, read_mesh
 from facadelake.posed import posed_cameras
 from facadelake.tables import read_table, write_table
 from tasks.georeference import SITE_FROM_SFM
@@ -24,12 +25,30 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult, pla
     """Table ``integrity_views``."""
 
     def make(folder: Path) -> Counts:
-        vertices_sfm, triangles = read_mesh(block.folder)
-        as_built = Surface.from_mesh(read_similarity(placed.folder / SITE_FROM_SFM).apply(vertices_sfm), triangles)
         posed = posed_cameras(read_table("poses", placed.folder))
-        table = integrity_views(posed, Surface(read_building(model.folder)), as_built)
+        try:
+            as_built_mesh(block.folder, folder)
+        except InputDataError as error:  # too sparse a block: the campaign is none the worse for it
+            table = nothing_to_compare(posed, str(error))
+        else:
+            vertices_sfm, triangles = read_mesh(folder)
+            as_built = Surface.from_mesh(read_similarity(placed.folder / SITE_FROM_SFM).apply(vertices_sfm), triangles)
+            table = integrity_views(posed, Surface(read_building(model.folder)), as_built)
         write_table("integrity_views", table, folder)
         return Counter(table.column("integrity_outcome").to_pylist())
 
     inputs = {"model": model.key, "block": block.key, "poses": placed.key}
-    return run_stage(job, "verify-model", code=["integrity", "geobim", "posed.py"], inputs=inputs, make=make)
+    return run_stage(
+        job,
+        "verify-model",
+        code=[
+            "integrity",
+            "geobim",
+            "posed.py",
+            "pose/surface_mesh.py",
+            "pose/free_space.py",
+            "pose/reconstruction.py",
+        ],
+        inputs=inputs,
+        make=make,
+    )

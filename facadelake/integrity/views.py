@@ -53,6 +53,18 @@ def integrity_views(
     return table_of_rows("integrity_views", rows)
 
 
+def nothing_to_compare(posed: Mapping[str, PosedCamera], reason: str) -> pa.Table:
+    """Table ``integrity_views`` where there is no as-built surface: each view says why it was not compared."""
+    outcome = str(IntegrityOutcome.TOO_LITTLE_SURFACE)
+    return table_of_rows(
+        "integrity_views",
+        [
+            {"photo_id": photo_id, "compared_share": 0.0, "integrity_outcome": outcome, "reason": reason}
+            for photo_id in sorted(posed)
+        ],
+    )
+
+
 def _row(photo_id: str, seen: float, found: DepthComparison, settings: IntegritySettings) -> dict[str, Any]:
     reason = _too_little(seen, found, settings)
     row: dict[str, Any] = {"photo_id": photo_id, "compared_share": found.compared_share}

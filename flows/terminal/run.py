@@ -13,6 +13,7 @@ from rich.console import Console
 from facadelake.progress import listening
 from flows.prefect_session import prepare
 from flows.terminal.bars import ProgressBars
+from flows.terminal.stopping import stoppable
 
 if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult
@@ -33,7 +34,7 @@ def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **para
     """Run the flow ``inspect_building`` in this process; its errors come out as they were raised."""
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # main() tells the error, once
     prepare(lake)
-    with ProgressBars(console) as bars, listening(bars):
+    with stoppable(console), ProgressBars(console) as bars, listening(bars):
         handle = bars.begin("Starting Prefect", None)
         from flows.inspect_building import inspect_building
 
@@ -61,7 +62,7 @@ def make_demo_in_terminal(
     from facadelake.demo.recipe import load_recipe
 
     os.environ["FACADELAKE_DEMO"] = str(folder.resolve())  # the registry's paths of the demo are made of it
-    with ProgressBars(console) as bars, listening(bars):
+    with stoppable(console), ProgressBars(console) as bars, listening(bars):
         files = generate_demo(load_recipe(recipe), folder)
         bars.say(f"The demo building is in {folder}" + ("" if files.made else " (it was there already)"))
     return [
