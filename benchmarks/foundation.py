@@ -95,7 +95,7 @@ def castle(lakes: Path) -> None:
         lake = lakes / f"castle-{control}"
         if (lakes / "castle-gcp" / "cache").is_dir() and control != "gcp":
             lake.mkdir()
-            (lake / "cache").symlink_to(lakes / "castle-gcp" / "cache")  # the reconstruction is the same
+            (lake / "cache").symlink_to(lakes / "castle-gcp" / "cache")  # the reconstruction is the same for all
         words = ("inspect", "castle", "2026-04", "--georeference", control, "--lake", str(lake))
         _, first = facadelake(*words)
         if control == "gcp":
@@ -131,7 +131,8 @@ def main() -> None:
     arguments = parser.parse_args()
     memory = psutil.virtual_memory().total / 2**30
     print(
-        f"{datetime.now(UTC):%Y-%m-%d}, {psutil.cpu_count()} cores, {memory:.0f} GiB, Python {platform.python_version()}"
+        f"{datetime.now(UTC):%Y-%m-%d}, {psutil.cpu_count()} cores, {memory:.0f} GiB, "
+        f"Python {platform.python_version()}"
     )
     with tempfile.TemporaryDirectory() as folder:
         for building in arguments.buildings:
