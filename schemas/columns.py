@@ -141,7 +141,7 @@ _ALL = [
     _text("camera_make", "maker of the camera, from EXIF"),
     _text("camera_model", "model of the camera, from EXIF"),
     _real("focal_length_mm", "mm", "focal length, from EXIF", 0),
-    _real("focal_length_35mm_mm", "mm", "35 mm equivalent focal length, from EXIF", 0),
+    _real("focal_length_35mm_mm", "mm", "35 mm equivalent focal length by the diagonal, from XMP or EXIF", 0),
     _time("taken_at", "when the photograph was taken, from EXIF (camera clock; UTC assumed where no offset is given)"),
     _text("prior_source", "where the position prior was read from", PositionSource),
     _real("prior_lon_deg", "deg", "longitude of the position prior (WGS 84)", -180, 180),

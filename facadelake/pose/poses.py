@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import shapely
-from scipy.spatial.transform import Rotation
 
 from facadelake.geodesy import SiteOrigin
 from facadelake.pose.georeference import Georeferenced
 from facadelake.pose.reconstruction import Reconstruction
+from facadelake.posed import pose_columns
 from facadelake.tables import table_of_rows
 from schemas.vocabulary import PhotoOutcome, PoseSource
 
@@ -45,32 +45,15 @@ def poses_table(
             rows.append(said | {"pose_source": PoseSource.UNLOCALISED, "reason": reason, "tie_points": 0})
             continue
         posed, photo = cameras[photo_id], found[photo_id]
-        qx, qy, qz, qw = Rotation.from_matrix(posed.site_from_cam.rotation).as_quat(canonical=True)
-        x, y, z = posed.centre_site_m
         lon, lat, height = geo_of[photo_id]
-        camera = posed.camera
         rows.append(
             said
             | {
                 "pose_source": PoseSource.SFM,
-                "x_site_m": x,
-                "y_site_m": y,
-                "z_site_m": z,
+                **pose_columns(posed),
                 "lon_deg": lon,
                 "lat_deg": lat,
                 "height_ellipsoidal_m": height,
-                "qw": qw,
-                "qx": qx,
-                "qy": qy,
-                "qz": qz,
-                "fx_px": camera.fx_px,
-                "fy_px": camera.fy_px,
-                "cx_px": camera.cx_px,
-                "cy_px": camera.cy_px,
-                "k1": camera.k1,
-                "k2": camera.k2,
-                "p1": camera.p1,
-                "p2": camera.p2,
                 "reprojection_error_px": photo.reprojection_error_px,
                 "tie_points": photo.tie_points,
                 "geometry": shapely.to_wkb(shapely.Point(lon, lat, height), output_dimension=3, flavor="iso"),
