@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import webbrowser
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -102,11 +104,13 @@ def _times(result: InspectionResult) -> str:
 
 
 def show_where_to_look(console: Console, lake: Path, results: Sequence[InspectionResult]) -> None:
-    """The last lines of the demo: what to open, what to ask."""
+    """The last lines of the demo: what to open, what to ask; on a desktop the report opens by itself."""
     console.print("\n[bold]Look at[/bold]")
     for result in results:
         console.print(f"  {result.release / 'report.html'}", soft_wrap=True, highlight=False)
     last = results[-1]
+    if console.is_terminal and any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
+        webbrowser.open((last.release / "report.html").as_uri())
     console.print("[bold]Ask[/bold]")
     console.print(f"  .venv/bin/facadelake defects {last.building_id} {last.campaign_id}", highlight=False)
     console.print(
