@@ -22,6 +22,7 @@ class ProgressBars:
 
     def __init__(self, console: Console) -> None:
         self._console = console
+        self._waiting: TaskID | None = None
         self._bars = Progress(
             SpinnerColumn(),
             TextColumn("{task.description}"),
@@ -44,8 +45,18 @@ class ProgressBars:
     ) -> None:
         self._bars.stop()
 
+    def wait(self, label: str) -> None:
+        """A bar of unknown length that goes when the first work begins or the first line is said."""
+        self._waiting = self._bars.add_task(label, total=None)
+
+    def _arrive(self) -> None:
+        if self._waiting is not None:
+            self._bars.remove_task(self._waiting)
+            self._waiting = None
+
     def begin(self, label: str, total: int | None) -> int:
         """A new bar."""
+        self._arrive()
         return self._bars.add_task(label, total=total)
 
     def advance(self, handle: int, steps: int) -> None:
@@ -58,4 +69,5 @@ class ProgressBars:
 
     def say(self, line: str) -> None:
         """A line that stays, above the bars."""
+        self._arrive()
         self._console.print(line, highlight=False)

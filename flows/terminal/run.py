@@ -35,10 +35,9 @@ def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **para
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # main() tells the error, once
     prepare(lake)
     with stoppable(console), ProgressBars(console) as bars, listening(bars):
-        handle = bars.begin("Starting Prefect", None)
+        bars.wait("Starting Prefect")
         from flows.inspect_building import inspect_building
 
-        bars.end(handle)
         log = logging.getLogger("facadelake.tasks")
         handler = _BarsLog(bars)
         log.addHandler(handler)
