@@ -60,7 +60,7 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
     sha256 = file_hash(file)
     used: Counter[str] = Counter()
     rows: list[dict[str, Any]] = []
-    for annotation in track(coco.annotations, label="Read boxes"):
+    for annotation in track(coco.annotations, label="Reading boxes"):
         place = places[annotation.image_id]
         source_class = coco.categories.get(annotation.category_id)
         defect_class = crosswalk.defect_class(source_class) if source_class is not None else None

@@ -44,7 +44,7 @@ def detect_photographs(
         if row["photo_outcome"] == PhotoOutcome.ACCEPTED
     ]
     rows: list[dict[str, Any]] = []
-    for photo_id in track(accepted, label="Detect"):
+    for photo_id in track(accepted, label="Detecting"):
         image = _read(root / photo_id)
         if image is None:
             _log.warning("%s cannot be read: nothing was looked for in it", photo_id)

@@ -88,7 +88,7 @@ def meshes_of(model: ifcopenshell.file, *, deflection_m: float, workers: int) ->
     meshes: list[ElementMesh] = []
     if wanted:
         iterator = ifcopenshell.geom.iterator(settings, model, workers, include=wanted)
-        with stage_progress("building model", len(wanted)) as step:
+        with stage_progress("Meshing elements", len(wanted)) as step:
             more = iterator.initialize()
             while more:
                 shape = iterator.get()

@@ -43,7 +43,7 @@ def integrity_views(
     """Table ``integrity_views``: one row each localised photograph of ``posed`` (by photo_id)."""
     settings = settings or IntegritySettings()
     rows = []
-    for photo_id in track(sorted(posed), label="model check", total=len(posed)):
+    for photo_id in track(sorted(posed), label="Checking the model", total=len(posed)):
         camera = posed[photo_id]
         scale = min(1.0, settings.width_px / camera.camera.width_px)
         model, _ = surface.depth_image(camera, scale)

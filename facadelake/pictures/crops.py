@@ -40,7 +40,7 @@ def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings
         if box is not None:
             by_photo.setdefault(box["photo_id"], []).append((row["defect_id"], row["defect_class"], box))
     paths: dict[str, Path] = {}
-    for photo_id, wanted in track(sorted(by_photo.items()), label="cutting out defects"):
+    for photo_id, wanted in track(sorted(by_photo.items()), label="Cutting out defects"):
         if photo_id not in inspection.posed:
             continue
         try:

@@ -53,7 +53,7 @@ def photo_overlays(
     for row in inspection.detections.to_pylist():
         boxes.setdefault(row["photo_id"], []).append(row)
     paths = []
-    for photo_id in track(list(photo_ids), label="drawing photographs"):
+    for photo_id in track(list(photo_ids), label="Drawing overlays"):
         posed = inspection.posed.get(photo_id)
         path = folder / f"overlay_{photo_id.replace('/', '_').rsplit('.', 1)[0]}.jpg"
         try:

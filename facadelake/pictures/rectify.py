@@ -108,7 +108,7 @@ def rectify(
 ) -> list[RectifiedElevation]:
     """Colour each relief from the photographs; one that cannot be read is left out with a warning."""
     tiny = {}
-    for name in track(list(posed), label="comparing photographs"):
+    for name in track(list(posed), label="Evening out exposures"):
         try:
             tiny[name] = _tiny(photographs[name], posed[name].camera)
         except InputDataError as error:
@@ -119,12 +119,12 @@ def rectify(
         return _sampled(tiny[name], xy * (tiny[name].shape[1] / readable[name].camera.width_px))
 
     canvases = []
-    for relief in track(reliefs, label="choosing photographs"):
+    for relief in track(reliefs, label="Choosing photographs"):
         candidates = find_candidates(relief, surface, readable, settings)
         feather = settings.feather_m / relief.cell_m / settings.visibility_step
         canvases.append(_Canvas(relief, share_out(candidates, readable, colours, feather), settings.visibility_step))
     used = [name for name in readable if any(name in canvas.shares for canvas in canvases)]
-    for name in track(used, label="rectifying photographs"):
+    for name in track(used, label="Rectifying photographs"):
         mine = [(canvas, canvas.shares[name]) for canvas in canvases if name in canvas.shares]
         reduction = min(reduction_for(share.pixel_m, canvas.relief.cell_m) for canvas, share in mine)
         try:

@@ -56,7 +56,7 @@ def observe(
         else:
             on_photo.append(row)
     on_photo.sort(key=lambda row: (row["photo_id"], row["detection_id"]))
-    with stage_progress("registration", len(on_photo)) as step:
+    with stage_progress("Registering detections", len(on_photo)) as step:
         for start in range(0, len(on_photo), settings.detections_per_cast):
             batch = on_photo[start : start + settings.detections_per_cast]
             rows.extend(_registered(batch, posed, building, surface, settings))
