@@ -10,12 +10,13 @@ from types import FrameType
 
 from rich.console import Console
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last: the terminal was closed
 STOPPED = 130  # what shells give for a program ended by SIGINT
 
 
 @contextmanager
 def stoppable(console: Console) -> Iterator[None]:
-    """Inside the block SIGINT and SIGTERM end the program with a line of what to do next, and logging falls silent.
+    """Inside the block SIGINT, SIGTERM and SIGHUP end the program with a line of what to do next, and logging falls silent.
 
     Ctrl-C in a terminal reaches Prefect's temporary server too; what then goes wrong between the two must neither
     hide the interrupt nor print tracebacks.
@@ -28,7 +29,7 @@ def stoppable(console: Console) -> Iterator[None]:
         logging.disable(logging.CRITICAL)
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, stop) for number in SIGNALS}
     try:
         yield
     except BaseException:
