@@ -16,7 +16,7 @@ STOPPED = 130  # what shells give for a program ended by SIGINT
 
 @contextmanager
 def stoppable(console: Console) -> Iterator[None]:
-    """Inside the block SIGINT, SIGTERM and SIGHUP end the program with a line of what to do next, and logging falls silent.
+    """Inside the block SIGINT, SIGTERM and SIGHUP end the program with a line of what to do next, in silence else.
 
     Ctrl-C in a terminal reaches Prefect's temporary server too; what then goes wrong between the two must neither
     hide the interrupt nor print tracebacks.
