@@ -16,10 +16,12 @@ from tasks.job import InspectionJob, StageResult
 from tasks.record import StageFolders, stage_tables
 from tasks.stage import Counts, run_stage
 
+PICTURES = "pictures"  # the stage's folder holds its counts too, which are not to be published
+
 
 @task(name="draw")
 def draw(job: InspectionJob, folders: StageFolders, checks: StageResult) -> StageResult:
-    """A folder with ``report.html`` and its pictures."""
+    """A folder ``pictures`` with ``report.html`` and what it shows."""
 
     def make(folder: Path) -> Counts:
         tables = stage_tables(folders)
@@ -39,7 +41,7 @@ def draw(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Stag
             integrity_views=tables["integrity_views"],
             checks=read_table("checks", checks.folder),
         )
-        write_report(inspection, Surface(building), folder, PictureSettings())
+        write_report(inspection, Surface(building), folder / PICTURES, PictureSettings())
         return {"pictures": len(list(folder.rglob("*.png"))) + len(list(folder.rglob("*.jpg")))}
 
     inputs = {"tables": folders.keys(), "checks": checks.key, "name": job.building.name, "campaign": job.campaign_id}

@@ -10,6 +10,7 @@ from prefect.artifacts import create_markdown_artifact, create_table_artifact
 
 from facadelake.lake.commit import Committed
 from facadelake.publish.releases import publish_campaign
+from tasks.draw import PICTURES
 from tasks.job import InspectionJob, StageResult
 from tasks.record import StageFolders, stage_tables
 
@@ -23,7 +24,7 @@ def publish(job: InspectionJob, folders: StageFolders, committed: Committed, pic
         building_id=job.building.id,
         campaign_id=job.campaign_id,
         version=committed.version,
-        pictures=pictures.folder if pictures else None,
+        pictures=pictures.folder / PICTURES if pictures else None,
     )
     key = f"{job.building.id}-{job.campaign_id}".lower().replace(".", "-").replace("_", "-")
     create_table_artifact(
