@@ -39,6 +39,9 @@ PortfolioPath = Annotated[
 LakePath = Annotated[
     Path, typer.Option("--lake", envvar="FACADELAKE_LAKE", help="Folder of the lake; made if it is not there.")
 ]
+AnyPortfolioPath = Annotated[
+    Path, typer.Option("--portfolio", help="Taken as by every command; a question to the lake needs no registry.")
+]
 BuildingId = Annotated[str, typer.Argument(help="Id of the building in the registry.")]
 CampaignId = Annotated[str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' for the newest.")]
 DEFAULT_PORTFOLIO = ROOT / "data" / "portfolio.yaml"
@@ -105,13 +108,14 @@ def inspect(
 @app.command()
 def demo(
     folder: Annotated[Path, typer.Option(help="Where the demo building is made.")] = ROOT / "build" / "demo",
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Make the demo building with two campaigns of photographs, inspect both, and say where to look."""
     from flows.terminal.inspection import show_inspection, show_where_to_look
     from flows.terminal.run import make_demo_in_terminal
 
-    results = make_demo_in_terminal(console, folder=folder, lake=lake, recipe=DEMO_RECIPE, portfolio=DEFAULT_PORTFOLIO)
+    results = make_demo_in_terminal(console, folder=folder, lake=lake, recipe=DEMO_RECIPE, portfolio=portfolio)
     for result in results:
         show_inspection(console, lake, result)
     show_where_to_look(console, lake, results)
@@ -136,11 +140,13 @@ def defects(
     defect_class: Annotated[str | None, typer.Option("--class", help="Only crack, spalling or moisture.")] = None,
     limit: Annotated[int, typer.Option(min=1, help="At most so many rows.")] = 40,
     as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Show the defects of a building: what, where, how large, how often seen."""
-    from flows.terminal.listings import show_defects
+    from flows.terminal.listings import require_known, show_defects
 
+    require_known(lake, portfolio, building)
     show_defects(console, lake, building, campaign, defect_class, limit, as_of)
 
 
@@ -155,6 +161,7 @@ def sql(
     list_questions: Annotated[bool, typer.Option("--list", help="List the stored questions.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
     as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    portfolio: AnyPortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Ask the lake in SQL; nothing can be changed that way.
@@ -176,12 +183,15 @@ def export(
     campaign: Annotated[str | None, typer.Option(help="Only this campaign.")] = None,
     table: Annotated[str, typer.Option(help="Which table.")] = "defects",
     as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
     from facadelake.lake.read import read_table
     from facadelake.publish.releases import export as export_table
+    from flows.terminal.listings import require_known
 
+    require_known(lake, portfolio, building)
     rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=as_of)
     if not len(rows):
         raise InputDataError(

@@ -11,7 +11,7 @@ from rich.table import Table as RichTable
 from facadelake.errors import InputDataError
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table
-from facadelake.registry import Portfolio
+from facadelake.registry import Portfolio, read_portfolio
 from schemas.vocabulary import DefectClass
 
 ROOMY_COLUMNS = 120  # a narrower terminal is not shown where a defect is; 'facadelake sql' and 'export' tell
@@ -38,6 +38,15 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
     for key in sorted(lines):
         table.add_row(*key, *lines[key])
     console.print(table)
+
+
+def require_known(lake: Path, portfolio: Path, building: str) -> None:
+    """Raise for a building that neither the lake nor the registry knows, with the ids that the registry has.
+
+    What the lake holds can be asked for, even when the registry no longer names it.
+    """
+    if not exists(lake) or not len(read_table(lake, "campaigns", building_id=building)):
+        read_portfolio(portfolio).building(building)
 
 
 def show_defects(
