@@ -40,7 +40,6 @@ def prepare(lake: Path) -> None:
         "PREFECT_LOGGING_EXTRA_LOGGERS": "facadelake",
         "PREFECT_SERVER_LOGGING_LEVEL": "CRITICAL",
         "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "180",
-        "PREFECT_CLI_COLORS": "false",
     }
     if "PREFECT_API_URL" not in os.environ:
         url = running_server(lake)
