@@ -102,7 +102,7 @@ def test_lake_of_a_newer_facadelake_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_no_lake_yet(tmp_path: Path) -> None:
-    done = facadelake("defects", "tower", "--lake", tmp_path)
+    done = facadelake("defects", "castle", "--lake", tmp_path)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == (
         f"StoreError: there is no lake in {tmp_path} (no catalog.sqlite); "
