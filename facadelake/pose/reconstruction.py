@@ -124,3 +124,18 @@ def read_reconstruction(folder: Path) -> Reconstruction:
         mean_reprojection_error_px=said["mean_reprojection_error_px"],
         costs=tuple(StepCost(**cost) for cost in said["costs"]),
     )
+
+
+def read_descriptors(folder: Path) -> NDArray[np.uint8]:
+    """SIFT descriptors (m, 128) of the tie points of the reconstruction in ``folder``, in the rows of ``xyz_sfm``.
+
+    Each is the one of its track nearest to the track's mean, as COLMAP stores it: the square root of a histogram of
+    sum 1, times 512 (Arandjelovic and Zisserman 2012). Raises InputDataError where the reconstruction has none.
+    """
+    try:
+        descriptors: NDArray[np.uint8] = np.load(folder / "descriptors.npy")
+    except (OSError, ValueError) as error:
+        raise InputDataError(
+            f"{folder} holds no descriptors of its tie points ({error}); remove the folder and run again"
+        ) from error
+    return descriptors

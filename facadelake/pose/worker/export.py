@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from facadelake.pose.worker.descriptors import representative_descriptors
 from facadelake.pose.worker.report import Report
 
 
@@ -34,7 +35,9 @@ def export(
     folder: Path,
     report: Report,
 ) -> None:
-    """Write ``sparse/`` (COLMAP's binary model), ``reconstruction.npz`` and ``reconstruction.json``."""
+    """Write ``sparse/`` (COLMAP's binary model), ``reconstruction.npz``, ``descriptors.npy`` and
+    ``reconstruction.json``.
+    """
     sparse = folder / "sparse"
     sparse.mkdir()
     model.write_binary(sparse)
@@ -83,6 +86,7 @@ def export(
         track_point=np.concatenate(track_point),
         track_xy_img=np.concatenate(track_xy),
     )
+    np.save(folder / "descriptors.npy", representative_descriptors(model, database_path, row_of_point))
     (folder / "reconstruction.json").write_text(
         json.dumps(
             {
