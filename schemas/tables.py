@@ -95,8 +95,10 @@ _LIST = [
         "building_id campaign_id photo_id",
         "photo_id sha256 bytes role? photo_outcome reason? image_width_px? image_height_px? camera_make? camera_model? "
         "focal_length_mm? focal_length_35mm_mm? taken_at? prior_source prior_lon_deg? prior_lat_deg? prior_height_m? "
-        "prior_height_datum prior_sigma_horizontal_m? prior_sigma_vertical_m? prior_yaw_deg? prior_pitch_deg? "
-        "prior_roll_deg? rtk_flag?",
+        "prior_height_datum prior_height_relative_m? prior_sigma_horizontal_m? prior_sigma_vertical_m? prior_yaw_deg? "
+        "prior_pitch_deg? prior_roll_deg? prior_sigma_yaw_deg? prior_sigma_tilt_deg? prior_evidence? "
+        "prior_focal_px? prior_sigma_focal_px? prior_focal_evidence? prior_calibration? prior_warnings? "
+        "camera_serial? lens_model? flight? rtk_flag?",
     ),
     _table(
         "poses",

@@ -70,11 +70,23 @@ CREATE TABLE photos (
     prior_lat_deg            DOUBLE,
     prior_height_m           DOUBLE,
     prior_height_datum       VARCHAR NOT NULL,
+    prior_height_relative_m  DOUBLE,
     prior_sigma_horizontal_m DOUBLE,
     prior_sigma_vertical_m   DOUBLE,
     prior_yaw_deg            DOUBLE,
     prior_pitch_deg          DOUBLE,
     prior_roll_deg           DOUBLE,
+    prior_sigma_yaw_deg      DOUBLE,
+    prior_sigma_tilt_deg     DOUBLE,
+    prior_evidence           VARCHAR,
+    prior_focal_px           DOUBLE,
+    prior_sigma_focal_px     DOUBLE,
+    prior_focal_evidence     VARCHAR,
+    prior_calibration        VARCHAR,
+    prior_warnings           VARCHAR,
+    camera_serial            VARCHAR,
+    lens_model               VARCHAR,
+    flight                   BIGINT,
     rtk_flag                 BIGINT
 );
 
