@@ -1,0 +1,238 @@
+"""Measure how well a later campaign finds into the frame of an earlier one by shared tie points alone.
+
+    .venv/bin/python -m benchmarks.frames demo castle [--work FOLDER]
+
+The demo's two campaigns (half a year, other light, other defects), and the castle's photographs taken apart into every
+other one. The earlier campaign is placed by truth, so that only the step between the frames is measured; then the
+later one is matched. *Camera error*: the later cameras against truth, after the similarity alone. *Step between
+frames*: check points triangulated from the box centres of each campaign, later minus earlier (less what truth says that
+they moved), which is what a comparison of defects sees. A building matched with the other one's reference must be
+refused. ``--work`` keeps the reconstructions (about 10 minutes on 2 cores) for another run. Prints Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from facadelake.camera import PosedCamera
+from facadelake.detect.coco_file import read_coco
+from facadelake.errors import GeoreferenceError
+from facadelake.evaluate.truth import Truth, read_truth
+from facadelake.frames import Array, Similarity
+from facadelake.geodesy import SiteOrigin
+from facadelake.photo.ingest import ingest_photographs
+from facadelake.pose.reconstruct import reconstruct
+from facadelake.pose.reconstruction import Reconstruction, read_descriptors, read_reconstruction
+from facadelake.pose.reference import ReferencePoints, reference_of
+from facadelake.pose.reference_matching import ReferenceMatch, match_reference
+from facadelake.pose.settings import ReconstructionSettings
+from facadelake.pose.similarity_fit import robust_similarity
+from facadelake.pose.tie_point_quality import pixel_sigma, tie_point_covariance
+from facadelake.pose.triangulation import View, intersect
+
+ROOT = Path(__file__).resolve().parent.parent
+SHARED = Path(os.environ.get("FACADELAKE_SHARED_DATA", ROOT.parent / "shared" / "data"))
+DEMO = Path(os.environ.get("FACADELAKE_DEMO", ROOT / "build" / "demo"))
+# Published cameras against a free block of few photographs: what is farther off is the block's own weak end.
+_CAMERA_SIGMA_M = 0.03
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Block:
+    """A reconstructed campaign, its truth, and the centres of its boxes by check point: (photograph, pixel)."""
+
+    name: str
+    campaign: Path
+    folder: Path
+    reconstruction: Reconstruction
+    truth: Truth
+    origin: SiteOrigin
+    boxes: Mapping[str, Sequence[tuple[str, Array]]]
+
+    @property
+    def centres_site_m(self) -> Array:
+        """Published centres (n, 3) of the block's photographs."""
+        geo = np.array([self.truth.cameras[photo.photo_id] for photo in self.reconstruction.photos])
+        return self.origin.site_from_geo(geo)
+
+    def checkpoint(self, name: str) -> Array:
+        """The published place (3,) of a check point."""
+        return self.origin.site_from_geo(self.truth.checkpoints[name].geo[None])[0]
+
+    def posed(self, site_from_sfm: Similarity) -> list[PosedCamera]:
+        """The block's photographs, placed."""
+        return [
+            PosedCamera(
+                camera=photo.camera,
+                site_from_cam=Similarity(
+                    rotation=site_from_sfm.rotation @ photo.sfm_from_cam.rotation,
+                    translation=site_from_sfm.apply(photo.sfm_from_cam.translation),
+                ),
+            )
+            for photo in self.reconstruction.photos
+        ]
+
+
+def block(name: str, campaign: Path, origin: SiteOrigin, work: Path, *, every_other: int | None = None) -> Block:
+    """Reconstruct a campaign, or its every other photograph from number ``every_other``, unless ``work`` has it."""
+    folder = work / name
+    photos = ingest_photographs(campaign / "images", distance_to_model_m=None, close_range_below_m=10.0)
+    if not (folder / "descriptors.npy").is_file():
+        if every_other is not None:
+            roles = np.array(photos.column("role").to_pylist())
+            numbers = [np.flatnonzero(roles == role)[every_other::2] for role in np.unique(roles)]
+            photos = photos.take(pa.array(np.sort(np.concatenate(numbers))))
+        begin = time.perf_counter()
+        folder.mkdir(parents=True)
+        reconstruct(photos, campaign / "images", folder, ReconstructionSettings())
+        print(f"{name}: reconstructed in {time.perf_counter() - begin:.0f} s", flush=True)
+    found = read_reconstruction(folder)
+    truth = read_truth(campaign / "truth")
+    return Block(
+        name=name,
+        campaign=campaign,
+        folder=folder,
+        reconstruction=found,
+        truth=truth,
+        origin=origin,
+        boxes=_boxes(campaign, truth, {photo.photo_id for photo in found.photos}),
+    )
+
+
+def _boxes(campaign: Path, truth: Truth, localised: set[str]) -> dict[str, list[tuple[str, Array]]]:
+    coco = read_coco(campaign / "detections.coco.json")
+    shown: dict[str, list[tuple[str, Array]]] = defaultdict(list)
+    for annotation in coco.annotations:
+        point = truth.shown[coco.path.name, annotation.annotation_id]
+        photo_id = coco.images[annotation.image_id].file_name
+        if point is not None and photo_id in localised:
+            x, y, width, height = annotation.bbox
+            shown[point].append((photo_id, np.array([x + width / 2, y + height / 2])))
+    return shown
+
+
+def reference(earlier: Block) -> tuple[ReferencePoints, Similarity]:
+    """The reference of a campaign that truth has placed."""
+    sfm = earlier.reconstruction
+    sigma = np.full((len(sfm.photos), 3), _CAMERA_SIGMA_M)
+    site_from_sfm = robust_similarity(sfm.centres_sfm, earlier.centres_site_m, sigma).target_from_source
+    cameras, xyz_site_m = earlier.posed(site_from_sfm), site_from_sfm.apply(sfm.xyz_sfm)
+    points = reference_of(
+        sfm,
+        read_descriptors(earlier.folder),
+        cameras=cameras,
+        xyz_site_m=xyz_site_m,
+        covariance_m2=tie_point_covariance(sfm, cameras, xyz_site_m, sigma_px=pixel_sigma(sfm)),
+        frame_covariance_m2=np.zeros((3, 3)),
+        building_id=earlier.name.split()[0],
+        campaign_id=earlier.name,
+        origin=earlier.origin,
+    )
+    return points, site_from_sfm
+
+
+def triangulated(campaign: Block, site_from_sfm: Similarity) -> dict[str, Array]:
+    """Check points from the box centres of one campaign, in site."""
+    posed = dict(zip((p.photo_id for p in campaign.reconstruction.photos), campaign.posed(site_from_sfm), strict=True))
+    found = {}
+    for name, marks in campaign.boxes.items():
+        views = [View(camera=posed[p].camera, world_from_cam=posed[p].site_from_cam, xy_img=xy) for p, xy in marks]
+        point = intersect(views) if len(views) >= 2 else None
+        if point is not None:
+            found[name] = point.xyz_world
+    return found
+
+
+def line(earlier: Block, later: Block) -> str:
+    """One row: the later campaign matched with the earlier one's reference."""
+    points, site_from_earlier = reference(earlier)
+    begin = time.perf_counter()
+    match = match_reference(later.reconstruction, read_descriptors(later.folder), points, origin=later.origin)
+    seconds = time.perf_counter() - begin
+    camera_m = np.linalg.norm(
+        match.site_from_sfm.apply(later.reconstruction.centres_sfm) - later.centres_site_m, axis=1
+    )
+    own_m = np.linalg.norm(site_from_earlier.apply(earlier.reconstruction.centres_sfm) - earlier.centres_site_m, axis=1)
+    before, after = triangulated(earlier, site_from_earlier), triangulated(later, match.site_from_sfm)
+    both = sorted(before.keys() & after.keys())
+    step_m = np.array(
+        [np.linalg.norm((after[p] - before[p]) - (later.checkpoint(p) - earlier.checkpoint(p))) for p in both]
+    )
+    cells = [
+        f"{later.name} in {earlier.name}",
+        f"{match.compared} / {match.offered}",
+        f"{match.pairs}",
+        f"{match.agreeing} ({match.agreeing / match.pairs:.0%})",
+        f"{len(match.point)}",
+        f"{match.runner_up}",
+        f"{np.median(own_m) * 100:.1f} / {own_m.max() * 100:.1f}",
+        f"{camera_m.mean() * 100:.1f} / {np.median(camera_m) * 100:.1f} / {camera_m.max() * 100:.1f}",
+        f"{len(both)}: {step_m.mean() * 100:.2f} / {np.median(step_m) * 100:.2f} / {step_m.max() * 100:.2f}",
+        f"{_share_within(match):.2f}",
+        f"{seconds:.1f}",
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+def _share_within(match: ReferenceMatch) -> float:
+    """Share of the residuals inside the 95 % ellipsoid of the prior's covariance (chi-square of 3: 7.81)."""
+    squared = np.einsum("ki,kij,kj->k", match.residual_m, np.linalg.inv(match.covariance_m2), match.residual_m)
+    return float((squared < 7.81).mean())
+
+
+HEADER = (
+    "| match | tie points later / reference | alike | agree | used | next best | earlier cameras median / max cm | "
+    "later cameras mean / median / max cm | step between frames: points: mean / median / max cm | residuals within "
+    "95 % | s |\n|" + "---|" * 11
+)
+
+
+def refused(earlier: Block, later: Block) -> str:
+    """What matching a building with another one's reference says."""
+    try:
+        match = match_reference(
+            later.reconstruction, read_descriptors(later.folder), reference(earlier)[0], origin=later.origin
+        )
+    except GeoreferenceError as error:
+        return f"{later.name} in {earlier.name}, another building: refused: {error}"
+    return f"{later.name} in {earlier.name}, ANOTHER BUILDING: TAKEN, {len(match.point)} points"
+
+
+def main() -> None:
+    """Run what is named; with both buildings also each in the other."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("buildings", nargs="+", choices=["demo", "castle"])
+    parser.add_argument("--work", type=Path, help="folder that keeps the reconstructions")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        work = arguments.work or Path(scratch)
+        pairs = []
+        if "demo" in arguments.buildings:
+            origin = SiteOrigin(lon_deg=9.1057, lat_deg=48.7446, height_ellipsoidal_m=482.3)
+            pairs.append([block(f"demo {c}", DEMO / "campaigns" / c, origin, work) for c in ("2026-04", "2026-10")])
+        if "castle" in arguments.buildings:
+            origin = SiteOrigin(lon_deg=8.4078, lat_deg=48.9405, height_ellipsoidal_m=180.0)
+            castle = SHARED / "castle"
+            pairs.append(
+                [block(f"castle {n}", castle, origin, work, every_other=k) for k, n in enumerate(("even", "odd"))]
+            )
+        print("\n" + HEADER)
+        for a, b in pairs:
+            print(line(a, b))
+            print(line(b, a))
+        if len(pairs) == 2:
+            print("\n" + refused(pairs[0][0], pairs[1][0]) + "\n\n" + refused(pairs[1][0], pairs[0][0]))
+
+
+if __name__ == "__main__":
+    main()
