@@ -1,10 +1,11 @@
-"""EXIF: camera, time, focal length and GPS."""
+"""EXIF: camera, time, focal length, GPS and what it says of its own accuracy."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from fractions import Fraction
 from typing import Any
 
 from PIL.ExifTags import GPS, IFD, Base
@@ -18,21 +19,33 @@ _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolution
 class ExifMetadata:
     """What EXIF says; NaN, empty or None where it says nothing.
 
-    ``focal_length_35mm_mm`` is by the diagonal (CIPA DCG-001): from the focal plane's resolution where it is given,
-    for that is exact, else the camera's own rounded figure. ``altitude_ref``: 0 and 1 above and below sea level, 2
-    and 3 above and below the ellipsoid (EXIF 3.0). ``position_error_m`` is GPSHPositioningError.
+    ``focal_length_35mm_mm`` is FocalLengthIn35mmFilm (by the diagonal, CIPA DCG-001); ``focal_plane_focal_px`` is the
+    focal length over the focal plane's resolution, where that is the stored size's. ``altitude_ref``: 0 and 1 above and
+    below sea level, 2 and 3 above and below the ellipsoid (EXIF 3.0). ``position_error_m`` is GPSHPositioningError,
+    ``position_step_deg`` the coarsest step that latitude and longitude are written in. ``gps_time`` is the receiver's.
     """
 
-    make: str
-    model: str
-    taken_at: datetime | None
-    focal_length_mm: float
-    focal_length_35mm_mm: float
-    lat_deg: float
-    lon_deg: float
-    altitude_m: float
-    altitude_ref: int | None
-    position_error_m: float
+    make: str = ""
+    model: str = ""
+    body_serial: str = ""
+    lens_model: str = ""
+    taken_at: datetime | None = None
+    gps_time: datetime | None = None
+    focal_length_mm: float = math.nan
+    focal_length_35mm_mm: float = math.nan
+    focal_plane_focal_px: float = math.nan
+    lat_deg: float = math.nan
+    lon_deg: float = math.nan
+    position_step_deg: float = math.nan
+    altitude_m: float = math.nan
+    altitude_ref: int | None = None
+    position_error_m: float = math.nan
+    dop: float = math.nan
+    two_dimensional: bool = False
+    void: bool = False
+    map_datum: str = ""
+    direction_deg: float = math.nan
+    direction_magnetic: bool = False
 
 
 def _number(value: Any) -> float:
@@ -61,31 +74,56 @@ def _degrees(value: Any, ref: Any, negative: str) -> float:
     return -magnitude if _text(ref).upper() == negative else magnitude
 
 
+def _step_deg(value: Any) -> float:
+    """The step that degrees, minutes, seconds are written in, by their denominators; NaN where they have none."""
+    if not isinstance(value, tuple | list) or len(value) != 3:
+        return math.nan
+    steps = [
+        1 / (unit * part.denominator)
+        for part, unit in zip(value, (1, 60, 3600), strict=True)
+        if getattr(part, "denominator", 0) > 0
+    ]
+    return min(steps, default=math.nan)
+
+
 def _taken_at(block: dict[int, Any]) -> datetime | None:
     text = _text(block.get(Base.DateTimeOriginal))
     offset = _text(block.get(Base.OffsetTimeOriginal)).replace(":", "")
+    digits = _text(block.get(Base.SubsecTimeOriginal))
+    second = Fraction(int(digits), 10 ** len(digits)) if digits.isdecimal() and len(digits) < 10 else Fraction(0)
     try:
         if offset:
-            return datetime.strptime(text + offset, "%Y:%m:%d %H:%M:%S%z").astimezone(UTC)
-        return datetime.strptime(text, "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+            taken = datetime.strptime(text + offset, "%Y:%m:%d %H:%M:%S%z").astimezone(UTC)
+        else:
+            taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
     except ValueError:
+        return None
+    return taken.replace(microsecond=int(second * 10**6))
+
+
+def _gps_time(gps: dict[int, Any]) -> datetime | None:
+    clock = gps.get(GPS.GPSTimeStamp)
+    if not isinstance(clock, tuple | list) or len(clock) != 3:
+        return None
+    seconds = sum(_number(part) * unit for part, unit in zip(clock, (3600, 60, 1), strict=True))
+    try:
+        day = datetime.strptime(_text(gps.get(GPS.GPSDateStamp)), "%Y:%m:%d").replace(tzinfo=UTC)
+        return datetime.fromtimestamp(day.timestamp() + seconds, tz=UTC)
+    except (ValueError, OverflowError, OSError):
         return None
 
 
-def _focal_35mm(block: dict[int, Any], width_px: int, height_px: int) -> float:
+def _focal_plane_px(block: dict[int, Any], width_px: int) -> float:
     per_unit = _positive(block.get(Base.FocalPlaneXResolution))
-    focal_mm = _positive(block.get(Base.FocalLength))
-    mm = _MM_PER_UNIT.get(int(block.get(Base.FocalPlaneResolutionUnit, 2) or 2), math.nan)
+    mm = _MM_PER_UNIT.get(int(_positive(block.get(Base.FocalPlaneResolutionUnit, 2)) or 2), math.nan)
     # The resolution is that of the stored size only where EXIF's own size agrees with it (no resizing since).
-    if int(block.get(Base.ExifImageWidth, 0) or 0) == width_px:
-        exact = focal_mm * per_unit / mm * FULL_FRAME_DIAGONAL_MM / math.hypot(width_px, height_px)
-        if math.isfinite(exact):
-            return exact
-    return _positive(block.get(Base.FocalLengthIn35mmFilm))
+    if _number(block.get(Base.ExifImageWidth)) != width_px:
+        return math.nan
+    return _positive(_positive(block.get(Base.FocalLength)) * per_unit / mm)
 
 
-def read_exif(exif: Exif, *, width_px: int, height_px: int) -> ExifMetadata:
-    """Read the EXIF block of a photograph of the given stored size; a damaged block says nothing."""
+def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
+    """Read the EXIF block of a photograph of the given stored width; a damaged block says nothing."""
     try:
         block: dict[int, Any] = dict(exif.get_ifd(IFD.Exif))
         gps: dict[int, Any] = dict(exif.get_ifd(IFD.GPSInfo))
@@ -96,12 +134,23 @@ def read_exif(exif: Exif, *, width_px: int, height_px: int) -> ExifMetadata:
     return ExifMetadata(
         make=_text(exif.get(Base.Make)),
         model=_text(exif.get(Base.Model)),
+        body_serial=_text(block.get(Base.BodySerialNumber)),
+        lens_model=_text(block.get(Base.LensModel)),
         taken_at=_taken_at(block),
+        gps_time=_gps_time(gps),
         focal_length_mm=_positive(block.get(Base.FocalLength)),
-        focal_length_35mm_mm=_focal_35mm(block, width_px, height_px),
+        focal_length_35mm_mm=_positive(block.get(Base.FocalLengthIn35mmFilm)),
+        focal_plane_focal_px=_focal_plane_px(block, width_px),
         lat_deg=_degrees(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLatitudeRef), "S"),
         lon_deg=_degrees(gps.get(GPS.GPSLongitude), gps.get(GPS.GPSLongitudeRef), "W"),
+        position_step_deg=max(_step_deg(gps.get(GPS.GPSLatitude)), _step_deg(gps.get(GPS.GPSLongitude))),
         altitude_m=_number(gps.get(GPS.GPSAltitude)) * (-1 if altitude_ref in (1, 3) else 1),
         altitude_ref=altitude_ref,
         position_error_m=_positive(gps.get(GPS.GPSHPositioningError)),
+        dop=_positive(gps.get(GPS.GPSDOP)),
+        two_dimensional=_text(gps.get(GPS.GPSMeasureMode)) == "2",
+        void=_text(gps.get(GPS.GPSStatus)).upper() == "V",
+        map_datum=_text(gps.get(GPS.GPSMapDatum)),
+        direction_deg=_number(gps.get(GPS.GPSImgDirection)),
+        direction_magnetic=_text(gps.get(GPS.GPSImgDirectionRef)).upper() == "M",
     )

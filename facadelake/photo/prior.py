@@ -1,15 +1,18 @@
-"""Position and attitude priors of a photograph: XMP before EXIF, each with its sigma and its height datum."""
+"""Position priors of a photograph: XMP before EXIF, each with its sigma, its height datum and its evidence."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+from facadelake.photo.drone import DroneMetadata
 from facadelake.photo.exif import ExifMetadata
-from facadelake.photo.xmp import DroneMetadata
+from facadelake.photo.height import RTK_FIXED, ellipsoidal_of_egm96, stated_datum
 from schemas.vocabulary import HeightDatum, PositionSource
 
-RTK_FIXED, RTK_FLOAT = 50, 34
+# DJI's manuals: 32 to 49 float, 34 in the older ones.
+RTK_FLOAT = range(32, 50)
+METRES_PER_DEGREE = 111_320.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,15 +31,22 @@ SIGMA_RTK_FLOAT = Sigma(horizontal_m=0.5, vertical_m=1.0)
 # A drone's single-frequency receiver in the open (hover accuracy is stated as 1.5 m); near a facade, signals are
 # shaded and reflected. The height is fused with a barometer that drifts.
 SIGMA_DRONE = Sigma(horizontal_m=3.0, vertical_m=5.0)
+# A receiver's own estimate leaves out what all its signals share (reflections at the facade).
+SIGMA_OWN_ESTIMATE = Sigma(horizontal_m=1.0, vertical_m=2.0)
 # A phone or a camera's own receiver between buildings.
 SIGMA_HANDHELD = Sigma(horizontal_m=5.0, vertical_m=10.0)
+# Range error between buildings that a dilution of precision multiplies.
+_RANGE_ERROR_M = 3.0
+# A two-dimensional fix assumes a height, a void one has lost the satellites.
+_SIGMA_NOT_MEASURED_M = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class PositionPrior:
     """Where the photograph says it was taken (WGS 84 degrees, metres); ``height_m`` is NaN where it says none.
 
-    With ``source`` NONE the numbers are NaN and ``reason`` says why.
+    ``evidence`` says what position, height and sigma rest on, ``warnings`` what is odd about them. With ``source``
+    NONE the numbers are NaN and ``reason`` says why.
     """
 
     source: PositionSource
@@ -45,6 +55,8 @@ class PositionPrior:
     height_m: float = math.nan
     height_datum: HeightDatum = HeightDatum.UNKNOWN
     sigma: Sigma = SIGMA_HANDHELD
+    evidence: str = ""
+    warnings: tuple[str, ...] = ()
     reason: str = ""
 
 
@@ -59,33 +71,69 @@ def position_problem(lon_deg: float, lat_deg: float) -> str:
     return ""
 
 
-def _drone_sigma(drone: DroneMetadata) -> Sigma:
-    if drone.rtk_flag == RTK_FLOAT:
-        return SIGMA_RTK_FLOAT
-    if drone.rtk_flag != RTK_FIXED:
-        return SIGMA_DRONE
-    horizontal = max(drone.rtk_std_lon_m, drone.rtk_std_lat_m)
-    stated = math.isfinite(horizontal) and horizontal > 0 and drone.rtk_std_height_m > 0
-    return Sigma(horizontal_m=horizontal, vertical_m=drone.rtk_std_height_m) if stated else SIGMA_RTK_FIXED
+def _drone_sigma(drone: DroneMetadata) -> tuple[Sigma, str]:
+    flag = drone.rtk_flag
+    if flag == RTK_FIXED:
+        lon, lat, height = drone.rtk_std_lon_m, drone.rtk_std_lat_m, drone.rtk_std_height_m
+        if lon > 0 and lat > 0 and height > 0:
+            sigma = Sigma(horizontal_m=max(lon, lat), vertical_m=height)
+            return sigma, f"RtkFlag 50 (fixed), RtkStd {lon:g}/{lat:g}/{height:g} m"
+        return SIGMA_RTK_FIXED, "RtkFlag 50 (fixed)"
+    if flag in RTK_FLOAT:
+        return SIGMA_RTK_FLOAT, f"RtkFlag {flag} (float)"
+    across, up = drone.stated_sigma_horizontal_m, drone.stated_sigma_vertical_m
+    if across > 0 and up > 0:
+        if drone.maker == "Parrot":  # its receivers have no corrections
+            across, up = max(across, SIGMA_OWN_ESTIMATE.horizontal_m), max(up, SIGMA_OWN_ESTIMATE.vertical_m)
+        stated = (
+            f"GPSXYAccuracy {drone.stated_sigma_horizontal_m:.3g} m, GPSZAccuracy {drone.stated_sigma_vertical_m:.3g} m"
+        )
+        return Sigma(horizontal_m=across, vertical_m=up), stated
+    return SIGMA_DRONE, "a drone's receiver without corrections" + ("" if flag is None else f" (RtkFlag {flag})")
 
 
-def _drone_datum(drone: DroneMetadata, exif: ExifMetadata) -> HeightDatum:
-    """Ellipsoidal only with evidence: an RTK fix (differential positions are ellipsoidal) or EXIF 3.0's reference.
-
-    DJI's AltitudeType says RtkAlt without a fix too, and GpsFusionAlt is barometric on some models: no evidence.
-    """
-    if drone.rtk_flag == RTK_FIXED:
-        return HeightDatum.ELLIPSOIDAL
-    return _exif_datum(exif)
-
-
-def _exif_datum(exif: ExifMetadata) -> HeightDatum:
-    """EXIF 2's reference 0 claims sea level, but many writers put ellipsoidal heights beside it: unknown."""
-    return HeightDatum.ELLIPSOIDAL if exif.altitude_ref in (2, 3) else HeightDatum.UNKNOWN
+def _exif_sigma(exif: ExifMetadata) -> tuple[Sigma, str]:
+    if math.isfinite(exif.position_error_m):
+        sigma = Sigma(horizontal_m=exif.position_error_m, vertical_m=2 * exif.position_error_m)
+        return sigma, f"GPSHPositioningError {exif.position_error_m:g} m"
+    if math.isfinite(exif.dop):
+        across = max(SIGMA_HANDHELD.horizontal_m, _RANGE_ERROR_M * exif.dop)
+        return Sigma(horizontal_m=across, vertical_m=2 * across), f"GPSDOP {exif.dop:g} of {_RANGE_ERROR_M:g} m"
+    return SIGMA_HANDHELD, "a handheld receiver"
 
 
-def _finite_or(value: float, other: float) -> float:
-    return value if math.isfinite(value) else other
+def _widened(sigma: Sigma, exif: ExifMetadata, source: PositionSource) -> tuple[Sigma, tuple[str, ...]]:
+    """The sigma with what EXIF says against the fix, and the warnings."""
+    across, up, warnings = sigma.horizontal_m, sigma.vertical_m, []
+    if source is PositionSource.EXIF:
+        step_m = exif.position_step_deg * METRES_PER_DEGREE
+        if step_m / math.sqrt(12) > 0.1 * across:
+            across = math.hypot(across, step_m / math.sqrt(12))  # evenly spread over a step
+            warnings.append(f"the position is written in steps of {step_m:.2g} m")
+        if exif.void:
+            across, up = max(across, _SIGMA_NOT_MEASURED_M), max(up, _SIGMA_NOT_MEASURED_M)
+            warnings.append("EXIF GPSStatus is V (void): the receiver had lost its fix")
+        if exif.two_dimensional:
+            up = max(up, _SIGMA_NOT_MEASURED_M)
+            warnings.append("EXIF GPSMeasureMode is 2: the height is not measured")
+        if exif.map_datum and not exif.map_datum.upper().replace(" ", "").replace("-", "").startswith("WGS84"):
+            warnings.append(f"EXIF GPSMapDatum is {exif.map_datum}; taken as WGS 84")
+    return Sigma(horizontal_m=across, vertical_m=up), tuple(warnings)
+
+
+def _disagreement(drone: DroneMetadata, exif: ExifMetadata) -> tuple[str, ...]:
+    """Where XMP and EXIF of one photograph differ by more than rounding; XMP's is used."""
+    warnings = []
+    north = exif.lat_deg - drone.lat_deg
+    east = (exif.lon_deg - drone.lon_deg) * math.cos(math.radians(drone.lat_deg))
+    apart_m = math.hypot(north, east) * METRES_PER_DEGREE
+    if apart_m > 5.0 and not position_problem(exif.lon_deg, exif.lat_deg):
+        warnings.append(f"EXIF's position is {apart_m:.0f} m from XMP's, which is used")
+    if abs(exif.altitude_m - drone.absolute_altitude_m) > 2.0:
+        warnings.append(
+            f"EXIF GPSAltitude {exif.altitude_m:.1f} m is not XMP's {drone.absolute_altitude_m:.1f} m, which is used"
+        )
+    return tuple(warnings)
 
 
 def position_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> PositionPrior:
@@ -93,34 +141,42 @@ def position_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> PositionP
     problems: list[str] = []
     if drone is not None:
         problem = position_problem(drone.lon_deg, drone.lat_deg)
+        if drone.gps_status.lower() == "invalid":
+            problem = "GpsStatus is Invalid"
         if not problem:
-            return PositionPrior(
-                source=PositionSource.XMP,
-                lon_deg=drone.lon_deg,
-                lat_deg=drone.lat_deg,
-                height_m=_finite_or(drone.absolute_altitude_m, exif.altitude_m),
-                height_datum=_drone_datum(drone, exif),
-                sigma=_drone_sigma(drone),
-            )
+            return _prior(PositionSource.XMP, drone.lon_deg, drone.lat_deg, drone, exif)
         problems.append(f"XMP: {problem}")
     problem = position_problem(exif.lon_deg, exif.lat_deg)
     if problem:
         return PositionPrior(source=PositionSource.NONE, reason="; ".join([*problems, f"EXIF: {problem}"]))
+    return _prior(PositionSource.EXIF, exif.lon_deg, exif.lat_deg, drone, exif)
+
+
+def _prior(
+    source: PositionSource, lon_deg: float, lat_deg: float, drone: DroneMetadata | None, exif: ExifMetadata
+) -> PositionPrior:
+    sigma, sigma_evidence = _drone_sigma(drone) if drone is not None else _exif_sigma(exif)
+    sigma, warnings = _widened(sigma, exif, source)
     if drone is not None:
-        return PositionPrior(
-            source=PositionSource.EXIF,
-            lon_deg=exif.lon_deg,
-            lat_deg=exif.lat_deg,
-            height_m=_finite_or(drone.absolute_altitude_m, exif.altitude_m),
-            height_datum=_drone_datum(drone, exif),
-            sigma=_drone_sigma(drone),
-        )
-    stated = exif.position_error_m
+        warnings += _disagreement(drone, exif)
+    height_m = drone.absolute_altitude_m if drone is not None else math.nan
+    height_source = "XMP" if math.isfinite(height_m) else "EXIF"
+    height_m = height_m if math.isfinite(height_m) else exif.altitude_m
+    stated = stated_datum(drone, exif)
+    datum, height_evidence = stated.datum, f"{height_source} height {stated.evidence}"
+    if datum is HeightDatum.ORTHOMETRIC and math.isfinite(height_m):
+        converted = ellipsoidal_of_egm96(lon_deg, lat_deg, height_m)
+        if converted is not None:
+            height_evidence += f", {height_m:.2f} m made ellipsoidal by grid {converted[1]}"
+            height_m, datum = converted[0], HeightDatum.ELLIPSOIDAL
     return PositionPrior(
-        source=PositionSource.EXIF,
-        lon_deg=exif.lon_deg,
-        lat_deg=exif.lat_deg,
-        height_m=exif.altitude_m,
-        height_datum=_exif_datum(exif),
-        sigma=Sigma(horizontal_m=stated, vertical_m=2 * stated) if math.isfinite(stated) else SIGMA_HANDHELD,
+        source=source,
+        lon_deg=lon_deg,
+        lat_deg=lat_deg,
+        height_m=height_m,
+        height_datum=datum,
+        sigma=sigma,
+        evidence=f"{source.upper()} position, {sigma_evidence}"
+        + (f"; {height_evidence}" if math.isfinite(height_m) else "; no height"),
+        warnings=warnings,
     )

@@ -1,4 +1,4 @@
-"""DJI's XMP packet: position, attitude and RTK state, in the attribute form and the element form."""
+"""XMP packets: properties by namespace and name, in the attribute form, the element form and as structures."""
 
 from __future__ import annotations
 
@@ -11,78 +11,84 @@ from xml.etree.ElementTree import Element, ParseError
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
-DJI = "{http://www.dji.com/drone-dji/1.0/}"
 _PACKET = re.compile(rb"<x:xmpmeta\b.*?</x:xmpmeta>", re.DOTALL)
+_RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+# Real packets nest 5 deep (x:xmpmeta, rdf:RDF, rdf:Description, a structure, its member); deeper ones are an attack.
+_DEEPEST = 12
 
 
 @dataclass(frozen=True, kw_only=True)
-class DroneMetadata:
-    """What DJI's packet says; NaN where it says nothing.
+class XmpPacket:
+    """Properties by ``namespace|Name``, members of a structure by ``namespace|Name/Member``.
 
-    Latitude and longitude in degrees (WGS 84), altitude in metres (its datum depends on the drone: see
-    ``facadelake.photo.prior``), gimbal angles in degrees, ``rtk_std_*`` in metres one sigma, ``rtk_flag`` 50 fixed,
-    34 float, 16 single, None where absent, ``calibrated_focal_px`` for the stored size.
+    Namespaces are kept without a closing slash, for makers write the same one with and without it.
     """
 
-    lat_deg: float
-    lon_deg: float
-    absolute_altitude_m: float
-    gimbal_yaw_deg: float
-    gimbal_pitch_deg: float
-    gimbal_roll_deg: float
-    rtk_flag: int | None
-    rtk_std_lon_m: float
-    rtk_std_lat_m: float
-    rtk_std_height_m: float
-    calibrated_focal_px: float
+    properties: Mapping[str, str]
+
+    def text(self, namespace: str, *names: str) -> str:
+        """The first of the named properties that is there; empty where none is."""
+        for name in names:
+            value = self.properties.get(f"{namespace}|{name}", "").strip()
+            if value:
+                return value
+        return ""
+
+    def number(self, namespace: str, *names: str) -> float:
+        """The first of the named properties that is a finite number or a fraction (``527/100``); NaN where none is."""
+        for name in names:
+            number = _number(self.text(namespace, name))
+            if math.isfinite(number):
+                return number
+        return math.nan
+
+    def says(self, namespace: str) -> bool:
+        """Whether there is any property of the namespace."""
+        return any(key.startswith(f"{namespace}|") for key in self.properties)
 
 
-def _dji_values(root: Element) -> dict[str, str]:
-    values: dict[str, str] = {}
-    for element in root.iter():
-        for name, text in element.attrib.items():
-            if name.startswith(DJI):
-                values.setdefault(name.removeprefix(DJI), text)
-        if element.tag.startswith(DJI) and element.text:
-            values.setdefault(element.tag.removeprefix(DJI), element.text)
-    return values
+def _number(text: str) -> float:
+    numerator, _, denominator = text.partition("/")
+    try:
+        number = float(numerator) / (float(denominator) if denominator else 1.0)
+    except (ValueError, ZeroDivisionError):
+        return math.nan
+    return number if math.isfinite(number) else math.nan
 
 
-def _number(values: Mapping[str, str], *names: str) -> float:
-    for name in names:
-        if name in values:
-            try:
-                return float(values[name].strip())
-            except ValueError:
-                continue
-    return math.nan
+def _split(tag: str) -> tuple[str, str]:
+    namespace, _, name = tag.rpartition("}")
+    return namespace.lstrip("{").rstrip("/"), name
 
 
-def parse_drone_metadata(packet: bytes) -> DroneMetadata | None:
-    """Read a DJI packet; None where there is none or it is no well-formed XML (the photograph may still be good).
+def _collect(element: Element, owner: str, depth: int, properties: dict[str, str]) -> None:
+    def key_of(tag: str) -> str:
+        namespace, name = _split(tag)
+        return f"{owner}/{name}" if owner else f"{namespace}|{name}"
 
-    Early firmware misspells ``GpsLongtitude``; both spellings are read.
-    """
+    for tag, text in element.attrib.items():
+        if _split(tag)[0] != _RDF:
+            properties.setdefault(key_of(tag), text)
+    if depth == _DEEPEST:
+        return
+    for child in element:
+        inside = owner
+        if _split(child.tag)[0] not in (_RDF, "adobe:ns:meta"):
+            inside = key_of(child.tag)
+            if child.text and child.text.strip():
+                properties.setdefault(inside, child.text)
+        _collect(child, inside, depth + 1, properties)
+
+
+def parse_packet(packet: bytes) -> XmpPacket | None:
+    """Read a packet; None where there is none or it is no well-formed XML (the photograph may still be good)."""
     found = _PACKET.search(packet)
     if found is None:
         return None
     try:
-        values = _dji_values(fromstring(found.group()))
+        root = fromstring(found.group())
     except (ParseError, DefusedXmlException):
         return None
-    if not values:
-        return None
-    flag = _number(values, "RtkFlag")
-    return DroneMetadata(
-        lat_deg=_number(values, "GpsLatitude"),
-        lon_deg=_number(values, "GpsLongitude", "GpsLongtitude"),
-        absolute_altitude_m=_number(values, "AbsoluteAltitude"),
-        gimbal_yaw_deg=_number(values, "GimbalYawDegree"),
-        gimbal_pitch_deg=_number(values, "GimbalPitchDegree"),
-        gimbal_roll_deg=_number(values, "GimbalRollDegree"),
-        rtk_flag=int(flag) if math.isfinite(flag) else None,
-        rtk_std_lon_m=_number(values, "RtkStdLon"),
-        rtk_std_lat_m=_number(values, "RtkStdLat"),
-        rtk_std_height_m=_number(values, "RtkStdHgt"),
-        calibrated_focal_px=_number(values, "CalibratedFocalLength"),
-    )
+    properties: dict[str, str] = {}
+    _collect(root, "", 0, properties)
+    return XmpPacket(properties=properties)

@@ -86,10 +86,9 @@ def test_every_bad_file_is_a_row_and_the_good_ones_go_on(photos: pa.Table) -> No
     }
     assert [rows[name]["prior_source"] for name in GOOD] == ["exif"] * 3
     for name in WITHOUT_PRIOR:
-        prior = {key: value for key, value in rows[name].items() if key.startswith("prior_")}
-        assert prior.pop("prior_source") == "none"
-        assert prior.pop("prior_height_datum") == "unknown"
-        assert set(prior.values()) == {None}, name
+        assert (rows[name]["prior_source"], rows[name]["prior_height_datum"]) == ("none", "unknown")
+        said = ("lon_deg", "lat_deg", "height_m", "sigma_horizontal_m", "sigma_vertical_m", "evidence")
+        assert {rows[name][f"prior_{column}"] for column in said} == {None}, name
 
 
 def test_a_position_off_the_globe_in_xmp_leaves_that_of_exif(tmp_path: Path) -> None:

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from facadelake.photo.drone import DroneMetadata, parse_drone_metadata
 from facadelake.photo.exif import ExifMetadata
 from facadelake.photo.prior import SIGMA_DRONE, SIGMA_HANDHELD, SIGMA_RTK_FIXED, SIGMA_RTK_FLOAT, Sigma, position_prior
-from facadelake.photo.xmp import DroneMetadata, parse_drone_metadata
 from schemas.vocabulary import HeightDatum, PositionSource
 
 HEAD = (
@@ -22,16 +22,6 @@ ELEMENTS = (
     "<drone-dji:RtkFlag>50</drone-dji:RtkFlag></rdf:Description></rdf:RDF></x:xmpmeta>"
 )
 BOMB = '<!DOCTYPE x [<!ENTITY a "aaaa">]>'
-
-
-def exif(**changed: object) -> ExifMetadata:
-    """EXIF that says nothing but what is given."""
-    nothing = {
-        "make": "", "model": "", "taken_at": None, "focal_length_mm": math.nan, "focal_length_35mm_mm": math.nan,
-        "lat_deg": math.nan, "lon_deg": math.nan, "altitude_m": math.nan, "altitude_ref": None,
-        "position_error_m": math.nan,
-    }  # fmt: skip
-    return ExifMetadata(**(nothing | changed))  # type: ignore[arg-type]
 
 
 def drone(text: str) -> DroneMetadata:
@@ -82,7 +72,9 @@ PLACE = 'drone-dji:GpsLatitude="48.5" drone-dji:GpsLongitude="8.25" drone-dji:Ab
     ],
 )
 def test_sigma_and_datum_need_evidence(rtk: str, sigma: Sigma, datum: HeightDatum) -> None:
-    prior = position_prior(drone(f"{PLACE} {rtk}"), exif(lat_deg=1.0, lon_deg=1.0, altitude_m=5.0, altitude_ref=0))
+    prior = position_prior(
+        drone(f"{PLACE} {rtk}"), ExifMetadata(lat_deg=1.0, lon_deg=1.0, altitude_m=5.0, altitude_ref=0)
+    )
     assert (prior.source, prior.height_m, prior.sigma, prior.height_datum) == (PositionSource.XMP, 200.0, sigma, datum)
 
 
@@ -95,5 +87,5 @@ def test_sigma_and_datum_need_evidence(rtk: str, sigma: Sigma, datum: HeightDatu
     ],
 )
 def test_a_handheld_position(said: dict[str, float], sigma: Sigma, datum: HeightDatum) -> None:
-    prior = position_prior(None, exif(lat_deg=55.0, lon_deg=13.0, altitude_m=37.0, **said))
+    prior = position_prior(None, ExifMetadata(lat_deg=55.0, lon_deg=13.0, altitude_m=37.0, **said))
     assert (prior.source, prior.sigma, prior.height_datum) == (PositionSource.EXIF, sigma, datum)
