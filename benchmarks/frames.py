@@ -67,7 +67,8 @@ class Block:
 
     def checkpoint(self, name: str) -> Array:
         """The published place (3,) of a check point."""
-        return self.origin.site_from_geo(self.truth.checkpoints[name].geo[None])[0]
+        place: Array = self.origin.site_from_geo(self.truth.checkpoints[name].geo[None])[0]
+        return place
 
     def posed(self, site_from_sfm: Similarity) -> list[PosedCamera]:
         """The block's photographs, placed."""

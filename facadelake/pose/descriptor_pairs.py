@@ -58,7 +58,8 @@ def mutual_pairs(a: NDArray[np.uint8], b: NDArray[np.uint8], *, largest_ratio: f
             first[rows] = np.maximum(first[rows], best)
     # The very products of the tiles are compared, so equality says that the row is also the column's nearest.
     mutual = first == best_of_b[nearest]
-    ratio = np.sqrt(np.maximum(1.0 - first, 0.0) / np.maximum(1.0 - second, 1e-6)).astype(np.float64)
+    # What float32 leaves of 1 - cosine is 1e-6 and no distance: two equal copies are equally near.
+    ratio = np.sqrt(np.maximum(1.0 - first, 1e-6) / np.maximum(1.0 - second, 1e-6)).astype(np.float64)
     kept = np.flatnonzero(mutual & (ratio <= largest_ratio))
     kept = kept[np.argsort(ratio[kept], kind="stable")]
     return DescriptorPairs(a=kept, b=nearest[kept], ratio=ratio[kept])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,7 +109,7 @@ def read_reference(path: Path) -> ReferencePoints:
         reference = ReferencePoints(
             building_id=said["building_id"], campaign_id=said["campaign_id"], origin=origin, **arrays
         )
-    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise InputDataError(
             f"{path} holds no whole reference ({error}); georeference the earlier campaign again, or place this one "
             "without a reference"

@@ -44,6 +44,8 @@ def shared_similarity(source: Array, target: Array, tolerance: Array, *, seed: i
     None where no three pairs agree. ``tolerance`` and ``target`` have one unit; the scale is free within what the
     triangles say. Source: Fischler and Bolles 1981; MSAC (Torr and Zisserman 2000).
     """
+    if len(source) < 3:
+        return None
     rng = np.random.default_rng(seed)
     scored = np.sort(rng.permutation(len(source))[:_SCORED_PAIRS])
     best, best_cost = None, np.inf
@@ -57,6 +59,8 @@ def shared_similarity(source: Array, target: Array, tolerance: Array, *, seed: i
                 k = int(cost.argmin())
                 best_cost = float(cost[k])
                 best = Similarity(rotation=rotation[k], translation=translation[k], scale=float(scale[k]))
+        if best_cost < 0.5 * len(scored):  # more than half agree: no other placement can have more
+            break
     return None if best is None else _refined(best, source, target, tolerance)
 
 
