@@ -95,4 +95,4 @@ def _off_gps_time(members: list[int], ticks: Sequence[Tick]) -> list[tuple[int, 
         return []
     offsets = {i: _seconds(ticks[i].taken_at) - _seconds(ticks[i].gps_time) for i in both}
     usual = median(offsets.values())
-    return [(i, offset) for i, offset in offsets.items() if abs(offset - usual) > _LARGEST_CLOCK_STEP_S]
+    return [(i, offset - usual) for i, offset in offsets.items() if abs(offset - usual) > _LARGEST_CLOCK_STEP_S]

@@ -22,7 +22,7 @@ class ExifMetadata:
     ``focal_length_35mm_mm`` is FocalLengthIn35mmFilm (by the diagonal, CIPA DCG-001); ``focal_plane_focal_px`` is the
     focal length over the focal plane's resolution, where that is the stored size's. ``altitude_ref``: 0 and 1 above and
     below sea level, 2 and 3 above and below the ellipsoid (EXIF 3.0). ``position_error_m`` is GPSHPositioningError,
-    ``position_step_deg`` the coarsest step that latitude and longitude are written in. ``gps_time`` is the receiver's.
+    ``position_step_deg`` the step that latitude and longitude are written in. ``gps_time`` is the receiver's.
     """
 
     make: str = ""
@@ -74,13 +74,13 @@ def _degrees(value: Any, ref: Any, negative: str) -> float:
     return -magnitude if _text(ref).upper() == negative else magnitude
 
 
-def _step_deg(value: Any) -> float:
-    """The step that degrees, minutes, seconds are written in, by their denominators; NaN where they have none."""
-    if not isinstance(value, tuple | list) or len(value) != 3:
-        return math.nan
+def _step_deg(*angles: Any) -> float:
+    """The finest step that degrees, minutes, seconds are written in, by denominators (reading reduces fractions)."""
     steps = [
         1 / (unit * part.denominator)
-        for part, unit in zip(value, (1, 60, 3600), strict=True)
+        for angle in angles
+        if isinstance(angle, tuple | list) and len(angle) == 3
+        for part, unit in zip(angle, (1, 60, 3600), strict=True)
         if getattr(part, "denominator", 0) > 0
     ]
     return min(steps, default=math.nan)
@@ -143,7 +143,7 @@ def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
         focal_plane_focal_px=_focal_plane_px(block, width_px),
         lat_deg=_degrees(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLatitudeRef), "S"),
         lon_deg=_degrees(gps.get(GPS.GPSLongitude), gps.get(GPS.GPSLongitudeRef), "W"),
-        position_step_deg=max(_step_deg(gps.get(GPS.GPSLatitude)), _step_deg(gps.get(GPS.GPSLongitude))),
+        position_step_deg=_step_deg(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLongitude)),
         altitude_m=_number(gps.get(GPS.GPSAltitude)) * (-1 if altitude_ref in (1, 3) else 1),
         altitude_ref=altitude_ref,
         position_error_m=_positive(gps.get(GPS.GPSHPositioningError)),

@@ -1,0 +1,139 @@
+"""EXIF as cameras and phones write it: accuracy, direction, serial numbers, time, steps."""
+
+import io
+import math
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
+
+from facadelake.photo.attitude import attitude_prior
+from facadelake.photo.drone import DroneMetadata
+from facadelake.photo.exif import ExifMetadata, read_exif
+from facadelake.photo.prior import PositionPrior, Sigma, position_prior
+
+Tags = dict[int, object]
+
+
+def exif_of(gps: Tags | None = None, detail: Tags | None = None, head: Tags | None = None) -> ExifMetadata:
+    """The block through a JPEG of 64 px, as a camera would have written it."""
+    exif = Image.Exif()
+    exif.update(head or {})
+    exif.get_ifd(0x8769).update(detail or {})
+    exif.get_ifd(0x8825).update(gps or {})
+    out = io.BytesIO()
+    Image.fromarray(np.zeros((48, 64, 3), dtype=np.uint8)).save(out, "JPEG", exif=exif)
+    with Image.open(out) as image:
+        return read_exif(image.getexif(), width_px=64)
+
+
+def ratios(*values: tuple[int, int]) -> tuple[IFDRational, ...]:
+    """EXIF rationals."""
+    return tuple(IFDRational(*value) for value in values)
+
+
+PLACE: Tags = {
+    1: "S", 2: ratios((33, 1), (51, 1), (2412, 100)),
+    3: "W", 4: ratios((70, 1), (39, 1), (4567, 100)),
+    5: b"\0", 6: IFDRational(5701, 10),
+}  # fmt: skip
+
+
+def prior_of(**gps: object) -> PositionPrior:
+    """The prior of PLACE with some tags (by ``t`` and number) added."""
+    return position_prior(None, exif_of(PLACE | {int(name[1:]): value for name, value in gps.items()}))
+
+
+def test_a_phone_states_its_error_its_direction_and_its_lens() -> None:
+    """An iPhone's tags."""
+    exif = exif_of(
+        PLACE | {16: "T", 17: IFDRational(2345678, 10000), 31: IFDRational(47, 10)},
+        {
+            36867: "2026:04:14 10:00:05",
+            36881: "-03:00",
+            37521: "125",
+            42036: "iPhone 15 Pro back triple camera 6.765mm",
+        },
+        {271: "Apple", 272: "iPhone 15 Pro"},
+    )
+    assert (exif.make, exif.lens_model) == ("Apple", "iPhone 15 Pro back triple camera 6.765mm")
+    assert exif.taken_at == datetime(2026, 4, 14, 13, 0, 5, 125000, tzinfo=UTC)
+    prior = position_prior(None, exif)
+    assert (prior.lat_deg, prior.lon_deg) == pytest.approx((-33.8567, -70.662686), rel=0, abs=1e-6)  # deg
+    assert prior.sigma == Sigma(horizontal_m=4.7, vertical_m=9.4)
+    assert prior.evidence == "EXIF position, GPSHPositioningError 4.7 m; EXIF height of unknown datum"
+    attitude = attitude_prior(None, exif)
+    assert attitude.yaw_deg == pytest.approx(234.5678 - 360, rel=0, abs=1e-6)  # deg
+    assert attitude.evidence == "EXIF GPSImgDirection (true north)"
+
+
+def test_a_camera_states_its_body_and_its_focal_plane() -> None:
+    """A Sony with pixels a centimetre, magnetic direction."""
+    exif = exif_of(
+        PLACE | {16: "M", 17: IFDRational(90, 1)},
+        {37386: IFDRational(35, 1), 41486: IFDRational(22222, 10), 41488: 3, 40962: 64, 42033: "04512345"},
+    )
+    assert exif.body_serial == "04512345"
+    assert exif.focal_plane_focal_px == pytest.approx(35 * 222.22, rel=0, abs=1e-6)  # px
+    assert attitude_prior(None, exif).evidence == "EXIF GPSImgDirection (magnetic north)"
+    resized = exif_of({}, {37386: IFDRational(35, 1), 41486: IFDRational(22222, 10), 41488: 3, 40962: 6000})
+    assert math.isnan(resized.focal_plane_focal_px)
+
+
+def test_dilution_of_precision_widens_and_never_narrows() -> None:
+    assert prior_of(t11=IFDRational(8, 10)).sigma == Sigma(horizontal_m=5.0, vertical_m=10.0)
+    assert prior_of(t11=IFDRational(4, 1)).sigma == Sigma(horizontal_m=12.0, vertical_m=24.0)
+
+
+@pytest.mark.parametrize(
+    ("tag", "value", "sigma", "warning"),
+    [
+        ("t9", "V", Sigma(horizontal_m=50.0, vertical_m=50.0), "GPSStatus is V (void)"),
+        ("t10", "2", Sigma(horizontal_m=5.0, vertical_m=50.0), "the height is not measured"),
+        ("t18", "TOKYO", Sigma(horizontal_m=5.0, vertical_m=10.0), "GPSMapDatum is TOKYO; taken as WGS 84"),
+    ],
+)
+def test_what_speaks_against_the_fix_widens_and_is_told(tag: str, value: str, sigma: Sigma, warning: str) -> None:
+    prior = prior_of(**{tag: value})
+    assert prior.sigma == sigma
+    assert len(prior.warnings) == 1
+    assert warning in prior.warnings[0]
+    assert prior_of(t9="A", t10="3", t18="WGS-84").warnings == ()
+
+
+def test_a_position_written_in_whole_seconds_is_no_surer_than_they_are() -> None:
+    coarse = ratios((33, 1), (51, 1), (24, 1))
+    prior = prior_of(t2=coarse, t4=coarse)
+    # a second of arc is 30.9 m: 8.9 m rms, and the receiver's 5 m
+    assert prior.sigma.horizontal_m == pytest.approx(math.hypot(5.0, 30.92 / math.sqrt(12)), rel=0, abs=0.01)  # m
+    assert prior.warnings == ("the position is written in steps of 31 m",)
+    minutes = exif_of(
+        PLACE | {2: ratios((33, 1), (514020, 10000), (0, 1)), 4: ratios((70, 1), (396543, 10000), (0, 1))}
+    )
+    assert minutes.position_step_deg * 111_320 < 1.0  # m
+
+
+def test_gps_time_is_the_receivers() -> None:
+    clock = ratios((13, 1), (0, 1), (45, 10))
+    assert exif_of(PLACE | {7: clock, 29: "2026:04:14"}).gps_time == datetime(2026, 4, 14, 13, 0, 4, 500000, tzinfo=UTC)
+    assert exif_of(PLACE | {7: clock, 29: "0000:00:00"}).gps_time is None
+
+
+def test_xmp_goes_first_and_what_exif_says_otherwise_is_told() -> None:
+    drone = DroneMetadata(maker="DJI", lat_deg=-33.8567, lon_deg=-70.6627, absolute_altitude_m=-30.04)
+    close = ExifMetadata(lat_deg=-33.8567, lon_deg=-70.66271, altitude_m=-30.0)
+    assert position_prior(drone, close).warnings == ()
+    prior = position_prior(drone, ExifMetadata(lat_deg=-33.8567, lon_deg=-70.66, altitude_m=30.04))
+    assert (prior.source, prior.lon_deg, prior.height_m) == ("xmp", -70.6627, -30.04)
+    assert prior.warnings == (
+        "EXIF's position is 250 m from XMP's, which is used",
+        "EXIF GPSAltitude 30.0 m is not XMP's -30.0 m, which is used",
+    )
+
+
+def test_a_damaged_block_says_nothing() -> None:
+    assert repr(read_exif(Image.Exif(), width_px=64)) == repr(ExifMetadata())  # NaN is not itself
+    odd = exif_of({2: "48", 4: ratios((8, 1)), 6: "high"}, {36867: "yesterday", 37521: "abc", 41488: 9})
+    assert (odd.taken_at, math.isnan(odd.lat_deg), math.isnan(odd.altitude_m)) == (None, True, True)
