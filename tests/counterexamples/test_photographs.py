@@ -19,6 +19,7 @@ from tests.unit.photo.small_photographs import photograph
 
 LAT = 48.94  # deg, where the good ones stand
 XMP_91 = 'drone-dji:GpsLatitude="91.0" drone-dji:GpsLongitude="8.4"'
+INVALID = 'drone-dji:GpsStatus="Invalid" drone-dji:GpsLatitude="48.9" drone-dji:GpsLongitude="8.4"'
 NO_PRIOR = "the photograph is used without one"
 
 REFUSED = {
@@ -40,6 +41,7 @@ WITHOUT_PRIOR = {
     "(lon -180..180, lat -90..90)); the photograph is used without one",
     "xmp-91.jpg": "no position prior (XMP: position lon 8.400000, lat 91.000000 is off the globe "
     "(lon -180..180, lat -90..90); EXIF: no position); the photograph is used without one",
+    "invalid.jpg": f"no position prior (XMP: GpsStatus is Invalid; EXIF: no position); {NO_PRIOR}",
     "xmp-nan.jpg": f"no position prior (XMP: no position; EXIF: no position); {NO_PRIOR}",
 }
 GOOD = ("good-1.jpg", "good-2.jpg", "good-3.jpg")
@@ -64,6 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "lat-91.jpg").write_bytes(photograph(lat=91.0, seed=14))
     (root / "xmp-91.jpg").write_bytes(photograph(xmp=XMP_91, seed=15))
     (root / "xmp-nan.jpg").write_bytes(photograph(xmp=XMP_91.replace("91.0", "nan"), seed=16))
+    (root / "invalid.jpg").write_bytes(photograph(xmp=INVALID, seed=17))
     return root
 
 
@@ -96,6 +99,79 @@ def test_a_position_off_the_globe_in_xmp_leaves_that_of_exif(tmp_path: Path) -> 
     (row,) = ingest_photographs(tmp_path, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
     assert (row["photo_outcome"], row["reason"], row["prior_source"]) == ("accepted", None, "exif")
     assert row["prior_lat_deg"] == pytest.approx(LAT, rel=0, abs=1e-8)  # deg
+
+
+# One flight, a photograph every 5 m and 2 s; what those get that have something wrong with them.
+DROPPED = {
+    "DJI_0002.jpg": "the position lies … km from the other photographs; with latitude and longitude swapped back it "
+    "would lie … m from there: correct the metadata",
+    "DJI_0003.jpg": "the position lies … km from the other photographs; with the longitude's sign (E/W) changed it "
+    "would lie … m from there: correct the metadata",
+    "DJI_0004.jpg": "the position lies … m from that of the photograph … s before, faster than 30 m/s; its neighbours "
+    "agree without it",
+}
+WARNED = {
+    "DJI_0005.jpg": "height 12000 m is no height of a photograph (-500 to 9000 m); left out",
+    "DJI_0006.jpg": "height 655.0 m does not go with its neighbours' in time; left out",
+    "DJI_0008.jpg": "its time does not fit its place in the order of file names: the clock was set, or files renamed",
+    "DJI_0010.jpg": "taken at 1980-01-06: the camera's clock was not set; the time is not used",
+}
+
+
+def flight_with_slips(root: Path) -> None:
+    """Photographs DJI_0001 to DJI_0012."""
+    for k in range(1, 13):
+        said = {"lat": LAT, "lon": 8.4 + k * 5 / 73_000, "taken": f"2026:04:14 10:00:{2 * k:02d}"}
+        said |= {
+            2: {"lat": 8.4, "lon": LAT},
+            3: {"lon": -8.4},
+            4: {"lat": LAT + 0.01},
+            5: {"altitude_m": 12000.0},
+            6: {"altitude_m": 655.0},
+            8: {"taken": "2026:04:14 10:00:01"},
+            10: {"taken": "1980:01:06 12:00:10"},
+        }.get(k, {})
+        (root / f"DJI_{k:04d}.jpg").write_bytes(photograph(seed=k, **said))  # type: ignore[arg-type]
+
+
+def test_what_only_the_other_photographs_show_to_be_wrong(tmp_path: Path) -> None:
+    flight_with_slips(tmp_path)
+    table = ingest_photographs(tmp_path, distance_to_model_m=None, close_range_below_m=8.0)
+    rows = {row["photo_id"]: row for row in table.to_pylist()}
+
+    def plain(text: str | None) -> str:
+        return re.sub(r"\d+(?= (km from|m from|s before))", "…", text or "")
+
+    assert set(table.column("photo_outcome").to_pylist()) == {"accepted"}
+    assert {
+        name: plain(row["prior_warnings"]) for name, row in rows.items() if row["prior_warnings"]
+    } == DROPPED | WARNED
+    assert {name: plain(row["reason"]) for name, row in rows.items() if row["prior_source"] == "none"} == {
+        name: f"no position prior ({reason}); {NO_PRIOR}" for name, reason in DROPPED.items()
+    }
+    assert [name for name, row in rows.items() if row["prior_source"] == "exif" and row["prior_height_m"] is None] == [
+        "DJI_0005.jpg",
+        "DJI_0006.jpg",
+    ]
+
+
+def test_a_receiver_that_froze(tmp_path: Path) -> None:
+    for k in range(8):
+        lon = 8.4 + max(0, k - 3) * 50 / 73_000
+        (tmp_path / f"{k}.jpg").write_bytes(photograph(lat=LAT, lon=lon, seed=k, taken=f"2026:04:14 10:00:{5 * k:02d}"))
+    rows = ingest_photographs(tmp_path, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
+    assert [row["prior_warnings"] for row in rows] == ["4 photographs in a row have this very position"] * 4 + [
+        None
+    ] * 4
+    assert [row["prior_sigma_horizontal_m"] for row in rows[3:5]] == pytest.approx([50.0, 5.0], rel=0, abs=0.5)  # m
+    frozen = tmp_path / "frozen"
+    frozen.mkdir()
+    for k in range(4):
+        (frozen / f"{k}.jpg").write_bytes(photograph(lat=48.94001, seed=k, taken=f"2026:04:14 10:00:{5 * k:02d}"))
+    rows = ingest_photographs(frozen, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
+    assert {(row["prior_source"], row["prior_warnings"]) for row in rows} == {
+        ("none", "all 4 photographs of the flight have the same position: no receiver's, or cut-off digits")
+    }
 
 
 def test_boxes_on_a_refused_photograph_are_rows_and_the_others_go_on(tmp_path: Path, photos: pa.Table) -> None:

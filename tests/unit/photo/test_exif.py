@@ -135,5 +135,5 @@ def test_xmp_goes_first_and_what_exif_says_otherwise_is_told() -> None:
 
 def test_a_damaged_block_says_nothing() -> None:
     assert repr(read_exif(Image.Exif(), width_px=64)) == repr(ExifMetadata())  # NaN is not itself
-    odd = exif_of({2: "48", 4: ratios((8, 1)), 6: "high"}, {36867: "yesterday", 37521: "abc", 41488: 9})
+    odd = exif_of({2: ratios((48, 1)), 4: ratios((8, 1), (24, 1))}, {36867: "yesterday", 37521: "abc", 41488: 9})
     assert (odd.taken_at, math.isnan(odd.lat_deg), math.isnan(odd.altitude_m)) == (None, True, True)
