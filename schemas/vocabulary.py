@@ -48,6 +48,8 @@ class PoseSource(StrEnum):
     """How a pose was found."""
 
     SFM = "sfm"
+    RESECTED = "resected"
+    PRIOR = "prior"
     UNLOCALISED = "unlocalised"
 
 
@@ -55,7 +57,17 @@ class ControlKind(StrEnum):
     """What placed the campaign on the globe."""
 
     GCP = "gcp"
+    CAMPAIGN = "campaign"
     MODEL = "model"
+    GPS = "gps"
+
+
+class PointKind(StrEnum):
+    """What a point of the passport is to the adjustment."""
+
+    CONTROL = "control"
+    HELD_OUT = "held_out"
+    CHECK = "check"
     GPS = "gps"
 
 

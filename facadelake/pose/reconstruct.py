@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from facadelake.cache import code_hash, key_of
 from facadelake.errors import InputDataError
 from facadelake.frames import Array
 from facadelake.geodesy import SiteOrigin
 from facadelake.photo.exif import FULL_FRAME_DIAGONAL_MM
-from facadelake.pose.pairing import choose_pairs, viewing_directions
+from facadelake.pose.pairing import choose_pairs, poorly_placed, viewing_directions
 from facadelake.pose.runner import run_worker
 from facadelake.pose.settings import ReconstructionSettings
+from facadelake.pose.work_folder import work_folder
 from schemas.vocabulary import PhotoOutcome, PhotoRole
 
 # COLMAP's guess where a photograph says nothing of its focal length: 1.2 times the longer side.
@@ -40,10 +41,9 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
     xyz_m, sigma_m = prior_positions(rows)
     direction = viewing_directions(_column(rows, "prior_yaw_deg"), _column(rows, "prior_pitch_deg"))
     close_range = np.array([row["role"] == PhotoRole.CLOSERANGE for row in rows])
-    job = {
-        "photographs_root": str(photographs_root),
-        "settings": asdict(settings),
-        "cores": settings.cores,
+    half_view_deg = np.array([_half_view_deg(cameras[camera]) for camera in camera_of])
+    job: dict[str, Any] = {
+        "settings": settings.key(),
         "cameras": cameras,
         "photos": [
             {
@@ -54,9 +54,20 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
             }
             for row, camera, xyz, sigma in zip(rows, camera_of, xyz_m, sigma_m, strict=True)
         ],
-        "pairs": choose_pairs(xyz_m, direction, close_range, settings),
+        "pairs": choose_pairs(xyz_m, direction, close_range, settings, half_view_deg=half_view_deg),
+        "sought": np.flatnonzero(poorly_placed(xyz_m, sigma_m, settings)).tolist(),
     }
-    run_worker(job, folder)
+    hashes = [row["sha256"] for row in rows]
+    with work_folder(folder.parent, key_of({"job": job, "photos": hashes, "code": code_hash("pose/worker")})) as work:
+        here = {"photographs_root": str(photographs_root), "cores": settings.cores, "work": str(work)}
+        run_worker(job | here, folder)
+
+
+def _half_view_deg(camera: dict[str, Any]) -> float:
+    """Half the diagonal angle of view; NaN where the focal length is a guess."""
+    if not camera["focal_known"]:
+        return math.nan
+    return math.degrees(math.atan(math.hypot(camera["width_px"], camera["height_px"]) / 2 / camera["focal_px"]))
 
 
 def _column(rows: list[dict[str, Any]], name: str) -> Array:
@@ -84,29 +95,28 @@ def prior_positions(rows: list[dict[str, Any]]) -> tuple[Array, Array]:
 
 
 def _cameras(rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[int]]:
-    """One camera for each make, model, size and focal length, and which one took each photograph."""
+    """One camera for each body, lens, size and focal length (zoom), and which one took each photograph."""
     number_of: dict[tuple[Any, ...], int] = {}
     cameras: list[dict[str, Any]] = []
     camera_of: list[int] = []
     for row in rows:
         width, height = row["image_width_px"], row["image_height_px"]
-        focal_35mm = row["focal_length_35mm_mm"]
-        key = (
-            row["camera_make"],
-            row["camera_model"],
-            width,
-            height,
-            row["focal_length_mm"],
-            round(focal_35mm or 0, 1),
-        )
+        focal_px, known = _focal_px(row)
+        body = tuple(row.get(name) for name in ("camera_make", "camera_model", "camera_serial", "lens_model"))
+        # Focal lengths are stated with two or three figures: nearer ones are one setting of the zoom.
+        key = (*body, width, height, row["focal_length_mm"], f"{focal_px:.2e}" if known else "")
         if key not in number_of:
             number_of[key] = len(cameras)
-            known = focal_35mm is not None and focal_35mm > 0
-            focal_px = (
-                focal_35mm * math.hypot(width, height) / FULL_FRAME_DIAGONAL_MM
-                if known
-                else _GUESSED_FOCAL_FACTOR * max(width, height)
-            )
             cameras.append({"width_px": width, "height_px": height, "focal_px": focal_px, "focal_known": known})
         camera_of.append(number_of[key])
     return cameras, camera_of
+
+
+def _focal_px(row: dict[str, Any]) -> tuple[float, bool]:
+    """The focal length to start from, and whether the photograph states it."""
+    width, height = row["image_width_px"], row["image_height_px"]
+    if row.get("prior_focal_px"):
+        return row["prior_focal_px"], True
+    if row["focal_length_35mm_mm"]:
+        return row["focal_length_35mm_mm"] * math.hypot(width, height) / FULL_FRAME_DIAGONAL_MM, True
+    return _GUESSED_FOCAL_FACTOR * max(width, height), False

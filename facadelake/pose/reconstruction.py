@@ -13,17 +13,22 @@ from numpy.typing import NDArray
 from facadelake.camera import Camera
 from facadelake.errors import InputDataError
 from facadelake.frames import Array, Similarity
+from schemas.vocabulary import PoseSource
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LocalisedPhoto:
-    """A photograph in the block; ``sfm_from_cam`` has scale 1 (the frame ``sfm`` has no metre)."""
+    """A photograph in the block; ``sfm_from_cam`` has scale 1 (the frame ``sfm`` has no metre).
+
+    ``source``: SFM where mapping placed it, RESECTED where its matches with the finished block did.
+    """
 
     photo_id: str
     camera: Camera
     sfm_from_cam: Similarity
     reprojection_error_px: float
     tie_points: int
+    source: PoseSource = PoseSource.SFM
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +96,7 @@ def _localised(said: dict[str, Any], camera: Array, rotation: Array, translation
         sfm_from_cam=Similarity(rotation=rotation, translation=translation),
         reprojection_error_px=said["reprojection_error_px"],
         tie_points=said["tie_points"],
+        source=PoseSource(said.get("source", PoseSource.SFM)),
     )
 
 

@@ -93,4 +93,4 @@ def _crash_message(code: int, log_path: Path) -> str:
     else:
         cause = f"ended with status {code}"
     tail = log_path.read_text(encoding="utf-8", errors="replace").splitlines()[-_TAIL_LINES:]
-    return f"the reconstruction process {cause}; the end of its log:\n" + "\n".join(tail)
+    return "\n".join([f"the reconstruction process {cause}; a new run goes on where it stopped. Its log's end:", *tail])

@@ -15,20 +15,44 @@ import pycolmap
 
 from facadelake.pose.worker.descriptors import representative_descriptors
 from facadelake.pose.worker.report import Report
+from schemas.vocabulary import PoseSource
 
 
-def _why_unlocalised(database: pycolmap.Database, image_id: int, block: int) -> str:
+def _why_unlocalised(
+    database: pycolmap.Database,
+    image_id: int,
+    block: int,
+    apart: list[pycolmap.Reconstruction],
+    refused: dict[int, str],
+) -> str:
     features = database.num_keypoints_for_image(image_id)
     if features < 100:
         return f"only {features} features were found: blurred, dark or showing a bare surface"
+    for number, other in enumerate(apart, start=2):
+        if image_id in other.images and other.images[image_id].has_pose:
+            return (
+                f"lies in block {number}, of {other.num_reg_images()} photographs, which shares too little with the "
+                f"first, of {block}; photograph what lies between them"
+            )
     return (
         f"could not be joined to the block of {block} photographs: too little overlap with them "
-        f"({features} features found); photograph with more overlap"
+        f"({features} features found; {refused[image_id]}); photograph with more overlap"
     )
+
+
+def _opencv_params(camera: pycolmap.Camera) -> list[float]:
+    """``fx fy cx cy k1 k2 p1 p2`` of a camera of either model that the database uses."""
+    if camera.model == pycolmap.CameraModelId.SIMPLE_RADIAL:
+        focal, cx, cy, k1 = camera.params
+        return [focal, focal, cx, cy, k1, 0.0, 0.0, 0.0]
+    return [float(value) for value in camera.params]
 
 
 def export(
     model: pycolmap.Reconstruction,
+    apart: list[pycolmap.Reconstruction],
+    mapped: set[int],
+    refused: dict[int, str],
     job: dict[str, Any],
     image_id_of: dict[int, int],
     database_path: Path,
@@ -36,7 +60,7 @@ def export(
     report: Report,
 ) -> None:
     """Write ``sparse/`` (COLMAP's binary model), ``reconstruction.npz``, ``descriptors.npy`` and
-    ``reconstruction.json``.
+    ``reconstruction.json``. ``mapped``: the photographs that mapping placed; the others were resected.
     """
     sparse = folder / "sparse"
     sparse.mkdir()
@@ -51,7 +75,7 @@ def export(
         for index, photo in enumerate(job["photos"]):
             image_id = image_id_of[index]
             if image_id not in model.images or not model.images[image_id].has_pose:
-                reason = _why_unlocalised(database, image_id, model.num_reg_images())
+                reason = _why_unlocalised(database, image_id, len(mapped), apart, refused)
                 lost.append({"photo_id": photo["photo_id"], "reason": reason})
                 continue
             image = model.images[image_id]
@@ -65,12 +89,13 @@ def export(
             track_photo.append(np.full(len(seen), len(photos)))
             track_point.append(np.array([row_of_point[p.point3D_id] for p in seen], dtype=np.int64))
             track_xy.append(xy)
-            cameras.append([camera.width, camera.height, *camera.params])
+            cameras.append([camera.width, camera.height, *_opencv_params(camera)])
             rotations.append(sfm_from_cam.rotation.matrix())
             centres.append(sfm_from_cam.translation)
             photos.append(
                 {
                     "photo_id": photo["photo_id"],
+                    "source": str(PoseSource.SFM if image_id in mapped else PoseSource.RESECTED),
                     "reprojection_error_px": float(error_px.mean()) if len(seen) else 0.0,
                     "tie_points": len(seen),
                 }

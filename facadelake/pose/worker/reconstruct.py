@@ -8,24 +8,30 @@ from typing import Any
 import pycolmap
 
 from facadelake.pose.worker.export import export
-from facadelake.pose.worker.features import extract, fill_database, match
+from facadelake.pose.worker.features import extract, match, open_database
+from facadelake.pose.worker.joining import join_blocks
 from facadelake.pose.worker.mapping import adjust, map_photographs
 from facadelake.pose.worker.report import Report
+from facadelake.pose.worker.resection import resect_others
+from facadelake.pose.worker.retrieval import pairs_by_look
 
 
 def reconstruct(job: dict[str, Any], folder: Path, report: Report) -> None:
-    """Features, matches, block, final adjustment, export into ``folder``.
+    """Features, matches, blocks joined and adjusted, the rest resected; the result is exported into ``folder``.
 
-    The database (hundreds of megabytes of descriptors) is removed at the end: nothing later reads it.
+    What is expensive lies in the folder ``job["work"]`` as soon as it is done: each photograph's features and each
+    pair's matches in a database, the block so far in snapshots. A job that was killed goes on from there.
     """
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.WARNING.value)
     pycolmap.set_random_seed(job["settings"]["seed"])
-    database_path = folder / "features.db"
-    image_id_of = fill_database(job, database_path)
-    extract(job, database_path, report)
-    match(job, database_path, report)
-    model = map_photographs(job, database_path, report)
-    adjust(model, job, report)
-    export(model, job, image_id_of, database_path, folder, report)
-    for left in folder.glob("features.db*"):
-        left.unlink()
+    database_path = Path(job["work"]) / "features.db"
+    image_id_of = open_database(job, database_path)
+    extract(job, database_path, image_id_of, report)
+    alike = pairs_by_look(job, job["sought"], job["settings"]["neighbours"], database_path, image_id_of)
+    pairs = sorted({(int(i), int(j)) for i, j in [*job["pairs"], *alike]})
+    match(job, pairs, database_path, image_id_of, report)
+    block, apart = join_blocks(map_photographs(job, database_path, report), database_path, report)
+    adjust(block, job, report)
+    mapped = set(block.reg_image_ids())
+    refused = resect_others(block, job, database_path, report)
+    export(block, apart, mapped, refused, job, image_id_of, database_path, folder, report)

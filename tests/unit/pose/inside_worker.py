@@ -2,22 +2,48 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
+import pytest
 
 from facadelake.pose.worker.descriptors import representative_descriptors
+from facadelake.pose.worker.features import open_database, threads_for
+from facadelake.pose.worker.joining import join_blocks
+from facadelake.pose.worker.report import Report
+from facadelake.pose.worker.resection import resect_others
+from facadelake.pose.worker.retrieval import pairs_by_look
+
+CAMERA = {"width_px": 1024, "height_px": 768, "focal_px": 1280.0, "focal_known": True}
+SETTINGS = {"max_image_px": 1024, "seed": 1}
+
+
+def silent() -> Report:
+    return Report(stream=io.StringIO())
+
+
+def job_of(photographs: int) -> dict[str, Any]:
+    photo = {"camera": 0, "prior_m": None, "prior_sigma_m": None}
+    photos = [{"photo_id": f"{k:03d}.jpg", **photo} for k in range(photographs)]
+    return {"cameras": [CAMERA], "settings": SETTINGS, "photos": photos, "cores": 4}
 
 
 def synthetic(path: Path, *, photographs: int, points: int) -> pycolmap.Reconstruction:
-    """A block of known truth, and its database."""
+    """A block of known truth, and its database with keypoints of sigma 0.5 px."""
     options = pycolmap.SyntheticDatasetOptions()
     options.num_rigs = options.num_cameras_per_rig = 1
     options.num_frames_per_rig, options.num_points3D = photographs, points
+    options.camera_has_prior_focal_length = True
     pycolmap.set_random_seed(1)
     with pycolmap.Database.open(path) as database:
-        return pycolmap.synthesize_dataset(options, database)
+        model = pycolmap.synthesize_dataset(options, database)
+        noise = pycolmap.SyntheticNoiseOptions()
+        noise.point2D_stddev = 0.5
+        pycolmap.synthesize_noise(noise, model, database)
+        return model
 
 
 def test_each_point_has_a_descriptor_of_its_own_track_nearest_to_the_mean(tmp_path: Path) -> None:
@@ -38,3 +64,138 @@ def test_each_point_has_a_descriptor_of_its_own_track_nearest_to_the_mean(tmp_pa
         )
         expected = track[np.argmin(np.linalg.norm(track - track.mean(axis=0), axis=1))]
         np.testing.assert_array_equal(found[row], expected)
+
+
+def without(model: pycolmap.Reconstruction, image_id: int) -> pycolmap.Rigid3d:
+    """Take a photograph out of the block; returns its true pose."""
+    image = model.images[image_id]
+    pose = image.cam_from_world()
+    model.deregister_frame(image.frame_id)
+    return pose
+
+
+def keep_matches(path: Path, image_id: int, kept: np.ndarray) -> None:
+    """Of the photograph's matches keep those of its keypoints ``kept``, and add as many wrong ones."""
+    rng = np.random.default_rng(1)
+    with pycolmap.Database.open(path) as database:
+        others = [image.image_id for image in database.read_all_images() if image.image_id != image_id]
+        for other in others:
+            matches = database.read_matches(image_id, other)
+            held = matches[np.isin(matches[:, 0], kept)]
+            wrong = np.column_stack([held[:, 0], rng.permutation(matches[:, 1])[: len(held)]]).astype(np.uint32)
+            database.delete_matches(image_id, other)
+            database.write_matches(image_id, other, np.vstack([held, wrong]))
+
+
+def test_a_photograph_outside_is_resected_with_its_sightings(tmp_path: Path) -> None:
+    model = synthetic(tmp_path / "a.db", photographs=6, points=150)
+    truth = without(model, 3)
+    keep_matches(tmp_path / "a.db", 3, np.arange(0, 150, 8))
+    assert resect_others(model, job_of(6), tmp_path / "a.db", silent()) == {}
+    image = model.images[3]
+    found = image.cam_from_world()
+    # 0.5 px of 1280 at 5 units' distance is 0.002 units; 19 points determine the centre to about that.
+    distance = np.linalg.norm(found.inverse().translation - truth.inverse().translation)
+    assert 1e-5 < distance < 0.02
+    turned = (found.rotation * truth.rotation.inverse()).angle()
+    assert 1e-6 < turned < 0.005  # rad
+    assert 15 <= image.num_points3D <= 19
+    for index, point in zip(image.get_observation_point2D_idxs(), image.get_observation_points2D(), strict=True):
+        assert any(e.image_id == 3 and e.point2D_idx == index for e in model.points3D[point.point3D_id].track.elements)
+        error = np.linalg.norm(np.asarray(image.project_point(model.points3D[point.point3D_id].xyz)) - point.xy)
+        assert error < 4.0  # px
+
+
+def test_too_few_or_too_crowded_sightings_are_refused_with_the_reason(tmp_path: Path) -> None:
+    model = synthetic(tmp_path / "a.db", photographs=6, points=100)
+    without(model, 3)
+    keep_matches(tmp_path / "a.db", 3, np.arange(0, 100, 10))
+    few = resect_others(model, job_of(6), tmp_path / "a.db", silent())
+    assert few[3].endswith("12 are needed")
+    crowded = synthetic(tmp_path / "b.db", photographs=4, points=4000)
+    without(crowded, 3)
+    seen = np.array([point.xy for point in crowded.images[3].points2D])
+    together = np.argsort(np.linalg.norm(seen - np.median(seen, axis=0), axis=1))[:18]  # 40 of 1024 px
+    keep_matches(tmp_path / "b.db", 3, together)
+    reasons = resect_others(crowded, job_of(4), tmp_path / "b.db", silent())
+    assert "lie too close together" in reasons[3]
+    assert 3 not in crowded.images
+
+
+def test_two_blocks_that_share_photographs_become_one(tmp_path: Path) -> None:
+    model = synthetic(tmp_path / "a.db", photographs=12, points=200)
+    model.write(tmp_path)
+    truth = {image_id: model.images[image_id].projection_center() for image_id in model.reg_image_ids()}
+    first, second = pycolmap.Reconstruction(tmp_path), pycolmap.Reconstruction(tmp_path)
+    for image_id in (9, 10, 11, 12):
+        without(first, image_id)
+    for image_id in (1, 2, 3, 4, 5):
+        without(second, image_id)
+    moved = pycolmap.Sim3d(2.0, pycolmap.Rotation3d(np.array([0.0, 0, 1]) * 0.7), np.array([3.0, -1, 2]))
+    second.transform(moved)
+    block, apart = join_blocks([first, second], tmp_path / "a.db", silent())
+    assert not apart
+    assert sorted(block.reg_image_ids()) == list(range(1, 13))
+    for image_id, centre in truth.items():
+        np.testing.assert_allclose(block.images[image_id].projection_center(), centre, rtol=0, atol=0.02)
+    assert all(block.images[image_id].num_points3D > 150 for image_id in (9, 10, 11, 12))
+    for image_id in (6, 7, 8):
+        without(second, image_id)
+    alone = pycolmap.Reconstruction(tmp_path)
+    for image_id in (9, 10, 11, 12):
+        without(alone, image_id)
+    assert len(join_blocks([alone, second], tmp_path / "a.db", silent())[1]) == 1
+
+
+def test_photographs_of_one_place_look_alike(tmp_path: Path) -> None:
+    """Eight places, five photographs of each: noisy copies of the place's descriptors among foreign ones."""
+    rng = np.random.default_rng(2)
+    job = job_of(40)
+    image_id_of = open_database(job, tmp_path / "a.db")
+    places = rng.integers(0, 120, (8, 150, 128))
+    with pycolmap.Database.open(tmp_path / "a.db") as database:
+        for index, image_id in image_id_of.items():
+            own = places[index // 5][rng.permutation(150)[:100]] + rng.normal(0, 12, (100, 128))
+            found = np.clip(np.vstack([own, rng.integers(0, 120, (200, 128))]), 0, 255).astype(np.uint8)
+            kind = pycolmap.FeatureExtractorType.SIFT
+            database.write_keypoints(image_id, np.ones((300, 6), dtype=np.float32))
+            database.write_descriptors(image_id, pycolmap.FeatureDescriptors(data=found, type=kind))
+    pairs = pairs_by_look(job, list(range(40)), 4, tmp_path / "a.db", image_id_of)
+    assert len(pairs) <= 160
+    same = {(i, j) for i in range(40) for j in range(i + 1, 40) if i // 5 == j // 5}
+    assert len(same & set(pairs)) > 0.95 * len(same)
+    assert all(7 in pair for pair in pairs_by_look(job, [7], 4, tmp_path / "a.db", image_id_of))
+    assert pairs_by_look(job, [], 4, tmp_path / "none.db", image_id_of) == []
+
+
+def test_a_database_is_found_whole_or_made_anew(tmp_path: Path) -> None:
+    job = job_of(4)
+    path = tmp_path / "features.db"
+    (tmp_path / "features.db.filling").write_bytes(b"of a killed run")
+    assert open_database(job, path) == {0: 1, 1: 2, 2: 3, 3: 4}
+    with pycolmap.Database.open(path) as database:
+        assert database.read_camera(1).model == pycolmap.CameraModelId.OPENCV
+        database.write_keypoints(2, np.ones((5, 6), dtype=np.float32))
+    open_database(job, path)
+    with pycolmap.Database.open(path) as database:
+        assert database.num_keypoints_for_image(2) == 5
+    path.write_bytes(path.read_bytes()[:5000] + b"damaged" * 400)
+    open_database(job, path)
+    with pycolmap.Database.open(path) as database:
+        assert database.num_images() == 4
+        assert database.num_keypoints_for_image(2) == 0
+
+
+def test_a_camera_with_few_photographs_has_a_simple_model(tmp_path: Path) -> None:
+    job = job_of(3)
+    open_database(job, tmp_path / "a.db")
+    with pycolmap.Database.open(tmp_path / "a.db") as database:
+        assert database.read_camera(1).model == pycolmap.CameraModelId.SIMPLE_RADIAL
+
+
+@pytest.mark.parametrize(("free_gib", "threads"), [(64, 4), (4, 2), (0.5, 1)])
+def test_free_memory_bounds_the_threads(free_gib: float, threads: int) -> None:
+    """48 Mpx photographs reduced to 2000 px: 0.9 GB each."""
+    job = {**job_of(3), "cameras": [CAMERA | {"width_px": 8000, "height_px": 6000}]}
+    job["settings"] = {"max_image_px": 2000}
+    assert threads_for(job, int(free_gib * 2**30)) == threads

