@@ -18,6 +18,8 @@ from schemas.vocabulary import PositionSource
 FAR_M = 5000.0
 # Faster than drones fly between two photographs, along the ground and up or down; GPS noise is allowed for besides.
 FASTEST_ACROSS_M_S, FASTEST_UP_M_S = 30.0, 15.0
+# How fast cameras move while a building is inspected.
+USUAL_M_S = 3.0
 # EXIF's clock counts whole seconds.
 _CLOCK_STEP_S = 1.0
 _NOISE_SIGMAS = 3.0
@@ -55,10 +57,10 @@ def check_priors(
     """
     priors = [_with_possible_height(one.prior) for one in located]
     priors = _near_the_rest(priors, distance_to_model_m)
+    times_s = np.array([one.time_s for one in located])
     for flight in sorted({one.flight for one in located}):
         members = [i for i, one in enumerate(located) if one.flight == flight and math.isfinite(one.time_s)]
         members.sort(key=lambda i: located[i].time_s)
-        times_s = np.array([one.time_s for one in located])
         _mark_jumps(priors, members, times_s)
         _mark_frozen(priors, members, times_s)
     return priors
@@ -78,7 +80,7 @@ def _with_possible_height(prior: PositionPrior) -> PositionPrior:
 
 
 def _metres(lon_lat_deg: Array, reference: Array) -> Array:
-    """East and north (n, 2) of places near ``reference`` (lon, lat); good to a percent, which is enough for checks."""
+    """East and north (n, 2) of places near ``reference`` (lon, lat): rough, and enough to tell near from far."""
     east = (lon_lat_deg[:, 0] - reference[0] + 180) % 360 - 180
     out: Array = METRES_PER_DEGREE * np.column_stack(
         [east * math.cos(math.radians(reference[1])), lon_lat_deg[:, 1] - reference[1]]
@@ -93,7 +95,7 @@ def _near_the_rest(
     index = [i for i, prior in enumerate(priors) if _has(prior)]
     if not index:
         return priors
-    places = np.array([[priors[i].lon_deg, priors[i].lat_deg] for i in index])
+    places = np.array([_place(priors[i]) for i in index])
     middle = np.median(places, axis=0)
 
     def from_middle(lon_lat_deg: Array) -> Array:
@@ -140,7 +142,7 @@ def _mark_jumps(priors: list[PositionPrior], members: list[int], times_s: Array)
     if len(members) < 3:
         return
     times = times_s[members]
-    places = np.array([[priors[i].lon_deg, priors[i].lat_deg] for i in members])
+    places = np.array([_place(priors[i]) for i in members])
     sigma_m = np.array([[priors[i].sigma.horizontal_m, priors[i].sigma.vertical_m] for i in members])
     metres = _metres(places, np.median(places, axis=0))
     for i in _off_chain(metres, times, _NOISE_SIGMAS * sigma_m[:, 0], FASTEST_ACROSS_M_S):
@@ -195,24 +197,29 @@ def _off_chain(points_m: Array, times_s: Array, noise_m: Array, fastest_m_s: flo
 def _mark_frozen(priors: list[PositionPrior], members: list[int], times_s: Array) -> None:
     """Runs of one and the same position: as uncertain as the way that was flown meanwhile."""
     members = [i for i in members if _has(priors[i])]
-    runs = [list(run) for _, run in groupby(members, key=lambda i: (priors[i].lon_deg, priors[i].lat_deg))]
+    runs = [list(run) for _, run in groupby(members, key=lambda i: _place(priors[i]))]
     for number, run in enumerate(runs):
         if len({times_s[i] for i in run}) < _FROZEN_SHOTS:
             continue
-        warning = f"{len(run)} photographs in a row have this very position"
-        if len(runs) == 1:
-            reason = (
-                f"all {len(run)} photographs of the flight have the same position: no receiver's, or cut-off digits"
-            )
+        if len({_place(prior) for prior in priors if _has(prior)}) == 1:
+            reason = f"all {len(run)} photographs have the same position: no receiver's, or cut-off digits"
             for i in run:
                 priors[i] = _none(priors[i], reason)
             continue
+        # The camera was somewhere between the places before and after; where there are none, as far as it could get.
         ends = [runs[k][0] for k in (number - 1, number + 1) if 0 <= k < len(runs)]
-        places = np.array([[priors[i].lon_deg, priors[i].lat_deg] for i in [run[0], *ends]])
-        metres = _metres(places, places[0])
-        # The drone was somewhere between the places before and after.
-        reach_m = float(np.hypot(*(metres[1:] - metres[0]).T).max())
+        places = np.array([_place(priors[i]) for i in [run[0], *ends]])
+        reach_m = float(np.hypot(*_metres(places, places[0]).T).max())
+        reach_m = reach_m or USUAL_M_S * float(times_s[run[-1]] - times_s[run[0]])
+        frozen_height = len({priors[i].height_m for i in run}) == 1
         for i in run:
             sigma = priors[i].sigma
-            wide = Sigma(horizontal_m=max(sigma.horizontal_m, reach_m), vertical_m=max(sigma.vertical_m, reach_m))
-            priors[i] = replace(_warned(priors[i], warning), sigma=wide)
+            up_m = max(sigma.vertical_m, reach_m) if frozen_height else sigma.vertical_m
+            wide = Sigma(horizontal_m=max(sigma.horizontal_m, reach_m), vertical_m=up_m)
+            priors[i] = replace(
+                _warned(priors[i], f"{len(run)} photographs in a row have this very position"), sigma=wide
+            )
+
+
+def _place(prior: PositionPrior) -> tuple[float, float]:
+    return prior.lon_deg, prior.lat_deg

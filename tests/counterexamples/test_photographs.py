@@ -170,7 +170,7 @@ def test_a_receiver_that_froze(tmp_path: Path) -> None:
         (frozen / f"{k}.jpg").write_bytes(photograph(lat=48.94001, seed=k, taken=f"2026:04:14 10:00:{5 * k:02d}"))
     rows = ingest_photographs(frozen, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
     assert {(row["prior_source"], row["prior_warnings"]) for row in rows} == {
-        ("none", "all 4 photographs of the flight have the same position: no receiver's, or cut-off digits")
+        ("none", "all 4 photographs have the same position: no receiver's, or cut-off digits")
     }
 
 

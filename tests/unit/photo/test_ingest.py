@@ -67,3 +67,22 @@ def test_hidden_and_foreign_files_are_not_photographs(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"x")
     assert [path.name for path in find_photographs(tmp_path)] == ["e.Jpeg", "d.TIFF"]
+
+
+def test_the_photographs_of_one_camera_settle_what_its_pitch_means(tmp_path: Path) -> None:
+    """Autel's XL715: level and looking down, in DJI's convention under Pix4D's name."""
+    for name, pitch in (("level.jpg", "0.0"), ("down.jpg", "-30.0")):
+        xmp = f'xmlns:Camera="http://pix4d.com/camera/1.0" Camera:Yaw="10" Camera:Pitch="{pitch}" Camera:Roll="0.5"'
+        (tmp_path / name).write_bytes(photograph(lat=48.94, xmp=xmp, seed=len(name)))
+    rows = ingest(tmp_path)
+    assert (rows["level.jpg"]["prior_pitch_deg"], rows["down.jpg"]["prior_pitch_deg"]) == (0.0, -30.0)
+    (tmp_path / "down.jpg").unlink()
+    assert ingest(tmp_path)["level.jpg"]["prior_pitch_deg"] == -90.0  # by itself it is what Pix4D's schema says
+
+
+def test_a_twin_says_what_its_original_says_and_is_no_witness(tmp_path: Path) -> None:
+    for k in range(4):
+        (tmp_path / f"{k}.jpg").write_bytes(photograph(lat=48.94001, seed=0, taken="2026:04:14 10:00:05"))
+    rows = ingest(tmp_path)
+    assert [row["photo_outcome"] for row in rows.values()] == ["accepted", *["duplicate"] * 3]
+    assert {(row["prior_source"], row["flight"], row["prior_warnings"]) for row in rows.values()} == {("exif", 1, None)}

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from facadelake.geodesy import SiteOrigin
 from facadelake.photo.plausibility import Located, check_priors
@@ -132,6 +134,51 @@ def test_cameras_that_fire_together_share_a_position_rightly() -> None:
 def test_one_position_in_all_photographs_is_no_position() -> None:
     priors = check_priors(flown(step_m=0.0))
     assert dropped(priors) == list(range(8))
-    assert priors[0].reason == (
-        "all 8 photographs of the flight have the same position: no receiver's, or cut-off digits"
+    assert priors[0].reason == "all 8 photographs have the same position: no receiver's, or cut-off digits"
+
+
+def test_a_person_who_stands_still_beside_a_flight_keeps_the_position() -> None:
+    flight = flown()
+    standing = [replace(one, flight=2) for one in flown(5, 0.0)]
+    priors = check_priors([*flight, *standing])
+    assert dropped(priors) == []
+    # five photographs in 8 s, at 3 m/s
+    assert {prior.sigma for prior in priors[8:]} == {Sigma(horizontal_m=24.0, vertical_m=24.0)}
+
+
+def test_a_climb_with_a_frozen_place_keeps_its_heights_sigma() -> None:
+    same = {"lon_deg": LON, "lat_deg": LAT}
+    priors = check_priors(flown(at={k: same | {"height_m": 190.0 + 2 * k} for k in range(4)}))
+    assert {prior.sigma.vertical_m for prior in priors} == {5.0}
+    assert priors[2].sigma.horizontal_m == pytest.approx(20.0, rel=0, abs=0.1)  # m
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-180, 180), st.floats(-90, 90), st.floats(-1000, 20000) | st.just(math.nan),
+            st.floats(0, 100) | st.just(math.nan), st.integers(1, 2),
+        ),
+        max_size=12,
     )
+)  # fmt: skip
+def test_whatever_is_stated_a_prior_is_kept_widened_or_dropped_with_a_reason(
+    said: list[tuple[float, float, float, float, int]],
+) -> None:
+    located = [
+        Located(
+            prior=PositionPrior(source=PositionSource.EXIF, lon_deg=lon, lat_deg=lat, height_m=height),
+            flight=flight,
+            time_s=time,
+        )
+        for lon, lat, height, time, flight in said
+    ]
+    for before, after in zip(located, check_priors(located), strict=True):
+        if after.source is PositionSource.NONE:
+            assert after.reason in after.warnings
+            assert math.isnan(after.lon_deg)
+        else:
+            assert (after.lon_deg, after.lat_deg) == (before.prior.lon_deg, before.prior.lat_deg)
+            assert after.sigma.horizontal_m >= before.prior.sigma.horizontal_m
+            assert after.sigma.vertical_m >= before.prior.sigma.vertical_m
