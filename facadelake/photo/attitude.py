@@ -13,6 +13,8 @@ from facadelake.photo.exif import ExifMetadata
 SIGMA_YAW_DRONE_DEG = 5.0
 # The gimbal holds its attitude to hundredths of a degree, but against a horizon that is found to about a degree.
 SIGMA_TILT_DRONE_DEG = 1.0
+# Where the gimbal says nothing, the aircraft's nose: cameras point within some tens of degrees of it.
+SIGMA_YAW_AIRCRAFT_DEG = 30.0
 # A phone's compass: iOS itself states 10 to 25 deg; a magnetic direction adds the declination (unknown here).
 SIGMA_YAW_COMPASS_DEG = 15.0
 SIGMA_YAW_MAGNETIC_DEG = 25.0
@@ -39,17 +41,26 @@ NO_ATTITUDE = AttitudePrior()
 
 
 def attitude_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> AttitudePrior:
-    """The gimbal's attitude, else the yaw of a camera that has a compass, else none."""
+    """The gimbal's attitude, else the yaw of a camera with a compass, else that of the aircraft, else none."""
     prior = _of_gimbal(drone) if drone is not None else NO_ATTITUDE
-    if math.isfinite(prior.yaw_deg) or not 0 <= exif.direction_deg <= 360:
+    if math.isfinite(prior.yaw_deg):
         return prior
-    magnetic = exif.direction_magnetic
-    return AttitudePrior(
-        yaw_deg=_normalised(exif.direction_deg),
-        sigma_yaw_deg=SIGMA_YAW_MAGNETIC_DEG if magnetic else SIGMA_YAW_COMPASS_DEG,
-        evidence=f"EXIF GPSImgDirection ({'magnetic' if magnetic else 'true'} north)",
-        warning=prior.warning,
-    )
+    if 0 <= exif.direction_deg <= 360:
+        magnetic = exif.direction_magnetic
+        return replace(
+            prior,
+            yaw_deg=_normalised(exif.direction_deg),
+            sigma_yaw_deg=SIGMA_YAW_MAGNETIC_DEG if magnetic else SIGMA_YAW_COMPASS_DEG,
+            evidence=f"EXIF GPSImgDirection ({'magnetic' if magnetic else 'true'} north)",
+        )
+    if drone is not None and 0 < abs(drone.aircraft_yaw_deg) <= 360:
+        return replace(
+            prior,
+            yaw_deg=_normalised(drone.aircraft_yaw_deg),
+            sigma_yaw_deg=SIGMA_YAW_AIRCRAFT_DEG,
+            evidence="XMP FlightYawDegree (the aircraft's)",
+        )
+    return prior
 
 
 def _of_gimbal(drone: DroneMetadata) -> AttitudePrior:

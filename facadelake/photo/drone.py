@@ -64,6 +64,7 @@ class DroneMetadata:
     lon_deg: float = math.nan
     absolute_altitude_m: float = math.nan
     relative_altitude_m: float = math.nan
+    altitude_type: str = ""
     gps_status: str = ""
     rtk_flag: int | None = None
     rtk_std_lon_m: float = math.nan
@@ -79,6 +80,7 @@ class DroneMetadata:
     stated_sigma_yaw_deg: float = math.nan
     stated_sigma_tilt_deg: float = math.nan
     upside_down: bool = False
+    aircraft_yaw_deg: float = math.nan
     calibrated_focal_px: float = math.nan
     calibrated_width_px: float = math.nan
     factory_calibrated: bool = False
@@ -107,6 +109,7 @@ def _dji(xmp: XmpPacket) -> DroneMetadata:
         lon_deg=xmp.number(DJI, "GpsLongitude", "GpsLongtitude"),
         absolute_altitude_m=xmp.number(DJI, "AbsoluteAltitude"),
         relative_altitude_m=xmp.number(DJI, "RelativeAltitude"),
+        altitude_type=xmp.text(DJI, "AltitudeType"),
         gps_status=xmp.text(DJI, "GpsStatus"),
         rtk_flag=int(flag) if math.isfinite(flag) else None,
         rtk_std_lon_m=xmp.number(DJI, "RtkStdLon"),
@@ -117,6 +120,7 @@ def _dji(xmp: XmpPacket) -> DroneMetadata:
         roll_deg=xmp.number(DJI, "GimbalRollDegree"),
         attitude_tags="Gimbal*Degree",
         upside_down=1 in (xmp.number(DJI, "CamReverse"), xmp.number(DJI, "GimbalReverse")),
+        aircraft_yaw_deg=xmp.number(DJI, "FlightYawDegree"),
         calibrated_focal_px=xmp.number(DJI, "CalibratedFocalLength"),
         calibrated_width_px=2 * xmp.number(DJI, "CalibratedOpticalCenterX"),
         dewarp=_dewarp(xmp.text(DJI, "DewarpData")),

@@ -160,7 +160,9 @@ def _prior(
     if drone is not None:
         warnings += _disagreement(drone, exif)
     height_m = drone.absolute_altitude_m if drone is not None else math.nan
-    height_source = "XMP" if math.isfinite(height_m) else "EXIF"
+    height_source = "EXIF"
+    if drone is not None and math.isfinite(height_m):
+        height_source = f"XMP {drone.altitude_type}".strip()
     height_m = height_m if math.isfinite(height_m) else exif.altitude_m
     stated = stated_datum(drone, exif)
     datum, height_evidence = stated.datum, f"{height_source} height {stated.evidence}"

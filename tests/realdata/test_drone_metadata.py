@@ -24,6 +24,10 @@ def test_full_xmp_without_position_takes_the_position_from_exif(shared_data: Pat
     assert (first["prior_height_m"], first["prior_height_datum"]) == (198.31, "unknown")
     assert (first["prior_yaw_deg"], first["prior_pitch_deg"], first["prior_roll_deg"]) == (45.0, -89.9, 0.0)
     assert (first["prior_sigma_horizontal_m"], first["rtk_flag"]) == (3.0, None)
+    assert (first["flight"], first["prior_height_relative_m"], first["prior_warnings"]) == (1, 39.8, None)
+    assert first["prior_evidence"] == (
+        "EXIF position, a drone's receiver without corrections; XMP height of unknown datum; XMP Gimbal*Degree"
+    )
 
 
 def test_rtk_fix_brings_its_own_sigma_and_an_ellipsoidal_height(shared_data: Path) -> None:

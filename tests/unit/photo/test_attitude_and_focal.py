@@ -57,6 +57,15 @@ def test_a_compass_gives_yaw_alone(magnetic: bool, sigma: float) -> None:
     assert prior.evidence == f"EXIF GPSImgDirection ({'magnetic' if magnetic else 'true'} north)"
 
 
+def test_without_a_gimbals_attitude_the_aircrafts_nose_is_better_than_nothing() -> None:
+    drone = replace(GIMBAL, yaw_deg=0.0, pitch_deg=0.0, aircraft_yaw_deg=-148.96)
+    prior = attitude_prior(drone, NOTHING)
+    assert (prior.yaw_deg, prior.sigma_yaw_deg, math.isnan(prior.pitch_deg)) == (-148.96, 30.0, True)
+    assert prior.evidence == "XMP FlightYawDegree (the aircraft's)"
+    assert "are all 0" in prior.warning
+    assert attitude_prior(replace(GIMBAL, aircraft_yaw_deg=99.0), NOTHING).yaw_deg == 10.0
+
+
 def test_calibration_goes_before_design_before_the_focal_plane_before_the_35_mm_equivalent() -> None:
     size = {"width_px": 5472, "height_px": 3648}
     exif = ExifMetadata(focal_length_35mm_mm=24.0)

@@ -101,7 +101,7 @@ def test_dji_without_a_fix_has_a_drones_sigma_whatever_altitude_type_says() -> N
     prior = position_prior(read(DJI_P1), ExifMetadata())
     assert (prior.sigma, prior.height_datum) == (Sigma(horizontal_m=3.0, vertical_m=5.0), "unknown")
     assert prior.evidence == (
-        "XMP position, a drone's receiver without corrections (RtkFlag 16); XMP height of unknown datum"
+        "XMP position, a drone's receiver without corrections (RtkFlag 16); XMP RtkAlt height of unknown datum"
     )
 
 
