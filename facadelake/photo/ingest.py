@@ -14,6 +14,7 @@ from PIL import Image
 
 from facadelake.errors import InputDataError
 from facadelake.frames import Array
+from facadelake.photo.clock import is_set
 from facadelake.photo.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.photo.files import find_photographs
 from facadelake.photo.photograph import Photo, read_photos
@@ -109,7 +110,7 @@ def _row(photo_id: str, photo: Photo, role: PhotoRole, said: Statement | None) -
         "lens_model": exif.lens_model or None,
         "focal_length_mm": _or_none(exif.focal_length_mm),
         "focal_length_35mm_mm": _or_none(focal.px * FULL_FRAME_DIAGONAL_MM / diagonal_px),
-        "taken_at": exif.taken_at,
+        "taken_at": exif.taken_at if is_set(exif.taken_at) else None,
         "prior_source": position.source,
         "prior_lon_deg": _or_none(position.lon_deg),
         "prior_lat_deg": _or_none(position.lat_deg),

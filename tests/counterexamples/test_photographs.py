@@ -146,6 +146,7 @@ def test_what_only_the_other_photographs_show_to_be_wrong(tmp_path: Path) -> Non
     assert {
         name: plain(row["prior_warnings"]) for name, row in rows.items() if row["prior_warnings"]
     } == DROPPED | WARNED
+    assert [name for name, row in rows.items() if row["taken_at"] is None] == ["DJI_0010.jpg"]
     assert {name: plain(row["reason"]) for name, row in rows.items() if row["prior_source"] == "none"} == {
         name: f"no position prior ({reason}); {NO_PRIOR}" for name, reason in DROPPED.items()
     }
