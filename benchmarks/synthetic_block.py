@@ -111,8 +111,11 @@ def fly(photographs: int, rng: np.random.Generator) -> Flight:
 
 def write_block(
     path: Path, flight: Flight, pairs: list[tuple[int, int]], *, observations: int, rng: np.random.Generator
-) -> None:
-    """Keypoints, matches and verified pairs in the database ``path``; about ``observations`` keypoints a photograph."""
+) -> dict[str, Array]:
+    """Keypoints, matches and verified pairs in the database ``path``; about ``observations`` keypoints a photograph.
+
+    Returns the true centre (3,) of each photograph, by its name.
+    """
     true_camera = pycolmap.Camera(model="OPENCV", width=WIDTH_PX, height=HEIGHT_PX, params=TRUE_PARAMS)
     seen_area = (WIDTH_PX / NOMINAL_FOCAL_PX * STAND_OFF_M) * (HEIGHT_PX / NOMINAL_FOCAL_PX * STAND_OFF_M)
     density = observations / FOUND_SHARE / seen_area
@@ -164,3 +167,29 @@ def write_block(
             )
             database.write_matches(i + 1, j + 1, matches)
             database.write_two_view_geometry(i + 1, j + 1, geometry)
+    return {f"{k:05d}.jpg": centre for k, centre in enumerate(flight.centres_m)}
+
+
+def write_colmap_block(path: Path, photographs: int, *, partners: int) -> dict[str, Array]:
+    """``pycolmap.synthesize_dataset`` with keypoint noise: photographs all round a ball of 200 points that each sees.
+
+    Each photograph is matched with about ``partners`` others. Returns the true centres by the photographs' names.
+    """
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs = options.num_cameras_per_rig = 1
+    options.num_frames_per_rig, options.num_points3D = photographs, 200
+    options.match_config = pycolmap.SyntheticDatasetMatchConfig.SPARSE
+    options.match_sparsity = 1 - min(partners / (photographs - 1), 1.0)
+    options.inlier_match_ratio = 0.9
+    options.camera_has_prior_focal_length = True
+    options.camera_model_id = pycolmap.CameraModelId.OPENCV
+    options.camera_params = TRUE_PARAMS
+    options.camera_width, options.camera_height = WIDTH_PX, HEIGHT_PX
+    pycolmap.set_random_seed(1)
+    with pycolmap.Database.open(path) as database:
+        model = pycolmap.synthesize_dataset(options, database)
+        truth = {image.name: image.projection_center() for image in model.images.values()}
+        noise = pycolmap.SyntheticNoiseOptions()
+        noise.point2D_stddev = KEYPOINT_NOISE_PX
+        pycolmap.synthesize_noise(noise, model, database)
+        return truth

@@ -98,12 +98,16 @@ def _fill(job: dict[str, Any], database: pycolmap.Database) -> None:
             database.write_pose_prior(prior)
 
 
+def bytes_for_one(job: dict[str, Any]) -> int:
+    """Memory that finding features takes for each thread, for the largest photographs of the job."""
+    largest: int = max(camera["width_px"] * camera["height_px"] for camera in job["cameras"])
+    worked: int = min(largest, job["settings"]["max_image_px"] ** 2)
+    return largest * _BYTES_PER_PIXEL_READ + worked * _BYTES_PER_PIXEL_WORKED
+
+
 def threads_for(job: dict[str, Any], available_bytes: int) -> int:
     """How many photographs may be worked on at once: the cores, or as many as half the free memory holds."""
-    largest = max(camera["width_px"] * camera["height_px"] for camera in job["cameras"])
-    worked = min(largest, job["settings"]["max_image_px"] ** 2)
-    each = largest * _BYTES_PER_PIXEL_READ + worked * _BYTES_PER_PIXEL_WORKED
-    return int(np.clip(_SHARE_OF_MEMORY * available_bytes // each, 1, job["cores"]))
+    return int(np.clip(_SHARE_OF_MEMORY * available_bytes // bytes_for_one(job), 1, job["cores"]))
 
 
 def extract(job: dict[str, Any], database_path: Path, image_id_of: dict[int, int], report: Report) -> None:
@@ -140,6 +144,8 @@ def match(job: dict[str, Any], pairs: Pairs, database_path: Path, image_id_of: d
     pairs_path = database_path.with_name("pairs.txt")
     with pycolmap.Database.open(database_path) as database:
         missing = [(i, j) for i, j in pairs if not database.exists_two_view_geometry(image_id_of[i], image_id_of[j])]
+    if not pairs:
+        return
     with report.step("Comparing photographs", len(pairs)):
         report.advance(len(pairs) - len(missing))
         for block in _blocks(missing, _PAIRS_AT_ONCE):

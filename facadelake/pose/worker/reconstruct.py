@@ -13,7 +13,7 @@ from facadelake.pose.worker.joining import join_blocks
 from facadelake.pose.worker.mapping import adjust, map_photographs
 from facadelake.pose.worker.report import Report
 from facadelake.pose.worker.resection import resect_others
-from facadelake.pose.worker.retrieval import pairs_by_look
+from facadelake.pose.worker.retrieval import pairs_by_chain, pairs_by_look
 
 
 def reconstruct(job: dict[str, Any], folder: Path, report: Report) -> None:
@@ -27,9 +27,11 @@ def reconstruct(job: dict[str, Any], folder: Path, report: Report) -> None:
     database_path = Path(job["work"]) / "features.db"
     image_id_of = open_database(job, database_path)
     extract(job, database_path, image_id_of, report)
-    alike = pairs_by_look(job, job["sought"], job["settings"]["neighbours"], database_path, image_id_of)
+    sought, partners = job["sought"], job["settings"]["neighbours"] // 2
+    alike = pairs_by_look(job, sought, partners, database_path, image_id_of)
     pairs = sorted({(int(i), int(j)) for i, j in [*job["pairs"], *alike]})
     match(job, pairs, database_path, image_id_of, report)
+    match(job, pairs_by_chain(sought, pairs, partners, database_path, image_id_of), database_path, image_id_of, report)
     block, apart = join_blocks(map_photographs(job, database_path, report), database_path, report)
     adjust(block, job, report)
     mapped = set(block.reg_image_ids())

@@ -15,7 +15,7 @@ from facadelake.pose.worker.features import open_database, threads_for
 from facadelake.pose.worker.joining import join_blocks
 from facadelake.pose.worker.report import Report
 from facadelake.pose.worker.resection import resect_others
-from facadelake.pose.worker.retrieval import pairs_by_look
+from facadelake.pose.worker.retrieval import pairs_by_chain, pairs_by_look
 
 CAMERA = {"width_px": 1024, "height_px": 768, "focal_px": 1280.0, "focal_known": True}
 SETTINGS = {"max_image_px": 1024, "seed": 1}
@@ -166,6 +166,23 @@ def test_photographs_of_one_place_look_alike(tmp_path: Path) -> None:
     assert len(same & set(pairs)) > 0.95 * len(same)
     assert all(7 in pair for pair in pairs_by_look(job, [7], 4, tmp_path / "a.db", image_id_of))
     assert pairs_by_look(job, [], 4, tmp_path / "none.db", image_id_of) == []
+
+
+def test_partners_of_partners_are_compared_the_strongest_first(tmp_path: Path) -> None:
+    """A chain 0-1-2-3 with a strong link 1-2, and 1-4 that did not match."""
+    image_id_of = open_database(job_of(5), tmp_path / "a.db")
+    inliers = {(0, 1): 50, (1, 2): 90, (2, 3): 20, (1, 4): 0}
+    with pycolmap.Database.open(tmp_path / "a.db") as database:
+        for (i, j), count in inliers.items():
+            geometry = pycolmap.TwoViewGeometry()
+            geometry.config = int(pycolmap.TwoViewGeometryConfiguration.CALIBRATED)
+            geometry.inlier_matches = np.zeros((count, 2), dtype=np.uint32)
+            database.write_two_view_geometry(image_id_of[i], image_id_of[j], geometry)
+    args = (sorted(inliers), 4, tmp_path / "a.db", image_id_of)
+    assert pairs_by_chain([0, 3], *args) == [(0, 2), (1, 3)]
+    assert pairs_by_chain([4], *args) == []
+    more = [*sorted(inliers), (0, 3)]
+    assert pairs_by_chain([2], more, 1, tmp_path / "a.db", image_id_of) == [(0, 2)]
 
 
 def test_a_database_is_found_whole_or_made_anew(tmp_path: Path) -> None:
