@@ -1,0 +1,127 @@
+"""What of the model's edges a camera sees: samples that rays do not find hidden, and where they lie in the photograph.
+
+An edge is visible in a view where the surface differs on its two sides: it turns (a crease), or it ends before
+something farther away (a silhouette). Seams between elements in one plane show nothing, and hidden samples are those
+with something nearer on both sides. Both are asked of rays, so the elements need not be united first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.camera import PosedCamera
+from facadelake.frames import Array
+from facadelake.geobim.edges import ModelEdges
+from facadelake.geobim.surface import Surface
+
+_CREASE_COSINE = np.cos(np.radians(20.0))
+_SIDE_PX = 1.5  # where the rays beside an edge are cast, pixels of the photograph
+_STEEPEST = 8.0  # a face's depth beside its edge may change by so many times the sideways distance (83 degrees)
+_SLACK_M = 0.01
+_NEAREST_M = 0.1
+_SENSITIVE = 0.35  # of a shift, at least this share must move an edge across itself
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EdgeSamples:
+    """Points on the edges: ``xyz_site_m`` (n, 3), unit ``direction`` (n, 3), their ``edge`` and ``feature`` (n,)."""
+
+    xyz_site_m: Array
+    direction: Array
+    edge: NDArray[np.int64]
+    feature: NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeenSamples:
+    """The samples a camera sees: ``row`` (k,) in the samples asked, ``xy_img`` and unit ``normal_img`` (k, 2) in
+    pixels of the photograph, ``pixel_m`` (k,) the size of a pixel at the sample, square to the view."""
+
+    row: NDArray[np.int64]
+    xy_img: Array
+    normal_img: Array
+    pixel_m: Array
+
+    def take(self, which: NDArray[np.bool_]) -> SeenSamples:
+        """Those of ``which`` (k,)."""
+        return SeenSamples(
+            row=self.row[which],
+            xy_img=self.xy_img[which],
+            normal_img=self.normal_img[which],
+            pixel_m=self.pixel_m[which],
+        )
+
+
+def sample_edges(edges: ModelEdges, spacing_m: float) -> EdgeSamples:
+    """Points along the edges, at most ``spacing_m`` apart, none at the ends (corners show other edges)."""
+    count = np.maximum(1, np.ceil(edges.length_m / spacing_m).astype(np.int64))
+    edge = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[edge]
+    along = edges.end_site_m - edges.start_site_m
+    return EdgeSamples(
+        xyz_site_m=edges.start_site_m[edge] + share[:, None] * along[edge],
+        direction=(along / np.maximum(edges.length_m, 1e-12)[:, None])[edge],
+        edge=edge,
+        feature=edges.feature[edge],
+    )
+
+
+def seen_samples(
+    samples: EdgeSamples, posed: PosedCamera, surface: Surface, *, border_px: float, free: Array | None = None
+) -> SeenSamples:
+    """The samples that ``posed`` sees, ``border_px`` or more inside its photograph.
+
+    With ``free`` (j, 3), unit directions of shift in site, only edges that such a shift moves across themselves.
+    """
+    in_photograph = _in_photograph(samples, posed, border_px)
+    row = in_photograph.row
+    ray = samples.xyz_site_m[row] - posed.centre_site_m
+    # Beside the edge as the camera sees it: across the plane of the edge and the camera's centre.
+    beside = np.cross(samples.direction[row], ray)
+    beside /= np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-12)
+    if free is not None:
+        moved = np.linalg.norm(beside @ free.T, axis=1) > _SENSITIVE
+        in_photograph, ray, beside = in_photograph.take(moved), ray[moved], beside[moved]
+    sideways_m = _SIDE_PX * in_photograph.pixel_m
+    distance = np.linalg.norm(ray, axis=1)
+    limit = _SLACK_M + _STEEPEST * sideways_m
+    near, own, normals = [], [], []
+    for side in (-1.0, 1.0):
+        origin = np.broadcast_to(posed.centre_site_m, ray.shape)
+        hits = surface.cast(origin, ray + side * sideways_m[:, None] * beside)
+        farther = hits.distance_m - distance  # the rays differ so little that their distances can be compared
+        near.append(farther < -limit)
+        own.append(np.abs(farther) <= limit)
+        normals.append(np.where(np.isfinite(hits.normal_site), hits.normal_site, 0.0))
+    turned = np.einsum("ij,ij->i", normals[0], normals[1]) < _CREASE_COSINE
+    return in_photograph.take(~near[0] & ~near[1] & ((own[0] ^ own[1]) | (own[0] & own[1] & turned)))
+
+
+def _in_photograph(samples: EdgeSamples, posed: PosedCamera, border_px: float) -> SeenSamples:
+    """The samples that lie inside the photograph, hidden or not."""
+    camera = posed.camera
+    xyz_cam = posed.site_from_cam.inverse().apply(samples.xyz_site_m)
+    depth = xyz_cam[:, 2]
+    # Distortion folds far outside the photograph: only what lies in its cone may be projected.
+    width, height = camera.width_px, camera.height_px
+    corners = camera.rays_cam(np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]]))
+    widest = 1.02 * float(np.linalg.norm(corners[:, :2] / corners[:, 2:], axis=1).max())
+    row = np.flatnonzero((depth > _NEAREST_M) & (np.linalg.norm(xyz_cam[:, :2], axis=1) < widest * depth))
+    xy = camera.project(xyz_cam[row])
+    inside = ((xy >= border_px) & (xy <= np.array([width, height]) - border_px)).all(axis=1)
+    row, xy = row[inside], xy[inside]
+    step = 0.5 * depth[row] / camera.fx_px  # half a pixel along the edge
+    direction_cam = samples.direction[row] @ posed.site_from_cam.rotation
+    along = camera.project(xyz_cam[row] + step[:, None] * direction_cam) - xy
+    length = np.linalg.norm(along, axis=1)
+    clear = length > 0.1  # else the edge points at the camera
+    along = along[clear] / length[clear, None]
+    return SeenSamples(
+        row=row[clear],
+        xy_img=xy[clear],
+        normal_img=np.column_stack([-along[:, 1], along[:, 0]]),
+        pixel_m=depth[row[clear]] / camera.fx_px,
+    )

@@ -1,0 +1,93 @@
+"""Photographs as grey gradients: read one at a time, reduced while decoding, comparable from place to place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.errors import InputDataError
+from facadelake.frames import Array
+
+_GREY = {
+    1: cv2.IMREAD_GRAYSCALE,
+    2: cv2.IMREAD_REDUCED_GRAYSCALE_2,
+    4: cv2.IMREAD_REDUCED_GRAYSCALE_4,
+    8: cv2.IMREAD_REDUCED_GRAYSCALE_8,
+}
+_NOISE_GREY = 1.0  # grey values per pixel: gradients below are noise of the sensor and of JPEG
+_AROUND_SIGMAS = 6.0  # how far around a pixel its neighbours' gradients count
+
+
+class GreyPhotographs(Protocol):
+    """Photographs by row, as grey pixels (h, w) reduced by 1, 2, 4 or 8; pixel (x, y) lies at (x, y) / reduction."""
+
+    def grey(self, row: int, reduction: int, /) -> NDArray[np.uint8]: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class GreyFiles:
+    """Photographs in files, each decoded when asked for; EXIF's orientation is not applied."""
+
+    paths: Sequence[Path]
+
+    def grey(self, row: int, reduction: int, /) -> NDArray[np.uint8]:
+        """Grey pixels of photograph ``row``; raises InputDataError where its file cannot be decoded."""
+        path = self.paths[row]
+        grey = cv2.imread(str(path), _GREY[reduction] | cv2.IMREAD_IGNORE_ORIENTATION) if path.is_file() else None
+        if grey is None:
+            raise InputDataError(f"photograph {path} cannot be decoded; is it there, and complete?")
+        return np.asarray(grey, dtype=np.uint8)
+
+
+def reduction_for(pixels: float) -> int:
+    """The largest of 1, 2, 4, 8 that is no more than ``pixels``."""
+    return max(n for n in _GREY if n == 1 or n <= pixels)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gradients:
+    """Gradients (h, w) of a reduced photograph, divided by what is usual around each pixel: lengths from 0 to 1."""
+
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+    reduction: int
+
+    def across(self, xy_img: Array, normal_img: Array) -> NDArray[np.float32]:
+        """Signed gradient along unit normals (..., 2) at pixels (..., 2) of the full photograph; 0 outside."""
+        at = (xy_img / self.reduction - 0.5).astype(np.float32)
+        shape = at.shape[:-1]
+        # OpenCV's remap takes maps of at most 32767 rows or columns.
+        u, v = at[..., 0].reshape(-1, 1), at[..., 1].reshape(-1, 1)
+        found = np.zeros(len(u), dtype=np.float32)
+        normal = normal_img.reshape(-1, 2).astype(np.float32)
+        for begin in range(0, len(u), _ROWS):
+            part = slice(begin, begin + _ROWS)
+            gx = cv2.remap(self.x, u[part], v[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+            gy = cv2.remap(self.y, u[part], v[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+            found[part] = gx[:, 0] * normal[part, 0] + gy[:, 0] * normal[part, 1]
+        return found.reshape(shape)
+
+
+_ROWS = 32_000
+
+
+def gradients(grey: NDArray[np.uint8], *, reduction: int, sigma_px: float) -> Gradients:
+    """Gradients of ``grey`` (already reduced) smoothed by ``sigma_px`` of its own pixels.
+
+    Divided by the root of the squared length here and the mean squared length around, so that neither contrast nor a
+    rough texture counts, only how far an edge stands out from its surroundings.
+    """
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), sigma_px)
+    x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
+    y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
+    squared = x * x + y * y
+    around = 2 * int(np.ceil(_AROUND_SIGMAS * sigma_px)) + 1
+    usual = cv2.blur(squared, (around, around))
+    length = np.sqrt(squared + usual + (_NOISE_GREY / max(sigma_px, 1.0)) ** 2)
+    return Gradients(x=x / length, y=y / length, reduction=reduction)
