@@ -217,14 +217,14 @@ def memory() -> None:
     import cv2
 
     print("\n### Features of 48 Mpx photographs\n")
-    print("| threads | peak MB | estimated MB | s a photograph (wall) |\n|---|---|---|---|")
+    print("| threads | peak MB | estimated MB | CPU s a photograph |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for number, path in enumerate(sorted((PHOTOGRAPHS["castle"] / "multiview").iterdir())[:6]):
             large = cv2.resize(cv2.imread(str(path)), HUGE, interpolation=cv2.INTER_CUBIC)
             cv2.imwrite(str(Path(folder) / f"{number}.jpg"), large)
         for threads in (1, 2, 4):
             figures = apart("measure_extraction", folder, threads)
-            each = figures["wall_s"] / figures["photographs"]
+            each = figures["cpu_s"] / figures["photographs"]
             print(f"| {threads} | {figures['peak_mb']:.0f} | {figures['estimated_mb']:.0f} | {each:.1f} |", flush=True)
 
 

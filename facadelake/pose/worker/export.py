@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +18,24 @@ from facadelake.pose.worker.report import Report
 from schemas.vocabulary import PoseSource
 
 
-def _why_unlocalised(
-    database: pycolmap.Database,
-    image_id: int,
-    block: int,
-    apart: list[pycolmap.Reconstruction],
-    refused: dict[int, str],
-) -> str:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outcome:
+    """What became of the photographs: the ``block``, those of it that mapping placed (the others were resected), the
+    blocks that stayed ``apart``, and for each photograph outside the block why it was ``refused``, by image id.
+    """
+
+    block: pycolmap.Reconstruction
+    mapped: frozenset[int]
+    apart: list[pycolmap.Reconstruction]
+    refused: dict[int, str]
+
+
+def _why_unlocalised(outcome: Outcome, database: pycolmap.Database, image_id: int) -> str:
     features = database.num_keypoints_for_image(image_id)
     if features < 100:
         return f"only {features} features were found: blurred, dark or showing a bare surface"
-    for number, other in enumerate(apart, start=2):
+    block = len(outcome.mapped)
+    for number, other in enumerate(outcome.apart, start=2):
         if image_id in other.images and other.images[image_id].has_pose:
             return (
                 f"lies in block {number}, of {other.num_reg_images()} photographs, which shares too little with the "
@@ -36,7 +43,7 @@ def _why_unlocalised(
             )
     return (
         f"could not be joined to the block of {block} photographs: too little overlap with them "
-        f"({features} features found; {refused[image_id]}); photograph with more overlap"
+        f"({features} features found; {outcome.refused[image_id]}); photograph with more overlap"
     )
 
 
@@ -49,10 +56,7 @@ def _opencv_params(camera: pycolmap.Camera) -> list[float]:
 
 
 def export(
-    model: pycolmap.Reconstruction,
-    apart: list[pycolmap.Reconstruction],
-    mapped: set[int],
-    refused: dict[int, str],
+    outcome: Outcome,
     job: dict[str, Any],
     image_id_of: dict[int, int],
     database_path: Path,
@@ -60,8 +64,9 @@ def export(
     report: Report,
 ) -> None:
     """Write ``sparse/`` (COLMAP's binary model), ``reconstruction.npz``, ``descriptors.npy`` and
-    ``reconstruction.json``. ``mapped``: the photographs that mapping placed; the others were resected.
+    ``reconstruction.json``.
     """
+    model = outcome.block
     sparse = folder / "sparse"
     sparse.mkdir()
     model.write_binary(sparse)
@@ -75,13 +80,13 @@ def export(
         for index, photo in enumerate(job["photos"]):
             image_id = image_id_of[index]
             if image_id not in model.images or not model.images[image_id].has_pose:
-                reason = _why_unlocalised(database, image_id, len(mapped), apart, refused)
+                reason = _why_unlocalised(outcome, database, image_id)
                 lost.append({"photo_id": photo["photo_id"], "reason": reason})
                 continue
             image = model.images[image_id]
             camera = model.cameras[image.camera_id]
             sfm_from_cam = image.cam_from_world().inverse()
-            seen = [point for point in image.points2D if point.has_point3D()]
+            seen = image.get_observation_points2D()
             xyz_cam = image.cam_from_world() * np.array([model.points3D[p.point3D_id].xyz for p in seen]).reshape(-1, 3)
             xy = np.array([p.xy for p in seen], dtype=np.float64).reshape(-1, 2)
             projected = np.asarray(camera.img_from_cam(xyz_cam), dtype=np.float64).reshape(-1, 2)
@@ -95,7 +100,7 @@ def export(
             photos.append(
                 {
                     "photo_id": photo["photo_id"],
-                    "source": str(PoseSource.SFM if image_id in mapped else PoseSource.RESECTED),
+                    "source": str(PoseSource.SFM if image_id in outcome.mapped else PoseSource.RESECTED),
                     "reprojection_error_px": float(error_px.mean()) if len(seen) else 0.0,
                     "tie_points": len(seen),
                 }

@@ -11,6 +11,7 @@ import numpy as np
 import psutil
 import pycolmap
 
+from facadelake.pose.worker.mapping import tolerance_factor
 from facadelake.pose.worker.report import Report
 
 T = TypeVar("T")
@@ -20,11 +21,10 @@ Pairs = Sequence[tuple[int, int]]
 _PAIRS_AT_ONCE = 100
 # With fewer photographs of one camera, four distortion terms and two focal lengths are not determined.
 _PHOTOS_FOR_FULL_CAMERA = 4
-# Held at once while features are found, measured on 48 Mpx photographs: what is decoded (3 bytes a pixel) and its
-# reduced copy for each thread that finds features and for as many that read ahead; and the scale space of the reduced
-# grey photograph (about 60 bytes a pixel).
-_BYTES_PER_PIXEL_READ = 9
-_BYTES_PER_PIXEL_WORKED = 120
+# Held for each thread while features are found. Measured on photographs of 48 Mpx at 2000 px: 220 MB, which is what
+# decoding takes (3 bytes a pixel) and the scale space of the reduced photograph; allowed here: 400 MB.
+_BYTES_PER_PIXEL_READ = 5
+_BYTES_PER_PIXEL_WORKED = 40
 _SHARE_OF_MEMORY = 0.5
 
 
@@ -127,7 +127,7 @@ def extract(job: dict[str, Any], database_path: Path, image_id_of: dict[int, int
         ]
     with report.step("Finding features", len(job["photos"])):
         report.advance(len(job["photos"]) - len(missing))
-        for block in _blocks(missing, 2 * options.num_threads):
+        for block in _blocks(missing, 4 * options.num_threads):
             pycolmap.extract_features(
                 database_path, job["photographs_root"], image_names=list(block), extraction_options=options
             )
@@ -140,6 +140,7 @@ def match(job: dict[str, Any], pairs: Pairs, database_path: Path, image_id_of: d
     matching.num_threads = job["cores"]
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = job["settings"]["seed"]
+    verification.ransac.max_error *= tolerance_factor(job)
     names = [photo["photo_id"] for photo in job["photos"]]
     pairs_path = database_path.with_name("pairs.txt")
     with pycolmap.Database.open(database_path) as database:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pycolmap
 
-from facadelake.pose.worker.export import export
+from facadelake.pose.worker.export import Outcome, export
 from facadelake.pose.worker.features import extract, match, open_database
 from facadelake.pose.worker.joining import join_blocks
 from facadelake.pose.worker.mapping import adjust, map_photographs
@@ -34,6 +34,7 @@ def reconstruct(job: dict[str, Any], folder: Path, report: Report) -> None:
     match(job, pairs_by_chain(sought, pairs, partners, database_path, image_id_of), database_path, image_id_of, report)
     block, apart = join_blocks(map_photographs(job, database_path, report), database_path, report)
     adjust(block, job, report)
-    mapped = set(block.reg_image_ids())
+    mapped = frozenset(block.reg_image_ids())
     refused = resect_others(block, job, database_path, report)
-    export(block, apart, mapped, refused, job, image_id_of, database_path, folder, report)
+    outcome = Outcome(block=block, mapped=mapped, apart=apart, refused=refused)
+    export(outcome, job, image_id_of, database_path, folder, report)

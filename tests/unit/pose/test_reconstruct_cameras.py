@@ -1,0 +1,37 @@
+"""Which cameras took a campaign's photographs, and from which focal length each starts."""
+
+from typing import Any
+
+import pytest
+
+from facadelake.pose.reconstruct import _cameras
+
+
+def row(**said: Any) -> dict[str, Any]:
+    plain = {"camera_make": "DJI", "camera_model": "M3E", "image_width_px": 4000, "image_height_px": 3000}
+    return plain | {"focal_length_mm": 12.3, "focal_length_35mm_mm": 24.0} | said
+
+
+def test_zooms_sizes_bodies_and_lenses_are_cameras_of_their_own() -> None:
+    rows = [
+        row(),
+        row(focal_length_mm=30.0, focal_length_35mm_mm=60.0),
+        row(image_width_px=2000, image_height_px=1500),
+        row(camera_serial="1ZN"),
+        row(camera_serial="1ZN", lens_model="wide"),
+        row(),
+    ]
+    cameras, camera_of = _cameras(rows)
+    assert camera_of == [0, 1, 2, 3, 4, 0]
+    assert cameras[1]["focal_px"] == pytest.approx(2.5 * cameras[0]["focal_px"], rel=1e-12)
+    assert cameras[2]["focal_px"] == pytest.approx(0.5 * cameras[0]["focal_px"], rel=1e-12)
+
+
+def test_the_stated_focal_length_in_pixels_comes_first() -> None:
+    """24 mm on 43.27 mm of full frame's diagonal is 0.5547 of a 5000 px diagonal."""
+    cameras, camera_of = _cameras([row(prior_focal_px=3725.15), row(prior_focal_px=3725.4), row(prior_focal_px=None)])
+    assert camera_of == [0, 0, 1]
+    assert cameras[0] == {"width_px": 4000, "height_px": 3000, "focal_px": 3725.15, "focal_known": True}
+    assert cameras[1]["focal_px"] == pytest.approx(2773.5, abs=1.0)  # px
+    (guessed,), _ = _cameras([row(focal_length_mm=None, focal_length_35mm_mm=None)])
+    assert guessed == {"width_px": 4000, "height_px": 3000, "focal_px": 4800.0, "focal_known": False}
