@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from facadelake.camera import PosedCamera
 from facadelake.errors import GeoreferenceError
@@ -20,6 +19,7 @@ from facadelake.geodesy import SiteOrigin
 from facadelake.pose.descriptor_pairs import DescriptorPairs, Rows, mutual_pairs
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.reference import MOST_POINTS, ReferencePoints
+from facadelake.pose.reference_evidence import cells, chi_square, misfit, shared_places, without_bending
 from facadelake.pose.similarity_search import SharedSimilarity, shared_similarity
 from facadelake.pose.tie_point_quality import how_seen, pixel_sigma, tie_point_covariance
 
@@ -30,15 +30,17 @@ _LARGEST_RATIO = 0.9
 # A free block bends: by the castle's experience 2 to 12 cm over 40 m, before anything holds it.
 _BENDING_M, _BENDING_SHARE = 0.05, 0.002
 _SIGMAS = 3.5
-# Chi-square of three coordinates that one right pair in a thousand exceeds, and how many pairs tell the local bending.
-_GATE, _NEIGHBOURS = 16.3, 16
-_LEAST_COSINE = 0.25
 # The same spot under other light or after rain is found to about half a pixel, in all photographs alike.
 _RECOGNITION_PX = 0.5
-_FEWEST_AGREEING = 30
-_LEAST_CELLS = 8
-_CELL_M = 1.0
+# Chance brings 4 to 10 pairs together. Eight square metres of facade are a placement, one window is none.
+_FEWEST_AGREEING, _FEWEST_CELLS = 30, 8
 _RUNNER_UP_SHARE = 0.4
+_LARGEST_MISFIT = 2.0
+_LEAST_PLACES_SHARE = 0.5
+# Chi-square of three coordinates that one right pair in a thousand exceeds.
+_GATE = 16.3
+# A descriptor does not survive a turn wider than this: such pairs agree by chance.
+_LEAST_COSINE = 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,9 +52,13 @@ class ReferenceMatch:
 
     The covariance is for a prior on the tie point in the later campaign's adjustment: the reference point's own, and
     half a pixel for what the surface looks like on another day. The reference's common error is not in it, see
-    ``ReferencePoints``. ``compared`` and ``offered`` count the tie points of the later campaign and the reference,
-    ``pairs`` those alike, ``agreeing`` the pairs that agreed on this placement before the last, closer gate, and
-    ``runner_up`` those that agreed on the next best, different one.
+    ``ReferencePoints``.
+
+    What it rests on: ``compared`` and ``offered`` count the tie points of the later campaign and the reference,
+    ``pairs`` those that look alike, ``agreeing`` those of them that agree on this placement before the last, closer
+    gate, ``runner_up`` those that agree on the next best, different one. ``misfit`` is how many times farther apart the
+    agreeing pairs are than their covariances say; in ``places_agreeing`` of the ``places`` (1 m cells) where both
+    campaigns have tie points some agree.
     """
 
     site_from_sfm: Similarity
@@ -66,6 +72,9 @@ class ReferenceMatch:
     pairs: int
     agreeing: int
     runner_up: int
+    misfit: float
+    places_agreeing: int
+    places: int
 
 
 def match_reference(
@@ -80,24 +89,31 @@ def match_reference(
 
     GPS is not used, so that it can judge the answer. What the surface shows anew (repairs, cracks, shadows) finds no
     partner or disagrees with the rest.
-    Raises GeoreferenceError where fewer than 30 points agree, where they lie too close together, or where a different
-    placement has nearly as many for it.
+    Raises GeoreferenceError where fewer than 30 points agree or they lie on one window's worth of wall, where a
+    different placement has nearly as many for it, and where what agrees seems to be a surface that only looks alike.
+    Facades of which every square metre repeats to the millimetre cannot be told apart: check the answer against GPS.
     """
     reference = reference.about(origin)
     later = _later_points(reconstruction)
     pairs = mutual_pairs(descriptors[later.row], reference.descriptors, largest_ratio=_LARGEST_RATIO)
     source, target = later.xyz_sfm[pairs.a], reference.xyz_site_m[pairs.b]
     found, runner_up = _placement(source, target, _tolerance(reference, pairs), seed)
-    counts = f"{len(pairs)} of {len(later.row)} tie points look like one of the reference's {len(reference)}"
+    _refuse_too_few(found, target, runner_up, reference, f"{len(pairs)} of {len(later.row)} tie points look alike")
+    assert found is not None
+    return _match(later, reference, pairs, found, runner_up)
+
+
+def _refuse_too_few(
+    found: SharedSimilarity | None, target: Array, runner_up: int, reference: ReferencePoints, alike: str
+) -> None:
     agreeing = 0 if found is None else int(found.agrees.sum())
-    cells = 0 if found is None else _cells(target[found.agrees])
-    logger.info("%s; %d agree on one placement, %d on the next best", counts, agreeing, runner_up)
-    if found is None or agreeing < _FEWEST_AGREEING or cells < _LEAST_CELLS:
+    places = 0 if found is None else len(cells(target[found.agrees]))
+    if agreeing < _FEWEST_AGREEING or places < _FEWEST_CELLS:
         raise GeoreferenceError(
             f"the campaign cannot be found in the reference (campaign {reference.campaign_id} of "
-            f"{reference.building_id}): {counts}, and {agreeing} agree on one placement, in {cells} places of 1 m "
-            f"(at least {_FEWEST_AGREEING} in {_LEAST_CELLS} are needed); is it the same building? Photograph from "
-            "similar places as then, or place it by control points or the model"
+            f"{reference.building_id}, {len(reference)} points): {alike}, and {agreeing} agree on one placement, in "
+            f"{places} places of 1 m (at least {_FEWEST_AGREEING} in {_FEWEST_CELLS} are needed); is it the same "
+            "building? Photograph from similar places as then, or place it by control points or the model"
         )
     if runner_up > _RUNNER_UP_SHARE * agreeing:
         raise GeoreferenceError(
@@ -106,7 +122,20 @@ def match_reference(
             "the best), as on a facade that repeats itself; photograph a corner or the ground with it, or give control "
             "points"
         )
-    return _closely(later, reference, pairs, found, runner_up)
+
+
+def _refuse_look_alike(
+    agreeing: int, far: float, places_agreeing: int, places: int, reference: ReferencePoints
+) -> None:
+    share = places_agreeing / max(places, 1)
+    if far > _LARGEST_MISFIT or share < _LEAST_PLACES_SHARE:
+        raise GeoreferenceError(
+            f"the campaign agrees with the reference (campaign {reference.campaign_id} of {reference.building_id}) in "
+            f"{agreeing} points, but as a surface does that only looks alike: they lie {far:.1f} times as far apart as "
+            f"they should (limit {_LARGEST_MISFIT:.1f}), and are in {places_agreeing} of the {places} places of 1 m "
+            f"that both show ({share:.0%}, at least {_LEAST_PLACES_SHARE:.0%}); does it show the part of the building "
+            "that was photographed then? Photograph that part too, or place it by control points or the model"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,14 +195,10 @@ def _placement(source: Array, target: Array, tolerance: Array, seed: int) -> tup
     return best, 0
 
 
-def _cells(xyz_m: Array) -> int:
-    return len(np.unique(np.floor(xyz_m / _CELL_M), axis=0))
-
-
-def _closely(
+def _match(
     later: _LaterPoints, reference: ReferencePoints, pairs: DescriptorPairs, found: SharedSimilarity, runner_up: int
 ) -> ReferenceMatch:
-    """The agreeing pairs that also fit their neighbours within the covariances, and the similarity fitted to them."""
+    """The agreeing pairs that also fit within the covariances, and the similarity fitted to them."""
     a, b = pairs.a[found.agrees], pairs.b[found.agrees]
     source, target = later.xyz_sfm[a], reference.xyz_site_m[b]
     site_from_sfm = found.target_from_source
@@ -181,14 +206,16 @@ def _closely(
     known = reference.covariance_m2[b] + ((_RECOGNITION_PX * gsd_m) ** 2)[:, None, None] * np.eye(3)
     turned = site_from_sfm.scale * site_from_sfm.rotation
     both = known + turned @ later.covariance_sfm[a] @ turned.T
-    # A free block bends by more than its points are unsure: each pair is judged beside its neighbours, not by itself.
-    residual = target - site_from_sfm.apply(source)
-    _, near = cKDTree(target).query(target, k=_NEIGHBOURS)
-    beside = residual - np.median(residual[near], axis=1)
-    kept = np.einsum("ki,ki->k", beside, np.linalg.solve(both, beside[:, :, None])[:, :, 0]) < _GATE
-    # A descriptor does not survive a turn this wide: such pairs agree by chance.
+    squared = chi_square(without_bending(target, found.residual[found.agrees], both), both)
     looked = np.einsum("ki,ki->k", site_from_sfm.rotate(later.direction[a]), reference.direction_site[b])
-    kept &= looked > _LEAST_COSINE
+    kept = (squared < _GATE) & (looked > _LEAST_COSINE)
+    places_agreeing, places = shared_places(site_from_sfm.apply(later.xyz_sfm), reference.xyz_site_m, target)
+    far = misfit(squared)
+    logger.info(
+        "reference %s: %d of %d pairs agree, %d on the next best; misfit %.1f, in %d of %d places",
+        *(reference.campaign_id, len(a), len(pairs), runner_up, far, places_agreeing, places),
+    )
+    _refuse_look_alike(len(a), far, places_agreeing, places, reference)
     site_from_sfm = similarity_between(source[kept], target[kept], 1.0 / np.trace(both[kept], axis1=1, axis2=2))
     return ReferenceMatch(
         site_from_sfm=site_from_sfm,
@@ -202,4 +229,7 @@ def _closely(
         pairs=len(pairs),
         agreeing=len(a),
         runner_up=runner_up,
+        misfit=far,
+        places_agreeing=places_agreeing,
+        places=places,
     )
