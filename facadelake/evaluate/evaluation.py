@@ -12,11 +12,11 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.camera import PosedCamera
-from facadelake.detect.photo_names import PhotoNames
 from facadelake.errors import InputDataError, SchemaError
+from facadelake.evaluate.cameras import coverage_2sigma, found_and_true
 from facadelake.evaluate.figures import Figures
 from facadelake.evaluate.merging import merging_of
-from facadelake.evaluate.stats import Stats, SurfaceStats, stats_of, surface_stats
+from facadelake.evaluate.stats import Stats, SurfaceStats, position_stats, stats_of, surface_stats
 from facadelake.evaluate.truth import Truth, read_truth
 from facadelake.frames import Array
 from facadelake.geodesy import SiteOrigin
@@ -82,11 +82,12 @@ def evaluate(
     pairs = [(row["element_guid"], known.checkpoints[target].element_guid) for row, target in matched]
     correct = [found == true for found, true in pairs if true]
     roundtrip_px, roundtrip_cm = _roundtrip(campaign)
+    compared = found_and_true(poses, photo_ids, known, origin, truth)
     imported = any(detector.startswith(_COCO) for detector in detections.column("detector").to_pylist())
     return Figures(
         photographs_total=len(photo_ids),
         photographs_localised=len(cameras),
-        camera_error=_camera_error(cameras, photo_ids, known, origin, truth),
+        camera_error=position_stats(compared.error_site_m),
         ray_error=_ray_error(campaign),
         observation_error=_position_error(campaign, matched),
         defect_error=_position_error(campaign, _defects_with_truth(campaign)),
@@ -95,7 +96,7 @@ def evaluate(
         merge=merging_of([(row["defect_id"], target) for row, target in matched if row["defect_id"]]),
         element_correct_share=float(np.mean(correct)) if correct else None,
         off_truth=len(campaign.registered) - len(matched) if imported else None,
-        coverage_2sigma=None,
+        coverage_2sigma=coverage_2sigma(compared),
     )
 
 
@@ -145,22 +146,6 @@ def _shown(detections: pa.Table, known: Truth, folder: Path) -> dict[str, str | 
         taken[key] = row["detection_id"]
         shown[row["detection_id"]] = known.shown.get(key)
     return shown
-
-
-def _camera_error(
-    cameras: Mapping[str, PosedCamera], photo_ids: Sequence[str], known: Truth, origin: SiteOrigin, folder: Path
-) -> Stats:
-    names = PhotoNames(photo_ids)
-    published = {names.match(image).photo_id: geo for image, geo in known.cameras.items()}
-    if known.cameras and not any(photo_id is not None for photo_id in published):
-        raise InputDataError(
-            f"{folder / 'cameras.csv'}, column image: none of its {len(known.cameras)} photographs is in the campaign "
-            f"({next(iter(known.cameras))} against {next(iter(photo_ids), 'none')}); give this campaign's truth"
-        )
-    both = sorted(photo_id for photo_id in published if photo_id is not None and photo_id in cameras)
-    true = origin.site_from_geo(np.array([published[photo_id] for photo_id in both]).reshape(-1, 3))
-    found = np.array([cameras[photo_id].centre_site_m for photo_id in both]).reshape(-1, 3)
-    return stats_of(np.linalg.norm(found - true, axis=1))
 
 
 def _ray_error(campaign: _Campaign) -> Stats:

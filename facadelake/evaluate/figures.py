@@ -6,24 +6,26 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from facadelake.evaluate.merging import Merging
-from facadelake.evaluate.stats import Stats, SurfaceStats
+from facadelake.evaluate.stats import PositionStats, Stats, SurfaceStats
 
 
 @dataclass(frozen=True, kw_only=True)
 class Figures:
     """What `facadelake evaluate` reports; metres, pixels and centimetres as the names say.
 
-    ``camera_error``: distance of camera centres to the published ones, nothing aligned. ``ray_error``: distance of a
-    check point from the ray of its box's centre. ``observation_error``, ``defect_error``: position found minus check
-    point. ``roundtrip_px``, ``roundtrip_cm``: registered point re-projected against its box's centre (the paper's
-    Table 2). ``off_truth``: registered detections that show no check point. None: not available.
+    ``camera_error``: distance of camera centres to the published ones, nothing aligned, and their mean signed offset.
+    ``ray_error``: distance of a check point from the ray of its box's centre. ``observation_error``, ``defect_error``:
+    position found minus check point. ``roundtrip_px``, ``roundtrip_cm``: registered point re-projected against its
+    box's centre (the paper's Table 2). ``off_truth``: registered detections that show no check point.
+    ``coverage_2sigma``: share of the cameras whose true centre lies inside the 95 % ellipsoid that their pose states
+    (0.95 is good, 1 is too cautious). None: not available.
     """
 
     COLUMNS: ClassVar[tuple[str, ...]] = ("figure", "n", "mean", "median", "mae", "rmse", "p95", "iqr")
 
     photographs_total: int
     photographs_localised: int
-    camera_error: Stats
+    camera_error: PositionStats
     ray_error: Stats
     observation_error: SurfaceStats
     defect_error: SurfaceStats
@@ -57,6 +59,14 @@ class Figures:
             ("photographs", str(self.photographs_total), *_blank(6)),
             ("photographs localised", str(self.photographs_localised), *_blank(6)),
             _row("camera error (m)", self.camera_error, 3),
+            *(
+                (f"  mean offset {axis}", "", _text(value, 3), *_blank(5))
+                for axis, value in (
+                    ("east", self.camera_error.offset_east),
+                    ("north", self.camera_error.offset_north),
+                    ("up", self.camera_error.offset_up),
+                )
+            ),
             _row("ray error (m)", self.ray_error, 4),
             _row("observation error (m)", observation.distance, 3),
             _row("  along the normal", observation.normal, 3),
@@ -74,7 +84,7 @@ class Figures:
             ("clusters exactly right", "", _text(self.merge.clusters_exact, 3), *_blank(5)),
             ("element correct", "", _text(self.element_correct_share, 3), *_blank(5)),
             ("registered off truth", "-" if self.off_truth is None else str(self.off_truth), *_blank(6)),
-            ("inside 2 sigma", "", _text(self.coverage_2sigma, 3), *_blank(5)),
+            ("cameras inside 2 sigma", "", _text(self.coverage_2sigma, 3), *_blank(5)),
         ]
 
 

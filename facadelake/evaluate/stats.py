@@ -28,8 +28,17 @@ class Stats:
     iqr: float | None = None
 
     def to_json(self) -> dict[str, float | int | None]:
-        """The seven keys."""
+        """The fields as keys."""
         return asdict(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionStats(Stats):
+    """Statistics of 3D distances, and the mean signed error (found minus true) along each axis of site."""
+
+    offset_east: float | None = None
+    offset_north: float | None = None
+    offset_up: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +71,16 @@ def stats_of(errors: Array) -> Stats:
         p95=float(np.percentile(size, 95)),
         iqr=float(upper - lower),
     )
+
+
+def position_stats(errors_site_m: Array) -> PositionStats:
+    """Statistics of position errors (n, 3: found minus true) in site."""
+    errors = errors_site_m.reshape(-1, 3)
+    distance = stats_of(np.linalg.norm(errors, axis=1))
+    if not distance.n:
+        return PositionStats(n=0)
+    east, north, up = errors.mean(axis=0).tolist()
+    return PositionStats(**asdict(distance), offset_east=east, offset_north=north, offset_up=up)
 
 
 def surface_axes(normals: Array) -> tuple[Array, Array]:

@@ -48,6 +48,7 @@ class Made:
     sightings: Sequence[Sighting] = ()
     defects_m: Mapping[str, Array] = field(default_factory=dict)
     unlocalised: Sequence[str] = ()
+    covariance_m2: Mapping[str, Array] = field(default_factory=dict)  # of a camera's centre, (3, 3)
     detector: str = "coco:boxes.json"
 
 
@@ -86,6 +87,10 @@ def tables(made: Made) -> dict[str, pa.Table]:
             pose |= {"pose_source": "sfm", "x_site_m": x, "y_site_m": y, "z_site_m": z, **QUATERNION}
             pose |= {"fx_px": FOCAL, "fy_px": FOCAL, "cx_px": WIDTH / 2, "cy_px": HEIGHT / 2}
             pose |= dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
+            if name in made.covariance_m2:
+                whole = np.eye(6)  # an attitude known to a radian, which is not to be taken for the centre's metres
+                whole[:3, :3] = made.covariance_m2[name]
+                pose["covariance"] = whole.ravel().tolist()
         poses.append(pose)
     detections, observations = [], []
     for i, sighting in enumerate(made.sightings):

@@ -18,6 +18,7 @@ from tests.unit.evaluate.campaigns import CRS, ORIGIN, Made, Sighting, pixel, ta
 CAMERAS = {f"near/{i}.jpg": np.array([-8.0 + 4 * i, -15.0, 3.0 + 0.5 * i]) for i in range(5)}
 SHIFT = np.array([0.03, 0.0, 0.04])  # 5 cm
 STATS = ["n", "mean", "median", "mae", "rmse", "p95", "iqr"]
+OFFSETS = ["offset_east", "offset_north", "offset_up"]
 
 
 def figures_of(made: Made, folder: Path, origin: SiteOrigin = ORIGIN) -> Figures:
@@ -52,6 +53,8 @@ def test_injected_errors_come_back(tmp_path: Path) -> None:
     assert camera.n == 5
     assert camera.mean == pytest.approx(0.05, rel=0, abs=1e-6)  # m
     assert camera.mean == camera.mae
+    offset = [camera.offset_east, camera.offset_north, camera.offset_up]
+    assert offset == pytest.approx(SHIFT, rel=0, abs=1e-6)  # m, found minus true
 
     # Rays of true pixels from shifted cameras are parallel to the true ones: the shift across the ray is left.
     across = []
@@ -109,8 +112,8 @@ def test_json_has_exactly_the_agreed_keys(tmp_path: Path) -> None:
         "roundtrip_cm", "merge", "element_correct_share", "off_truth", "coverage_2sigma",
     ]  # fmt: skip
     assert list(content["photographs"]) == ["total", "localised"]
-    for key in ("camera_error_m", "ray_error_m"):
-        assert list(content[key]) == STATS
+    assert list(content["ray_error_m"]) == STATS
+    assert list(content["camera_error_m"]) == [*STATS, *OFFSETS]
     for key in ("observation_error_m", "defect_error_m"):
         assert list(content[key]) == [*STATS, "normal", "horizontal", "vertical"]
         assert all(list(content[key][axis]) == STATS for axis in ("normal", "horizontal", "vertical"))
@@ -198,7 +201,7 @@ def test_a_campaign_without_detections_or_poses_has_empty_figures(tmp_path: Path
     made = Made(centres_true_m=CAMERAS, centres_found_m={}, points_true_m={}, unlocalised=list(CAMERAS))
     content = figures_of(made, tmp_path).to_json()
     assert content["photographs"] == {"total": 5, "localised": 0}
-    assert content["camera_error_m"] == {"n": 0, **dict.fromkeys(STATS[1:])}
+    assert content["camera_error_m"] == {"n": 0, **dict.fromkeys([*STATS[1:], *OFFSETS])}
     assert content["roundtrip_px"] is None
 
 
@@ -207,8 +210,19 @@ def test_rows_have_all_columns(tmp_path: Path) -> None:
     assert {len(row) for row in rows} == {len(Figures.COLUMNS)} == {8}
     by_name = {row[0].strip(): row for row in rows}
     assert by_name["camera error (m)"][1:3] == ("5", "0.050")
+    assert by_name["mean offset up"][2] == "0.040"
     assert by_name["merge F1"][2] == "1.000"
-    assert by_name["inside 2 sigma"][2] == "-"
+    assert by_name["cameras inside 2 sigma"][2] == "-"
+
+
+def test_offsets_that_cancel_are_no_offset(tmp_path: Path) -> None:
+    """Cameras 5 cm off, two one way and two the other: 5 cm of error, no offset but the fifth camera's."""
+    signs = dict(zip(CAMERAS, (1, -1, 1, -1, 0), strict=True))
+    found = {name: centre + signs[name] * SHIFT + [0.0, 0.01, 0.0] for name, centre in CAMERAS.items()}
+    camera = figures_of(Made(centres_true_m=CAMERAS, centres_found_m=found, points_true_m={}), tmp_path).camera_error
+    assert camera.mean == pytest.approx((4 * np.hypot(0.05, 0.01) + 0.01) / 5, rel=0, abs=1e-6)  # m
+    offset = [camera.offset_east, camera.offset_north, camera.offset_up]
+    assert offset == pytest.approx([0.0, 0.01, 0.0], rel=0, abs=1e-6)  # m
 
 
 def test_a_file_that_truth_does_not_list_and_another_campaign_are_refused(tmp_path: Path) -> None:
