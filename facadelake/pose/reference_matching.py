@@ -16,10 +16,11 @@ from facadelake.camera import PosedCamera
 from facadelake.errors import GeoreferenceError
 from facadelake.frames import Array, Similarity, similarity_between
 from facadelake.geodesy import SiteOrigin
+from facadelake.pose.block_bending import agreeing_when_bent, without_bending
 from facadelake.pose.descriptor_pairs import DescriptorPairs, Rows, mutual_pairs
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.reference import MOST_POINTS, ReferencePoints
-from facadelake.pose.reference_evidence import cells, chi_square, misfit, shared_places, without_bending
+from facadelake.pose.reference_evidence import cells, chi_square, misfit, shared_places
 from facadelake.pose.similarity_search import SharedSimilarity, shared_similarity
 from facadelake.pose.tie_point_quality import how_seen, pixel_sigma, tie_point_covariance
 
@@ -27,7 +28,7 @@ logger = logging.getLogger(__name__)
 
 # Above it, a descriptor's second choice is as good as its first; wrong pairs are left to the search.
 _LARGEST_RATIO = 0.9
-# A free block bends: by the castle's experience 2 to 12 cm over 40 m, before anything holds it.
+# What a free block bends by, beside the stretch and the doming that are taken out: 2 to 12 cm over 40 m.
 _BENDING_M, _BENDING_SHARE = 0.05, 0.002
 _SIGMAS = 3.5
 # The same spot under other light or after rain is found to about half a pixel, in all photographs alike.
@@ -182,8 +183,11 @@ def _placement(source: Array, target: Array, tolerance: Array, seed: int) -> tup
     best = shared_similarity(source, target, tolerance, seed=seed)
     if best is None:
         return None, 0
-    left = ~best.agrees
-    where = target[best.agrees]
+    agrees = agreeing_when_bent(target, best.residual, best.agrees, tolerance)
+    fit = similarity_between(source[agrees], target[agrees], 1.0 / tolerance[agrees] ** 2)
+    best = SharedSimilarity(target_from_source=fit, agrees=agrees, residual=target - fit.apply(source))
+    left = ~agrees
+    where = target[agrees]
     for attempt in range(1, 4):
         rival = shared_similarity(source[left], target[left], tolerance[left], seed=seed + attempt)
         if rival is None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from facadelake.errors import GeoreferenceError
-from facadelake.pose.reference_evidence import chi_square, misfit, shared_places, without_bending
+from facadelake.pose.block_bending import agreeing_when_bent, without_bending
+from facadelake.pose.reference_evidence import chi_square, misfit, shared_places
 from facadelake.pose.reference_matching import match_reference
 from tests.unit.pose.test_reference_matching import reference
 from tests.unit.pose.two_campaigns import (
@@ -82,6 +83,21 @@ def test_bending_is_taken_out_and_scatter_is_left() -> None:
     assert misfit(chi_square(residual, covariance)) > 3
     few = xyz[:, 0] < 4  # 4 x 9 m: too small a part to tell a bending from what single windows are off by
     np.testing.assert_array_equal(without_bending(xyz[few], residual[few], covariance[few]), residual[few])
+
+
+def test_a_stretched_block_keeps_its_right_pairs() -> None:
+    """A focal length 9 % off, as four photographs leave it: a similarity joins a part, the rest follows."""
+    rng = np.random.default_rng(25)
+    xyz = faces(2000, rng)
+    wrong = rng.random(2000) < 0.3
+    stretch = (xyz - [10, 5, 4]) * [0.0, 0.02, 0.06] + rng.normal(0, 0.01, (2000, 3))
+    residual = np.where(wrong[:, None], rng.uniform(-5, 5, (2000, 3)), stretch)
+    tolerance = np.full(2000, 0.12)
+    joined = np.linalg.norm(residual, axis=1) < tolerance
+    assert joined[~wrong].mean() < 0.6
+    found = agreeing_when_bent(xyz, residual, joined, tolerance)
+    assert found[~wrong].mean() > 0.99
+    assert found[wrong].mean() < 0.01
 
 
 def test_places_are_counted_where_both_campaigns_have_points() -> None:
