@@ -44,9 +44,8 @@ def without_bending(xyz_m: Array, residual_m: Array, covariance_m2: Array) -> Ar
         return residual_m
     columns, left = _columns(xyz_m, domes=True), residual_m
     for _ in range(_ROUNDS):
-        weight: Array = 1.0 / np.sqrt((1.0 + chi_square(left, covariance_m2)) * covariance_m2.trace(axis1=1, axis2=2))
-        bending = columns @ _least_squares(columns, residual_m, weight)
-        left = residual_m - bending
+        weight = 1.0 / np.sqrt((1.0 + chi_square(left, covariance_m2)) * np.trace(covariance_m2, axis1=1, axis2=2))
+        left = residual_m - columns @ _least_squares(columns, residual_m, weight)
     return left
 
 
@@ -58,5 +57,5 @@ def _columns(xyz_m: Array, *, domes: bool) -> Array:
 
 
 def _least_squares(columns: Array, residual_m: Array, weight: Array) -> Array:
-    bending: Array = np.linalg.lstsq(columns * weight[:, None], residual_m * weight[:, None], rcond=1e-9)[0]
-    return bending
+    bending = np.linalg.lstsq(columns * weight[:, None], residual_m * weight[:, None], rcond=1e-9)[0]
+    return np.asarray(bending, dtype=np.float64)
