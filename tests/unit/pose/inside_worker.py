@@ -13,6 +13,7 @@ import pytest
 from facadelake.pose.worker.descriptors import representative_descriptors
 from facadelake.pose.worker.features import open_database, threads_for
 from facadelake.pose.worker.joining import join_blocks
+from facadelake.pose.worker.mapping import map_photographs
 from facadelake.pose.worker.report import Report
 from facadelake.pose.worker.resection import resect_others
 from facadelake.pose.worker.retrieval import pairs_by_chain, pairs_by_look
@@ -145,6 +146,27 @@ def test_two_blocks_that_share_photographs_become_one(tmp_path: Path) -> None:
     for image_id in (9, 10, 11, 12):
         without(alone, image_id)
     assert len(join_blocks([alone, second], tmp_path / "a.db", silent())[1]) == 1
+
+
+def test_a_small_block_is_tried_again_from_other_pairs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Attempts that place 3, 8 and 12 of 12 photographs: the second is enough. What is finished is not done again."""
+    synthetic(tmp_path / "a.db", photographs=12, points=50).write(tmp_path)
+    seeds: list[int] = []
+
+    def mapped(*_: Any, options: pycolmap.IncrementalPipelineOptions, **__: Any) -> dict[int, pycolmap.Reconstruction]:
+        seeds.append(options.random_seed)
+        model = pycolmap.Reconstruction(tmp_path)
+        for image_id in list(model.reg_image_ids())[[3, 8, 12][len(seeds) - 1] :]:
+            without(model, image_id)
+        return {0: model}
+
+    monkeypatch.setattr(pycolmap, "incremental_mapping", mapped)
+    job = job_of(12) | {"photographs_root": str(tmp_path)}
+    (block,) = map_photographs(job, tmp_path / "a.db", silent())
+    assert block.num_reg_images() == 8
+    assert seeds == [1, 2]
+    map_photographs(job, tmp_path / "a.db", silent())
+    assert seeds == [1, 2, 3]  # the stand-in writes no models to come back to, so one more attempt is made
 
 
 def test_photographs_of_one_place_look_alike(tmp_path: Path) -> None:

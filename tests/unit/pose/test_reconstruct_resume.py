@@ -164,7 +164,7 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
     assert len(counts(folder, "two_view_geometries")) == PAIRS
     assert counts(folder, "written") == counts(folder, "two_view_geometries") - compared
 
-    (snapshots,) = folder.glob(".work-*/snapshots")
+    (snapshots,) = folder.glob(".work-*/snapshots-0")
     (snapshots / "99999999999999").mkdir()  # one that the kill cut off
     heard = Heard()
     run("nothing", 0, heard)
