@@ -10,6 +10,7 @@ from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import read_reconstruction
 from facadelake.pose.settings import ReconstructionSettings
 from facadelake.tables import read_table
+from schemas.vocabulary import PoseSource
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -26,7 +27,8 @@ def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
     def make(folder: Path) -> Counts:
         reconstruct(read_table("photos", photos.folder), root, folder, settings)
         block = read_reconstruction(folder)
-        return {"cameras": len(block.photos), "tie points": len(block.xyz_sfm)}
+        resected = sum(photo.source == PoseSource.RESECTED for photo in block.photos)
+        return {"cameras": len(block.photos), "of them resected": resected, "tie points": len(block.xyz_sfm)}
 
     return run_stage(
         job, "reconstruct", code=CODE, inputs={"photos": photos.key, "settings": settings.key()}, make=make

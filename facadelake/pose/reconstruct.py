@@ -28,7 +28,8 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
     """Reconstruct the accepted photographs of table ``photos`` (paths below ``photographs_root``) into ``folder``.
 
     ``folder`` then holds COLMAP's model (``sparse/``), the arrays that ``read_reconstruction`` reads and the worker's
-    log. Photographs that cannot be joined to the largest block are listed with the reason.
+    log. Photographs that mapping leaves out of the largest block are resected against it; those that stay outside are
+    listed with the reason. A run that is killed leaves its work beside ``folder``, and the next one goes on from there.
     Raises InputDataError for fewer than 3 photographs or none that overlap.
     """
     rows = [row for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]

@@ -15,7 +15,9 @@ class ReconstructionSettings:
 
     ``max_image_px``: features are found on photographs reduced to this longer side; ``max_features`` of them at most
     in each. ``exhaustive_up_to``: up to that many photographs every pair is tried, above it ``neighbours`` of each by
-    position and viewing direction. ``threads`` 0: all cores. ``seed`` fixes what is drawn at random.
+    position and viewing direction, and half as many by their looks where positions say too little, and as many again of
+    those partners' partners. ``threads`` 0: all cores, or as many as the free memory bears. ``seed`` fixes what is
+    drawn at random.
     """
 
     max_image_px: int = 2000
