@@ -141,6 +141,7 @@ def reference_of(
     NaN where the adjustment dropped a point. ``cameras``: the adjusted ones, in the order of ``reconstruction.photos``.
     Raises GeoreferenceError where no point is known to better than 10 cm.
     """
+    check_rows(reconstruction, descriptors)
     sigma_m = _largest_sigma(covariance_m2)
     seen = how_seen(reconstruction, cameras, xyz_site_m)
     usable = (
@@ -167,6 +168,15 @@ def reference_of(
         photographs=seen.photographs[kept],
         frame_covariance_m2=frame_covariance_m2,
     )
+
+
+def check_rows(reconstruction: Reconstruction, descriptors: NDArray[np.uint8]) -> None:
+    """Raise InputDataError where the descriptors are not those of the reconstruction's tie points, row by row."""
+    if descriptors.shape != (len(reconstruction.xyz_sfm), 128):
+        raise InputDataError(
+            f"the descriptors are {descriptors.shape} for {len(reconstruction.xyz_sfm)} tie points (128 numbers for "
+            "each are needed): they belong to another reconstruction; remove its folder and run again"
+        )
 
 
 def choose_spread(xyz_m: Array, worth: Array, *, most: int) -> NDArray[np.int64]:

@@ -19,7 +19,7 @@ from facadelake.geodesy import SiteOrigin
 from facadelake.pose.block_bending import agreeing_when_bent, without_bending
 from facadelake.pose.descriptor_pairs import DescriptorPairs, Rows, mutual_pairs
 from facadelake.pose.reconstruction import Reconstruction
-from facadelake.pose.reference import MOST_POINTS, ReferencePoints
+from facadelake.pose.reference import MOST_POINTS, ReferencePoints, check_rows
 from facadelake.pose.reference_evidence import cells, chi_square, misfit, shared_places
 from facadelake.pose.similarity_search import SharedSimilarity, shared_similarity
 from facadelake.pose.tie_point_quality import how_seen, pixel_sigma, tie_point_covariance
@@ -94,6 +94,7 @@ def match_reference(
     different placement has nearly as many for it, and where what agrees seems to be a surface that only looks alike.
     Facades of which every square metre repeats to the millimetre cannot be told apart: check the answer against GPS.
     """
+    check_rows(reconstruction, descriptors)
     reference = reference.about(origin)
     later = _later_points(reconstruction)
     pairs = mutual_pairs(descriptors[later.row], reference.descriptors, largest_ratio=_LARGEST_RATIO)
@@ -186,8 +187,7 @@ def _placement(source: Array, target: Array, tolerance: Array, seed: int) -> tup
     agrees = agreeing_when_bent(target, best.residual, best.agrees, tolerance)
     fit = similarity_between(source[agrees], target[agrees], 1.0 / tolerance[agrees] ** 2)
     best = SharedSimilarity(target_from_source=fit, agrees=agrees, residual=target - fit.apply(source))
-    left = ~agrees
-    where = target[agrees]
+    left, where = ~agrees, target[agrees]
     for attempt in range(1, 4):
         rival = shared_similarity(source[left], target[left], tolerance[left], seed=seed + attempt)
         if rival is None:

@@ -41,7 +41,7 @@ class SharedSimilarity:
 def shared_similarity(source: Array, target: Array, tolerance: Array, *, seed: int = 1) -> SharedSimilarity | None:
     """The similarity on which most of the pairs (n, 3), ordered from sure to unsure, agree within ``tolerance`` (n,).
 
-    None where no three pairs agree. ``tolerance`` and ``target`` have one unit; the scale is free within what the
+    None where no four pairs agree. ``tolerance`` and ``target`` have one unit; the scale is free within what the
     triangles say. Source: Fischler and Bolles 1981; MSAC (Torr and Zisserman 2000).
     """
     if len(source) < 3:

@@ -85,6 +85,11 @@ def test_a_campaign_of_loose_points_cannot_be_a_reference(placed: Campaign) -> N
         reference(placed, spoil=slice(0, 400))
 
 
+def test_descriptors_of_another_reconstruction_are_refused(placed: Campaign) -> None:
+    with pytest.raises(InputDataError, match=r"\(399, 128\) for 400 tie points"):
+        reference(replace(placed, descriptors=placed.descriptors[:-1]))
+
+
 def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
     """Independent path: mark one point 80 times with noise, intersect, and look at the scatter."""
     row = int(np.flatnonzero(np.bincount(placed.reconstruction.track_point) == 3)[0])
