@@ -15,7 +15,10 @@ from facadelake.geobim.model import BuildingModel
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Inspection:
-    """One campaign: stage tables as schemas/ has them, ``posed`` by photo_id, photographs in ``photographs_root``."""
+    """One campaign: stage tables as schemas/ has them, ``posed`` by photo_id, photographs in ``photographs_root``.
+
+    ``placement_sigma_max_m`` is what the building wants the campaign's place known to.
+    """
 
     building_name: str
     campaign_id: str
@@ -25,11 +28,13 @@ class Inspection:
     photos: pa.Table
     poses: pa.Table
     georeference: pa.Table
+    georeference_points: pa.Table
     detections: pa.Table
     observations: pa.Table
     defects: pa.Table
     integrity_views: pa.Table
     checks: pa.Table
+    placement_sigma_max_m: float = 0.5
 
     def photograph(self, photo_id: str) -> Path:
         """Path of a photograph."""

@@ -10,9 +10,10 @@ from urllib.parse import quote
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #5a5a5a; --ground: #ffffff; --line: #d5d5d5; --band: #f4f4f2;
-  --good: #00664a; --bad: #a32d00; }
+  --good: #00664a; --look: #8a5a00; --bad: #a32d00; }
 @media (prefers-color-scheme: dark) { :root { --ink: #ececec; --soft: #a9a9a9; --ground: #17181a; --line: #3c3d40;
-  --band: #212225; --good: #4fd1a5; --bad: #ff9466; } }
+  --band: #212225; --good: #4fd1a5; --look: #e8b84a;
+  --bad: #ff9466; } }
 * { box-sizing: border-box; }
 body { margin: 0 auto; max-width: 1240px; padding: 1.2rem 1.4rem 3rem; background: var(--ground); color: var(--ink);
   font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", Arial, sans-serif; }
@@ -37,10 +38,13 @@ figcaption { color: var(--soft); font-size: 0.85rem; }
 img.crop { width: 110px; height: 110px; display: block; border-radius: 3px; }
 .dot { display: inline-block; width: 0.75em; height: 0.75em; border-radius: 50%; margin-right: 0.4em;
   border: 1px solid #8884; }
-.good { color: var(--good); } .bad { color: var(--bad); font-weight: 600; } .soft { color: var(--soft); }
+.good { color: var(--good); } .look { color: var(--look); font-weight: 600; }
+.bad { color: var(--bad); font-weight: 600; }
+.soft { color: var(--soft); }
 code { font-size: 0.9em; }
 @media print {
-  :root { --ink: #000; --soft: #444; --ground: #fff; --line: #bbb; --band: #f2f2f2; --good: #00664a; --bad: #a32d00; }
+  :root { --ink: #000; --soft: #444; --ground: #fff; --line: #bbb; --band: #f2f2f2; --good: #00664a;
+    --look: #8a5a00; --bad: #a32d00; }
   body { max-width: none; padding: 0; font-size: 10.5pt; } nav { display: none; } h2 { break-after: avoid; }
   figure, tr, .tile { break-inside: avoid; } .scroll { overflow: visible; } img.crop { width: 20mm; height: 20mm; } }
 """

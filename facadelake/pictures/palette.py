@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from schemas.vocabulary import DefectClass, ObservationOutcome
+from schemas.vocabulary import DefectClass, ObservationOutcome, PointKind
 
 Dashes = tuple[float, tuple[float, ...]]
 
@@ -25,6 +25,13 @@ OUTCOME_COLOURS: dict[str, str] = {
     ObservationOutcome.GRAZING: "#e69f00",
     ObservationOutcome.OUTSIDE: "#cc79a7",
     ObservationOutcome.UNLOCALISED: "#56b4e9",
+}
+# Points of the passport: colour and marker, so that a black and white print tells them apart.
+POINT_STYLES: dict[str, tuple[str, str]] = {
+    PointKind.CONTROL: ("#0072b2", "^"),
+    PointKind.HELD_OUT: ("#d55e00", "v"),
+    PointKind.CHECK: ("#009e73", "s"),
+    PointKind.GPS: ("#e69f00", "x"),
 }
 OTHER_COLOUR = "#595959"
 

@@ -6,16 +6,14 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from facadelake.frames import Array
-from facadelake.geobim.model import BuildingModel
 from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.palette import class_colour
+from facadelake.pictures.projected_model import draw_model
 from schemas.vocabulary import PhotoOutcome
 
 _DPI = 150
@@ -28,7 +26,7 @@ def draw_plan(inspection: Inspection, path: Path) -> Path:
     figure = Figure(figsize=(_WIDTH_IN, _WIDTH_IN), dpi=_DPI, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    low, high = _building(axes, inspection.building)
+    low, high = draw_model(axes, inspection.building, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
     centres = np.array([posed.centre_site_m[:2] for posed in inspection.posed.values()]).reshape(-1, 2)
     low, high = np.vstack([low, centres]).min(axis=0), np.vstack([high, centres]).max(axis=0)
     low, high = low - _MARGIN_M, high + _MARGIN_M
@@ -50,21 +48,6 @@ def draw_plan(inspection: Inspection, path: Path) -> Path:
     figure.legend(loc="outside lower left", fontsize=8, frameon=False, ncols=4)
     figure.savefig(path, dpi=_DPI)
     return path
-
-
-def _building(axes: Axes, building: BuildingModel) -> tuple[Array, Array]:
-    """Draw the elements' triangles from above, highest last; returns the corners of their extent."""
-    corners = building.vertices_site_m[building.triangles]
-    flat = corners[:, :, :2]
-    is_area = np.abs(shapely.area(shapely.polygons(flat))) > 1e-4
-    order = np.argsort(corners[is_area, :, 2].max(axis=1))
-    height = corners[is_area, :, 2].max(axis=1)[order]
-    share = (height - height.min()) / max(float(np.ptp(height)), 1e-6) if len(height) else height
-    shade = 0.90 - 0.18 * share
-    axes.add_collection(
-        PolyCollection(flat[is_area][order], facecolors=np.column_stack([shade] * 3), edgecolors="face", linewidths=0.3)
-    )
-    return flat.reshape(-1, 2).min(axis=0), flat.reshape(-1, 2).max(axis=0)
 
 
 def _cameras(axes: Axes, inspection: Inspection, extent_m: float) -> None:

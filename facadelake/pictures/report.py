@@ -11,16 +11,16 @@ from facadelake.pictures.distribution import draw_distribution
 from facadelake.pictures.elevations import Elevation, facade_elevations
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.page import Html, beside, figure, html_of, page, paragraph, section, tiles
+from facadelake.pictures.passport_facts import AXES, length_text
 from facadelake.pictures.plan import draw_plan
 from facadelake.pictures.report_campaign import (
     checks_met,
     files_not_used,
     integrity_in_words,
-    length_text,
-    passport,
     photograph_counts,
 )
 from facadelake.pictures.report_defects import counts_by_facade, defect_table
+from facadelake.pictures.report_passport import passport
 from schemas.vocabulary import PhotoOutcome
 
 
@@ -57,7 +57,7 @@ def write_report(
         ),
         section("plan", "Plan", figure(plan, folder, "plan with cameras and defects", _plan_caption())),
         section("photographs", "Photographs", beside(photograph_counts(inspection)), files_not_used(inspection)),
-        section("georeference", "Place on the globe", passport(inspection)),
+        section("passport", "Passport: its place on the globe", *passport(inspection, folder)),
         section(
             "checks", "Checks before the commit",
             beside(checks_met(inspection.checks)), integrity_in_words(inspection.integrity_views),
@@ -78,21 +78,21 @@ def _subtitle(inspection: Inspection) -> str:
 
 def _contents() -> Html:
     words = {"elevations": "Elevations", "defects": "Defects", "distribution": "Distribution", "plan": "Plan",
-             "photographs": "Photographs", "georeference": "Georeference", "checks": "Checks"}  # fmt: skip
+             "photographs": "Photographs", "passport": "Passport", "checks": "Checks"}  # fmt: skip
     return Html("<nav>" + "".join(f'<a href="#{name}">{word}</a>' for name, word in words.items()) + "</nav>")
 
 
 def _tiles(inspection: Inspection) -> Html:
     passed = inspection.checks.column("passed").to_pylist()
     failed = len(passed) - sum(passed)
-    residual = inspection.georeference.column("residual_rmse_m").to_pylist()
+    sigmas = [inspection.georeference.column(f"sigma_{axis}_m").to_pylist() for axis in AXES]
     accepted = inspection.photos.column("photo_outcome").to_pylist().count(PhotoOutcome.ACCEPTED)
     return tiles(
         [
             (len(inspection.defects), "defects"),
             (f"{len(inspection.posed)} / {accepted}", "photographs localised"),
             (len(inspection.detections), "detections"),
-            (length_text(residual[0]) if residual else None, "left at the control (RMSE)"),
+            (length_text(max(sigma[0] for sigma in sigmas)) if sigmas[0] else None, "its place known to (one sigma)"),
             (Html(f'<span class="bad">{failed} of {len(passed)}</span>' if failed else f"{len(passed)}"),
              "checks failed" if failed else "checks passed"),
         ]

@@ -1,4 +1,4 @@
-"""The report's tables of the campaign: photographs, place on the globe, checks, as-built against model."""
+"""The report's tables of the campaign: photographs, checks, as-built against model."""
 
 from __future__ import annotations
 
@@ -43,31 +43,6 @@ def files_not_used(inspection: Inspection) -> Html:
         if row["photo_id"] not in inspection.posed
     ]
     return table(["photograph", "outcome", "reason"], lines, caption="Not used") if lines else Html("")
-
-
-def passport(inspection: Inspection) -> Html:
-    """How the campaign was placed on the globe."""
-    lines: list[list[object]] = []
-    for row in inspection.georeference.to_pylist():
-        lines += [
-            ["control", row["control"]],
-            ["CRS, heights", f"{row['map_crs']}, {row['vertical_datum']}"],
-            ["points used", f"{row['points_used']} of {row['points_total']}"],
-            ["left at the points used",
-             f"mean {length_text(row['residual_mean_m'])}, RMSE {length_text(row['residual_rmse_m'])}, "
-             f"largest {length_text(row['residual_max_m'])}"],
-        ]  # fmt: skip
-        if row["gps_offset_east_m"] is not None:
-            parts = (row["gps_offset_east_m"], row["gps_offset_north_m"], row["gps_offset_up_m"])
-            offset = ", ".join("unknown" if part is None else f"{part:+.2f} m" for part in parts)
-            lines.append(["GPS minus adjusted camera (east, north, up)", offset])
-        lines.append(["remarks", row["remarks"]])
-    return table(["", ""], lines)
-
-
-def length_text(metres: float) -> str:
-    """Millimetres below 0.1 m, else metres."""
-    return f"{1000 * metres:.0f} mm" if abs(metres) < 0.1 else f"{metres:.2f} m"
 
 
 def checks_met(checks: pa.Table) -> list[Html]:

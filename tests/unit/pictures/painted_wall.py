@@ -136,6 +136,16 @@ def defect_row(defect_id: str, x_m: float, z_m: float, **others: object) -> dict
     }  # fmt: skip
 
 
+def point_row(name: str, kind: str, xyz_m: tuple[float, ...], residual_m: tuple[float, ...]) -> dict[str, object]:
+    """A row of georeference_points; ``residual_m`` is given minus adjusted."""
+    return {
+        "point_name": name, "point_kind": kind, **dict(zip(("x_site_m", "y_site_m", "z_site_m"), xyz_m, strict=True)),
+        "lon_deg": 8.4, "lat_deg": 48.9, "height_ellipsoidal_m": 180.0 + xyz_m[2],
+        **dict(zip(("residual_east_m", "residual_north_m", "residual_up_m"), residual_m, strict=True)),
+        "point_used": kind == "control", "geometry": b"",
+    }  # fmt: skip
+
+
 def inspection_of(painted: Painted, defects: list[dict[str, object]], sightings: list[str]) -> Inspection:
     """An inspection of the wall; each defect of ``sightings`` has a box in a.png."""
     places = {row["defect_id"]: np.array([[row["x_site_m"], 0.0, row["z_site_m"]]]) for row in defects}
@@ -160,14 +170,28 @@ def inspection_of(painted: Painted, defects: list[dict[str, object]], sightings:
         for name in corners
     ]  # fmt: skip
     georeference = {
-        "control": "gcp", "map_crs": "EPSG:25832", "vertical_datum": "ellipsoidal", "points_used": 3, "points_total": 4,
-        "scale": 1.0, "residual_mean_m": 0.011, "residual_rmse_m": 0.0123, "residual_max_m": 0.02,
+        "control": "gcp", "method": f"control points {NASTY_NAME} $x$", "map_crs": "EPSG:25832",
+        "vertical_datum": "ellipsoidal", "georeference_level": "50", "points_used": 3, "points_total": 4,
+        "check_points": 1, "check_residual_mean_m": 0.02, "check_residual_max_m": 0.02, "sigma_east_m": 0.01,
+        "sigma_north_m": 0.011, "sigma_up_m": 0.02, "tie_sigma_px": 0.4, "tie_inflation": 2.0, "scale": 1.0,
+        "residual_mean_m": 0.011, "residual_rmse_m": 0.0123, "residual_max_m": 0.02,
         "remarks": NASTY_NAME,
     }  # fmt: skip
-    poses = [
-        {"photo_id": name, "pose_source": "sfm", "image_width_px": 1000, "image_height_px": 700, "tie_points": 9}
-        for name in painted.posed
+    points = [
+        point_row("C1", "control", (1.0, 0.0, 1.0), (0.002, -0.001, 0.004)),
+        point_row(NASTY_NAME, "check", (7.0, 0.0, 3.0), (0.012, -0.005, 0.015)),
+        *(
+            point_row(name, "gps", tuple(pose.centre_site_m + np.array([1.0, 0.5, 2.0])), (1.0, 0.5, 2.0))
+            for name, pose in painted.posed.items()
+        ),
     ]
+    poses = [
+        {"photo_id": name, "pose_source": "sfm", "image_width_px": 1000, "image_height_px": 700, "tie_points": 9,
+         **dict(zip(("x_site_m", "y_site_m", "z_site_m"), pose.centre_site_m.tolist(), strict=True)),
+         "sigma_east_m": 0.01, "sigma_north_m": 0.02, "sigma_up_m": 0.03, "sigma_attitude_deg": 0.01,
+         "covariance": np.diag([1e-4, 4e-4, 9e-4, 1e-8, 1e-8, 1e-8]).ravel().tolist()}
+        for name, pose in painted.posed.items()
+    ]  # fmt: skip
     checks = [
         {"table_name": "photos", "expectation": "not_null", "column_name": "sha256", "passed": True, "unexpected": 0,
          "detail": "{}"},
@@ -184,6 +208,7 @@ def inspection_of(painted: Painted, defects: list[dict[str, object]], sightings:
         photos=table_of_rows("photos", photos),
         poses=table_of_rows("poses", poses),
         georeference=table_of_rows("georeference", [georeference]),
+        georeference_points=table_of_rows("georeference_points", points),
         detections=table_of_rows("detections", detections),
         observations=table_of_rows("observations", observations),
         defects=table_of_rows("defects", defects),
