@@ -16,6 +16,7 @@ from facadelake.errors import InputDataError
 logger = logging.getLogger(__name__)
 
 _PREFIX = ".work-"
+_DONE = ".done"
 _FORGOTTEN_AFTER_S = 14 * 86400
 
 
@@ -37,12 +38,21 @@ def work_folder(parent: Path, key: str) -> Iterator[Path]:
         try:
             yield folder
         except InputDataError:
-            shutil.rmtree(folder, ignore_errors=True)
+            _remove(folder)
             raise
-        shutil.rmtree(folder)
+        _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    """Under another name first: a kill while files go leaves no half of a work folder to go on from."""
+    done = folder.with_name(folder.name + _DONE)
+    folder.rename(done)
+    shutil.rmtree(done, ignore_errors=True)
 
 
 def _remove_forgotten(parent: Path, *, besides: Path) -> None:
     for other in parent.glob(f"{_PREFIX}*"):
-        if other.is_dir() and other != besides and time.time() - other.stat().st_mtime > _FORGOTTEN_AFTER_S:
-            shutil.rmtree(other, ignore_errors=True)
+        if other.is_dir() and other != besides:
+            forgotten = time.time() - other.stat().st_mtime > _FORGOTTEN_AFTER_S
+            if forgotten or other.name.endswith(_DONE):
+                shutil.rmtree(other, ignore_errors=True)

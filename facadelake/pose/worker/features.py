@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -36,12 +37,13 @@ def _blocks(items: Sequence[T], size: int) -> Iterator[Sequence[T]]:
 def open_database(job: dict[str, Any], path: Path) -> dict[int, int]:
     """The database of the job's photographs, new or as a killed run left it; returns index in the job -> image id.
 
+    The folder that ``path`` lies in belongs to the job: where there is no sound database, all that it holds is removed.
     It is filled under another name and renamed, so that it is never found half filled; one that a crash of the machine
     damaged is made anew. COLMAP writes each photograph and each pair in a transaction of SQLite.
     """
     if not _sound(path):
-        for left in path.parent.glob(f"{path.name}*"):
-            left.unlink()
+        for left in path.parent.iterdir():  # blocks made from a database that is gone, too
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
         filling = path.with_name(f"{path.name}.filling")
         with pycolmap.Database.open(filling) as database:
             _fill(job, database)

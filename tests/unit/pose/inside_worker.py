@@ -13,7 +13,7 @@ import pytest
 from facadelake.pose.worker.descriptors import representative_descriptors
 from facadelake.pose.worker.features import open_database, threads_for
 from facadelake.pose.worker.joining import join_blocks
-from facadelake.pose.worker.mapping import map_photographs
+from facadelake.pose.worker.mapping import map_photographs, tolerance_factor
 from facadelake.pose.worker.report import Report
 from facadelake.pose.worker.resection import resect_others
 from facadelake.pose.worker.retrieval import pairs_by_chain, pairs_by_look
@@ -219,7 +219,9 @@ def test_a_database_is_found_whole_or_made_anew(tmp_path: Path) -> None:
     with pycolmap.Database.open(path) as database:
         assert database.num_keypoints_for_image(2) == 5
     path.write_bytes(path.read_bytes()[:5000] + b"damaged" * 400)
+    (tmp_path / "models-0").mkdir()
     open_database(job, path)
+    assert [left.name for left in tmp_path.iterdir()] == ["features.db"]  # what was made from the damaged one is gone
     with pycolmap.Database.open(path) as database:
         assert database.num_images() == 4
         assert database.num_keypoints_for_image(2) == 0
@@ -230,6 +232,12 @@ def test_a_camera_with_few_photographs_has_a_simple_model(tmp_path: Path) -> Non
     open_database(job, tmp_path / "a.db")
     with pycolmap.Database.open(tmp_path / "a.db") as database:
         assert database.read_camera(1).model == pycolmap.CameraModelId.SIMPLE_RADIAL
+
+
+@pytest.mark.parametrize(("longer_side_px", "factor"), [(1600, 1.0), (3072, 1.0), (8000, 2.5)])
+def test_tolerances_widen_with_the_reduction(longer_side_px: int, factor: float) -> None:
+    cameras = [CAMERA | {"width_px": longer_side_px, "height_px": longer_side_px // 2}, CAMERA]
+    assert tolerance_factor({"cameras": cameras, "settings": {"max_image_px": 2000}}) == factor
 
 
 @pytest.mark.parametrize(("free_gib", "threads"), [(64, 4), (1.8, 2), (0.3, 1)])

@@ -190,6 +190,7 @@ def test_refused_and_forgotten_work_is_removed(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), work_folder(tmp_path, "old") as old:
         raise KeyboardInterrupt
     os.utime(old, (0, 0))
+    (tmp_path / ".work-removed.done").mkdir()  # a kill came while it was being removed
     with work_folder(tmp_path, "new") as new:
         assert new.is_dir()
         assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == [".work-new", ".work-stopped"]
