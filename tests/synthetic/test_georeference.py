@@ -13,7 +13,8 @@ from facadelake.errors import GeoreferenceError
 from facadelake.frames import Similarity
 from facadelake.geodesy import SiteOrigin
 from facadelake.pose.control_points import ControlPoint, ControlPoints, Sighting
-from facadelake.pose.georeference import Georeferenced, georeference
+from facadelake.pose.georeference import Control, Georeferenced, Place, georeference
+from facadelake.pose.model_control import ModelControl
 from facadelake.pose.poses import poses_table
 from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
 from facadelake.tables import table_of_rows
@@ -65,6 +66,7 @@ class Box:
     class Hits:
         distance_m: np.ndarray
         normal_site: np.ndarray
+        element: np.ndarray
 
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> "Box.Hits":
         centre = np.array([0, 0, 7.0])
@@ -76,10 +78,18 @@ class Box:
         near = enter.max(axis=1)
         near[(near > leave.min(axis=1)) | (near < 0)] = np.inf
         normal = np.eye(3)[axis] * -np.sign(directions[np.arange(len(axis)), axis])[:, None]
+        element = np.zeros(len(near), dtype=np.int64)
         if self.ground:
             normal[down < near] = [0, 0, 1.0]
+            element[down < near] = 1
             near = np.minimum(near, down)
-        return Box.Hits(near, np.where(np.isfinite(near)[:, None], normal, np.nan))
+        met = np.isfinite(near)
+        return Box.Hits(near, np.where(met[:, None], normal, np.nan), np.where(met, element, -1))
+
+
+def model(*, ground: bool = False) -> ModelControl:
+    """The box as control, without photographs to look for its edges in; the building stands off it by centimetres."""
+    return ModelControl(surface=Box(ground=ground), sigma_m=0.03, ground_site_m=0.0)
 
 
 @dataclass(frozen=True)
@@ -91,6 +101,7 @@ class Scene:
     bias: np.ndarray = field(default_factory=lambda: BIAS)
     ground: bool = False
     attitude: bool = True
+    tie_px: float = 0.5
 
     def ids(self) -> list[str]:
         return [f"p{k:02}.jpg" for k in range(len(self.poses))]
@@ -110,7 +121,7 @@ class Scene:
         return np.vstack([walls, np.column_stack([flat[outside], np.zeros(outside.sum())])])
 
     def reconstruction(self) -> Reconstruction:
-        """The block in sfm: tie points with 1 cm of noise, seen where they face the camera."""
+        """The block in sfm: tie points with 1 cm of noise, seen within ``tie_px`` where they face the camera."""
         rng = np.random.default_rng(self.seed + 1)
         xyz = self.points()
         sfm_from_site = SITE_FROM_SFM.inverse()
@@ -123,7 +134,7 @@ class Scene:
             seen[seen] = CAMERA.contains(xy[seen])
             track_photo.append(np.full(seen.sum(), k))
             track_point.append(np.flatnonzero(seen))
-            track_xy.append(xy[seen])
+            track_xy.append(xy[seen] + rng.normal(0, self.tie_px, (seen.sum(), 2)))
             photos.append(
                 LocalisedPhoto(
                     photo_id=self.ids()[k],
@@ -199,12 +210,15 @@ class Scene:
         return georeference(
             self.reconstruction(),
             given.get("photos", self.photos()),  # type: ignore[arg-type]
-            origin=ORIGIN,
-            map_crs="EPSG:25832",
-            vertical_datum="ellipsoidal",
-            control=control,
-            control_points=given.get("control_points"),  # type: ignore[arg-type]
-            surface=given.get("surface"),  # type: ignore[arg-type]
+            place=Place(
+                origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"
+            ),
+            control=Control(
+                kind=control,
+                points=given.get("control_points"),  # type: ignore[arg-type]
+                check_points=given.get("check_points"),  # type: ignore[arg-type]
+                model=given.get("model"),  # type: ignore[arg-type]
+            ),
         )
 
     def error_m(self, found: Georeferenced) -> np.ndarray:
@@ -285,7 +299,7 @@ def test_too_few_control_points() -> None:
 
 def test_walls_alone_fix_the_plan_and_leave_the_height_to_gps() -> None:
     scene = Scene(ring())
-    found = scene.placed(ControlKind.MODEL, surface=Box())
+    found = scene.placed(ControlKind.MODEL, model=model())
     offset = scene.error_m(found).mean(axis=0)
     assert 1e-5 < np.linalg.norm(offset[:2]) < 0.03  # m; 1.5 m before
     assert 1.3 < offset[2] < 2.9  # m: the bias of 2.1 m is still there
@@ -296,7 +310,7 @@ def test_walls_alone_fix_the_plan_and_leave_the_height_to_gps() -> None:
 
 def test_walls_and_ground_fix_the_height_too() -> None:
     scene = Scene(ring(), ground=True)
-    found = scene.placed(ControlKind.MODEL, surface=Box(ground=True))
+    found = scene.placed(ControlKind.MODEL, model=model(ground=True))
     assert 1e-5 < np.linalg.norm(scene.error_m(found).mean(axis=0)) < 0.05  # m
     assert "not observed by the model" not in found.row["remarks"]
     assert found.row["gps_offset_up_m"] == pytest.approx(2.1, abs=0.7)  # m
@@ -305,7 +319,7 @@ def test_walls_and_ground_fix_the_height_too() -> None:
 def test_a_model_of_another_place_is_refused() -> None:
     scene = Scene(ring(), bias=np.array([300.0, 0, 0]))
     with pytest.raises(GeoreferenceError, match=r"tie points lie within 4.0 m of the model's visible surface"):
-        scene.placed(ControlKind.MODEL, surface=Box())
+        scene.placed(ControlKind.MODEL, model=model())
     with pytest.raises(GeoreferenceError, match="surface was not given"):
         scene.placed(ControlKind.MODEL)
 
