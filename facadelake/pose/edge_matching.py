@@ -92,15 +92,20 @@ def sight_edges(
         if len(seen.row) == 0:
             continue
         seen_count[seen.row] += 1
-        found.append(_candidates(k, seen, samples, photographs, reach_m))
+        found.append(_candidates(k, posed, seen, samples, photographs, reach_m))
     return _voted(_together(found), seen_count, samples, edges, reach_m)
 
 
 def _candidates(
-    photo: int, seen: SeenSamples, samples: EdgeSamples, photographs: GreyPhotographs, reach_m: float
+    photo: int,
+    posed: PosedCamera,
+    seen: SeenSamples,
+    samples: EdgeSamples,
+    photographs: GreyPhotographs,
+    reach_m: float,
 ) -> _Candidates:
     """Peaks of the gradient along each sample's normal, to a fraction of a pixel."""
-    reduction = reduction_for(_FINEST_M / float(np.median(seen.pixel_m)))
+    reduction = reduction_for(_FINEST_M / float(np.median(seen.pixel_m)), posed.camera)
     level = gradients(photographs.grey(photo, reduction), reduction=reduction, sigma_px=_SIGMA_PX)
     step = _STEP_PX * reduction
     reach_px = reach_m / seen.pixel_m

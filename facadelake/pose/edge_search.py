@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,11 @@ _log = logging.getLogger(__name__)
 _WINDOW_SIGMAS = 3.0
 _TOLERANCES_M = (0.16, 0.08, 0.04)  # blur of the photographs on the building, coarse to fine
 _SPACING_M = 0.10
+_COARSE_SPACING_M = 0.20
+_SPARSE_M = 0.6
 _NODE_M = 1.2  # what is visible is asked anew after so much shift
-_MOST_PHOTOS = 40
-_LEAST_SAMPLES = 4  # of an edge in a photograph
+_MOST_PHOTOS = 30
+_LEAST_SAMPLES = 3  # of an edge in a photograph
 _LEAST_FEATURES = 6
 _RIVALS = 5
 _APART_M = 0.40  # two peaks closer than this are one answer, blurred by the building's relief
@@ -37,9 +39,9 @@ _LEAST_GAP_SIGMAS = 2.0
 _BATCH = 64
 _CONSENSUS_M = 0.4
 _CONSENSUS_STEP_M = 0.02
-_DEVIATIONS_M = (0.01, 0.02, 0.04, 0.07, 0.10)  # of a feature, as built against as designed
 _MISTAKEN = 0.2  # share of features that show something else
 _TRUSTED_SAMPLES = 200.0
+_NO_EVIDENCE = 0.1
 _BOOTSTRAPS = 200
 
 
@@ -103,10 +105,13 @@ def find_shift(
     surface: Surface,
     free: Array,
     sigma_m: Array,
+    *,
+    tolerance_m: float = 0.05,
 ) -> ShiftFound:
     """Search within three ``sigma_m`` (j,) along the unit directions ``free`` (j, 3) of site; j is 1 or 2.
 
-    Photograph k of ``photographs`` was taken by ``cameras[k]``. Raises GeoreferenceError where too little of the model
+    Photograph k of ``photographs`` was taken by ``cameras[k]``; ``tolerance_m`` is one sigma of as-built against
+    as-designed. Raises GeoreferenceError where too little of the model
     is seen, or two answers compete.
     """
     free = np.asarray(free, dtype=np.float64).reshape(-1, 3)
@@ -115,7 +120,7 @@ def find_shift(
         cameras=cameras,
         photographs=photographs,
         rows=_spread(cameras),
-        samples=sample_edges(edges, _SPACING_M),
+        samples=sample_edges(edges, _COARSE_SPACING_M),
         surface=surface,
         free=free,
         features=int(edges.feature.max(initial=-1)) + 1,
@@ -123,8 +128,12 @@ def find_shift(
     grid = _grid(reach, _TOLERANCES_M[0] / 2)
     shifts = grid.reshape(-1, len(free))
     _, node = np.unique(np.round(shifts / _NODE_M), axis=0, return_inverse=True)
+    seen = _ever_seen(search, edges, shifts, node.ravel())
+    search = replace(search, samples=search.samples.take(seen[search.samples.edge]))
     scores = _scores(search, shifts, node.ravel(), _TOLERANCES_M[0])
     peaks = _peaks(scores.total.reshape(grid.shape[:-1]), grid)
+    dense = sample_edges(edges, _SPACING_M)
+    search = replace(search, samples=dense.take(seen[dense.edge]))
     rivals = _refined(search, peaks)
     best = rivals[0]
     rival, gap = _closest_rival(rivals)
@@ -135,7 +144,7 @@ def find_shift(
             f"{gap:.1f} standard errors (limit {_LEAST_GAP_SIGMAS}): storeys or windows repeat. Give one control point "
             "on the ground, or photographs with RTK, or that show the building's ends and its roof"
         )
-    shift, sigma = _consensus(search, best.shift)
+    shift, sigma = _consensus(search, best.shift, tolerance_m)
     return ShiftFound(
         shift_site_m=shift @ free,
         sigma_m=sigma,
@@ -199,35 +208,27 @@ def _closest_rival(rivals: list[_Peak]) -> tuple[_Peak, float]:
     return closest, least
 
 
-def _consensus(search: _Search, start: Array) -> tuple[Array, float]:
+def _consensus(search: _Search, start: Array, tolerance_m: float) -> tuple[Array, float]:
     """The shift (j,) that most features agree on, and its standard error (m).
 
-    Each feature has its own idea of the shift, with several candidates where profiles run side by side. The shift and
-    the building's tolerance are found together by maximum likelihood: every feature is off by its own normal
-    deviation, a share of them is mistaken. The error is the scatter under resampling of the features.
+    Each feature has its own idea of the shift, with several candidates where profiles run side by side. The likeliest
+    shift is taken, where every feature is off by its own normal deviation, the building's tolerance, and a share of
+    them is mistaken. The error is the scatter under resampling of the features.
     """
     grid = _grid(np.full(len(search.free), _CONSENSUS_M), _CONSENSUS_STEP_M)
     shifts = start + grid.reshape(-1, len(search.free))
     scores = _scores(search, shifts, np.zeros(len(shifts), dtype=np.int64), _TOLERANCES_M[2])
     seen = np.median(scores.weight, axis=0) > 0
-    curve = scores.mean[:, seen].T ** 2
-    curve /= np.maximum(curve.sum(axis=1, keepdims=True), 1e-12)
+    curve = scores.mean[:, seen].T ** 2 + _NO_EVIDENCE**2  # a feature that nothing shows says nothing
+    curve /= curve.sum(axis=1, keepdims=True)
     trust = np.median(scores.weight[:, seen], axis=0)
     trust = trust / (trust + _TRUSTED_SAMPLES)
-    curves = curve.reshape(-1, *grid.shape[:-1])
-    flat = 1.0 / curve.shape[1]
-    votes = []
-    for deviation_m in _DEVIATIONS_M:
-        blur = (0.0, *[deviation_m / _CONSENSUS_STEP_M] * len(search.free))
-        likely = gaussian_filter(curves, blur, mode="nearest").reshape(curve.shape)
-        votes.append(np.log((1 - _MISTAKEN) * likely + _MISTAKEN * flat))
-    ballots = np.stack(votes)  # (deviations, features, shifts)
-    rng = np.random.default_rng(1)
-    draws = rng.multinomial(len(trust), np.full(len(trust), 1 / len(trust)), size=_BOOTSTRAPS)
-    weights = np.vstack([np.ones(len(trust)), draws]) * trust
-    total = np.einsum("bf,dfs->bds", weights, ballots)
-    best = total.max(axis=1).argmax(axis=1)
-    places = shifts[best]
+    blur = (0.0, *[tolerance_m / _CONSENSUS_STEP_M] * len(search.free))
+    likely = gaussian_filter(curve.reshape(-1, *grid.shape[:-1]), blur, mode="nearest").reshape(curve.shape)
+    ballots = np.log((1 - _MISTAKEN) * likely + _MISTAKEN / curve.shape[1])
+    draws = np.random.default_rng(1).multinomial(len(trust), np.full(len(trust), 1 / len(trust)), size=_BOOTSTRAPS)
+    total = (np.vstack([np.ones(len(trust)), draws]) * trust) @ ballots
+    places = shifts[total.argmax(axis=1)]
     spread = np.sqrt(((places[1:] - places[0]) ** 2).mean(axis=0).max() + _CONSENSUS_STEP_M**2 / 12)
     return places[0], float(spread)
 
@@ -248,6 +249,20 @@ def _spread(cameras: Sequence[PosedCamera]) -> NDArray[np.int64]:
     """Rows of at most ``_MOST_PHOTOS`` photographs, in even steps through the block."""
     count = min(len(cameras), _MOST_PHOTOS)
     return np.unique(np.linspace(0, len(cameras) - 1, count).round().astype(np.int64))
+
+
+def _ever_seen(search: _Search, edges: ModelEdges, shifts: Array, node: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """The edges that a sparse look, from every node, finds visible: most of a building is inside."""
+    sparse = sample_edges(edges, _SPARSE_M)
+    seen = np.zeros(len(edges.feature), dtype=bool)
+    for k in range(node.max() + 1):
+        centre = shifts[node == k].mean(axis=0) @ search.free
+        for row in search.rows:
+            found = seen_samples(
+                sparse, _moved(search.cameras[row], centre), search.surface, border_px=0.0, free=search.free
+            )
+            seen[sparse.edge[found.row]] = True
+    return seen
 
 
 def _peaks(total: Array, grid: Array) -> Array:
@@ -272,7 +287,7 @@ def _scores(search: _Search, shifts: Array, node: NDArray[np.int64], tolerance_m
             if len(seen.row) < _LEAST_SAMPLES:
                 continue
             if level is None:
-                level = _level(search.photographs, int(row), float(np.median(seen.pixel_m)), tolerance_m)
+                level = _level(search, int(row), float(np.median(seen.pixel_m)), tolerance_m)
             for batch in _batches(members):
                 _add(search, posed, seen, level, shifts[batch] - centre, evidence, weight, batch)
     usual = float(np.median(np.sqrt(weight).sum(axis=1)))
@@ -284,11 +299,11 @@ def _batches(members: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
         yield members[begin : begin + _BATCH]
 
 
-def _level(photographs: GreyPhotographs, row: int, pixel_m: float, tolerance_m: float) -> Gradients:
+def _level(search: _Search, row: int, pixel_m: float, tolerance_m: float) -> Gradients:
     """Gradients blurred by half of ``tolerance_m`` on the building."""
     sigma = tolerance_m / 2 / pixel_m
-    reduction = reduction_for(sigma)
-    return gradients(photographs.grey(row, reduction), reduction=reduction, sigma_px=max(sigma / reduction, 0.7))
+    reduction = reduction_for(sigma, search.cameras[row].camera)
+    return gradients(search.photographs.grey(row, reduction), reduction=reduction, sigma_px=max(sigma / reduction, 0.7))
 
 
 def _add(

@@ -19,8 +19,7 @@ from facadelake.geobim.surface import Surface
 
 _CREASE_COSINE = np.cos(np.radians(20.0))
 _SIDE_PX = 1.5  # where the rays beside an edge are cast, pixels of the photograph
-_STEEPEST = 8.0  # a face's depth beside its edge may change by so many times the sideways distance (83 degrees)
-_SLACK_M = 0.01
+_OWN_PLANE_M = 0.005
 _NEAREST_M = 0.1
 _SENSITIVE = 0.35  # of a shift, at least this share must move an edge across itself
 
@@ -33,6 +32,15 @@ class EdgeSamples:
     direction: Array
     edge: NDArray[np.int64]
     feature: NDArray[np.int64]
+
+    def take(self, which: NDArray[np.bool_]) -> EdgeSamples:
+        """Those of ``which`` (n,)."""
+        return EdgeSamples(
+            xyz_site_m=self.xyz_site_m[which],
+            direction=self.direction[which],
+            edge=self.edge[which],
+            feature=self.feature[which],
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,19 +93,19 @@ def seen_samples(
     if free is not None:
         moved = np.linalg.norm(beside @ free.T, axis=1) > _SENSITIVE
         in_photograph, ray, beside = in_photograph.take(moved), ray[moved], beside[moved]
-    sideways_m = _SIDE_PX * in_photograph.pixel_m
-    distance = np.linalg.norm(ray, axis=1)
-    limit = _SLACK_M + _STEEPEST * sideways_m
-    near, own, normals = [], [], []
+    beside *= (_SIDE_PX * in_photograph.pixel_m)[:, None]
+    xyz, distance = samples.xyz_site_m[in_photograph.row], np.linalg.norm(ray, axis=1)
+    hidden, own, normals = np.zeros(len(xyz), dtype=bool), [], []
     for side in (-1.0, 1.0):
-        origin = np.broadcast_to(posed.centre_site_m, ray.shape)
-        hits = surface.cast(origin, ray + side * sideways_m[:, None] * beside)
-        farther = hits.distance_m - distance  # the rays differ so little that their distances can be compared
-        near.append(farther < -limit)
-        own.append(np.abs(farther) <= limit)
-        normals.append(np.where(np.isfinite(hits.normal_site), hits.normal_site, 0.0))
+        hits = surface.cast(np.broadcast_to(posed.centre_site_m, ray.shape), ray + side * beside)
+        normal = np.where(hits.hit[:, None], hits.normal_site, 0.0)
+        beyond = np.abs(np.einsum("ij,ij->i", normal, xyz - np.where(hits.hit[:, None], hits.xyz_site_m, 0.0)))
+        # The edge's own faces lie in planes through it; anything else before it hides it.
+        own.append(hits.hit & (beyond < _OWN_PLANE_M))
+        hidden |= ~own[-1] & (hits.distance_m < distance)
+        normals.append(normal)
     turned = np.einsum("ij,ij->i", normals[0], normals[1]) < _CREASE_COSINE
-    return in_photograph.take(~near[0] & ~near[1] & ((own[0] ^ own[1]) | (own[0] & own[1] & turned)))
+    return in_photograph.take(~hidden & ((own[0] ^ own[1]) | (own[0] & own[1] & turned)))
 
 
 def _in_photograph(samples: EdgeSamples, posed: PosedCamera, border_px: float) -> SeenSamples:

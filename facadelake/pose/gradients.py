@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.camera import Camera
 from facadelake.errors import InputDataError
 from facadelake.frames import Array
 
@@ -20,6 +21,7 @@ _GREY = {
     4: cv2.IMREAD_REDUCED_GRAYSCALE_4,
     8: cv2.IMREAD_REDUCED_GRAYSCALE_8,
 }
+_MOST_PX = 16e6
 _NOISE_GREY = 1.0  # grey values per pixel: gradients below are noise of the sensor and of JPEG
 _AROUND_SIGMAS = 6.0  # how far around a pixel its neighbours' gradients count
 
@@ -45,9 +47,10 @@ class GreyFiles:
         return np.asarray(grey, dtype=np.uint8)
 
 
-def reduction_for(pixels: float) -> int:
-    """The largest of 1, 2, 4, 8 that is no more than ``pixels``."""
-    return max(n for n in _GREY if n == 1 or n <= pixels)
+def reduction_for(pixels: float, camera: Camera) -> int:
+    """The largest of 1, 2, 4, 8 that is no more than ``pixels``; more where the photograph would fill the memory."""
+    wanted = max(n for n in _GREY if n == 1 or n <= pixels)
+    return next(n for n in _GREY if n == 8 or (n >= wanted and camera.width_px * camera.height_px / n**2 <= _MOST_PX))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,8 +89,13 @@ def gradients(grey: NDArray[np.uint8], *, reduction: int, sigma_px: float) -> Gr
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), sigma_px)
     x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
     y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
-    squared = x * x + y * y
+    squared = cv2.multiply(x, x)
+    cv2.accumulateSquare(y, squared)
     around = 2 * int(np.ceil(_AROUND_SIGMAS * sigma_px)) + 1
-    usual = cv2.blur(squared, (around, around))
-    length = np.sqrt(squared + usual + (_NOISE_GREY / max(sigma_px, 1.0)) ** 2)
-    return Gradients(x=x / length, y=y / length, reduction=reduction)
+    usual = np.asarray(cv2.blur(squared, (around, around)), dtype=np.float32)
+    length = np.sqrt(usual + np.asarray(squared, dtype=np.float32) + (_NOISE_GREY / max(sigma_px, 1.0)) ** 2)
+    return Gradients(
+        x=np.asarray(cv2.divide(x, length), dtype=np.float32),
+        y=np.asarray(cv2.divide(y, length), dtype=np.float32),
+        reduction=reduction,
+    )
