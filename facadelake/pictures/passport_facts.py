@@ -175,7 +175,7 @@ def _bend(row: Row) -> Fact:
 
 def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
     """What is there to be known; little of it is judged."""
-    if row["gps_offset_east_m"] is not None:
+    if row["control"] != ControlKind.GPS and row["gps_offset_east_m"] is not None:
         parts = [row[f"gps_offset_{axis}_m"] for axis in AXES]
         sigma_m = row["gps_offset_sigma_m"]
         yield Fact(

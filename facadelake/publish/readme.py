@@ -36,6 +36,7 @@ x_site_m, y_site_m, z_site_m                       metres east, north and up fro
 {building["origin_lat_deg"]:.9f}, {building["origin_height_ellipsoidal_m"]:.3f} (EPSG:4979)
 placed by {place["control"]}: {place["points_used"]} of {place["points_total"]} points, residuals mean \
 {place["residual_mean_m"]:.3f} m, RMS {place["residual_rmse_m"]:.3f} m, largest {place["residual_max_m"]:.3f} m
+{_known(place)}
 {place["remarks"]}
 
 COLUMNS of defects
@@ -48,6 +49,24 @@ building model {building["model_sha256"]}
 detector or detections {run["detector_sha256"]}
 A severity is a proposal by the rule named in severity_rule, not a person's judgement.
 """
+
+
+def _known(place: Mapping[str, Any]) -> str:
+    """How well the campaign's place is known: its own sigma, what held-out points say, and the earlier frame."""
+    lines = [
+        f"method: {place['method']}; known to {place['sigma_east_m']:.3f} m east, {place['sigma_north_m']:.3f} m north, "
+        f"{place['sigma_up_m']:.3f} m up (one sigma)"
+    ]
+    if place["check_points"]:
+        lines.append(
+            f"{place['check_points']} held-out points: mean {place['check_residual_mean_m']:.3f} m, "
+            f"largest {place['check_residual_max_m']:.3f} m from their survey"
+        )
+    else:
+        lines.append("no held-out point tested it")
+    if place["reference_campaign"] is not None:
+        lines.append(f"in the frame of campaign {place['reference_campaign']}")
+    return "\n".join(lines)
 
 
 def _row(table: pa.Table) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import webbrowser
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.lake.read import read_table
+from schemas.vocabulary import ControlKind
 
 if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult
@@ -48,12 +49,7 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     table.add_row("photographs", f"{len(photos)} in, {len(localised)} localised, {len(refused)} rejected")
     _add_examples(table, "rejected", refused)
     _add_examples(table, "not localised", [pose for pose in poses if pose["qw"] is None])
-    table.add_row(
-        "alignment",
-        f"{passport['control']}: {passport['points_used']} of {passport['points_total']} points used, residual mean "
-        f"{passport['residual_mean_m']:.3f} m, max {passport['residual_max_m']:.3f} m; {passport['map_crs']}, heights "
-        f"{passport['vertical_datum']}",
-    )
+    table.add_row("alignment", escape("\n".join(alignment_lines(passport))))
     if passport["remarks"]:
         table.add_row("", escape(passport["remarks"]))
     found = [row["detection_outcome"] for row in detections if row["detection_outcome"] != "accepted"]
@@ -76,6 +72,34 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     for warning in result.warnings:
         table.add_row("[yellow]warning[/yellow]", escape(warning))
     console.print(table)
+
+
+def alignment_lines(passport: Mapping[str, Any]) -> list[str]:
+    """A row of table ``georeference`` in a few lines: by what, what is left, how well it is known, what GPS was off."""
+    axes = ("east", "north", "up")
+    placed = (
+        f"{passport['control']} ({passport['method']}): {passport['points_used']} of {passport['points_total']} points "
+        f"used, residual mean {passport['residual_mean_m']:.3f} m, max {passport['residual_max_m']:.3f} m; "
+    )
+    if passport["check_points"]:
+        placed += (
+            f"{passport['check_points']} held out: mean {passport['check_residual_mean_m']:.3f} m, "
+            f"max {passport['check_residual_max_m']:.3f} m"
+        )
+    else:
+        placed += "no held-out points"
+    known = " / ".join(f"{passport[f'sigma_{axis}_m']:.3f}" for axis in axes)
+    lines = [placed, f"known to {known} m east / north / up (one sigma); {_where(passport)}"]
+    found = [passport[f"gps_offset_{axis}_m"] for axis in axes]
+    if passport["control"] != ControlKind.GPS and None not in found:
+        lines.append(f"GPS found off by {' / '.join(f'{part:+.2f}' for part in found)} m east / north / up")
+    return lines
+
+
+def _where(passport: Mapping[str, Any]) -> str:
+    words = f"{passport['map_crs']}, heights {passport['vertical_datum']}"
+    earlier = passport["reference_campaign"]
+    return words if earlier is None else f"{words}, in the frame of campaign {earlier}"
 
 
 def _add_examples(table: RichTable, what: str, rows: Sequence[dict[str, Any]]) -> None:

@@ -33,12 +33,14 @@ COUNTEREXAMPLES = {
     "accepted_detections_are_observed_once": lambda made: made["observations"].pop(),
     "accepted_photographs_have_one_pose_row": lambda made: made["poses"].pop(),
     "best_photographs_show_the_defect": _set("defects", best_photo_id="closerange/elsewhere.jpg"),
+    "covariances_of_poses": _set("poses", sigma_up_m=0.02),
     "counts_of_the_campaign": _set("campaigns", defects_total=99),
     "defects_are_seen_as_often_as_they_say": _set("defects", sightings=7),
     "detections_are_in_known_photographs": _set("detections", photo_id="closerange/elsewhere.jpg"),
     "detections_refused_have_a_reason": _set("detections", detection_outcome="bad_box"),
     "elements_of_defects": _set("defects", element_guid="0" * 22),
     "elements_of_observations": _set("observations", element_guid="0" * 22),
+    "held_out_points_are_counted": lambda made: made["georeference_points"].pop(),
     "geometry_of_defects": _swapped("defects"),
     "geometry_of_poses": _swapped("poses"),
     "georeference_counts": _set("georeference", points_used=50),
@@ -66,6 +68,48 @@ def test_each_sql_check_has_a_counterexample_and_one_header() -> None:
 def test_sql_check_finds_its_counterexample(name: str) -> None:
     made = rows()
     COUNTEREXAMPLES[name](made)
+    assert _failures(made)[f"sql:{name}"] >= 1
+
+
+def _failures(made: dict[str, list[dict[str, Any]]]) -> dict[str, int]:
     results = across_tables({table: table_of_rows(table, made[table]) for table in CHECKED})
-    failed = {row["expectation"]: row for row in results if not row["passed"]}
-    assert failed[f"sql:{name}"]["unexpected"] >= 1
+    return {row["expectation"]: row["unexpected"] for row in results if not row["passed"]}
+
+
+def test_the_small_campaign_fails_no_check() -> None:
+    assert _failures(rows()) == {}
+
+
+def _changed(place: int, value: float) -> list[float]:
+    covariance = list(rows()["poses"][0]["covariance"])
+    covariance[place] = value
+    return covariance
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"covariance": None},
+        {"covariance": [1e-4] * 9},
+        {"covariance": _changed(3, float("nan"))},
+        {"covariance": _changed(28, -1e-8)},  # the second angle's variance
+        {"covariance": _changed(1, 1e-6)},  # (0, 1) without (1, 0)
+        {"sigma_east_m": None},
+        {"pose_source": "unlocalised"},
+    ],
+)
+def test_covariances_that_are_none(values: dict[str, Any]) -> None:
+    made = rows()
+    made["poses"][1].update(values)
+    assert _failures(made)["sql:covariances_of_poses"] == 1
+
+
+def test_passports_that_do_not_tell_of_their_points() -> None:
+    for values in ({"check_points": 2}, {"check_residual_max_m": None}, {"check_residual_max_m": 0.2}):
+        made = rows()
+        made["georeference"][0].update(values)
+        assert _failures(made)["sql:held_out_points_are_counted"] == 1, values
+    without = rows()
+    without["georeference_points"].clear()
+    without["georeference"][0].update(check_points=0, check_residual_mean_m=None, check_residual_max_m=None)
+    assert _failures(without) == {}

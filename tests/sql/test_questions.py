@@ -51,6 +51,10 @@ def test_answers_are_right(lake: Path) -> None:
         (CAMPAIGN, 4, "run-1"),
         ("2026-10", 1, "run-1"),
     ]
+    (placed,) = ask(lake, "passport", here).to_pylist()
+    assert (placed["control"], placed["check_points"], placed["sigma_up_m"]) == ("gps", 1, 0.4)
+    assert (placed["check_residual_max_m"], placed["doming_m"], placed["remarks"]) == (0.05, None, "synthetic")
+    assert len(ask(lake, "passport")) == 2
     assert both[0]["version"] < both[1]["version"]
     assert len(ask(lake, "campaigns", as_of=both[0]["version"])) == 1
     assert len(ask(lake, "worst_defects", {"building_id": "nobody's"})) == 0

@@ -33,6 +33,15 @@ def _position(index: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _covariance() -> list[float]:
+    """6 x 6 row by row: centre of 1, 2 and 3 cm, of which east and up hang together, and attitude."""
+    numbers = [[0.0] * 6 for _ in range(6)]
+    for place, variance in enumerate([1e-4, 4e-4, 9e-4, 1e-8, 1e-8, 1e-8]):
+        numbers[place][place] = variance
+    numbers[0][2] = numbers[2][0] = 1e-4
+    return [number for row in numbers for number in row]
+
+
 def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str = "a") -> dict[str, list[dict]]:
     """Rows of each table: ``defects`` defects seen ``sightings`` times each, one detection a photograph off target."""
     photos = [f"closerange/p{i}.jpg" for i in range(sightings)]
@@ -73,13 +82,22 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
              "lon_deg": LON, "lat_deg": LAT, "height_ellipsoidal_m": HEIGHT + 4, "qw": 1.0, "qx": 0.0, "qy": 0.0,
              "qz": 0.0, "image_width_px": 1600, "image_height_px": 1200, "fx_px": 1500.0, "fy_px": 1500.0,
              "cx_px": 800.0, "cy_px": 600.0, "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0,
-             "reprojection_error_px": 0.4, "tie_points": 500,
+             "reprojection_error_px": 0.4, "tie_points": 500, "sigma_east_m": 0.01, "sigma_north_m": 0.02,
+             "sigma_up_m": 0.03, "sigma_attitude_deg": 0.01, "covariance": _covariance(),
              "geometry": shapely.to_wkb(shapely.Point(LON, LAT, HEIGHT + 4))} for photo in photos
         ],
         "georeference": [
-            {"control": "gps", "map_crs": "EPSG:25832", "vertical_datum": "ellipsoidal", "points_used": sightings,
-             "points_total": sightings, "scale": 1.0, "residual_mean_m": 0.5, "residual_rmse_m": 0.6,
-             "residual_max_m": 0.9, "remarks": "synthetic"}
+            {"control": "gps", "method": "GPS", "map_crs": "EPSG:25832", "vertical_datum": "ellipsoidal",
+             "georeference_level": "LoGeoRef 50", "points_used": sightings, "points_total": sightings, "scale": 1.0,
+             "residual_mean_m": 0.5, "residual_rmse_m": 0.6, "residual_max_m": 0.9, "check_points": 1,
+             "check_residual_mean_m": 0.05, "check_residual_max_m": 0.05, "sigma_east_m": 0.2, "sigma_north_m": 0.2,
+             "sigma_up_m": 0.4, "tie_sigma_px": 0.5, "tie_inflation": 1.5, "remarks": "synthetic"}
+        ],
+        "georeference_points": [
+            {"point_name": "C1", "point_kind": "check", "x_site_m": 2.0, "y_site_m": 0.0, "z_site_m": 5.0,
+             "lon_deg": LON, "lat_deg": LAT, "height_ellipsoidal_m": HEIGHT + 5, "residual_east_m": 0.03,
+             "residual_north_m": -0.04, "residual_up_m": 0.0, "point_used": False,
+             "geometry": shapely.to_wkb(shapely.Point(LON, LAT, HEIGHT + 5))}
         ],
         "elements": [
             {"element_guid": place["element_guid"], "ifc_class": "IfcWall", "element_name": "Wall S",
