@@ -17,6 +17,7 @@ from schemas.vocabulary import (
     ObservationOutcome,
     PhotoOutcome,
     PhotoRole,
+    PointKind,
     PoseSource,
     PositionSource,
 )
@@ -33,6 +34,7 @@ class Kind(StrEnum):
     BOOLEAN = "boolean"
     TIME = "time"
     GEOMETRY = "geometry"
+    REALS = "reals"
 
     @property
     def arrow(self) -> pa.DataType:
@@ -44,6 +46,7 @@ class Kind(StrEnum):
             Kind.BOOLEAN: pa.bool_(),
             Kind.TIME: pa.timestamp("us", tz="UTC"),
             Kind.GEOMETRY: pa.binary(),
+            Kind.REALS: pa.list_(pa.float64()),
         }[self]
 
     @property
@@ -56,6 +59,7 @@ class Kind(StrEnum):
             Kind.BOOLEAN: "BOOLEAN",
             Kind.TIME: "TIMESTAMP WITH TIME ZONE",
             Kind.GEOMETRY: "GEOMETRY",  # DuckLake 1.0 forgets a CRS in the type; the column's comment keeps it
+            Kind.REALS: "DOUBLE[]",
         }[self]
 
 
@@ -196,6 +200,15 @@ _ALL = [
     _real("p2", "", "tangential distortion"),
     _real("reprojection_error_px", "px", "mean reprojection error of the photograph's tie points", 0),
     _count("tie_points", "tie points seen in the photograph"),
+    Column(
+        name="covariance",
+        kind=Kind.REALS,
+        meaning="covariance of centre (m, site) and attitude (rad, about the camera's x, y, z), 6 x 6 row by row",
+    ),
+    _real("sigma_east_m", "m", "one sigma of the position, east", 0),
+    _real("sigma_north_m", "m", "one sigma of the position, north", 0),
+    _real("sigma_up_m", "m", "one sigma of the position, up", 0),
+    _real("sigma_attitude_deg", "deg", "one sigma of the attitude, about its worst axis", 0),
     # georeference
     _text("control", "what placed the campaign on the globe", ControlKind),
     _count("points_used", "photographs or control points the transform was fitted to"),
@@ -204,6 +217,26 @@ _ALL = [
     _real("residual_mean_m", "m", "mean distance left at the points used", 0),
     _real("residual_rmse_m", "m", "root mean square distance left at the points used", 0),
     _real("residual_max_m", "m", "largest distance left at the points used", 0),
+    _text("method", "how the campaign was placed, in words"),
+    _count("check_points", "points held out of the adjustment: given ones, and control points left out in turn"),
+    _real("check_residual_mean_m", "m", "mean distance of the held-out points from where they were surveyed", 0),
+    _real("check_residual_max_m", "m", "largest of these distances", 0),
+    _real("tie_sigma_px", "px", "one sigma of a tie point's coordinate in a photograph", 0),
+    _real("tie_inflation", "", "factor by which the tie points' variance was raised because their errors hang together", 1),
+    _real("model_residual_m", "m", "median distance of tie points from the model's surface that they were seen on", 0),
+    _real("doming_m", "m", "sagitta of the block against the model: how far its middle bulges out of its rim"),
+    _real("doming_sigma_m", "m", "one sigma of the sagitta", 0),
+    _count("edge_features", "features of the model (sills, storey lines, corners) met in the photographs"),
+    _real("shift_score", "", "how well the model's edges meet the photographs at the shift that was chosen"),
+    _real("competing_score", "", "the same at the best other shift"),
+    _text("reference_campaign", "the earlier campaign into whose frame this one was adjusted"),
+    _text("point_name", "name of the point, or the photograph"),
+    _text("point_kind", "what the point is to the adjustment", PointKind),
+    _real("residual_east_m", "m", "given minus adjusted, east"),
+    _real("residual_north_m", "m", "given minus adjusted, north"),
+    _real("residual_up_m", "m", "given minus adjusted, up"),
+    _flag("point_used", "whether the point held the adjustment"),
+    _real("gps_offset_sigma_m", "m", "one sigma of the GPS offset, its largest axis", 0),
     _real("gps_offset_east_m", "m", "median of GPS prior minus adjusted camera centre, east"),
     _real("gps_offset_north_m", "m", "the same, north"),
     _real("gps_offset_up_m", "m", "the same, up"),

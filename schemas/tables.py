@@ -107,15 +107,27 @@ _LIST = [
         "building_id campaign_id photo_id",
         f"photo_id pose_source reason? {_optional(_SITE)} {_optional(_GEO)} qw? qx? qy? qz? "
         "image_width_px image_height_px "
-        "fx_px? fy_px? cx_px? cy_px? k1? k2? p1? p2? reprojection_error_px? tie_points geometry?",
+        "fx_px? fy_px? cx_px? cy_px? k1? k2? p1? p2? reprojection_error_px? tie_points "
+        "sigma_east_m? sigma_north_m? sigma_up_m? sigma_attitude_deg? covariance? geometry?",
     ),
     _table(
         "georeference",
         "campaign",
         "the passport: how the campaign was placed on the globe, and how well",
         "building_id campaign_id",
-        "control map_crs vertical_datum points_used points_total scale residual_mean_m residual_rmse_m residual_max_m "
-        "gps_offset_east_m? gps_offset_north_m? gps_offset_up_m? remarks",
+        "control method map_crs vertical_datum georeference_level reference_campaign? points_used points_total scale "
+        "residual_mean_m residual_rmse_m residual_max_m check_points check_residual_mean_m? check_residual_max_m? "
+        "sigma_east_m sigma_north_m sigma_up_m gps_offset_east_m? gps_offset_north_m? gps_offset_up_m? "
+        "gps_offset_sigma_m? tie_sigma_px tie_inflation model_residual_m? doming_m? doming_sigma_m? edge_features? "
+        "shift_score? competing_score? remarks",
+    ),
+    _table(
+        "georeference_points",
+        "control point, held-out point or GPS prior",
+        "what the passport rests on, point by point",
+        "building_id campaign_id point_kind point_name",
+        f"point_name point_kind {_SITE} {_GEO} residual_east_m residual_north_m residual_up_m point_used geometry",
+        may_be_empty=True,
     ),
     _table(
         "elements",

@@ -6,6 +6,7 @@ from prefect import task
 
 from facadelake.campaign import lake_tables
 from facadelake.lake.commit import Committed, commit_campaign
+from facadelake.pose.references import REFERENCE, keep_reference
 from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
 from tasks.record import StageFolders, whole_campaign
@@ -13,10 +14,10 @@ from tasks.record import StageFolders, whole_campaign
 
 @task(name="commit")
 def commit(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Committed:
-    """The lake's version that holds the campaign, and whether it is new."""
+    """The lake's version that holds the campaign, and whether it is new; later campaigns find it by its reference."""
     run, tables = whole_campaign(job, folders)
     tables["checks"] = read_table("checks", checks.folder)
-    return commit_campaign(
+    committed = commit_campaign(
         job.lake,
         building_id=job.building.id,
         campaign_id=job.campaign_id,
@@ -24,3 +25,7 @@ def commit(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Co
         tables=lake_tables(tables, run),
         inputs_sha256=run.inputs_sha256,
     )
+    reference = folders.placed.folder / REFERENCE
+    if reference.is_file():
+        keep_reference(reference, job.lake, job.building.id, job.campaign_id)
+    return committed

@@ -8,12 +8,15 @@ from prefect import task
 
 from facadelake.cache import file_hash
 from facadelake.geobim.model import read_building
-from facadelake.geobim.surface import Surface
 from facadelake.pose.control_points import read_control_points
-from facadelake.pose.georeference import georeference
+from facadelake.pose.georeference import Control, Place, georeference
+from facadelake.pose.model_control import model_control
 from facadelake.pose.poses import poses_table
-from facadelake.pose.reconstruction import read_reconstruction
+from facadelake.pose.reconstruction import read_descriptors, read_reconstruction
+from facadelake.pose.reference import read_reference
+from facadelake.pose.references import REFERENCE, earlier_references
 from facadelake.tables import read_table, write_table
+from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -22,26 +25,49 @@ SITE_FROM_SFM = "site_from_sfm.json"
 
 @task(name="georeference")
 def georeference_block(job: InspectionJob, model: StageResult, photos: StageResult, block: StageResult) -> StageResult:
-    """Tables ``poses`` and ``georeference``: every camera in site, and how well the block is placed."""
-    gcp_file = job.building.control_points_of(job.campaign_id)
+    """Tables ``poses``, ``georeference`` and ``georeference_points``, and the reference for later campaigns."""
+    building, tolerances = job.building, job.building.tolerances
+    gcp_file, check_file = building.control_points_of(job.campaign_id), building.check_points_of(job.campaign_id)
+    # By GPS or by the model, a campaign stands for itself.
+    alone = job.control in (ControlKind.GPS, ControlKind.MODEL)
+    references = [] if alone else earlier_references(job.lake, building.id, job.campaign_id)
+    root = building.photographs_of(job.campaign_id)
 
     def make(folder: Path) -> Counts:
-        building = read_building(model.folder)
+        model_of_building = read_building(model.folder)
         reconstruction = read_reconstruction(block.folder)
+        descriptors = read_descriptors(block.folder)
         photos_table = read_table("photos", photos.folder)
         placed = georeference(
             reconstruction,
             photos_table,
-            origin=building.origin,
-            map_crs=building.map_crs,
-            vertical_datum=building.vertical_datum,
-            control=job.control,
-            control_points=read_control_points(gcp_file) if gcp_file else None,
-            surface=Surface(building),
+            place=Place(
+                origin=model_of_building.origin,
+                map_crs=model_of_building.map_crs,
+                vertical_datum=model_of_building.vertical_datum,
+                georeference_level=model_of_building.georeference_level,
+            ),
+            control=Control(
+                kind=job.control,
+                points=read_control_points(gcp_file) if gcp_file else None,
+                check_points=read_control_points(check_file) if check_file else None,
+                model=model_control(
+                    model_of_building,
+                    [root / photo.photo_id for photo in reconstruction.photos],
+                    tolerances.model_sigma_m,
+                ),
+                references=[(read_reference(path), descriptors) for path in references],
+                placement_sigma_max_m=tolerances.placement_sigma_max_m,
+            ),
         )
         placed.site_from_sfm.save(folder / SITE_FROM_SFM)
-        write_table("poses", poses_table(placed, reconstruction, photos_table, origin=building.origin), folder)
+        origin = model_of_building.origin
+        write_table("poses", poses_table(placed, reconstruction, photos_table, origin=origin), folder)
         write_table("georeference", placed.table(), folder)
+        write_table("georeference_points", placed.points_table(origin), folder)
+        reference = placed.reference(reconstruction, descriptors, building.id, job.campaign_id, origin)
+        if reference is not None:
+            reference.save(folder / REFERENCE)
         return {"localised": len(placed.cameras), "not localised": len(reconstruction.unlocalised)}
 
     inputs = {
@@ -50,5 +76,9 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         "block": block.key,
         "control": job.control,
         "control_points": file_hash(gcp_file) if gcp_file else None,
+        "check_points": file_hash(check_file) if check_file else None,
+        "references": [file_hash(path) for path in references],
+        "model_sigma_m": tolerances.model_sigma_m,
+        "placement_sigma_max_m": tolerances.placement_sigma_max_m,
     }
     return run_stage(job, "georeference", code=["pose", "geobim", "posed.py"], inputs=inputs, make=make)

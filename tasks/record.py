@@ -44,6 +44,7 @@ def stage_tables(folders: StageFolders) -> dict[str, pa.Table]:
         "photos": read_table("photos", folders.photos.folder),
         "poses": read_table("poses", folders.placed.folder),
         "georeference": read_table("georeference", folders.placed.folder),
+        "georeference_points": read_table("georeference_points", folders.placed.folder),
         "elements": read_table("elements", folders.model.folder),
         "detections": read_table("detections", folders.detections.folder),
         "observations": read_table("observations", folders.merged.folder),

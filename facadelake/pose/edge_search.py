@@ -39,6 +39,7 @@ _LEAST_GAP_SIGMAS = 2.0
 _BATCH = 64
 _CONSENSUS_M = 0.4
 _CONSENSUS_STEP_M = 0.02
+_PROFILE_M = 0.06  # frames and mouldings show lines beside the one that was modelled
 _MISTAKEN = 0.2  # share of features that show something else
 _TRUSTED_SAMPLES = 200.0
 _NO_EVIDENCE = 0.1
@@ -223,7 +224,7 @@ def _consensus(search: _Search, start: Array, tolerance_m: float) -> tuple[Array
     curve /= curve.sum(axis=1, keepdims=True)
     trust = np.median(scores.weight[:, seen], axis=0)
     trust = trust / (trust + _TRUSTED_SAMPLES)
-    blur = (0.0, *[tolerance_m / _CONSENSUS_STEP_M] * len(search.free))
+    blur = (0.0, *[float(np.hypot(tolerance_m, _PROFILE_M)) / _CONSENSUS_STEP_M] * len(search.free))
     likely = gaussian_filter(curve.reshape(-1, *grid.shape[:-1]), blur, mode="nearest").reshape(curve.shape)
     ballots = np.log((1 - _MISTAKEN) * likely + _MISTAKEN / curve.shape[1])
     draws = np.random.default_rng(1).multinomial(len(trust), np.full(len(trust), 1 / len(trust)), size=_BOOTSTRAPS)

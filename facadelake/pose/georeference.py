@@ -1,137 +1,214 @@
-"""Georeference: the block onto the globe by control points, by the building's model or by GPS."""
+"""Georeference: the block onto the globe by control points, an earlier campaign, the building's model or GPS.
+
+Each way finds a start; then one bundle adjustment holds the block to all the evidence at once.
+"""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from facadelake.camera import PosedCamera
 from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
+from facadelake.frames import Array, Similarity, similarity_between
 from facadelake.geodesy import SiteOrigin
-from facadelake.pose.control_points import ControlPoints, control_in_site, has_own_heights, match_photo_names
-from facadelake.pose.gps import GpsPriors, align_to_gps, check_against_gps, gps_priors
-from facadelake.pose.model_alignment import SurfaceLike, align_to_model
+from facadelake.pose.adjustment.adjust import Adjusted, adjust, held_out_residuals
+from facadelake.pose.adjustment.evidence import Evidence
+from facadelake.pose.control_points import ControlPoints
+from facadelake.pose.gps import GpsPriors, check_against_gps, gps_priors
+from facadelake.pose.gps_terms import attitude_terms, position_terms
+from facadelake.pose.model_control import ModelControl
+from facadelake.pose.passport import PassportPoint, model_fit, points_table, require_good
+from facadelake.pose.placement import LEAST_CONTROL_POINTS, marks_of
 from facadelake.pose.reconstruction import Reconstruction
-from facadelake.pose.similarity_fit import robust_similarity
-from facadelake.pose.triangulation import View, intersect
+from facadelake.pose.reference import ReferencePoints, reference_of
+from facadelake.pose.starts import Start, start_by
 from facadelake.tables import table_of_rows
-from schemas.vocabulary import ControlKind
+from schemas.vocabulary import ControlKind, PointKind
 
-# Survey, marking and the block's own bending together; a control point farther off (3.5 times) is a blunder.
-_CONTROL_SIGMA_M = 0.15
-_LEAST_CONTROL_POINTS = 3
+logger = logging.getLogger(__name__)
+
+# An earlier campaign placed no worse than this goes before control points.
+_FINE_FRAME_M = 0.03
+# How far control points may lie (median) from a block placed by an earlier campaign, in its own sigmas and at least.
+_FRAME_SIGMAS, _LEAST_FRAME_M = 3.0, 0.05
 # No photograph of a building is taken from farther; swapped axes and wrong zones are off by hundreds of kilometres.
 _FARTHEST_M = 10_000.0
+_REMEDY = (
+    "bring control points (gcp_list.txt, 3 or more around the building), a wider block or a model with openings, or "
+    "accept metres with --georeference gps"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where the site frame lies: its origin, the model's projected CRS and vertical datum ("ellipsoidal" or a vertical
+    CRS), and how the model is georeferenced (LoGeoRef)."""
+
+    origin: SiteOrigin
+    map_crs: str
+    vertical_datum: str
+    georeference_level: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PointResidual:
-    """What is left at one control point or GPS prior: its place and ``given - adjusted`` (3,), metres in site."""
+class Control:
+    """What there is to place a campaign by.
 
-    name: str
-    xyz_site_m: Array
-    residual_site_m: Array
-    used: bool
+    ``kind`` None: the best there is, in the order control points, earlier campaign, model, GPS. ``references``: of
+    earlier campaigns, the preferred one first, with the descriptors of this block's points. ``placement_sigma_max_m``:
+    what the campaign must be known to; GPS that was asked for by name is excused.
+    """
+
+    kind: ControlKind | None = None
+    points: ControlPoints | None = None
+    check_points: ControlPoints | None = None
+    model: ModelControl | None = None
+    references: Sequence[tuple[ReferencePoints, NDArray[np.uint8]]] = ()
+    placement_sigma_max_m: float = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Georeferenced:
-    """The campaign on the globe: transform, posed cameras by photo_id, residuals, and the passport's row."""
+    """The campaign on the globe.
+
+    ``cameras`` and ``covariance`` (6, 6; centre in m, attitude in rad about the camera's axes) by photo_id;
+    ``site_from_sfm`` is the similarity nearest to the adjusted block.
+    """
 
     control: ControlKind
     site_from_sfm: Similarity
     cameras: Mapping[str, PosedCamera]
-    residuals: tuple[PointResidual, ...]
+    covariance: Mapping[str, Array]
+    adjusted: Adjusted
+    priors: GpsPriors
+    frame_covariance_m2: Array
+    points: tuple[PassportPoint, ...]
     row: Mapping[str, Any]
 
     def table(self) -> pa.Table:
         """Table `georeference`, one row."""
         return table_of_rows("georeference", [self.row])
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Placement:
-    """What one way of control found."""
-
-    site_from_sfm: Similarity
-    points_used: int
-    points_total: int
-    distance_m: Array
-    residuals: tuple[PointResidual, ...]
-    remarks: Sequence[str]
-
-
-def georeference(
-    reconstruction: Reconstruction,
-    photos: pa.Table,
-    *,
-    origin: SiteOrigin,
-    map_crs: str,
-    vertical_datum: str,
-    control: ControlKind | None,
-    control_points: ControlPoints | None,
-    surface: SurfaceLike | None,
-) -> Georeferenced:
-    """Place the block in site.
-
-    ``control`` None chooses: control points where 3 or more can be used, else GPS. MODEL starts from GPS and needs
-    ``surface``. ``vertical_datum`` ("ellipsoidal" or a vertical CRS) is what control heights without a datum mean.
-    Raises GeoreferenceError where the chosen control cannot place the block.
-    """
-    priors = gps_priors(reconstruction, photos, origin)
-    remarks: list[str] = []
-    if control is None:
-        control, why = _chosen(reconstruction, control_points)
-        remarks.append(why)
-    if control is ControlKind.GCP:
-        placement = _by_control_points(reconstruction, control_points, origin, vertical_datum)
-        if priors.sigma_m.size and float(np.median(priors.sigma_m)) > 1.0:  # RTK bends less than the block: no judge
-            centres = reconstruction.centres_sfm[priors.photo]
-            check_against_gps(placement.site_from_sfm, centres, priors, by="control points")
-    elif control is ControlKind.GPS:
-        placement = _by_gps(reconstruction, priors)
-    else:
-        placement = _by_model(reconstruction, priors, surface)
-    site_from_sfm = placement.site_from_sfm
-    _refuse_far_away(site_from_sfm.apply(reconstruction.centres_sfm), control, origin)
-    row: dict[str, Any] = {
-        "control": control,
-        "map_crs": map_crs,
-        "vertical_datum": vertical_datum,
-        "points_used": placement.points_used,
-        "points_total": placement.points_total,
-        "scale": site_from_sfm.scale,
-        "residual_mean_m": float(placement.distance_m.mean()),
-        "residual_rmse_m": float(np.sqrt((placement.distance_m**2).mean())),
-        "residual_max_m": float(placement.distance_m.max()),
-    }
-    if len(priors.photo):
-        offset = np.median(priors.xyz_site_m - site_from_sfm.apply(reconstruction.centres_sfm[priors.photo]), axis=0)
-        row |= {f"gps_offset_{axis}_m": float(v) for axis, v in zip(("east", "north", "up"), offset, strict=True)}
-        if priors.datum_unknown and control is not ControlKind.GPS:
-            remarks.append("GPS heights do not name their datum; gps_offset_up_m says how far they are off")
-    row["remarks"] = "; ".join([*remarks, *placement.remarks])
-    return Georeferenced(
-        control=control,
-        site_from_sfm=site_from_sfm,
-        cameras={
-            photo.photo_id: PosedCamera(
-                camera=photo.camera,
-                site_from_cam=Similarity(
-                    rotation=site_from_sfm.rotation @ photo.sfm_from_cam.rotation,
-                    translation=site_from_sfm.apply(photo.sfm_from_cam.translation),
-                ),
+    def reference(
+        self,
+        reconstruction: Reconstruction,
+        descriptors: NDArray[np.uint8],
+        building_id: str,
+        campaign_id: str,
+        origin: SiteOrigin,
+    ) -> ReferencePoints | None:
+        """The tie points by which later campaigns find into this one's frame; None where it is known to metres only."""
+        count = len(reconstruction.xyz_sfm)
+        xyz, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+        xyz[self.adjusted.ties.point] = self.adjusted.xyz_site_m
+        covariance[self.adjusted.ties.point] = self.adjusted.point_covariance_m2
+        try:
+            return reference_of(
+                reconstruction,
+                descriptors,
+                cameras=self.adjusted.cameras,
+                xyz_site_m=xyz,
+                covariance_m2=covariance,
+                frame_covariance_m2=self.frame_covariance_m2,
+                building_id=building_id,
+                campaign_id=campaign_id,
+                origin=origin,
             )
-            for photo in reconstruction.photos
-        },
-        residuals=placement.residuals,
-        row=row,
+        except GeoreferenceError as error:
+            logger.warning("no reference is kept: %s", error)
+            return None
+
+    def points_table(self, origin: SiteOrigin) -> pa.Table:
+        """Table `georeference_points`."""
+        return points_table(self.points, origin)
+
+
+def georeference(reconstruction: Reconstruction, photos: pa.Table, *, place: Place, control: Control) -> Georeferenced:
+    """Place the block in site, by the control that was asked for, else by the best that works; what did not is said.
+
+    Raises GeoreferenceError where the control cannot place the block, or not well enough.
+    """
+    priors = gps_priors(reconstruction, photos, place.origin)
+    if control.kind is not None:
+        return _placed(control.kind, reconstruction, priors, place, control, ())
+    kinds, remarks = _offered(reconstruction, control)
+    for kind in kinds[:-1]:
+        try:
+            return _placed(kind, reconstruction, priors, place, control, (f"chosen by itself: {kind}", *remarks))
+        except GeoreferenceError as error:
+            logger.warning("not placed by %s: %s", kind, error)
+            remarks.append(f"not placed by {kind}: {error}")
+    try:
+        return _placed(kinds[-1], reconstruction, priors, place, control, (f"chosen by itself: {kinds[-1]}", *remarks))
+    except GeoreferenceError as error:
+        raise GeoreferenceError("; ".join([str(error), *remarks])) from error
+
+
+def _offered(reconstruction: Reconstruction, control: Control) -> tuple[list[ControlKind], list[str]]:
+    """The kinds of control to try, the best first, and what is to be said of those that are not tried.
+
+    An earlier campaign that is itself placed to centimetres comes first, so that defects can be compared at the
+    centimetre; control points then judge it. Wrong control points are the user's to mend, not to be passed over.
+    """
+    finest_m = min((_frame_sigma(reference) for reference, _ in control.references), default=np.inf)
+    campaign = [ControlKind.CAMPAIGN]
+    if control.points is not None:
+        usable = sum(mark is not None for mark in marks_of(reconstruction, control.points))
+        if usable >= LEAST_CONTROL_POINTS:
+            return [*(campaign if finest_m <= _FINE_FRAME_M else []), ControlKind.GCP], []
+        remarks = [
+            f"{usable} of {len(control.points.points)} control points of {control.points.source} can be used "
+            f"({LEAST_CONTROL_POINTS} are needed)"
+        ]
+    else:
+        remarks = []
+    kinds = campaign if finest_m <= control.placement_sigma_max_m else []
+    if control.model is not None:
+        kinds = [*kinds, ControlKind.MODEL]
+    return [*kinds, ControlKind.GPS], remarks
+
+
+def _placed(
+    kind: ControlKind,
+    reconstruction: Reconstruction,
+    priors: GpsPriors,
+    place: Place,
+    control: Control,
+    remarks: tuple[str, ...],
+) -> Georeferenced:
+    start = start_by(kind, reconstruction, priors, place=place, control=control).with_remarks(remarks)
+    _refuse_far_away(start.site_from_sfm.apply(reconstruction.centres_sfm), kind, place.origin)
+    if kind is not ControlKind.GPS:
+        _check_against_gps(start, reconstruction, priors)
+    evidence = Evidence(
+        positions=position_terms(
+            priors, start.gps_used, start.site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
+        ),
+        attitudes=attitude_terms(priors),
+        marked=start.marked,
+        known=start.known,
+        model=start.model,
     )
+    adjusted = adjust(reconstruction, start.site_from_sfm, evidence)
+    return _described(reconstruction, priors, place, control, start, adjusted)
+
+
+def _frame_sigma(reference: ReferencePoints) -> float:
+    return float(np.sqrt(np.linalg.eigvalsh(reference.frame_covariance_m2)[-1]))
+
+
+def _check_against_gps(start: Start, reconstruction: Reconstruction, priors: GpsPriors) -> None:
+    # RTK bends less than the block does: no judge of it.
+    if priors.sigma_m.size and float(np.median(priors.sigma_m)) > 1.0:
+        centres = reconstruction.centres_sfm[priors.photo]
+        check_against_gps(start.site_from_sfm, centres, priors, by=start.words)
 
 
 def _refuse_far_away(centres_site_m: Array, control: ControlKind, origin: SiteOrigin) -> None:
@@ -148,120 +225,154 @@ def _refuse_far_away(centres_site_m: Array, control: ControlKind, origin: SiteOr
         )
 
 
-def _views(reconstruction: Reconstruction, control_points: ControlPoints) -> list[list[View]]:
-    """The sightings of each control point in photographs of the block."""
-    by_id = {photo.photo_id: photo for photo in reconstruction.photos}
-    names = [sighting.photo_name for point in control_points.points for sighting in point.sightings]
-    photo_of = match_photo_names(names, list(by_id))
-    return [
-        [
-            View(
-                camera=by_id[photo_of[sighting.photo_name]].camera,
-                world_from_cam=by_id[photo_of[sighting.photo_name]].sfm_from_cam,
-                xy_img=np.array([sighting.x_px, sighting.y_px]),
-            )
-            for sighting in point.sightings
-            if sighting.photo_name in photo_of
-        ]
-        for point in control_points.points
-    ]
-
-
-def _chosen(reconstruction: Reconstruction, control_points: ControlPoints | None) -> tuple[ControlKind, str]:
-    if control_points is None:
-        return ControlKind.GPS, "chosen by itself: no control points were given"
-    usable = sum(intersect(views) is not None for views in _views(reconstruction, control_points) if len(views) >= 2)
-    if usable >= _LEAST_CONTROL_POINTS:
-        return ControlKind.GCP, f"chosen by itself: {usable} control points can be used"
-    return (
-        ControlKind.GPS,
-        f"chosen by itself: {usable} of {len(control_points.points)} control points of {control_points.source} can be "
-        f"used ({_LEAST_CONTROL_POINTS} are needed)",
+def _described(
+    reconstruction: Reconstruction,
+    priors: GpsPriors,
+    place: Place,
+    control: Control,
+    start: Start,
+    adjusted: Adjusted,
+) -> Georeferenced:
+    frame = adjusted.datum_covariance_m2 + start.frame_covariance_m2
+    sigma_m = np.sqrt(np.diag(frame))
+    points = [*_control_points(start, adjusted), *_gps_points(reconstruction, priors, adjusted, start)]
+    held_out_m = np.array(
+        [np.linalg.norm(p.residual_site_m) for p in points if p.kind in (PointKind.HELD_OUT, PointKind.CHECK)]
+    )
+    if start.kind is ControlKind.CAMPAIGN and len(held_out_m):
+        _require_one_frame(held_out_m, float(sigma_m.max()), start.words)
+    excused = control.kind is ControlKind.GPS
+    require_good(
+        control=start.kind,
+        sigma_m=sigma_m,
+        limit_m=np.inf if excused else control.placement_sigma_max_m,
+        held_out_m=held_out_m,
+        remedy=_REMEDY,
+    )
+    site_from_sfm = similarity_between(reconstruction.xyz_sfm[adjusted.ties.point], adjusted.xyz_site_m)
+    ids = [photo.photo_id for photo in reconstruction.photos]
+    covariance = adjusted.covariance.copy()
+    covariance[:, :3, :3] += start.frame_covariance_m2
+    left_m = start.residual_m(adjusted)
+    row: dict[str, Any] = {
+        "control": start.kind,
+        "method": start.words,
+        "map_crs": place.map_crs,
+        "vertical_datum": place.vertical_datum,
+        "georeference_level": place.georeference_level,
+        "reference_campaign": start.reference_campaign,
+        "points_used": start.points_used,
+        "points_total": start.points_total,
+        "scale": site_from_sfm.scale,
+        "residual_mean_m": float(left_m.mean()),
+        "residual_rmse_m": float(np.sqrt((left_m**2).mean())),
+        "residual_max_m": float(left_m.max()),
+        "check_points": len(held_out_m),
+        "tie_sigma_px": adjusted.solution.tie_sigma_px,
+        "tie_inflation": adjusted.tie_inflation,
+        **{f"sigma_{axis}_m": float(s) for axis, s in zip(("east", "north", "up"), sigma_m, strict=True)},
+    }
+    if len(held_out_m):
+        row |= {
+            "check_residual_mean_m": float(held_out_m.mean()),
+            "check_residual_max_m": float(held_out_m.max()),
+        }
+    remarks = [*start.remarks, *_lens_remarks(adjusted)]
+    if len(priors.photo):
+        centres = np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
+        offset = np.median(priors.xyz_site_m - centres, axis=0)
+        row |= {f"gps_offset_{axis}_m": float(v) for axis, v in zip(("east", "north", "up"), offset, strict=True)}
+        row["gps_offset_sigma_m"] = float(adjusted.gps_offset_sigma_m.max())
+        if priors.datum_unknown and start.kind is not ControlKind.GPS:
+            remarks.append("GPS heights do not name their datum; gps_offset_up_m says how far they are off")
+    fit = model_fit(adjusted, control.model.surface) if control.model is not None else None
+    if fit is not None:
+        row["model_residual_m"] = fit.residual_m
+        if np.isfinite(fit.doming_m):
+            row |= {"doming_m": fit.doming_m, "doming_sigma_m": fit.doming_sigma_m}
+    if start.shift is not None:
+        row |= {"shift_score": start.shift.score, "competing_score": start.shift.competing_score}
+    if start.model is not None:
+        row["edge_features"] = adjusted.nodes.count - adjusted.nodes.edges
+    row["remarks"] = "; ".join(remarks)
+    return Georeferenced(
+        control=start.kind,
+        site_from_sfm=site_from_sfm,
+        cameras=dict(zip(ids, adjusted.cameras, strict=True)),
+        covariance=dict(zip(ids, covariance, strict=True)),
+        adjusted=adjusted,
+        priors=priors,
+        frame_covariance_m2=frame,
+        points=tuple(points),
+        row=row,
     )
 
 
-def _by_control_points(
-    reconstruction: Reconstruction, control_points: ControlPoints | None, origin: SiteOrigin, vertical_datum: str
-) -> _Placement:
-    if control_points is None:
-        raise GeoreferenceError("georeference by control points was asked for, but none were given; add a gcp_list.txt")
-    given = control_in_site(control_points, origin=origin, vertical_datum=vertical_datum)
-    names, source, target, lost = [], [], [], []
-    for point, xyz_site, views in zip(
-        control_points.points, given, _views(reconstruction, control_points), strict=True
-    ):
-        found = intersect(views) if len(views) >= 2 else None
-        if found is None:
-            lost.append(point.name)
-            continue
-        names.append(point.name)
-        source.append(found.xyz_world)
-        target.append(xyz_site)
-    if len(names) < _LEAST_CONTROL_POINTS:
+def _require_one_frame(held_out_m: Array, sigma_m: float, words: str) -> None:
+    """Control points must lie where a block that was placed by an earlier campaign has them."""
+    limit_m = max(_FRAME_SIGMAS * sigma_m, _LEAST_FRAME_M)
+    if float(np.median(held_out_m)) > limit_m:
         raise GeoreferenceError(
-            f"{len(names)} of {len(given)} control points of {control_points.source} can be used, "
-            f"{_LEAST_CONTROL_POINTS} are needed; each must be marked in 2 or more localised photographs whose names "
-            f"match the files (not usable: {', '.join(lost) or 'none'})"
+            f"placed by {words}, control points lie {np.median(held_out_m):.2f} m off (median, limit {limit_m:.2f} m): "
+            "the two campaigns' control does not agree; check both files of control points"
         )
-    xyz_sfm, xyz_site = np.array(source), np.array(target)
-    fit = robust_similarity(xyz_sfm, xyz_site, np.full(xyz_site.shape, _CONTROL_SIGMA_M))
-    if 2 * fit.used.sum() <= len(names):
-        raise GeoreferenceError(
-            f"only {int(fit.used.sum())} of {len(names)} control points of {control_points.source} agree with one "
-            "another (more than half must): check their coordinates, CRS and marks, or georeference by gps"
-        )
+
+
+def _lens_remarks(adjusted: Adjusted) -> list[str]:
     remarks = []
-    if lost:
-        remarks.append(f"control points not usable (fewer than 2 agreeing marks): {', '.join(lost)}")
-    if not fit.used.all():
-        blunders = [name for name, good in zip(names, fit.used, strict=True) if not good]
-        remarks.append(f"control points left out as gross errors: {', '.join(blunders)}")
-    if not has_own_heights(control_points.crs):
-        remarks.append(f"the control points' heights name no datum: taken in the model's ({vertical_datum})")
-    return _Placement(
-        site_from_sfm=fit.target_from_source,
-        points_used=int(fit.used.sum()),
-        points_total=len(given),
-        distance_m=np.linalg.norm(fit.residual[fit.used], axis=1),
-        residuals=_point_residuals(names, xyz_site, fit.residual, fit.used.tolist()),
-        remarks=remarks,
-    )
+    if adjusted.held_terms:
+        remarks.append(f"lens terms that the photographs do not show, held at nought: {', '.join(adjusted.held_terms)}")
+    if adjusted.focal_height_correlation > 0.9:
+        remarks.append(
+            f"focal length and height hang together (correlation {adjusted.focal_height_correlation:.2f}): the block "
+            "is too flat to part them; add oblique photographs or control points at different heights"
+        )
+    if not adjusted.solution.settled:
+        remarks.append(f"the adjustment had not settled after {adjusted.solution.steps} steps")
+    return remarks
 
 
-def _point_residuals(
-    names: Sequence[str], xyz: Array, residual: Array, used: Sequence[bool]
-) -> tuple[PointResidual, ...]:
-    return tuple(
-        PointResidual(name=name, xyz_site_m=at, residual_site_m=left, used=good)
-        for name, at, left, good in zip(names, xyz, residual, used, strict=True)
-    )
+def _control_points(start: Start, adjusted: Adjusted) -> list[PassportPoint]:
+    """Control points as fitted, the same left out in turn, and check points."""
+    marked = start.marked
+    if marked is None:
+        return []
+    points = [
+        PassportPoint(
+            name=name,
+            kind=PointKind.CONTROL if np.isfinite(sigma).all() else PointKind.CHECK,
+            xyz_site_m=given,
+            residual_site_m=given - found,
+            used=bool(np.isfinite(sigma).all()),
+        )
+        for name, given, found, sigma in zip(
+            marked.names, marked.xyz_site_m, adjusted.marked_site_m, marked.sigma_m, strict=True
+        )
+    ]
+    for row, residual in held_out_residuals(adjusted, marked).items():
+        points.append(
+            PassportPoint(
+                name=marked.names[row],
+                kind=PointKind.HELD_OUT,
+                xyz_site_m=marked.xyz_site_m[row],
+                residual_site_m=residual,
+                used=False,
+            )
+        )
+    return points
 
 
-def _by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> _Placement:
-    aligned = align_to_gps(reconstruction, priors)
-    names = [reconstruction.photos[i].photo_id for i in priors.photo]
-    return _Placement(
-        site_from_sfm=aligned.site_from_sfm,
-        points_used=int(aligned.used.sum()),
-        points_total=len(names),
-        distance_m=np.linalg.norm(aligned.residual_m[aligned.used], axis=1),
-        residuals=_point_residuals(names, priors.xyz_site_m, aligned.residual_m, aligned.used.tolist()),
-        remarks=[*aligned.remarks, "the error common to all GPS positions (metres) cannot be seen from them"],
-    )
-
-
-def _by_model(reconstruction: Reconstruction, priors: GpsPriors, surface: SurfaceLike | None) -> _Placement:
-    if surface is None:
-        raise GeoreferenceError("georeference by the model was asked for, but the model's surface was not given")
-    start = align_to_gps(reconstruction, priors)
-    aligned = align_to_model(start.site_from_sfm, reconstruction, priors, surface)
-    names = [reconstruction.photos[i].photo_id for i in priors.photo]
-    left = priors.xyz_site_m - aligned.site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
-    return _Placement(
-        site_from_sfm=aligned.site_from_sfm,
-        points_used=len(aligned.residual_m),
-        points_total=aligned.points_offered,
-        distance_m=aligned.residual_m,
-        residuals=_point_residuals(names, priors.xyz_site_m, left, start.used.tolist()),
-        remarks=aligned.remarks,
-    )
+def _gps_points(
+    reconstruction: Reconstruction, priors: GpsPriors, adjusted: Adjusted, start: Start
+) -> list[PassportPoint]:
+    cameras = adjusted.cameras
+    return [
+        PassportPoint(
+            name=reconstruction.photos[photo].photo_id,
+            kind=PointKind.GPS,
+            xyz_site_m=xyz,
+            residual_site_m=xyz - cameras[photo].centre_site_m,
+            used=bool(used),
+        )
+        for photo, xyz, used in zip(priors.photo, priors.xyz_site_m, start.gps_used, strict=True)
+    ]

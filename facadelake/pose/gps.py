@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow as pa
@@ -35,7 +35,9 @@ class GpsPriors:
 
     ``xyz_site_m`` (n, 3) and ``sigma_m`` (n, 3); ``datum_unknown`` says that no height names its datum, so that all
     of them may be off by one common amount (tens of metres, where they are above sea level);
-    ``site_from_cam_rotation`` (n, 3, 3) from the gimbal, NaN where unknown.
+    ``site_from_cam_rotation`` (n, 3, 3) from the gimbal, NaN where unknown, with ``sigma_yaw_deg`` and
+    ``sigma_tilt_deg`` (n,), NaN where the photograph states none; ``flight`` (n,) from 0; ``height_relative_m`` (n,)
+    above the take-off, NaN where unknown.
     """
 
     photo: NDArray[np.int64]
@@ -43,6 +45,14 @@ class GpsPriors:
     sigma_m: Array
     datum_unknown: bool
     site_from_cam_rotation: Array
+    sigma_yaw_deg: Array
+    sigma_tilt_deg: Array
+    flight: NDArray[np.int64]
+    height_relative_m: Array
+
+    def lifted(self, up_m: float) -> GpsPriors:
+        """The same priors ``up_m`` higher."""
+        return replace(self, xyz_site_m=self.xyz_site_m + np.array([0.0, 0.0, up_m]))
 
     @property
     def common_sigma_m(self) -> Array:
@@ -68,7 +78,7 @@ def gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOri
     """The position and attitude priors of the block's photographs, in site."""
     row_of = {row["photo_id"]: row for row in photos.to_pylist()}
     index: list[int] = []
-    geo, sigma, rotations = [], [], []
+    geo, sigma, rotations, attitude_sigma, flights, relative = [], [], [], [], [], []
     datums = set()
     for i, photo in enumerate(reconstruction.photos):
         row = row_of.get(photo.photo_id)
@@ -80,14 +90,26 @@ def gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOri
         attitude = (row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"])
         known = None not in attitude
         rotations.append(rotation_of_attitude(*attitude) if known else np.full((3, 3), np.nan))
+        attitude_sigma.append([_or_nan(row["prior_sigma_yaw_deg"]), _or_nan(row["prior_sigma_tilt_deg"])])
+        flights.append(row["flight"] or 0)
+        relative.append(_or_nan(row["prior_height_relative_m"]))
         datums.add(row["prior_height_datum"])
+    attitude_sigmas = np.array(attitude_sigma).reshape(-1, 2)
     return GpsPriors(
         photo=np.array(index, dtype=np.int64),
         xyz_site_m=origin.site_from_geo(np.array(geo).reshape(-1, 3)),
         sigma_m=np.hypot(np.array(sigma).reshape(-1, 3), BLOCK_SIGMA_M),
         datum_unknown=datums != {HeightDatum.ELLIPSOIDAL},
         site_from_cam_rotation=np.array(rotations).reshape(-1, 3, 3),
+        sigma_yaw_deg=attitude_sigmas[:, 0],
+        sigma_tilt_deg=attitude_sigmas[:, 1],
+        height_relative_m=np.array(relative, dtype=np.float64),
+        flight=np.unique(np.array(flights, dtype=np.int64), return_inverse=True)[1].ravel(),
     )
+
+
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,7 +8,6 @@ own error model: one common bias (metres) plus a noise of each photograph.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,27 +15,10 @@ from scipy.optimize import least_squares
 
 from facadelake.errors import GeoreferenceError
 from facadelake.frames import Array, Similarity
+from facadelake.pose.adjustment.model_terms import SurfaceLike
 from facadelake.pose.gps import GpsPriors, check_against_gps
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.similarity_fit import parameters_applied
-
-
-class HitsLike(Protocol):
-    """What a ray cast gives: distances (n,), inf for a miss, and unit normals (n, 3) turned to the ray's origin."""
-
-    @property
-    def distance_m(self) -> Array: ...
-
-    @property
-    def normal_site(self) -> Array: ...
-
-
-class SurfaceLike(Protocol):
-    """The building's surface in site; ``facadelake.geobim.surface.Surface`` is one."""
-
-    def cast(self, origins_site_m: Array, directions_site: Array, /) -> HitsLike:
-        """First hits of rays (n, 3) from origins (n, 3), in site metres."""
-
 
 # Relief that the model does not have (sills, cornices) and its own tolerance: a residual of this size is ordinary.
 SURFACE_SIGMA_M = 0.05

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import shapely
 
+from facadelake.frames import Array
 from facadelake.geodesy import SiteOrigin
 from facadelake.pose.georeference import Georeferenced
 from facadelake.pose.reconstruction import Reconstruction
@@ -49,14 +50,28 @@ def poses_table(
         rows.append(
             said
             | {
-                "pose_source": PoseSource.SFM,
+                "pose_source": photo.source,
                 **pose_columns(posed),
                 "lon_deg": lon,
                 "lat_deg": lat,
                 "height_ellipsoidal_m": height,
                 "reprojection_error_px": photo.reprojection_error_px,
                 "tie_points": photo.tie_points,
+                **_covariance_columns(georeferenced.covariance[photo_id]),
                 "geometry": shapely.to_wkb(shapely.Point(lon, lat, height), output_dimension=3, flavor="iso"),
             }
         )
     return table_of_rows("poses", rows)
+
+
+def _covariance_columns(covariance: Array) -> dict[str, Any]:
+    """The covariance (6, 6) of centre and attitude, and sigmas for people."""
+    east, north, up = np.sqrt(np.diag(covariance)[:3]).tolist()
+    attitude = float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])))
+    return {
+        "covariance": covariance.ravel().tolist(),
+        "sigma_east_m": east,
+        "sigma_north_m": north,
+        "sigma_up_m": up,
+        "sigma_attitude_deg": attitude,
+    }

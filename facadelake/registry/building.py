@@ -93,12 +93,16 @@ class Tolerances(_Strict):
     """Limits of the stages; each says its unit.
 
     ``features_max_image_px``: photographs are reduced to this longer side before features are looked for.
+    ``model_sigma_m``: how far the building as built may stand off its model, one sigma (DIN 18202 allows walls of 15 m
+    24 mm). ``placement_sigma_max_m``: a campaign that is placed worse than this (one sigma) is refused.
     """
 
     close_range_below_m: Annotated[float, Field(gt=0)] = 8.0
     grazing_above_deg: Annotated[float, Field(gt=0, le=90)] = 80.0
     target_share_min: Annotated[float, Field(ge=0, le=1)] = 0.5
-    features_max_image_px: Annotated[int, Field(ge=500, le=20000)] = 2000
+    features_max_image_px: Annotated[int, Field(ge=500, le=20000)] = 3200
+    model_sigma_m: Annotated[float, Field(gt=0, le=1)] = 0.03
+    placement_sigma_max_m: Annotated[float, Field(gt=0)] = 0.5
 
 
 class CocoDetector(_Strict):
@@ -134,6 +138,7 @@ class Building(_Strict):
     photographs: str
     campaigns: tuple[Identifier, ...] = ()
     control_points: str | None = None
+    check_points: str | None = None
     detector: Annotated[CocoDetector | OnnxDetectorSetting, Field(discriminator="kind")]
     schedule: Schedule | None = None
     crs: BuildingCrs = BuildingCrs()
@@ -187,10 +192,11 @@ class Building(_Strict):
 
     def control_points_of(self, campaign_id: str) -> Path | None:
         """The control points' file, where the registry names one and it exists."""
-        if self.control_points is None:
-            return None
-        path = Path(self.control_points.replace(CAMPAIGN, campaign_id))
-        return path if path.is_file() else None
+        return _if_there(self.control_points, campaign_id)
+
+    def check_points_of(self, campaign_id: str) -> Path | None:
+        """The file of points that are held out of the adjustment to judge it, where there is one."""
+        return _if_there(self.check_points, campaign_id)
 
     def detections_of(self, campaign_id: str, choice: str | None) -> Path:
         """The COCO file to read: the registry's, one of its alternatives by name, or a path."""
@@ -225,3 +231,10 @@ class Building(_Strict):
     def remember_variables(self, names: Sequence[str]) -> None:
         """Keep which environment variables the paths were made of, for messages that name the remedy."""
         self._variables = tuple(names)
+
+
+def _if_there(template: str | None, campaign_id: str) -> Path | None:
+    if template is None:
+        return None
+    path = Path(template.replace(CAMPAIGN, campaign_id))
+    return path if path.is_file() else None

@@ -21,6 +21,7 @@ _PATHS = (
     ("model",),
     ("photographs",),
     ("control_points",),
+    ("check_points",),
     ("detector", "file"),
     ("detector", "model"),
     ("detector", "card"),

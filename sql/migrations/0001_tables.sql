@@ -120,29 +120,73 @@ CREATE TABLE poses (
     p2                    DOUBLE,
     reprojection_error_px DOUBLE,
     tie_points            BIGINT NOT NULL,
+    sigma_east_m          DOUBLE,
+    sigma_north_m         DOUBLE,
+    sigma_up_m            DOUBLE,
+    sigma_attitude_deg    DOUBLE,
+    covariance            DOUBLE[],
     geometry              GEOMETRY
 );
 COMMENT ON COLUMN poses.geometry IS 'EPSG:4979: longitude, latitude, ellipsoidal height';
 
 -- georeference: one row per campaign
 CREATE TABLE georeference (
-    building_id        VARCHAR NOT NULL,
-    campaign_id        VARCHAR NOT NULL,
-    run_id             VARCHAR NOT NULL,
-    control            VARCHAR NOT NULL,
-    map_crs            VARCHAR NOT NULL,
-    vertical_datum     VARCHAR NOT NULL,
-    points_used        BIGINT NOT NULL,
-    points_total       BIGINT NOT NULL,
-    scale              DOUBLE NOT NULL,
-    residual_mean_m    DOUBLE NOT NULL,
-    residual_rmse_m    DOUBLE NOT NULL,
-    residual_max_m     DOUBLE NOT NULL,
-    gps_offset_east_m  DOUBLE,
-    gps_offset_north_m DOUBLE,
-    gps_offset_up_m    DOUBLE,
-    remarks            VARCHAR NOT NULL
+    building_id           VARCHAR NOT NULL,
+    campaign_id           VARCHAR NOT NULL,
+    run_id                VARCHAR NOT NULL,
+    control               VARCHAR NOT NULL,
+    method                VARCHAR NOT NULL,
+    map_crs               VARCHAR NOT NULL,
+    vertical_datum        VARCHAR NOT NULL,
+    georeference_level    VARCHAR NOT NULL,
+    reference_campaign    VARCHAR,
+    points_used           BIGINT NOT NULL,
+    points_total          BIGINT NOT NULL,
+    scale                 DOUBLE NOT NULL,
+    residual_mean_m       DOUBLE NOT NULL,
+    residual_rmse_m       DOUBLE NOT NULL,
+    residual_max_m        DOUBLE NOT NULL,
+    check_points          BIGINT NOT NULL,
+    check_residual_mean_m DOUBLE,
+    check_residual_max_m  DOUBLE,
+    sigma_east_m          DOUBLE NOT NULL,
+    sigma_north_m         DOUBLE NOT NULL,
+    sigma_up_m            DOUBLE NOT NULL,
+    gps_offset_east_m     DOUBLE,
+    gps_offset_north_m    DOUBLE,
+    gps_offset_up_m       DOUBLE,
+    gps_offset_sigma_m    DOUBLE,
+    tie_sigma_px          DOUBLE NOT NULL,
+    tie_inflation         DOUBLE NOT NULL,
+    model_residual_m      DOUBLE,
+    doming_m              DOUBLE,
+    doming_sigma_m        DOUBLE,
+    edge_features         BIGINT,
+    shift_score           DOUBLE,
+    competing_score       DOUBLE,
+    remarks               VARCHAR NOT NULL
 );
+
+-- georeference_points: one row per control point, held-out point or GPS prior
+CREATE TABLE georeference_points (
+    building_id          VARCHAR NOT NULL,
+    campaign_id          VARCHAR NOT NULL,
+    run_id               VARCHAR NOT NULL,
+    point_name           VARCHAR NOT NULL,
+    point_kind           VARCHAR NOT NULL,
+    x_site_m             DOUBLE NOT NULL,
+    y_site_m             DOUBLE NOT NULL,
+    z_site_m             DOUBLE NOT NULL,
+    lon_deg              DOUBLE NOT NULL,
+    lat_deg              DOUBLE NOT NULL,
+    height_ellipsoidal_m DOUBLE NOT NULL,
+    residual_east_m      DOUBLE NOT NULL,
+    residual_north_m     DOUBLE NOT NULL,
+    residual_up_m        DOUBLE NOT NULL,
+    point_used           BOOLEAN NOT NULL,
+    geometry             GEOMETRY NOT NULL
+);
+COMMENT ON COLUMN georeference_points.geometry IS 'EPSG:4979: longitude, latitude, ellipsoidal height';
 
 -- elements: one row per IFC element with a surface
 CREATE TABLE elements (

@@ -1,0 +1,122 @@
+"""What a bundle adjustment is given: the block as it starts, and every observation of it with its sigma.
+
+Unknowns are photographs (centre and attitude), lenses, and two kinds of smaller ones: *nodes*, three coordinates each,
+which are eliminated (a tie point's place; the common deviation of a model edge), and *walls* and *flights*, few and
+kept (the deviation of a wall from the model; the common error of a flight's GPS and compass).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.camera import Camera
+from facadelake.frames import Array
+
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Block:
+    """Photographs as they stand: ``centre_site_m`` (n, 3), ``site_from_cam`` rotations (n, 3, 3), ``cameras`` (c) and
+    which of them took each photograph, ``camera_of_photo`` (n,)."""
+
+    cameras: tuple[Camera, ...]
+    camera_of_photo: Rows
+    centre_site_m: Array
+    site_from_cam: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sightings:
+    """Image observations of nodes: a photograph shows ``offset_site_m + node`` at ``xy_img``.
+
+    ``photo`` (k,), ``node`` (k,), ``offset_site_m`` (k, 3; zero for a tie point, the sample on a model's edge for an
+    edge), ``xy_img`` (k, 2), ``whitening`` (k, 2, 2): times the residual in pixels gives unit variance (a line's second
+    row is zero), ``tie`` (k,): whether the residual counts to the tie points' variance, which is estimated.
+    """
+
+    photo: Rows
+    node: Rows
+    offset_site_m: Array
+    xy_img: Array
+    whitening: Array
+    tie: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NodePriors:
+    """Nodes whose coordinates are known from elsewhere: ``node`` (k,), ``xyz_m`` (k, 3), ``information`` (k, 3, 3) in
+    1/m2 (singular where a direction is not known), ``limit`` (k,) in sigmas, beyond which a prior loses its say."""
+
+    node: Rows
+    xyz_m: Array
+    information: Array
+    limit: Array
+
+    def take(self, which: NDArray[np.bool_]) -> NodePriors:
+        """Those of ``which`` (k,)."""
+        return NodePriors(
+            node=self.node[which], xyz_m=self.xyz_m[which], information=self.information[which], limit=self.limit[which]
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WallTerms:
+    """Tie points on the model's surface: ``normal . node - distance_m - deviation[wall]`` is zero within ``sigma_m``.
+
+    ``node`` (k,), ``normal_site`` (k, 3), ``distance_m`` (k,), ``wall`` (k,) row of a wall or -1 for none;
+    ``wall_sigma_m`` (w,) is how far each wall as a whole may stand off the model.
+    """
+
+    node: Rows
+    normal_site: Array
+    distance_m: Array
+    wall: Rows
+    sigma_m: Array
+    wall_sigma_m: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PositionTerms:
+    """GPS: ``centre + offset[flight]`` is ``xyz_site_m`` (k, 3) within ``sigma_m`` (k, 3), the noise between
+    photographs; ``offset_sigma_m`` (f, 3) bounds what a flight's positions have in common."""
+
+    photo: Rows
+    flight: Rows
+    xyz_site_m: Array
+    sigma_m: Array
+    offset_sigma_m: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AttitudeTerms:
+    """Gimbal attitudes: ``site_from_cam`` (k, 3, 3) within ``sigma_rad`` (k, 3) about site's axes, after a yaw that is
+    common to a flight (compass), of ``yaw_sigma_rad`` (f,)."""
+
+    photo: Rows
+    flight: Rows
+    site_from_cam: Array
+    sigma_rad: Array
+    yaw_sigma_rad: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """The whole adjustment.
+
+    ``node_xyz_m`` (m, 3) are the nodes' starts. ``lens_mean`` and ``lens_sigma`` (c, 8) are what is known of the lenses
+    beforehand (order: LENS_TERMS); a sigma of 0 holds the term at its mean.
+    """
+
+    block: Block
+    node_xyz_m: Array
+    sightings: Sightings
+    node_priors: NodePriors
+    walls: WallTerms
+    positions: PositionTerms
+    attitudes: AttitudeTerms
+    lens_mean: Array
+    lens_sigma: Array

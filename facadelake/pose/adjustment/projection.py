@@ -1,0 +1,95 @@
+"""Projection through COLMAP's OPENCV camera with its derivatives, for many observations at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.camera import Camera
+from facadelake.frames import Array
+
+LENS_TERMS = ("focal_px", "aspect", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
+_NEAREST = 1e-6  # a point at or behind the camera has no image
+
+
+def lens_of(camera: Camera) -> Array:
+    """The intrinsics as adjusted (8,): focal length (px), aspect fy/fx, principal point (px), k1, k2, p1, p2."""
+    return np.array(
+        [
+            camera.fx_px,
+            camera.fy_px / camera.fx_px,
+            camera.cx_px,
+            camera.cy_px,
+            camera.k1,
+            camera.k2,
+            camera.p1,
+            camera.p2,
+        ]
+    )
+
+
+def camera_of(lens: Array, like: Camera) -> Camera:
+    """The camera of ``lens`` (8,), of the size of ``like``."""
+    focal, aspect, cx, cy, k1, k2, p1, p2 = (float(value) for value in lens)
+    return Camera(
+        width_px=like.width_px,
+        height_px=like.height_px,
+        fx_px=focal,
+        fy_px=focal * aspect,
+        cx_px=cx,
+        cy_px=cy,
+        k1=k1,
+        k2=k2,
+        p1=p1,
+        p2=p2,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Projected:
+    """Pixels (k, 2) and their derivatives by camera coordinates (k, 2, 3) and lens terms (k, 2, 8).
+
+    ``in_front`` (k,): where false the numbers mean nothing.
+    """
+
+    xy_img: Array
+    by_xyz_cam: Array
+    by_lens: Array
+    in_front: NDArray[np.bool_]
+
+
+def project(xyz_cam: Array, lens: Array) -> Projected:
+    """Project points (k, 3) in ``cam``, each through its own lens (k, 8). Source: Brown 1971, as in COLMAP's OPENCV."""
+    in_front: NDArray[np.bool_] = xyz_cam[:, 2] > _NEAREST
+    depth = np.where(in_front, xyz_cam[:, 2], 1.0)
+    x, y = xyz_cam[:, 0] / depth, xyz_cam[:, 1] / depth
+    focal, aspect, cx, cy, k1, k2, p1, p2 = lens.T
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2 * r2
+    slope = 2 * (k1 + 2 * k2 * r2)  # d radial / d x is slope * x
+    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    fy = focal * aspect
+    xd_x = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
+    xd_y = slope * x * y + 2 * p1 * x + 2 * p2 * y
+    yd_y = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+    by_xyz = np.empty((len(xyz_cam), 2, 3))
+    by_xyz[:, 0, 0], by_xyz[:, 0, 1] = focal * xd_x / depth, focal * xd_y / depth
+    by_xyz[:, 1, 0], by_xyz[:, 1, 1] = fy * xd_y / depth, fy * yd_y / depth
+    by_xyz[:, :, 2] = -(by_xyz[:, :, 0] * x[:, None] + by_xyz[:, :, 1] * y[:, None])
+    by_lens = np.zeros((len(xyz_cam), 2, len(LENS_TERMS)))
+    by_lens[:, 0, 0], by_lens[:, 1, 0] = xd, aspect * yd
+    by_lens[:, 1, 1] = focal * yd
+    by_lens[:, 0, 2] = by_lens[:, 1, 3] = 1.0
+    for column, power in ((4, r2), (5, r2 * r2)):
+        by_lens[:, 0, column], by_lens[:, 1, column] = focal * x * power, fy * y * power
+    by_lens[:, 0, 6], by_lens[:, 1, 6] = focal * 2 * x * y, fy * (r2 + 2 * y * y)
+    by_lens[:, 0, 7], by_lens[:, 1, 7] = focal * (r2 + 2 * x * x), fy * 2 * x * y
+    return Projected(
+        xy_img=np.column_stack([focal * xd + cx, fy * yd + cy]),
+        by_xyz_cam=by_xyz,
+        by_lens=by_lens,
+        in_front=in_front,
+    )
