@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,13 @@ from facadelake.pose.gradients import Gradients, GreyPhotographs, gradients, red
 _log = logging.getLogger(__name__)
 
 _WINDOW_SIGMAS = 3.0
-_TOLERANCES_M = (0.16, 0.08, 0.04)  # blur of the photographs on the building, coarse to fine
+# Blur of the photographs on the building, coarse to fine; a search in two directions begins one level coarser.
+_LEVELS_M = (0.32, 0.16, 0.08)
+_FINEST_M = 0.04
 _SPACING_M = 0.10
 _COARSE_SPACING_M = 0.20
 _SPARSE_M = 0.6
-_NODE_M = 1.2  # what is visible is asked anew after so much shift
+_NODE_LEVELS = 7.5  # what is visible is asked anew after so many times the coarsest blur
 _MOST_PHOTOS = 30
 _LEAST_SAMPLES = 3  # of an edge in a photograph
 _LEAST_FEATURES = 6
@@ -112,8 +115,7 @@ def find_shift(
     """Search within three ``sigma_m`` (j,) along the unit directions ``free`` (j, 3) of site; j is 1 or 2.
 
     Photograph k of ``photographs`` was taken by ``cameras[k]``; ``tolerance_m`` is one sigma of as-built against
-    as-designed. Raises GeoreferenceError where too little of the model
-    is seen, or two answers compete.
+    as-designed. Raises GeoreferenceError where too little of the model is seen, or two answers compete.
     """
     free = np.asarray(free, dtype=np.float64).reshape(-1, 3)
     reach = _WINDOW_SIGMAS * np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), len(free))
@@ -126,17 +128,27 @@ def find_shift(
         free=free,
         features=int(edges.feature.max(initial=-1)) + 1,
     )
-    grid = _grid(reach, _TOLERANCES_M[0] / 2)
+    levels = _LEVELS_M[-1 - len(free) :]
+    grid = _grid(reach, levels[0] / 2)
     shifts = grid.reshape(-1, len(free))
-    _, node = np.unique(np.round(shifts / _NODE_M), axis=0, return_inverse=True)
+    _, node = np.unique(np.round(shifts / (_NODE_LEVELS * levels[0])), axis=0, return_inverse=True)
     seen = _ever_seen(search, edges, shifts, node.ravel())
     search = replace(search, samples=search.samples.take(seen[search.samples.edge]))
-    scores = _scores(search, shifts, node.ravel(), _TOLERANCES_M[0])
-    peaks = _peaks(scores.total.reshape(grid.shape[:-1]), grid)
+    scores = _scores(search, shifts, node.ravel(), levels[0])
+    peaks = _peaks(scores.total.reshape(grid.shape[:-1]), grid, levels[0] / 2)
     dense = sample_edges(edges, _SPACING_M)
     search = replace(search, samples=dense.take(seen[dense.edge]))
-    rivals = _refined(search, peaks)
+    rivals: list[_Peak] = []
+    for coarser, finer in pairwise(levels):
+        rivals = _refined(search, peaks, coarser, finer)
+        peaks = np.array([rival.shift for rival in rivals])
     best = rivals[0]
+    features = int((best.weight > 0).sum())
+    if features < _LEAST_FEATURES:
+        raise GeoreferenceError(
+            f"{features} edges of the building model are seen by {len(search.rows)} photographs, {_LEAST_FEATURES} are "
+            "needed: model openings, storey lines or eaves, take photographs that show them, or give control points"
+        )
     rival, gap = _closest_rival(rivals)
     if gap < _LEAST_GAP_SIGMAS:
         raise GeoreferenceError(
@@ -153,7 +165,7 @@ def find_shift(
         competing_score=rival.score,
         competing_shift_site_m=rival.shift @ free,
         gap_sigmas=gap,
-        features=int((best.weight > 0).sum()),
+        features=features,
     )
 
 
@@ -167,12 +179,11 @@ class _Peak:
     weight: Array
 
 
-def _refined(search: _Search, peaks: Array) -> list[_Peak]:
-    """The peaks moved to their best place at the middle tolerance, best first; each sees what is visible there."""
-    step = _TOLERANCES_M[1] / 2
-    around = _grid(np.full(len(search.free), _TOLERANCES_M[0]), step).reshape(-1, len(search.free))
+def _refined(search: _Search, peaks: Array, coarser_m: float, finer_m: float) -> list[_Peak]:
+    """The peaks moved to their best place at the finer level, best first; each sees what is visible there."""
+    around = _grid(np.full(len(search.free), coarser_m), finer_m / 2).reshape(-1, len(search.free))
     shifts = (peaks[:, None, :] + around[None]).reshape(-1, len(search.free))
-    scores = _scores(search, shifts, np.repeat(np.arange(len(peaks)), len(around)), _TOLERANCES_M[1])
+    scores = _scores(search, shifts, np.repeat(np.arange(len(peaks)), len(around)), finer_m)
     shape = (len(peaks), len(around), search.features)
     total, mean = scores.total.reshape(shape[:2]), scores.mean.reshape(shape)
     root = np.sqrt(scores.weight).reshape(shape).mean(axis=1)
@@ -199,7 +210,7 @@ def _closest_rival(rivals: list[_Peak]) -> tuple[_Peak, float]:
         if np.linalg.norm(other.shift - best.shift) < _APART_M:
             continue
         weight = np.maximum(best.weight, other.weight)
-        share = weight / weight.sum()
+        share = weight / max(float(weight.sum()), 1e-12)
         difference = best.evidence - other.evidence
         mean = float(share @ difference)
         error = float(np.sqrt((share**2) @ (difference - mean) ** 2))
@@ -218,7 +229,7 @@ def _consensus(search: _Search, start: Array, tolerance_m: float) -> tuple[Array
     """
     grid = _grid(np.full(len(search.free), _CONSENSUS_M), _CONSENSUS_STEP_M)
     shifts = start + grid.reshape(-1, len(search.free))
-    scores = _scores(search, shifts, np.zeros(len(shifts), dtype=np.int64), _TOLERANCES_M[2])
+    scores = _scores(search, shifts, np.zeros(len(shifts), dtype=np.int64), _FINEST_M)
     seen = np.median(scores.weight, axis=0) > 0
     curve = scores.mean[:, seen].T ** 2 + _NO_EVIDENCE**2  # a feature that nothing shows says nothing
     curve /= curve.sum(axis=1, keepdims=True)
@@ -266,10 +277,9 @@ def _ever_seen(search: _Search, edges: ModelEdges, shifts: Array, node: NDArray[
     return seen
 
 
-def _peaks(total: Array, grid: Array) -> Array:
+def _peaks(total: Array, grid: Array, step_m: float) -> Array:
     """The best local maxima (k, j), best first, each the highest within ``_APART_M``."""
-    step = _TOLERANCES_M[0] / 2
-    highest = total == maximum_filter(total, size=2 * round(_APART_M / step) + 1, mode="nearest")
+    highest = total == maximum_filter(total, size=2 * round(_APART_M / step_m) + 1, mode="nearest")
     at = np.flatnonzero(highest)
     order = at[np.argsort(-total.ravel()[at])][:_RIVALS]
     return grid.reshape(-1, grid.shape[-1])[order]
