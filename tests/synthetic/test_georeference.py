@@ -19,6 +19,7 @@ from facadelake.pose.poses import poses_table
 from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
 from facadelake.tables import table_of_rows
 from schemas.vocabulary import ControlKind
+from tests.unit.pose.small_block import BoxSurface, looking
 
 ORIGIN = SiteOrigin(lon_deg=8.4, lat_deg=48.9, height_ellipsoidal_m=180.0)
 CAMERA = Camera(width_px=4000, height_px=3000, fx_px=2900, fy_px=2900, cx_px=2010, cy_px=1490, k1=-0.02)
@@ -30,14 +31,6 @@ SITE_FROM_SFM = Similarity(
 HALF = np.array([10.0, 6.0, 7.0])  # the building: a box of 20 x 12 x 14 m around (0, 0, 7)
 BIAS = np.array([1.3, -0.8, 2.1])
 NOISE = np.array([0.4, 0.4, 0.7])
-
-
-def looking(at: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """site_from_cam rotation of an upright camera."""
-    z = (at - centre) / np.linalg.norm(at - centre)
-    x = np.cross(z, [0, 0, 1.0])
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
 
 
 def ring(count: int = 24) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -56,40 +49,13 @@ def line(count: int = 16) -> list[tuple[np.ndarray, np.ndarray]]:
     return [(centre, looking(centre + np.array([0, 1.0, 0]), centre)) for centre in centres]
 
 
-@dataclass(frozen=True)
-class Box:
-    """The building's walls and a flat ground around it, cut by rays analytically."""
-
-    ground: bool = False
-
-    @dataclass(frozen=True)
-    class Hits:
-        distance_m: np.ndarray
-        normal_site: np.ndarray
-        element: np.ndarray
-
-    def cast(self, origins: np.ndarray, directions: np.ndarray) -> "Box.Hits":
-        centre = np.array([0, 0, 7.0])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            enter = np.where(directions > 0, centre - HALF - origins, centre + HALF - origins) / directions
-            leave = np.where(directions > 0, centre + HALF - origins, centre - HALF - origins) / directions
-            down = np.where(directions[:, 2] < 0, -origins[:, 2] / directions[:, 2], np.inf)
-        axis = np.argmax(enter, axis=1)
-        near = enter.max(axis=1)
-        near[(near > leave.min(axis=1)) | (near < 0)] = np.inf
-        normal = np.eye(3)[axis] * -np.sign(directions[np.arange(len(axis)), axis])[:, None]
-        element = np.zeros(len(near), dtype=np.int64)
-        if self.ground:
-            normal[down < near] = [0, 0, 1.0]
-            element[down < near] = 1
-            near = np.minimum(near, down)
-        met = np.isfinite(near)
-        return Box.Hits(near, np.where(met[:, None], normal, np.nan), np.where(met, element, -1))
+BOX = BoxSurface(half_m=(10.0, 6.0), height_m=14.0, ground=False)
+BOX_ON_GROUND = BoxSurface(half_m=(10.0, 6.0), height_m=14.0)
 
 
 def model(*, ground: bool = False) -> ModelControl:
     """The box as control, without photographs to look for its edges in; the building stands off it by centimetres."""
-    return ModelControl(surface=Box(ground=ground), sigma_m=0.03, ground_site_m=0.0)
+    return ModelControl(surface=BOX_ON_GROUND if ground else BOX, sigma_m=0.03, ground_site_m=0.0)
 
 
 @dataclass(frozen=True)
@@ -103,20 +69,25 @@ class Scene:
     attitude: bool = True
     tie_px: float = 0.5
 
+    @property
+    def surface(self) -> BoxSurface:
+        """What hides what."""
+        return BOX_ON_GROUND if self.ground else BOX
+
     def ids(self) -> list[str]:
         return [f"p{k:02}.jpg" for k in range(len(self.poses))]
 
     def points(self) -> np.ndarray:
         """Points on the four walls, and on the ground."""
         rng = np.random.default_rng(self.seed)
-        uv = rng.uniform(-1, 1, (2400, 2))
-        side = rng.integers(0, 4, 2400)
+        uv = rng.uniform(-1, 1, (480, 2))
+        side = rng.integers(0, 4, 480)
         across = np.where(side < 2, uv[:, 0] * HALF[0], np.sign(side - 2.5) * HALF[0])
         along = np.where(side < 2, np.sign(side - 0.5) * HALF[1], uv[:, 0] * HALF[1])
         walls = np.column_stack([across, along, 7 + 0.97 * uv[:, 1] * HALF[2]])
         if not self.ground:
             return walls
-        flat = rng.uniform(-20, 20, (900, 2))
+        flat = rng.uniform(-20, 20, (220, 2))
         outside = (np.abs(flat) > HALF[:2] + 0.5).any(axis=1)
         return np.vstack([walls, np.column_stack([flat[outside], np.zeros(outside.sum())])])
 
@@ -127,7 +98,7 @@ class Scene:
         sfm_from_site = SITE_FROM_SFM.inverse()
         photos, track_photo, track_point, track_xy = [], [], [], []
         for k, (centre, rotation) in enumerate(self.poses):
-            hits = Box(self.ground).cast(np.broadcast_to(centre, xyz.shape), xyz - centre)
+            hits = self.surface.cast(np.broadcast_to(centre, xyz.shape), xyz - centre)
             cam = Similarity(rotation=rotation, translation=centre).inverse().apply(xyz)
             xy = CAMERA.project(cam)
             seen = (np.abs(hits.distance_m - 1) < 1e-6) & np.isfinite(xy[:, 0])
@@ -191,12 +162,12 @@ class Scene:
     def control(self, count: int = 6, survey_m: float = 0.01, mark_px: float = 0.5) -> ControlPoints:
         """Control points on the walls, marked in up to five photographs each."""
         rng = np.random.default_rng(self.seed + 3)
-        xyz = self.points()[:: 2400 // 6][:count]
+        xyz = self.points()[::80][:count]
         points = []
         for k, at in enumerate(xyz):
             sightings = []
             for photo_id, (centre, rotation) in zip(self.ids(), self.poses, strict=True):
-                hit = Box(self.ground).cast(centre[None], (at - centre)[None])
+                hit = self.surface.cast(centre[None], (at - centre)[None])
                 xy = CAMERA.project(Similarity(rotation=rotation, translation=centre).inverse().apply(at[None]))
                 if abs(hit.distance_m[0] - 1) < 1e-6 and CAMERA.contains(xy)[0]:
                     marked = xy[0] + rng.normal(0, mark_px, 2)
@@ -210,14 +181,13 @@ class Scene:
         return georeference(
             self.reconstruction(),
             given.get("photos", self.photos()),  # type: ignore[arg-type]
-            place=Place(
-                origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"
-            ),
+            place=Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
             control=Control(
                 kind=control,
                 points=given.get("control_points"),  # type: ignore[arg-type]
                 check_points=given.get("check_points"),  # type: ignore[arg-type]
                 model=given.get("model"),  # type: ignore[arg-type]
+                placement_sigma_max_m=given.get("limit_m", 0.5),  # type: ignore[arg-type]
             ),
         )
 
@@ -237,6 +207,9 @@ def test_gps_leaves_its_common_bias_and_averages_its_noise() -> None:
     assert 0.5 < found.row["residual_rmse_m"] < 1.2  # m, sqrt(0.4^2 + 0.4^2 + 0.7^2) = 0.9
     assert abs(found.row["scale"] / 5.1 - 1) < 0.02
     assert found.row["points_used"] == found.row["points_total"] == 24
+    sigma_m = [found.row[f"sigma_{axis}_m"] for axis in ("east", "north", "up")]
+    # the priors' own sigmas, 3 and 5 m with a datum that nobody names: what is common to them stays
+    np.testing.assert_allclose(sigma_m, [3.0, 3.0, 50.2], rtol=0, atol=0.2)  # m
     assert "do not name their datum" in found.row["remarks"]
     assert "common to all GPS positions" in found.row["remarks"]
 
@@ -258,7 +231,11 @@ def test_control_points_place_the_block_to_a_centimetre() -> None:
     assert 0.003 < found.row["residual_rmse_m"] < 0.03  # m
     offset = [found.row[f"gps_offset_{axis}_m"] for axis in ("east", "north", "up")]
     np.testing.assert_allclose(offset, BIAS, rtol=0, atol=0.6)  # m
+    assert 0.002 < max(found.row[f"sigma_{axis}_m"] for axis in ("east", "north", "up")) < 0.03  # m
     assert found.table().num_rows == 1
+    kinds = found.points_table(ORIGIN).column("point_kind").to_pylist()
+    assert [kinds.count(kind) for kind in ("control", "held_out", "gps")] == [6, 6, 24]
+    assert 0.003 < found.row["check_residual_mean_m"] < 0.06  # m
 
 
 def test_a_blunder_among_control_points_is_left_out_and_named() -> None:
@@ -288,8 +265,10 @@ def test_control_points_of_another_block_are_refused() -> None:
 def test_too_few_control_points() -> None:
     scene = Scene(ring())
     two = scene.control(count=2)
-    found = scene.placed(None, control_points=two)
+    found = scene.placed(None, control_points=two, limit_m=60.0)
     assert found.control is ControlKind.GPS
+    with pytest.raises(GeoreferenceError, match=r"by gps, .* known to 50\.\d+ m up .* limit is 0\.5 m"):
+        scene.placed(None, control_points=two)
     assert "2 of 2 control points of gcp_list.txt can be used (3 are needed)" in found.row["remarks"]
     with pytest.raises(GeoreferenceError, match=r"2 of 2 control points .* 3 are needed"):
         scene.placed(ControlKind.GCP, control_points=two)
@@ -299,10 +278,15 @@ def test_too_few_control_points() -> None:
 
 def test_walls_alone_fix_the_plan_and_leave_the_height_to_gps() -> None:
     scene = Scene(ring())
-    found = scene.placed(ControlKind.MODEL, model=model())
+    found = scene.placed(ControlKind.MODEL, model=model(), limit_m=60.0)
     offset = scene.error_m(found).mean(axis=0)
     assert 1e-5 < np.linalg.norm(offset[:2]) < 0.03  # m; 1.5 m before
     assert 1.3 < offset[2] < 2.9  # m: the bias of 2.1 m is still there
+    # Two opposite walls of 3 cm each; heights that name no datum may be off by the geoid.
+    np.testing.assert_allclose(found.row["sigma_east_m"], 0.021, rtol=0, atol=0.01)  # m
+    np.testing.assert_allclose(found.row["sigma_up_m"], 50.0, rtol=0, atol=1.0)  # m
+    with pytest.raises(GeoreferenceError, match=r"by model, .* known to 50\.\d+ m up .* limit is 0\.5 m"):
+        scene.placed(ControlKind.MODEL, model=model())
     assert "held by GPS alone: height" in found.row["remarks"]
     assert abs(found.row["scale"] / 5.1 - 1) < 2e-3
     assert 0.003 < found.row["residual_rmse_m"] < 0.03  # m

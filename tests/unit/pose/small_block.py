@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.camera import Camera, PosedCamera
 from facadelake.frames import Array, Similarity
+from facadelake.pose.adjustment.evidence import MarkedPoints
 from facadelake.pose.adjustment.linearise import State
 from facadelake.pose.adjustment.model_terms import no_walls
 from facadelake.pose.adjustment.problem import (
@@ -24,6 +25,7 @@ from facadelake.pose.adjustment.problem import (
     WallTerms,
 )
 from facadelake.pose.adjustment.projection import LENS_TERMS, lens_of
+from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction
 
 CAMERA = Camera(width_px=4000, height_px=3000, fx_px=2900, fy_px=2900, cx_px=2000, cy_px=1500)
 # Four facades of a box of 10 x 8 x 8 m and the ground around it: outward normals, and n . x of each plane.
@@ -65,6 +67,48 @@ class SmallBlock:
         """Camera errors (n, 6) of a state: centre in site (m), attitude about the camera's own axes (rad)."""
         turn = Rotation.from_matrix(self.rotations.transpose(0, 2, 1) @ state.site_from_cam).as_rotvec()
         return np.hstack([state.centre_site_m - self.centres_m, turn])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hits:
+    """What a ray met: the face's number as element (0 south, 1 east, 2 north, 3 west, 4 ground), -1 for none."""
+
+    distance_m: Array
+    normal_site: Array
+    element: Rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxSurface:
+    """A box's walls, of half sides ``half_m`` about the site's origin and ``height_m`` high, and a flat ground around
+    it where there is one: cut by rays analytically."""
+
+    half_m: tuple[float, float] = (5.0, 4.0)
+    height_m: float = 8.0
+    ground: bool = True
+
+    def cast(self, origins_site_m: Array, directions_site: Array, /) -> Hits:
+        """First hits from outside."""
+        high = np.array([*self.half_m, self.height_m])
+        low = np.array([-self.half_m[0], -self.half_m[1], 0.0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            enter = np.where(directions_site > 0, low - origins_site_m, high - origins_site_m) / directions_site
+            leave = np.where(directions_site > 0, high - origins_site_m, low - origins_site_m) / directions_site
+            down = np.where(directions_site[:, 2] < 0, -origins_site_m[:, 2] / directions_site[:, 2], np.inf)
+        axis = np.argmax(enter, axis=1)
+        near = enter.max(axis=1)
+        near[(near > leave.min(axis=1)) | (near < 0)] = np.inf
+        into = directions_site[np.arange(len(axis)), axis] > 0
+        element = np.select([axis == 0, axis == 1], [np.where(into, 3, 1), np.where(into, 0, 2)], 5)
+        normal = np.eye(3)[axis] * np.where(into, -1.0, 1.0)[:, None]
+        if self.ground:
+            first = down < near
+            element[first], normal[first] = 4, [0.0, 0.0, 1.0]
+            near = np.minimum(near, down)
+        met = np.isfinite(near)
+        return Hits(
+            distance_m=near, normal_site=np.where(met[:, None], normal, np.nan), element=np.where(met, element, -1)
+        )
 
 
 def small_block(
@@ -119,6 +163,24 @@ def small_block(
     )
 
 
+def no_positions() -> PositionTerms:
+    """No GPS."""
+    none, empty = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+    return PositionTerms(photo=none, flight=none, xyz_site_m=empty, sigma_m=empty, offset_sigma_m=empty)
+
+
+def no_attitudes() -> AttitudeTerms:
+    """No gimbal."""
+    none = np.zeros(0, dtype=np.int64)
+    return AttitudeTerms(
+        photo=none,
+        flight=none,
+        site_from_cam=np.zeros((0, 3, 3)),
+        sigma_rad=np.zeros((0, 3)),
+        yaw_sigma_rad=np.zeros(0),
+    )
+
+
 def ties_problem(
     block: SmallBlock,
     rng: np.random.Generator,
@@ -154,17 +216,11 @@ def ties_problem(
             node=np.zeros(0, dtype=np.int64), xyz_m=np.zeros((0, 3)), information=np.zeros((0, 3, 3)), limit=np.zeros(0)
         ),
         walls=no_walls(),
-        positions=PositionTerms(
-            photo=np.zeros(0, dtype=np.int64), flight=np.zeros(0, dtype=np.int64), xyz_site_m=np.zeros((0, 3)),
-            sigma_m=np.zeros((0, 3)), offset_sigma_m=np.zeros((0, 3)),
-        ),
-        attitudes=AttitudeTerms(
-            photo=np.zeros(0, dtype=np.int64), flight=np.zeros(0, dtype=np.int64), site_from_cam=np.zeros((0, 3, 3)),
-            sigma_rad=np.zeros((0, 3)), yaw_sigma_rad=np.zeros(0),
-        ),
+        positions=no_positions(),
+        attitudes=no_attitudes(),
         lens_mean=lens_of(begin)[None],
         lens_sigma=sigma[None],
-    )  # fmt: skip
+    )
 
 
 def with_control(
@@ -235,3 +291,59 @@ def holding_lens(problem: Problem, *terms: str) -> Problem:
     """The problem with lens ``terms`` (all, where none is named) held at their mean."""
     held = np.isin(LENS_TERMS, terms) if terms else np.ones(len(LENS_TERMS), dtype=bool)
     return replace(problem, lens_sigma=np.where(held, 0.0, problem.lens_sigma))
+
+
+SITE_FROM_SFM = Similarity(
+    rotation=Rotation.from_euler("xyz", [100, -35, 60], degrees=True).as_matrix(),
+    translation=np.array([4.0, -2.0, 7.0]),
+    scale=5.1,
+)
+
+
+def reconstruction_of(
+    block: SmallBlock, rng: np.random.Generator, *, tie_px: float, lens: Camera | None = None, start_m: float = 0.02
+) -> Reconstruction:
+    """The block as structure from motion leaves it: tie points within ``tie_px``, places within ``start_m``, and the
+    camera that it took it for, ``lens`` (the truth, if none)."""
+    sfm_from_site = SITE_FROM_SFM.inverse()
+    moved = block.centres_m + rng.normal(0, start_m, block.centres_m.shape)
+    return Reconstruction(
+        photos=tuple(
+            LocalisedPhoto(
+                photo_id=f"p{k:02}.jpg",
+                camera=camera.camera if lens is None else lens,
+                sfm_from_cam=Similarity(
+                    rotation=sfm_from_site.rotation @ camera.site_from_cam.rotation,
+                    translation=sfm_from_site.apply(at),
+                ),
+                reprojection_error_px=tie_px,
+                tie_points=int((block.photo == k).sum()),
+            )
+            for k, (camera, at) in enumerate(zip(block.cameras, moved, strict=True))
+        ),
+        unlocalised=(),
+        xyz_sfm=sfm_from_site.apply(block.xyz_m + rng.normal(0, start_m, block.xyz_m.shape)),
+        rgb=np.zeros((len(block.xyz_m), 3), dtype=np.uint8),
+        track_photo=block.photo,
+        track_point=block.node,
+        track_xy_img=block.xy_img + rng.normal(0, tie_px, block.xy_img.shape),
+        mean_reprojection_error_px=tie_px,
+        costs=(),
+    )
+
+
+def marked_points(
+    block: SmallBlock, rng: np.random.Generator, *, points: Rows, survey_m: float, mark_px: float
+) -> MarkedPoints:
+    """Tie points surveyed within ``survey_m`` and marked anew within ``mark_px`` wherever they are seen."""
+    seen = np.flatnonzero(np.isin(block.node, points))
+    k = len(points)
+    return MarkedPoints(
+        names=tuple(f"G{number}" for number in range(k)),
+        xyz_site_m=block.xyz_m[points] + rng.normal(0, survey_m, (k, 3)),
+        sigma_m=np.full((k, 3), survey_m),
+        photo=block.photo[seen],
+        point=np.searchsorted(points, block.node[seen]),
+        xy_img=block.xy_img[seen] + rng.normal(0, mark_px, (len(seen), 2)),
+        sigma_px=mark_px,
+    )
