@@ -131,7 +131,9 @@ def _legend(figure: Figure, place: Place, scales: Scales) -> None:
 
 
 def _times(factor: float) -> str:
-    return "true size" if factor == 1 else f"{factor:g} times as large"
+    if factor == 1:
+        return "true size"
+    return f"{factor:g} times as large" if factor > 1 else f"{1 / factor:g} times smaller"
 
 
 def _scale_bars(axes: Axes, place: Place, scales: Scales, wide_m: float, row_m: float) -> None:

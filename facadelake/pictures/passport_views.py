@@ -64,7 +64,7 @@ def _columns(rows: Sequence[dict[str, Any]], name: str, words: Sequence[str]) ->
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """How many times larger than the plan ellipses and residuals are drawn."""
+    """How many times larger than the plan ellipses and residuals are drawn; metres are drawn smaller."""
 
     ellipses: float
     residuals: float
@@ -72,9 +72,9 @@ class Scales:
 
 def scales_for(place: Place, extent_m: float) -> Scales:
     """Round factors that draw a middling ellipse and residual at a few hundredths of the view."""
-    variance = np.trace(place.covariance_m2, axis1=1, axis2=2) / 3
-    stated = variance[np.isfinite(variance)]
-    sigma = float(np.sqrt(np.median(stated))) if len(stated) else np.nan
+    stated = place.covariance_m2[np.isfinite(place.covariance_m2).all(axis=(1, 2))]
+    # The middle axis: GPS knows heights ten times worse than the rest.
+    sigma = float(np.sqrt(np.median(np.linalg.eigvalsh(stated)[:, 1]))) if len(stated) else np.nan
     lengths = [np.linalg.norm(residual, axis=1) for _, _, residual in place.surveyed]
     residual = float(np.percentile(np.concatenate(lengths), 75)) if lengths else np.nan
     return Scales(
@@ -84,8 +84,8 @@ def scales_for(place: Place, extent_m: float) -> Scales:
 
 
 def _round_factor(room_m: float, length_m: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, ... by which ``length_m`` (NaN: none) stays within ``room_m``; at least 1."""
-    if not 0 < length_m < room_m:
+    """The largest of ..., 0.5, 1, 2, 5, 10, ... by which ``length_m`` stays within ``room_m``; 1 for no length."""
+    if not length_m > 0:
         return 1.0
     wanted = min(room_m / length_m, 1e6)
     power = 10.0 ** np.floor(np.log10(wanted))

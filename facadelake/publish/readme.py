@@ -54,8 +54,8 @@ A severity is a proposal by the rule named in severity_rule, not a person's judg
 def _known(place: Mapping[str, Any]) -> str:
     """How well the campaign's place is known: its own sigma, what held-out points say, and the earlier frame."""
     lines = [
-        f"method: {place['method']}; known to {place['sigma_east_m']:.3f} m east, {place['sigma_north_m']:.3f} m north, "
-        f"{place['sigma_up_m']:.3f} m up (one sigma)"
+        f"method: {place['method']}; known to {place['sigma_east_m']:.3f} m east, "
+        f"{place['sigma_north_m']:.3f} m north, {place['sigma_up_m']:.3f} m up (one sigma)"
     ]
     if place["check_points"]:
         lines.append(

