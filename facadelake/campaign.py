@@ -73,7 +73,7 @@ def campaign_row(photographs_uri: str, tables: Mapping[str, pa.Table]) -> dict[s
     return {
         "photographs_uri": photographs_uri,
         "photos_total": len(photos),
-        "photos_localised": pc.sum(pc.not_equal(poses["pose_source"], PoseSource.UNLOCALISED)).as_py() or 0,
+        "photos_localised": sum(PoseSource(source).measured for source in poses["pose_source"].to_pylist()),
         "detections_total": len(tables["detections"]),
         "defects_total": len(tables["defects"]),
         "captured_from": times["min"],

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.camera import Camera, PosedCamera
 from facadelake.frames import Similarity
+from schemas.vocabulary import PoseSource
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 
@@ -30,10 +31,14 @@ def pose_columns(posed: PosedCamera) -> dict[str, float]:
 
 
 def posed_cameras(poses: pa.Table) -> dict[str, PosedCamera]:
-    """The posed cameras of table ``poses`` by photo_id; photographs without a pose are left out."""
+    """The measured cameras of table ``poses`` by photo_id.
+
+    Photographs without a pose are left out, and those whose pose is but their own word (``prior``): what is seen in
+    them cannot be put on a wall.
+    """
     out = {}
     for row in poses.to_pylist():
-        if row["qw"] is not None:
+        if PoseSource(row["pose_source"]).measured:
             out[row["photo_id"]] = _posed(row)
     return out
 

@@ -54,6 +54,7 @@ class Georeference(StrEnum):
 
     AUTO = "auto"
     GCP = "gcp"
+    CAMPAIGN = "campaign"
     MODEL = "model"
     GPS = "gps"
 
@@ -71,8 +72,10 @@ def inspect(
     georeference: Annotated[
         Georeference,
         typer.Option(
-            help="Control: control points (gcp), the building model (model), GPS tags (gps); "
-            "auto takes control points where there are any, else GPS."
+            help="Control: control points (gcp), the frame of an earlier campaign (campaign), the building model's "
+            "faces and edges (model), GPS tags alone (gps: metres, and said so). auto takes the best there is: an "
+            "earlier campaign that is placed to centimetres, control points, the model, GPS; a campaign that cannot "
+            "be placed well enough is refused with what to bring."
         ),
     ] = Georeference.AUTO,
     detections: Annotated[

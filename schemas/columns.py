@@ -222,7 +222,7 @@ _ALL = [
     _real("check_residual_mean_m", "m", "mean distance of the held-out points from where they were surveyed", 0),
     _real("check_residual_max_m", "m", "largest of these distances", 0),
     _real("tie_sigma_px", "px", "one sigma of a tie point's coordinate in a photograph", 0),
-    _real("tie_inflation", "", "factor by which the tie points' variance was raised because their errors hang together", 1),
+    _real("tie_inflation", "", "factor by which the tie points' variance was raised: their errors hang together", 1),
     _real("model_residual_m", "m", "median distance of tie points from the model's surface that they were seen on", 0),
     _real("doming_m", "m", "sagitta of the block against the model: how far its middle bulges out of its rim"),
     _real("doming_sigma_m", "m", "one sigma of the sagitta", 0),

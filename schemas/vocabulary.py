@@ -45,12 +45,17 @@ class HeightDatum(StrEnum):
 
 
 class PoseSource(StrEnum):
-    """How a pose was found."""
+    """How a pose was found; ``prior``, the photograph's own word, is no measurement."""
 
     SFM = "sfm"
     RESECTED = "resected"
     PRIOR = "prior"
     UNLOCALISED = "unlocalised"
+
+    @property
+    def measured(self) -> bool:
+        """Whether what the photograph shows can be put on a wall."""
+        return self in (PoseSource.SFM, PoseSource.RESECTED)
 
 
 class ControlKind(StrEnum):

@@ -35,6 +35,7 @@ def draw(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Stag
             photos=tables["photos"],
             poses=tables["poses"],
             georeference=tables["georeference"],
+            georeference_points=tables["georeference_points"],
             detections=tables["detections"],
             observations=tables["observations"],
             defects=tables["defects"],

@@ -8,9 +8,11 @@ import numpy as np
 import pyarrow as pa
 import shapely
 
+from facadelake.camera import PosedCamera
 from facadelake.frames import Array
 from facadelake.geodesy import SiteOrigin
 from facadelake.pose.georeference import Georeferenced
+from facadelake.pose.prior_poses import prior_pose
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.posed import pose_columns
 from facadelake.tables import table_of_rows
@@ -24,11 +26,6 @@ def poses_table(
 
     Quaternions are site_from_cam with ``qw`` >= 0; the geometry is a WKB point in EPSG:4979.
     """
-    cameras = georeferenced.cameras
-    geo_of: dict[str, list[float]] = {}
-    if cameras:
-        geo = origin.geo_from_site(np.array([camera.centre_site_m for camera in cameras.values()]))
-        geo_of = dict(zip(cameras, geo.tolist(), strict=True))
     found = {photo.photo_id: photo for photo in reconstruction.photos}
     reason_of = {photo.photo_id: photo.reason for photo in reconstruction.unlocalised}
     rows: list[dict[str, Any]] = []
@@ -41,27 +38,37 @@ def poses_table(
             "image_width_px": row["image_width_px"],
             "image_height_px": row["image_height_px"],
         }
-        if photo_id not in cameras:
-            reason = reason_of.get(photo_id, "not part of the reconstruction")
-            rows.append(said | {"pose_source": PoseSource.UNLOCALISED, "reason": reason, "tie_points": 0})
-            continue
-        posed, photo = cameras[photo_id], found[photo_id]
-        lon, lat, height = geo_of[photo_id]
-        rows.append(
-            said
-            | {
+        if photo_id in found:
+            photo = found[photo_id]
+            said |= {
                 "pose_source": photo.source,
-                **pose_columns(posed),
-                "lon_deg": lon,
-                "lat_deg": lat,
-                "height_ellipsoidal_m": height,
                 "reprojection_error_px": photo.reprojection_error_px,
                 "tie_points": photo.tie_points,
-                **_covariance_columns(georeferenced.covariance[photo_id]),
-                "geometry": shapely.to_wkb(shapely.Point(lon, lat, height), output_dimension=3, flavor="iso"),
             }
-        )
+            placed = _placed_columns(georeferenced.cameras[photo_id], georeferenced.covariance[photo_id], origin)
+            rows.append(said | placed)
+            continue
+        said |= {"reason": reason_of.get(photo_id, "not part of the reconstruction"), "tie_points": 0}
+        prior = prior_pose(row, georeferenced, origin)
+        if prior is None:
+            rows.append(said | {"pose_source": PoseSource.UNLOCALISED})
+        else:
+            rows.append(
+                said | {"pose_source": PoseSource.PRIOR} | _placed_columns(prior.posed, prior.covariance, origin)
+            )
     return table_of_rows("poses", rows)
+
+
+def _placed_columns(posed: PosedCamera, covariance: Array, origin: SiteOrigin) -> dict[str, Any]:
+    lon, lat, height = origin.geo_from_site(posed.centre_site_m[None])[0].tolist()
+    return {
+        **pose_columns(posed),
+        "lon_deg": lon,
+        "lat_deg": lat,
+        "height_ellipsoidal_m": height,
+        **_covariance_columns(covariance),
+        "geometry": shapely.to_wkb(shapely.Point(lon, lat, height), output_dimension=3, flavor="iso"),
+    }
 
 
 def _covariance_columns(covariance: Array) -> dict[str, Any]:

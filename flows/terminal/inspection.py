@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.lake.read import read_table
-from schemas.vocabulary import ControlKind
+from schemas.vocabulary import ControlKind, PoseSource
 
 if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult
@@ -40,7 +40,7 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
         rows("checks"),
     )
     views = [view["ssim"] for view in rows("integrity_views") if view["ssim"] is not None]
-    localised = [pose for pose in poses if pose["qw"] is not None]
+    localised = [pose for pose in poses if PoseSource(pose["pose_source"]).measured]
     refused = [photo for photo in photos if photo["photo_outcome"] != "accepted"]
 
     table = RichTable(title=f"{result.building_id} {result.campaign_id}", show_header=False, title_justify="left")
@@ -48,7 +48,7 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     table.add_column(overflow="fold")
     table.add_row("photographs", f"{len(photos)} in, {len(localised)} localised, {len(refused)} rejected")
     _add_examples(table, "rejected", refused)
-    _add_examples(table, "not localised", [pose for pose in poses if pose["qw"] is None])
+    _add_examples(table, "not localised", [pose for pose in poses if not PoseSource(pose["pose_source"]).measured])
     table.add_row("alignment", escape("\n".join(alignment_lines(passport))))
     if passport["remarks"]:
         table.add_row("", escape(passport["remarks"]))

@@ -1,6 +1,6 @@
 -- table: poses
 -- grain: pose
--- meaning: a found pose has a centre, a unit quaternion, intrinsics and a point; one not found has none and says why
+-- meaning: a found pose has a centre, a unit quaternion, intrinsics and a point; one not found has none, or its prior, and says why
 SELECT photo_id, pose_source, qw, qx, qy, qz, x_site_m, lon_deg, fx_px, reason
 FROM poses
 WHERE CASE
@@ -11,5 +11,6 @@ WHERE CASE
         OR lon_deg IS NULL OR lat_deg IS NULL OR height_ellipsoidal_m IS NULL
         OR fx_px IS NULL OR fy_px IS NULL OR cx_px IS NULL OR cy_px IS NULL
         OR geometry IS NULL
+        OR (pose_source = 'prior' AND coalesce(reason, '') = '')
         OR coalesce(abs(qw ** 2 + qx ** 2 + qy ** 2 + qz ** 2 - 1) > 1e-6, true)
 END

@@ -345,6 +345,7 @@ def _described(problem: Problem, nodes: Nodes, ties: Ties, solution: Solution, f
     photos = len(state.centre_site_m)
     blocks = covariance[: layout.lens, : layout.lens].reshape(photos, 6, photos, 6)
     centres = blocks[:, :3, :, :3]
+    own = blocks[np.arange(photos), :, np.arange(photos), :]
     sigma = np.sqrt(np.diag(covariance))
     held = [
         f"{term} of camera {lens + 1}"
@@ -357,7 +358,7 @@ def _described(problem: Problem, nodes: Nodes, ties: Ties, solution: Solution, f
         solution=solution,
         nodes=nodes,
         ties=ties,
-        covariance=blocks[np.arange(photos), :, np.arange(photos), :],
+        covariance=(own + own.transpose(0, 2, 1)) / 2,
         uncertainty=uncertainty,
         gps_offset_m=state.gps_offset_m,
         gps_offset_sigma_m=sigma[layout.offset : layout.yaw].reshape(-1, 3),
