@@ -103,17 +103,18 @@ def groups_of(problem: Problem, state: State) -> list[Group]:
     """Every observation, written out by hand from the definitions in ``problem``."""
     seen, block = problem.sightings, problem.block
     xy = np.empty_like(seen.xy_img)
-    for k, photo in enumerate(seen.photo):
+    for photo in np.unique(seen.photo):
+        own = seen.photo == photo
         focal, aspect, cx, cy, *distortion = state.lens[block.camera_of_photo[photo]]
         cam_from_site = state.site_from_cam[photo].T
-        xy[k] = cv2.projectPoints(
-            (seen.offset_site_m[k] + state.node_m[seen.node[k]])[None],
+        xy[own] = cv2.projectPoints(
+            seen.offset_site_m[own] + state.node_m[seen.node[own]],
             cv2.Rodrigues(cam_from_site)[0],
             -cam_from_site @ state.centre_site_m[photo],
             np.array([[focal, 0, cx], [0, focal * aspect, cy], [0, 0, 1.0]]),
             np.array(distortion),
-        )[0].ravel()
-    pixels = np.array([w @ left for w, left in zip(seen.whitening, xy - seen.xy_img, strict=True)])
+        )[0].reshape(-1, 2)
+    pixels = np.einsum("kij,kj->ki", seen.whitening, xy - seen.xy_img)
     pixels[seen.tie] /= SIGMA_PX
     walls, priors, gps, gimbal = problem.walls, problem.node_priors, problem.positions, problem.attitudes
     off = np.array([state.wall_m[w] if w >= 0 else 0.0 for w in walls.wall])
