@@ -30,7 +30,7 @@ _WINDOW_SIGMAS = 3.0
 _LEVELS_M = (0.32, 0.16, 0.08)
 _FINEST_M = 0.04
 _SPACING_M = 0.10
-_COARSE_SPACING_M = 0.20
+_COARSE_SPACING = 1.25  # of the coarsest blur
 _SPARSE_M = 0.6
 _NODE_LEVELS = 7.5  # what is visible is asked anew after so many times the coarsest blur
 _MOST_PHOTOS = 30
@@ -119,16 +119,16 @@ def find_shift(
     """
     free = np.asarray(free, dtype=np.float64).reshape(-1, 3)
     reach = _WINDOW_SIGMAS * np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), len(free))
+    levels = _LEVELS_M[-1 - len(free) :]
     search = _Search(
         cameras=cameras,
         photographs=photographs,
-        rows=_spread(cameras),
-        samples=sample_edges(edges, _COARSE_SPACING_M),
+        rows=_spread(cameras, _MOST_PHOTOS // len(free)),
+        samples=sample_edges(edges, _COARSE_SPACING * levels[0]),
         surface=surface,
         free=free,
         features=int(edges.feature.max(initial=-1)) + 1,
     )
-    levels = _LEVELS_M[-1 - len(free) :]
     grid = _grid(reach, levels[0] / 2)
     shifts = grid.reshape(-1, len(free))
     _, node = np.unique(np.round(shifts / (_NODE_LEVELS * levels[0])), axis=0, return_inverse=True)
@@ -257,9 +257,9 @@ def _grid(reach_m: Array, step_m: float) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def _spread(cameras: Sequence[PosedCamera]) -> NDArray[np.int64]:
-    """Rows of at most ``_MOST_PHOTOS`` photographs, in even steps through the block."""
-    count = min(len(cameras), _MOST_PHOTOS)
+def _spread(cameras: Sequence[PosedCamera], most: int) -> NDArray[np.int64]:
+    """Rows of at most ``most`` photographs, in even steps through the block."""
+    count = min(len(cameras), most)
     return np.unique(np.linspace(0, len(cameras) - 1, count).round().astype(np.int64))
 
 
