@@ -14,6 +14,7 @@ from facadelake.errors import InputDataError, SchemaError
 from facadelake.evaluate.truth import Truth
 from facadelake.frames import Array
 from facadelake.geodesy import SiteOrigin
+from facadelake.posed import posed_cameras
 
 # Chi-square with 3 degrees of freedom: 95 % of normally distributed errors lie inside the ellipsoid of this size.
 CHI_SQUARE_95 = 7.815
@@ -43,11 +44,12 @@ def found_and_true(
             f"{folder / 'cameras.csv'}, column image: none of its {len(known.cameras)} photographs is in the campaign "
             f"({next(iter(known.cameras))} against {next(iter(photo_ids), 'none')}); give this campaign's truth"
         )
+    localised = posed_cameras(poses)
     columns = ["photo_id", "x_site_m", "y_site_m", "z_site_m", "covariance"]
     rows = [
         row
         for row in poses.select(columns).sort_by("photo_id").to_pylist()
-        if row["x_site_m"] is not None and row["photo_id"] in published
+        if row["photo_id"] in localised and row["photo_id"] in published
     ]
     true = origin.site_from_geo(np.array([published[row["photo_id"]] for row in rows]).reshape(-1, 3))
     found = np.array([[row[name] for name in columns[1:4]] for row in rows], dtype=np.float64).reshape(-1, 3)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from schemas.vocabulary import ControlKind
+from schemas.vocabulary import ControlKind, PoseSource
 
 Row = Mapping[str, Any]
 AXES = ("east", "north", "up")
@@ -234,7 +234,8 @@ def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
 
 
 def _camera_sigmas(poses: pa.Table) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """One sigma (n,) of the cameras' places along their worst axes of site."""
-    rows = poses.select([f"sigma_{axis}_m" for axis in AXES]).to_pylist()
-    known = [max(row.values()) for row in rows if None not in row.values()]
+    """One sigma (n,) of the localised cameras' places along their worst axes of site."""
+    names = [f"sigma_{axis}_m" for axis in AXES]
+    rows = [row for row in poses.select(["pose_source", *names]).to_pylist() if row["pose_source"] != PoseSource.PRIOR]
+    known = [max(row[name] for name in names) for row in rows if row[names[0]] is not None]
     return np.array(known, dtype=np.float64)

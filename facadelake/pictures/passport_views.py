@@ -44,7 +44,7 @@ class Place:
 
 def place_of(inspection: Inspection) -> Place:
     """What the passport of an inspection shows."""
-    rows = [row for row in inspection.poses.to_pylist() if row["x_site_m"] is not None]
+    rows = [row for row in inspection.poses.to_pylist() if row["photo_id"] in inspection.posed]
     unknown = [np.nan] * 36
     covariance = np.array([row["covariance"] or unknown for row in rows], dtype=np.float64).reshape(-1, 6, 6)
     points = inspection.georeference_points.to_pylist()
