@@ -83,7 +83,7 @@ def sight_edges(
     """Find the visible edges of the model in the photographs, up to ``reach_m`` beside where the cameras expect them.
 
     Photograph k of ``photographs`` was taken by ``cameras[k]``. Half way to a parallel edge of the model the reach
-    ends, so that neighbours are not confused.
+    ends, so that neighbours are not confused. Empty where no camera sees an edge.
     """
     samples = sample_edges(edges, _SPACING_M)
     found, seen_count = [], np.zeros(len(samples.edge), dtype=np.int64)
@@ -93,6 +93,16 @@ def sight_edges(
             continue
         seen_count[seen.row] += 1
         found.append(_candidates(k, posed, seen, samples, photographs, reach_m))
+    if not found:
+        nothing = np.zeros(0, dtype=np.int64)
+        return EdgeSightings(
+            photo=nothing,
+            feature=nothing,
+            xyz_site_m=np.zeros((0, 3)),
+            xy_img=np.zeros((0, 2)),
+            normal_img=np.zeros((0, 2)),
+            sigma_px=np.zeros(0),
+        )
     return _voted(_together(found), seen_count, samples, edges, reach_m)
 
 

@@ -7,7 +7,7 @@ look alike: the best must beat every other one feature by feature, else the sear
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -17,11 +17,12 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 
 from facadelake.camera import PosedCamera
 from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
+from facadelake.frames import Array
 from facadelake.geobim.edges import ModelEdges
 from facadelake.geobim.surface import Surface
-from facadelake.pose.edge_views import EdgeSamples, SeenSamples, sample_edges, seen_samples
-from facadelake.pose.gradients import Gradients, GreyPhotographs, gradients, reduction_for
+from facadelake.pose.edge_scores import EdgeScene, moved_camera, score_shifts
+from facadelake.pose.edge_views import sample_edges, seen_samples
+from facadelake.pose.gradients import GreyPhotographs
 
 _log = logging.getLogger(__name__)
 
@@ -34,12 +35,10 @@ _COARSE_SPACING = 1.25  # of the coarsest blur
 _SPARSE_M = 0.6
 _NODE_LEVELS = 7.5  # what is visible is asked anew after so many times the coarsest blur
 _MOST_PHOTOS = 30
-_LEAST_SAMPLES = 3  # of an edge in a photograph
 _LEAST_FEATURES = 6
 _RIVALS = 5
 _APART_M = 0.40  # two peaks closer than this are one answer, blurred by the building's relief
 _LEAST_GAP_SIGMAS = 2.0
-_BATCH = 64
 _CONSENSUS_M = 0.4
 _CONSENSUS_STEP_M = 0.02
 _PROFILE_M = 0.06  # frames and mouldings show lines beside the one that was modelled
@@ -67,41 +66,6 @@ class ShiftFound:
     features: int
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Search:
-    """What the scores are made of; ``rows`` are the photographs used."""
-
-    cameras: Sequence[PosedCamera]
-    photographs: GreyPhotographs
-    rows: NDArray[np.int64]
-    samples: EdgeSamples
-    surface: Surface
-    free: Array
-    features: int
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Scores:
-    """Evidence (shifts, features) and its weight; ``usual_weight`` is what a shift is expected to see."""
-
-    evidence: Array
-    weight: Array
-    usual_weight: float
-
-    @property
-    def mean(self) -> Array:
-        """Mean evidence (shifts, features), 0 to 1; 0 where nothing is seen."""
-        return np.divide(self.evidence, self.weight, out=np.zeros_like(self.evidence), where=self.weight > 0)
-
-    @property
-    def total(self) -> Array:
-        """Score of each shift: mean evidence of the features, each counted by the root of what is seen of it."""
-        root = np.sqrt(self.weight)
-        # A shift that leaves little in sight (cameras under the ground) is not to win by a few chance hits.
-        total: Array = (root * self.mean).sum(axis=1) / np.maximum(root.sum(axis=1), self.usual_weight)
-        return total
-
-
 def find_shift(
     cameras: Sequence[PosedCamera],
     photographs: GreyPhotographs,
@@ -120,7 +84,7 @@ def find_shift(
     free = np.asarray(free, dtype=np.float64).reshape(-1, 3)
     reach = _WINDOW_SIGMAS * np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), len(free))
     levels = _LEVELS_M[-1 - len(free) :]
-    search = _Search(
+    search = EdgeScene(
         cameras=cameras,
         photographs=photographs,
         rows=_spread(cameras, _MOST_PHOTOS // len(free)),
@@ -134,7 +98,7 @@ def find_shift(
     _, node = np.unique(np.round(shifts / (_NODE_LEVELS * levels[0])), axis=0, return_inverse=True)
     seen = _ever_seen(search, edges, shifts, node.ravel())
     search = replace(search, samples=search.samples.take(seen[search.samples.edge]))
-    scores = _scores(search, shifts, node.ravel(), levels[0])
+    scores = score_shifts(search, shifts, node.ravel(), levels[0])
     peaks = _peaks(scores.total.reshape(grid.shape[:-1]), grid, levels[0] / 2)
     dense = sample_edges(edges, _SPACING_M)
     search = replace(search, samples=dense.take(seen[dense.edge]))
@@ -157,6 +121,7 @@ def find_shift(
             f"{gap:.1f} standard errors (limit {_LEAST_GAP_SIGMAS}): storeys or windows repeat. Give one control point "
             "on the ground, or photographs with RTK, or that show the building's ends and its roof"
         )
+    _log.info("edges: best score %.3f, next %.3f, %.1f standard errors less", best.score, rival.score, gap)
     shift, sigma = _consensus(search, best.shift, tolerance_m)
     return ShiftFound(
         shift_site_m=shift @ free,
@@ -179,11 +144,11 @@ class _Peak:
     weight: Array
 
 
-def _refined(search: _Search, peaks: Array, coarser_m: float, finer_m: float) -> list[_Peak]:
+def _refined(search: EdgeScene, peaks: Array, coarser_m: float, finer_m: float) -> list[_Peak]:
     """The peaks moved to their best place at the finer level, best first; each sees what is visible there."""
     around = _grid(np.full(len(search.free), coarser_m), finer_m / 2).reshape(-1, len(search.free))
     shifts = (peaks[:, None, :] + around[None]).reshape(-1, len(search.free))
-    scores = _scores(search, shifts, np.repeat(np.arange(len(peaks)), len(around)), finer_m)
+    scores = score_shifts(search, shifts, np.repeat(np.arange(len(peaks)), len(around)), finer_m)
     shape = (len(peaks), len(around), search.features)
     total, mean = scores.total.reshape(shape[:2]), scores.mean.reshape(shape)
     root = np.sqrt(scores.weight).reshape(shape).mean(axis=1)
@@ -220,7 +185,7 @@ def _closest_rival(rivals: list[_Peak]) -> tuple[_Peak, float]:
     return closest, least
 
 
-def _consensus(search: _Search, start: Array, tolerance_m: float) -> tuple[Array, float]:
+def _consensus(search: EdgeScene, start: Array, tolerance_m: float) -> tuple[Array, float]:
     """The shift (j,) that most features agree on, and its standard error (m).
 
     Each feature has its own idea of the shift, with several candidates where profiles run side by side. The likeliest
@@ -229,7 +194,7 @@ def _consensus(search: _Search, start: Array, tolerance_m: float) -> tuple[Array
     """
     grid = _grid(np.full(len(search.free), _CONSENSUS_M), _CONSENSUS_STEP_M)
     shifts = start + grid.reshape(-1, len(search.free))
-    scores = _scores(search, shifts, np.zeros(len(shifts), dtype=np.int64), _FINEST_M)
+    scores = score_shifts(search, shifts, np.zeros(len(shifts), dtype=np.int64), _FINEST_M)
     seen = np.median(scores.weight, axis=0) > 0
     curve = scores.mean[:, seen].T ** 2 + _NO_EVIDENCE**2  # a feature that nothing shows says nothing
     curve /= curve.sum(axis=1, keepdims=True)
@@ -263,7 +228,7 @@ def _spread(cameras: Sequence[PosedCamera], most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, len(cameras) - 1, count).round().astype(np.int64))
 
 
-def _ever_seen(search: _Search, edges: ModelEdges, shifts: Array, node: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _ever_seen(search: EdgeScene, edges: ModelEdges, shifts: Array, node: NDArray[np.int64]) -> NDArray[np.bool_]:
     """The edges that a sparse look, from every node, finds visible: most of a building is inside."""
     sparse = sample_edges(edges, _SPARSE_M)
     seen = np.zeros(len(edges.feature), dtype=bool)
@@ -271,7 +236,7 @@ def _ever_seen(search: _Search, edges: ModelEdges, shifts: Array, node: NDArray[
         centre = shifts[node == k].mean(axis=0) @ search.free
         for row in search.rows:
             found = seen_samples(
-                sparse, _moved(search.cameras[row], centre), search.surface, border_px=0.0, free=search.free
+                sparse, moved_camera(search.cameras[row], centre), search.surface, border_px=0.0, free=search.free
             )
             seen[sparse.edge[found.row]] = True
     return seen
@@ -283,74 +248,3 @@ def _peaks(total: Array, grid: Array, step_m: float) -> Array:
     at = np.flatnonzero(highest)
     order = at[np.argsort(-total.ravel()[at])][:_RIVALS]
     return grid.reshape(-1, grid.shape[-1])[order]
-
-
-def _scores(search: _Search, shifts: Array, node: NDArray[np.int64], tolerance_m: float) -> _Scores:
-    """Evidence for ``shifts`` (s, j); what is visible is asked once for those of one ``node`` (s,)."""
-    evidence, weight = np.zeros((len(shifts), search.features)), np.zeros((len(shifts), search.features))
-    nodes = [np.flatnonzero(node == k) for k in range(node.max() + 1)]
-    for row in search.rows:
-        level: Gradients | None = None
-        for members in nodes:
-            centre = shifts[members].mean(axis=0)
-            posed = _moved(search.cameras[row], centre @ search.free)
-            seen = seen_samples(search.samples, posed, search.surface, border_px=4.0, free=search.free)
-            if len(seen.row) < _LEAST_SAMPLES:
-                continue
-            if level is None:
-                level = _level(search, int(row), float(np.median(seen.pixel_m)), tolerance_m)
-            for batch in _batches(members):
-                _add(search, posed, seen, level, shifts[batch] - centre, evidence, weight, batch)
-    usual = float(np.median(np.sqrt(weight).sum(axis=1)))
-    return _Scores(evidence=evidence, weight=weight, usual_weight=usual)
-
-
-def _batches(members: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-    for begin in range(0, len(members), _BATCH):
-        yield members[begin : begin + _BATCH]
-
-
-def _level(search: _Search, row: int, pixel_m: float, tolerance_m: float) -> Gradients:
-    """Gradients blurred by half of ``tolerance_m`` on the building."""
-    sigma = tolerance_m / 2 / pixel_m
-    reduction = reduction_for(sigma, search.cameras[row].camera)
-    return gradients(search.photographs.grey(row, reduction), reduction=reduction, sigma_px=max(sigma / reduction, 0.7))
-
-
-def _add(
-    search: _Search,
-    posed: PosedCamera,
-    seen: SeenSamples,
-    level: Gradients,
-    shifts: Array,
-    evidence: Array,
-    weight: Array,
-    rows: NDArray[np.int64],
-) -> None:
-    """Add one photograph's evidence for ``shifts`` (b, j), from where ``posed`` stands, to their ``rows``.
-
-    Along one edge in one photograph the contrast has one sign, which texture has not: the mean comes before the square.
-    """
-    xyz = search.samples.xyz_site_m[seen.row]
-    moved = (xyz[None] - (shifts @ search.free)[:, None, :]).reshape(-1, 3)
-    xy = posed.project_site(moved).reshape(len(shifts), -1, 2)
-    inside = posed.camera.contains(xy.reshape(-1, 2)).reshape(xy.shape[:2])
-    across = level.across(np.nan_to_num(xy, nan=-1e4), np.broadcast_to(seen.normal_img, xy.shape))
-    edge = search.samples.edge[seen.row]  # in rising order, as the samples are
-    first = np.flatnonzero(np.r_[True, edge[1:] != edge[:-1]])
-    count = np.add.reduceat(inside, first, axis=1, dtype=np.float64)
-    total = np.add.reduceat(across * inside, first, axis=1, dtype=np.float64)
-    count[count < _LEAST_SAMPLES] = 0.0
-    mean = np.divide(total, count, out=np.zeros_like(total), where=count > 0)
-    feature = search.samples.feature[seen.row[first]]
-    for k, row in enumerate(rows):
-        evidence[row] += np.bincount(feature, count[k] * mean[k] ** 2, search.features)
-        weight[row] += np.bincount(feature, count[k], search.features)
-
-
-def _moved(posed: PosedCamera, shift_site_m: Array) -> PosedCamera:
-    site_from_cam = posed.site_from_cam
-    return PosedCamera(
-        camera=posed.camera,
-        site_from_cam=Similarity(rotation=site_from_cam.rotation, translation=site_from_cam.translation + shift_site_m),
-    )

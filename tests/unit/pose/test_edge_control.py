@@ -194,6 +194,15 @@ def test_photographs_of_something_else_are_refused(house: _Scene) -> None:
         find_shift(house.cameras, noise, house.edges, house.surface, _UP, np.array([0.8]))
 
 
+def test_a_model_without_edges_in_sight_is_refused_and_sights_nothing(house: _Scene) -> None:
+    away = [_camera(7.0, -12.0, 4.0, yaw_deg=180.0)]
+    with pytest.raises(
+        GeoreferenceError, match=r"0 edges of the building model are seen by 1 photographs, 6 are needed"
+    ):
+        find_shift(away, house.photographs, house.edges, house.surface, _UP, np.array([0.5]))
+    assert len(sight_edges(away, house.photographs, house.edges, house.surface, reach_m=0.2).photo) == 0
+
+
 def _residual_px(sightings: EdgeSightings, cameras: Sequence[PosedCamera], moved_m: Array) -> Array:
     residual = np.full(len(sightings.photo), np.nan)
     for k, posed in enumerate(cameras):
