@@ -41,6 +41,7 @@ def draw(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Stag
             defects=tables["defects"],
             integrity_views=tables["integrity_views"],
             checks=read_table("checks", checks.folder),
+            placement_sigma_max_m=job.building.tolerances.placement_sigma_max_m,
         )
         write_report(inspection, Surface(building), folder / PICTURES, PictureSettings())
         return {"pictures": len(list(folder.rglob("*.png"))) + len(list(folder.rglob("*.jpg")))}

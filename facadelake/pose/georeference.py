@@ -22,7 +22,7 @@ from facadelake.pose.adjustment.adjust import Adjusted, adjust, held_out_residua
 from facadelake.pose.adjustment.evidence import Evidence
 from facadelake.pose.control_points import ControlPoints
 from facadelake.pose.gps import GpsPriors, check_against_gps, gps_priors
-from facadelake.pose.gps_terms import attitude_terms, position_terms
+from facadelake.pose.gps_terms import anchored_terms, attitude_terms, position_terms
 from facadelake.pose.model_control import ModelControl
 from facadelake.pose.passport import PassportPoint, model_fit, points_table, require_good
 from facadelake.pose.placement import LEAST_CONTROL_POINTS, marks_of
@@ -187,10 +187,11 @@ def _placed(
     _refuse_far_away(start.site_from_sfm.apply(reconstruction.centres_sfm), kind, place.origin)
     if kind is not ControlKind.GPS:
         _check_against_gps(start, reconstruction, priors)
+    xyz_start = start.site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
     evidence = Evidence(
-        positions=position_terms(
-            priors, start.gps_used, start.site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
-        ),
+        positions=position_terms(priors, start.gps_used, xyz_start)
+        if start.datum_sigma_m is None
+        else anchored_terms(priors, start.gps_used, xyz_start, start.datum_sigma_m),
         attitudes=attitude_terms(priors),
         marked=start.marked,
         known=start.known,
@@ -291,9 +292,11 @@ def _described(
         if np.isfinite(fit.doming_m):
             row |= {"doming_m": fit.doming_m, "doming_sigma_m": fit.doming_sigma_m}
     if start.shift is not None:
-        row |= {"shift_score": start.shift.score, "competing_score": start.shift.competing_score}
-    if start.model is not None:
-        row["edge_features"] = adjusted.nodes.count - adjusted.nodes.edges
+        row |= {
+            "shift_score": start.shift.score,
+            "competing_score": start.shift.competing_score,
+            "edge_features": start.shift.features,
+        }
     row["remarks"] = "; ".join(remarks)
     return Georeferenced(
         control=start.kind,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array, Similarity
+from facadelake.frames import Array
 from facadelake.pose.adjustment.problem import AttitudeTerms, PositionTerms
 from facadelake.pose.gps import ATTITUDE_SIGMA_DEG, DATUM_SIGMA_M, GpsPriors
 
@@ -42,6 +42,29 @@ def position_terms(priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Arra
     )
 
 
+def anchored_terms(
+    priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Array, datum_sigma_m: Array
+) -> PositionTerms:
+    """The ``used`` priors for a block that something better than GPS has placed: their common offset to the start is
+    taken out, and the block's datum is held at the start within ``datum_sigma_m`` (3,)."""
+    own = position_terms(priors, used, xyz_start_m)
+    offset = np.array(
+        [
+            np.median((priors.xyz_site_m - xyz_start_m)[used & (priors.flight == flight)], axis=0)
+            if (used & (priors.flight == flight)).any()
+            else np.zeros(3)
+            for flight in range(len(own.offset_sigma_m))
+        ]
+    )
+    return PositionTerms(
+        photo=own.photo,
+        flight=own.flight,
+        xyz_site_m=own.xyz_site_m - offset[own.flight],
+        sigma_m=own.sigma_m,
+        offset_sigma_m=np.broadcast_to(datum_sigma_m, own.offset_sigma_m.shape).copy(),
+    )
+
+
 def attitude_terms(priors: GpsPriors) -> AttitudeTerms:
     """The gimbal's attitudes, where the photographs have one; compass yaw has an error common to a flight."""
     known = np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
@@ -57,11 +80,3 @@ def attitude_terms(priors: GpsPriors) -> AttitudeTerms:
         sigma_rad=np.radians(np.column_stack([tilt, tilt, noise])[known]),
         yaw_sigma_rad=np.full(flights, np.radians(ATTITUDE_SIGMA_DEG)),
     )
-
-
-def mean_offset(priors: GpsPriors, site_from_sfm: Similarity, centres_sfm: Array) -> Array:
-    """Median (3,) of GPS prior minus camera centre."""
-    if not len(priors.photo):
-        return np.full(3, np.nan)
-    left: Array = np.median(priors.xyz_site_m - site_from_sfm.apply(centres_sfm[priors.photo]), axis=0)
-    return left

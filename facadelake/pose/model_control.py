@@ -16,6 +16,7 @@ from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.pose.adjustment.model_terms import SurfaceLike
 from facadelake.pose.edge_matching import EdgeSightings, sight_edges
+from facadelake.pose.edge_refinement import refine_shift
 from facadelake.pose.edge_search import ShiftFound, find_shift
 from facadelake.pose.gps import GpsPriors, align_to_gps
 from facadelake.pose.gradients import GreyFiles
@@ -24,6 +25,10 @@ from facadelake.pose.reconstruction import Reconstruction
 
 # Heights without a datum may be off by the geoid; the search begins at plausible heights and goes this far around.
 _SEARCH_SIGMA_M = 5.0
+# Openings, sills and cornices are built farther off the model than walls are.
+_EDGE_SIGMA_RATIO = 2.0
+# What a similarity to walls leaves of the datum, for the adjustment to better.
+_WALLS_SIGMA_M = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,14 +78,15 @@ def model_control(building: BuildingModel, photographs: Sequence[Path], sigma_m:
 class ModelPlacement:
     """A start by the model: walls first, then edges along what walls leave open.
 
-    ``shift`` is None where the walls observed everything, or no photographs could be looked at; ``held_by_gps`` (j, 3)
-    are directions that nothing but GPS holds.
+    ``shift`` is None where the walls observed everything, or no photographs could be looked at.
+    ``datum_sigma_m`` (3,): how well walls and edges together place the block, the edges by how they agree with one
+    another; None where a direction is left to GPS.
     """
 
     site_from_sfm: Similarity
     walls: ModelAlignment
     shift: ShiftFound | None
-    held_by_gps: Array
+    datum_sigma_m: Array | None
     remarks: tuple[str, ...]
 
 
@@ -125,23 +131,25 @@ def _placed_from(
 ) -> ModelPlacement:
     walls = align_to_model(start, reconstruction, priors, model.surface)
     free = np.array([shift.direction for shift in walls.shifts if not shift.observed]).reshape(-1, 3)
-    if not len(free):
+    if not len(free) or model.edges is None:
         return ModelPlacement(
-            site_from_sfm=walls.site_from_sfm, walls=walls, shift=None, held_by_gps=free, remarks=walls.remarks
-        )
-    if model.edges is None:
-        return ModelPlacement(
-            site_from_sfm=walls.site_from_sfm, walls=walls, shift=None, held_by_gps=free, remarks=walls.remarks
+            site_from_sfm=walls.site_from_sfm,
+            walls=walls,
+            shift=None,
+            datum_sigma_m=None if len(free) else np.full(3, _WALLS_SIGMA_M),
+            remarks=walls.remarks,
         )
     sigma_m = np.linalg.norm(np.minimum(priors.common_sigma_m, _SEARCH_SIGMA_M) * free, axis=1)
-    shift = model.edges.find_shift(cameras_of(reconstruction, walls.site_from_sfm), free, sigma_m)
+    cameras = cameras_of(reconstruction, walls.site_from_sfm)
+    shift = model.edges.find_shift(cameras, free, sigma_m)
+    shift_m = refine_shift(cameras, model.edges.sight, free, shift.shift_site_m, _EDGE_SIGMA_RATIO * model.sigma_m)
     moved = Similarity(
         rotation=walls.site_from_sfm.rotation,
-        translation=walls.site_from_sfm.translation + shift.shift_site_m,
+        translation=walls.site_from_sfm.translation + shift_m,
         scale=walls.site_from_sfm.scale,
     )
     by_edges = ", ".join(
-        f"{observed.words} (moved by {float(observed.direction @ shift.shift_site_m):+.2f} m)"
+        f"{observed.words} (moved by {float(observed.direction @ shift_m):+.2f} m)"
         for observed in walls.shifts
         if not observed.observed
     )
@@ -152,8 +160,8 @@ def _placed_from(
         site_from_sfm=moved,
         walls=walls,
         shift=shift,
-        held_by_gps=np.zeros((0, 3)),
         remarks=(walls.remarks[0], remark),
+        datum_sigma_m=np.hypot(_WALLS_SIGMA_M, shift.sigma_m * np.sqrt((free**2).sum(axis=0))),
     )
 
 

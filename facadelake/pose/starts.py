@@ -38,7 +38,8 @@ class Start:
     """A start, ``site_from_sfm``, and the evidence to adjust it to.
 
     ``gps_used`` (n,): which priors agree. ``frame_covariance_m2`` (3, 3): what the control itself has in common as an
-    error (an earlier campaign's frame). ``residual_m`` gives what is left (k,) at the control after adjustment.
+    error (an earlier campaign's frame). ``datum_sigma_m`` (3,): within what the start itself holds the block's
+    datum, in GPS's stead (None: it does not). ``residual_m`` gives what is left (k,) at the control after adjustment.
     """
 
     kind: ControlKind
@@ -53,6 +54,7 @@ class Start:
     known: KnownPoints | None = None
     model: ModelEvidence | None = None
     shift: ShiftFound | None = None
+    datum_sigma_m: Array | None = None
     reference_campaign: str | None = None
     frame_covariance_m2: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
@@ -183,12 +185,9 @@ def _by_model(reconstruction: Reconstruction, priors: GpsPriors, control: Contro
         points_total=placed.walls.points_offered,
         residual_m=_wall_residuals,
         remarks=placed.remarks,
-        model=ModelEvidence(
-            surface=model.surface,
-            sigma_m=model.sigma_m,
-            sight_edges=model.edges.sight if model.edges is not None else None,
-        ),
+        model=ModelEvidence(surface=model.surface, sigma_m=model.sigma_m),
         shift=placed.shift,
+        datum_sigma_m=placed.datum_sigma_m,
     )
 
 

@@ -264,7 +264,7 @@ def test_a_model_holds_a_block_against_the_bias_of_its_gps() -> None:
             bias_sigma_m=3.0,
         ).positions
         off = replace(SITE_FROM_SFM, translation=SITE_FROM_SFM.translation + rng.normal(0, 0.1, 3))
-        model = ModelEvidence(surface=BoxSurface(), sigma_m=0.02, sight_edges=None)
+        model = ModelEvidence(surface=BoxSurface(), sigma_m=0.02)
         evidence = Evidence(positions=positions, attitudes=no_attitudes(), model=model)
         adjusted = adjust(reconstruction_of(block, rng, tie_px=TIE_PX), off, evidence)
         assert len(adjusted.problem.walls.wall_sigma_m) == 5

@@ -10,36 +10,32 @@ from numpy.typing import NDArray
 
 from facadelake.camera import PosedCamera
 from facadelake.frames import Array, Similarity
-from facadelake.pose.adjustment.evidence import EdgeSightingsLike, Evidence, MarkedPoints, lens_beforehand
-from facadelake.pose.adjustment.linearise import PRIOR_LIMIT, Layout, State, sighting_residuals, start_of
+from facadelake.pose.adjustment.evidence import Evidence, MarkedPoints, ModelEvidence, lens_beforehand
+from facadelake.pose.adjustment.linearise import PRIOR_LIMIT, Layout, State, cauchy, sighting_residuals, start_of
 from facadelake.pose.adjustment.model_terms import no_walls, walls_of
 from facadelake.pose.adjustment.problem import Block, NodePriors, Problem, Sightings
 from facadelake.pose.adjustment.projection import LENS_TERMS, camera_of
-from facadelake.pose.adjustment.solve import Solution, covariance_of, solve
+from facadelake.pose.adjustment.solve import SETTLED_M, Solution, covariance_of, solve
 from facadelake.pose.adjustment.ties import Ties, block_of, choose_ties, inflation_of
 from facadelake.pose.adjustment.uncertainty import Uncertainty, residual_when_left_out, uncertainty_of
 from facadelake.pose.reconstruction import Reconstruction
 
 logger = logging.getLogger(__name__)
 
-# Gate and reach close in from what a start by walls and edges leaves to the relief of a facade.
-_MODEL_ROUNDS = ((0.5, 0.4), (0.3, 0.25), (0.2, 0.15), (0.2, 0.15))
+# The gate closes in from what a start by the model leaves to the relief of a facade; an early round need not settle,
+# for its correspondences are looked for anew.
+_MODEL_ROUNDS = ((0.5, 5e-3), (0.3, 1e-3), (0.2, SETTLED_M))
 _SIGNIFICANT = 2.0
-# Surfaces change between campaigns; and an edge of the model may be met by its neighbour (a frame's other side), which
-# then pulls like a large deviation: such a feature must lose its say early.
-KNOWN_POINT_LIMIT = 2.5
-FEATURE_LIMIT = 1.5
-_INDEPENDENT_ON_AN_EDGE = 4.0
+KNOWN_POINT_LIMIT = 2.5  # surfaces change between campaigns: a point that moved loses its say early
 _LEAST_LEFT = 3  # control points that must remain when one is left out
 _OPTIONAL_TERMS = ("aspect", "k2", "p1", "p2")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nodes:
-    """Where each kind of node begins: tie points from 0, then ``marked`` points, then ``edges`` (model features)."""
+    """Where each kind of node begins: tie points from 0, then ``marked`` points up to ``count``."""
 
     marked: int
-    edges: int
     count: int
 
 
@@ -86,7 +82,7 @@ class Adjusted:
     @property
     def marked_site_m(self) -> Array:
         """The marked points (p, 3) as adjusted."""
-        return self.solution.state.node_m[self.nodes.marked : self.nodes.edges]
+        return self.solution.state.node_m[self.nodes.marked :]
 
 
 def posed(block: Block, state: State) -> tuple[PosedCamera, ...]:
@@ -103,7 +99,7 @@ def posed(block: Block, state: State) -> tuple[PosedCamera, ...]:
 def adjust(reconstruction: Reconstruction, site_from_sfm: Similarity, evidence: Evidence) -> Adjusted:
     """Adjust the block from ``site_from_sfm`` on.
 
-    Where there is a model, its faces and edges are looked for anew after each of four rounds. Lens terms that the
+    Where there is a model, its faces are looked for anew in each of three rounds. Lens terms that the
     photographs do not show to differ from nought are then held there, and the block is adjusted once more.
     Raises GeoreferenceError where the evidence leaves the block open.
     """
@@ -114,9 +110,10 @@ def adjust(reconstruction: Reconstruction, site_from_sfm: Similarity, evidence: 
     else:
         # GPS alone would draw the block away from the model before the model is heard.
         state = start_of(problem)
-        for gate_m, reach_m in _MODEL_ROUNDS:
-            problem, nodes, state = _with_model(problem, nodes, ties, state, evidence, gate_m, reach_m)
-            solution = solve(problem, state)
+        for gate_m, settled_m in _MODEL_ROUNDS:
+            problem = _with_walls(problem, ties, state, evidence.model, gate_m)
+            state = replace(state, wall_m=np.zeros(len(problem.walls.wall_sigma_m)))
+            solution = solve(problem, state, settled_m=settled_m)
             state = solution.state
     free = _worth_freeing(problem, solution)
     if not free.all():
@@ -139,10 +136,11 @@ def held_out_residuals(adjusted: Adjusted, marked: MarkedPoints) -> dict[int, Ar
     held = np.flatnonzero(np.isfinite(marked.sigma_m).all(axis=1))
     if len(held) <= _LEAST_LEFT:
         return {}
+    left, variance = marked.xyz_site_m[held] - adjusted.marked_site_m[held], marked.sigma_m[held] ** 2
+    # A point that is off has lost its say in the fit, so there is less of it to leave out.
+    _, weight = cauchy((left**2 / variance).sum(axis=1), PRIOR_LIMIT)
     residual = residual_when_left_out(
-        marked.xyz_site_m[held] - adjusted.marked_site_m[held],
-        adjusted.uncertainty.node_covariance(adjusted.nodes.marked + held),
-        marked.sigma_m[held] ** 2,
+        left, adjusted.uncertainty.node_covariance(adjusted.nodes.marked + held), variance / weight[:, None]
     )
     return {int(row): left for row, left in zip(held, residual, strict=True)}
 
@@ -180,7 +178,7 @@ def _problem(
         lens_mean=mean,
         lens_sigma=sigma,
     )
-    return problem, Nodes(marked=count, edges=count + points, count=count + points)
+    return problem, Nodes(marked=count, count=count + points)
 
 
 def _known_points(evidence: Evidence, ties: Ties) -> NodePriors:
@@ -228,76 +226,11 @@ def _surveyed(marked: MarkedPoints, first_node: int) -> NodePriors:
     )
 
 
-def _edge_sightings(seen: EdgeSightingsLike, first_node: int) -> tuple[Sightings, int]:
-    feature, node = np.unique(seen.feature, return_inverse=True)
-    # Samples along one edge in one photograph err together (a shadow, a chamfer): many count as few.
-    _, piece, size = np.unique(
-        np.column_stack([seen.photo, seen.feature]), axis=0, return_inverse=True, return_counts=True
-    )
-    crowding = np.sqrt(np.maximum(size[piece.ravel()] / _INDEPENDENT_ON_AN_EDGE, 1.0))
-    whitening = np.zeros((len(node), 2, 2))
-    whitening[:, 0] = seen.normal_img / (seen.sigma_px * crowding)[:, None]
-    sightings = Sightings(
-        photo=seen.photo,
-        node=first_node + node.ravel(),
-        offset_site_m=seen.xyz_site_m,
-        xy_img=seen.xy_img,
-        whitening=whitening,
-        tie=np.zeros(len(node), dtype=bool),
-    )
-    return sightings, len(feature)
-
-
-def _no_sightings() -> Sightings:
-    none = np.zeros(0, dtype=np.int64)
-    return Sightings(
-        photo=none,
-        node=none,
-        offset_site_m=np.zeros((0, 3)),
-        xy_img=np.zeros((0, 2)),
-        whitening=np.zeros((0, 2, 2)),
-        tie=np.zeros(0, dtype=bool),
-    )
-
-
-def _with_model(
-    problem: Problem, nodes: Nodes, ties: Ties, state: State, evidence: Evidence, gate_m: float, reach_m: float
-) -> tuple[Problem, Nodes, State]:
-    """The problem with the model's faces and edges as they are met from ``state``; older ones are dropped."""
-    model = evidence.model
-    assert model is not None
+def _with_walls(problem: Problem, ties: Ties, state: State, model: ModelEvidence, gate_m: float) -> Problem:
+    """The problem with the model's faces as they are met from ``state``; older ones are dropped."""
     walls = walls_of(ties, state, model.surface, gate_m=gate_m, model_sigma_m=model.sigma_m)
-    features, edges = 0, _no_sightings()
-    if model.sight_edges is not None:
-        edges, features = _edge_sightings(model.sight_edges(posed(problem.block, state), reach_m), nodes.edges)
-    logger.debug("%d tie points on walls, %d edge samples of %d features", len(walls.node), len(edges.photo), features)
-    seen = problem.sightings
-    before = seen.node < nodes.edges
-    kept = Sightings(
-        photo=seen.photo[before],
-        node=seen.node[before],
-        offset_site_m=seen.offset_site_m[before],
-        xy_img=seen.xy_img[before],
-        whitening=seen.whitening[before],
-        tie=seen.tie[before],
-    )
-    own = problem.node_priors.take(problem.node_priors.node < nodes.edges)
-    deviations = NodePriors(
-        node=nodes.edges + np.arange(features),
-        xyz_m=np.zeros((features, 3)),
-        information=np.broadcast_to(np.eye(3) / model.sigma_m**2, (features, 3, 3)).copy(),
-        limit=np.full(features, FEATURE_LIMIT),
-    )
-    xyz = np.vstack([state.node_m[: nodes.edges], np.zeros((features, 3))])
-    changed = replace(
-        problem,
-        node_xyz_m=xyz,
-        sightings=_joined(kept, edges),
-        node_priors=_joined_priors(own, deviations),
-        walls=walls,
-    )
-    start = replace(state, node_m=xyz, wall_m=np.zeros(len(walls.wall_sigma_m)))
-    return changed, Nodes(marked=nodes.marked, edges=nodes.edges, count=nodes.edges + features), start
+    logger.debug("%d tie points on %d walls", len(walls.node), len(walls.wall_sigma_m))
+    return replace(problem, walls=walls)
 
 
 def _joined(first: Sightings, second: Sightings) -> Sightings:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera, PosedCamera
+from facadelake.camera import Camera
 from facadelake.frames import Array
 from facadelake.pose.adjustment.model_terms import SurfaceLike
 from facadelake.pose.adjustment.problem import AttitudeTerms, PositionTerms, Rows
@@ -17,28 +16,6 @@ from facadelake.pose.adjustment.problem import AttitudeTerms, PositionTerms, Row
 # What is known of a lens before it is adjusted (LENS_TERMS' order); focal length and principal point are relative to
 # the focal length and the image's width. Sensors' pixels are square to a fraction of a percent.
 LENS_SIGMA = (0.05, 0.005, 0.02, 0.02, 0.3, 0.3, 0.02, 0.02)
-
-
-class EdgeSightingsLike(Protocol):
-    """Where photographs show the model's edges; ``facadelake.pose.edge_matching.EdgeSightings`` is one."""
-
-    @property
-    def photo(self) -> Rows: ...
-
-    @property
-    def feature(self) -> Rows: ...
-
-    @property
-    def xyz_site_m(self) -> Array: ...
-
-    @property
-    def xy_img(self) -> Array: ...
-
-    @property
-    def normal_img(self) -> Array: ...
-
-    @property
-    def sigma_px(self) -> Array: ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,12 +44,10 @@ class KnownPoints:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelEvidence:
-    """The building's model: its surface, how far the building may stand off it (one sigma), and where photographs, as
-    posed at the moment, show its edges within a reach in metres (None: no photographs to look at)."""
+    """The building's model: its surface, and how far the building may stand off it (one sigma)."""
 
     surface: SurfaceLike
     sigma_m: float
-    sight_edges: Callable[[Sequence[PosedCamera], float], EdgeSightingsLike] | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

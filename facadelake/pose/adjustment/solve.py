@@ -18,7 +18,7 @@ from facadelake.pose.adjustment.reduced import Reduced, cost_of, reduce
 logger = logging.getLogger(__name__)
 
 _MOST_STEPS = 40
-_SETTLED_M = 2e-4  # no camera moves more: far below any camera's sigma
+SETTLED_M = 2e-4  # no camera moves more: far below any camera's sigma
 _HALVINGS = 6
 # Half of normal residuals in two dimensions lie within this many sigmas (Rayleigh's median).
 _RAYLEIGH_MEDIAN = 1.1774
@@ -52,8 +52,8 @@ def tie_sigma_of(problem: Problem, state: State) -> float:
     return max(float(np.median(error)) / _RAYLEIGH_MEDIAN, _LEAST_SIGMA_PX)
 
 
-def solve(problem: Problem, start: State | None = None) -> Solution:
-    """Adjust from ``start`` (or the problem's own).
+def solve(problem: Problem, start: State | None = None, *, settled_m: float = SETTLED_M) -> Solution:
+    """Adjust from ``start`` (or the problem's own) until no camera moves by more than ``settled_m``.
 
     Raises GeoreferenceError where the observations leave an unknown open (the matrix is singular).
     """
@@ -62,11 +62,11 @@ def solve(problem: Problem, start: State | None = None) -> Solution:
     for count in range(1, _MOST_STEPS + 1):
         system = reduce(problem, state, sigma)
         step = solved_step(problem, system)
-        state, length_m = _taken(problem, state, system, step, sigma)
+        state, length_m, lowered = _taken(problem, state, system, step, sigma)
         sigma = tie_sigma_of(problem, state)
         logger.debug("step %d: cost %.1f, tie sigma %.3f px, largest move %.5f m", count, system.cost, sigma, length_m)
-        if length_m < _SETTLED_M:
-            return Solution(state=state, tie_sigma_px=sigma, steps=count, settled=True)
+        if length_m < settled_m:
+            return Solution(state=state, tie_sigma_px=sigma, steps=count, settled=lowered)
     return Solution(state=state, tie_sigma_px=sigma, steps=_MOST_STEPS, settled=False)
 
 
@@ -102,8 +102,9 @@ def solved_step(problem: Problem, system: Reduced) -> Array:
     return step
 
 
-def _taken(problem: Problem, state: State, system: Reduced, step: Array, sigma: float) -> tuple[State, float]:
-    """The state after the step, halved until the cost no longer rises, and the farthest that a camera moved (m)."""
+def _taken(problem: Problem, state: State, system: Reduced, step: Array, sigma: float) -> tuple[State, float, bool]:
+    """The state after the step, halved until the cost no longer rises, the farthest that a camera moved (m), and
+    whether any such step was found (one too short to matter counts: the state is as good as it gets)."""
     nodes = system.node_step(step)
     share = 1.0
     for _ in range(_HALVINGS):
@@ -113,9 +114,9 @@ def _taken(problem: Problem, state: State, system: Reduced, step: Array, sigma: 
             break
         share /= 2
     else:
-        return state, 0.0
+        return state, 0.0, float(np.abs(step).max()) < SETTLED_M
     photos = step[: Layout.of(problem).lens].reshape(-1, 6)[:, :3]
-    return after, float(share * np.abs(photos).max())
+    return after, float(share * np.abs(photos).max()), True
 
 
 def covariance_of(problem: Problem, solution: Solution, tie_inflation: float) -> tuple[Reduced, Array]:
