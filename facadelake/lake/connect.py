@@ -68,9 +68,10 @@ def bare_connection(*extensions: str) -> duckdb.DuckDBPyConnection:
             "temp_directory": str(temporary),
         }
     )
+    connection.execute("SET enable_progress_bar = false")  # first: on a busy machine even LOAD draws one
     for name in extensions:
         connection.execute(f"LOAD {quoted(extension_file(name))}")
-    connection.execute("SET TimeZone = 'UTC'; SET enable_progress_bar = false")
+    connection.execute("SET TimeZone = 'UTC'")
     return connection
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from facadelake.errors import GeoreferenceError, InputDataError
 from facadelake.pose.control_points import ControlPoint, ControlPoints, read_control_points
-from facadelake.pose.georeference import Georeferenced, georeference
+from facadelake.pose.georeference import Control, Georeferenced, Place, georeference
 from schemas.vocabulary import ControlKind, PositionSource
 from tests.synthetic.test_georeference import ORIGIN, Scene, ring
 
@@ -63,16 +63,18 @@ def misnamed(point: ControlPoint) -> ControlPoint:
     return replace(point, sightings=tuple(replace(s, photo_name=f"DJI_{s.photo_name}") for s in point.sightings))
 
 
-def placed(control: ControlKind | None, points: ControlPoints | None, photos: pa.Table | None = None) -> Georeferenced:
+def placed(
+    control: ControlKind | None,
+    points: ControlPoints | None,
+    photos: pa.Table | None = None,
+    *,
+    limit_m: float = 60.0,  # GPS heights of an unknown datum are known to 50 m
+) -> Georeferenced:
     return georeference(
         SCENE.reconstruction(),
         SCENE.photos() if photos is None else photos,
-        origin=ORIGIN,
-        map_crs="EPSG:25832",
-        vertical_datum="ellipsoidal",
-        control=control,
-        control_points=points,
-        surface=None,
+        place=Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
+        control=Control(kind=control, points=points, placement_sigma_max_m=limit_m),
     )
 
 
@@ -107,7 +109,7 @@ def test_control_points_of_other_photographs(tmp_path: Path) -> None:
     by_itself = placed(None, points)  # where nobody insists on them, GPS carries the block, and it is said why
     assert by_itself.control == "gps"
     assert by_itself.row["remarks"].startswith(
-        "chosen by itself: 0 of 6 control points of gcp_list.txt can be used (3 are needed); "
+        "chosen by itself: gps; 0 of 6 control points of gcp_list.txt can be used (3 are needed); "
     )
 
 

@@ -33,7 +33,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> SmallPortfolio:
     flight = first.flight.model_copy(update={"close": []})
     campaign = first.model_copy(update={"id": CAMPAIGN, "flight": flight})
     defects = [d.model_copy(update={"states": d.states[:1]}) for d in recipe.defects]
-    recipe = recipe.model_copy(update={"campaigns": [campaign], "defects": defects, "texel_m": 0.008})
+    recipe = recipe.model_copy(update={"campaigns": [campaign], "defects": defects, "texel_m": 0.012})
     root = tmp_path_factory.mktemp("small")
     files = generate_demo(recipe, root / "building")
     folder = files.campaigns[0].folder

@@ -16,7 +16,7 @@ from facadelake.frames import similarity_between
 from facadelake.geodesy import SiteOrigin
 from facadelake.photo.ingest import ingest_photographs
 from facadelake.pose.control_points import read_control_points
-from facadelake.pose.georeference import Georeferenced, georeference
+from facadelake.pose.georeference import Control, Georeferenced, Place, georeference
 from facadelake.pose.poses import poses_table
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import Reconstruction, read_reconstruction
@@ -65,12 +65,8 @@ def placed(block: Block, shared_data: Path, control: ControlKind) -> Georeferenc
     return georeference(
         block.reconstruction,
         block.photos,
-        origin=ORIGIN,
-        map_crs="EPSG:25832",
-        vertical_datum="ellipsoidal",
-        control=control,
-        control_points=read_control_points(shared_data / "castle" / "gcp_list.txt"),
-        surface=None,
+        place=Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
+        control=Control(kind=control, points=read_control_points(shared_data / "castle" / "gcp_list.txt")),
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.demo import generate
 from facadelake.demo.generate import DemoFiles, generate_demo
 from facadelake.demo.recipe import DemoRecipe, load_recipe
 
@@ -31,7 +32,7 @@ def small_recipe(recipe: DemoRecipe) -> DemoRecipe:
         update={
             "campaigns": [before, after],
             "defects": defects,
-            "texel_m": 0.01,
+            "texel_m": 0.016,
             "trees": [],
             "neighbours": [],
             "off_target_defects": [],
@@ -41,4 +42,6 @@ def small_recipe(recipe: DemoRecipe) -> DemoRecipe:
 
 @pytest.fixture(scope="session")
 def small_demo(small_recipe: DemoRecipe, tmp_path_factory: pytest.TempPathFactory) -> DemoFiles:
-    return generate_demo(small_recipe, tmp_path_factory.mktemp("demo") / "out")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(generate, "RENDER_PROCESSES", 1)  # for seven photographs a second one only loads the scene again
+        return generate_demo(small_recipe, tmp_path_factory.mktemp("demo") / "out")

@@ -20,9 +20,9 @@ from schemas.tables import TABLES
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, INPUTS, commit, in_process, lake_tables
 
 
+@pytest.mark.usefixtures("first")
 def test_every_table_comes_back_as_it_went_in(tmp_path: Path) -> None:
     tables = lake_tables()
-    commit(tmp_path)
     found = read_tables(tmp_path, list(TABLES))
     for name, table in tables.items():
         back = found[name]
@@ -36,8 +36,7 @@ def test_every_table_comes_back_as_it_went_in(tmp_path: Path) -> None:
                 assert back[column].equals(table[column]), f"{name}.{column}"
 
 
-def test_same_run_again_writes_nothing_and_names_the_version_it_has(tmp_path: Path) -> None:
-    first = commit(tmp_path)
+def test_same_run_again_writes_nothing_and_names_the_version_it_has(tmp_path: Path, first: Committed) -> None:
     other = commit(tmp_path, campaign_id="2026-10")
     again = commit(tmp_path, run_id="run-2")
     assert first.changed
@@ -46,8 +45,9 @@ def test_same_run_again_writes_nothing_and_names_the_version_it_has(tmp_path: Pa
     assert read_table(tmp_path, "runs", campaign_id=CAMPAIGN)["run_id"].to_pylist() == ["run-1"]
 
 
-def test_changed_inputs_replace_the_campaign_and_the_old_version_stays_readable(tmp_path: Path) -> None:
-    first = commit(tmp_path, defects=3)
+def test_changed_inputs_replace_the_campaign_and_the_old_version_stays_readable(
+    tmp_path: Path, first: Committed
+) -> None:
     commit(tmp_path, campaign_id="2026-10", defects=1)
     second = commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=5)
     assert second.version > first.version
@@ -63,8 +63,9 @@ def test_changed_inputs_replace_the_campaign_and_the_old_version_stays_readable(
     assert listed[-1]["version"] == second.version
 
 
-def test_failure_half_way_leaves_the_version_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = commit(tmp_path)
+def test_failure_half_way_leaves_the_version_before(
+    tmp_path: Path, first: Committed, monkeypatch: pytest.MonkeyPatch
+) -> None:
     insert = commit_module.insert
 
     def failing(connection, kind, table):
@@ -85,8 +86,9 @@ def test_failure_half_way_leaves_the_version_before(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize("stop_at", ["poses", "checks"])
-def test_killed_commit_leaves_the_version_before_and_blocks_nobody(tmp_path: Path, stop_at: str) -> None:
-    first = commit(tmp_path)
+def test_killed_commit_leaves_the_version_before_and_blocks_nobody(
+    tmp_path: Path, first: Committed, stop_at: str
+) -> None:
     code = f"""
         import time
         insert = commit_module.insert
@@ -110,9 +112,9 @@ def test_killed_commit_leaves_the_version_before_and_blocks_nobody(tmp_path: Pat
     assert len(read_table(tmp_path, "defects")) == 9
 
 
+@pytest.mark.usefixtures("first")
 def test_kill_inside_the_catalogs_own_write_is_undone_on_reading(tmp_path: Path) -> None:
     """SQLite leaves a hot journal when its writer dies between pages; a read-only opening must cope with it."""
-    commit(tmp_path)
     code = f"""
         import os, sqlite3
         catalog = sqlite3.connect({str(tmp_path / "catalog.sqlite")!r}, isolation_level=None)
@@ -128,8 +130,8 @@ def test_kill_inside_the_catalogs_own_write_is_undone_on_reading(tmp_path: Path)
     assert len(read_table(tmp_path, "defects")) == 3
 
 
+@pytest.mark.usefixtures("first")
 def test_two_committers_and_a_reader_at_once(tmp_path: Path) -> None:
-    commit(tmp_path)
     code = """
         for k in range(2):
             done = commit(Path({lake!r}), campaign_id="c{n}", run_id=f"run-{n}-{{k}}", inputs=f"{{k}}" * 64)
@@ -141,6 +143,7 @@ def test_two_committers_and_a_reader_at_once(tmp_path: Path) -> None:
     ]
     while any(child.poll() is None for child in children):
         assert len(read_table(tmp_path, "defects", campaign_id=CAMPAIGN)) == 3
+        time.sleep(0.3)  # s
     for child in children:
         assert child.returncode == 0, child.communicate()[1]
     assert versions(tmp_path)["campaign_id"].to_pylist().count("c0") == 2

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from facadelake.errors import SchemaError, StoreError
+from facadelake.lake.commit import Committed
 from facadelake.lake.connect import bare_connection, locked, writing
 from facadelake.lake.migrate import migrate, migrations, schema_version
 from facadelake.lake.read import read_table, versions
@@ -35,9 +36,10 @@ def test_needs_no_network_and_nothing_in_the_home_folder(tmp_path: Path) -> None
     assert not (home / ".duckdb").exists()
 
 
-def test_lake_may_be_moved_and_then_written(tmp_path: Path) -> None:
+def test_lake_may_be_moved_and_then_written(tmp_path: Path, template: tuple[Path, Committed]) -> None:
     old, new = tmp_path / "old", tmp_path / "it's new"
-    first = commit(old)
+    folder, first = template
+    shutil.copytree(folder, old)
     old.rename(new)
     assert len(read_table(new, "defects")) == 3
     commit(new, run_id="run-2", inputs="j" * 64, defects=4)
@@ -51,8 +53,8 @@ def test_folder_without_a_lake(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("first")
 def test_unknown_version_and_table(tmp_path: Path) -> None:
-    commit(tmp_path)
     with pytest.raises(StoreError, match=r"at version 99 failed: .*version 99; list its versions"):
         read_table(tmp_path, "defects", as_of=99)
     with pytest.raises(SchemaError, match="there is no table defetcs; the tables are buildings, "):

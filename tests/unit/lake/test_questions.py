@@ -140,8 +140,8 @@ def test_mistakes_are_named(lake: Path) -> None:
         query(lake, "SELECT 1", as_of=99)
 
 
+@pytest.mark.usefixtures("first")
 def test_data_file_gone_is_the_stores_error(tmp_path: Path) -> None:
-    commit(tmp_path)
     for file in (tmp_path / "tables" / "main" / "defects").iterdir():
         file.unlink()
     with pytest.raises(StoreError, match="check that its files are whole"):
