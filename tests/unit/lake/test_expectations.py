@@ -1,8 +1,8 @@
 """The checks before a commit: quiet and quick on a good campaign, and each finds what it is there for."""
 
+import pickle
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -12,10 +12,10 @@ from facadelake.errors import SchemaError
 from facadelake.lake import expectations as module
 from facadelake.lake.expectations import CHECKED, checks_sha256, failure_text, failures, validate
 from facadelake.lake.sqlfiles import statements
-from facadelake.tables import read_table, stage_schema
+from facadelake.tables import stage_schema
 from schemas.expectations import expectations
 from schemas.tables import RUN_KEYS, TABLES
-from tests.unit.lake.small_campaign import REPOSITORY, rows, stage_tables
+from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_tables
 
 
 def loose(name: str, made: list[dict[str, Any]]) -> pa.Table:
@@ -23,18 +23,37 @@ def loose(name: str, made: list[dict[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist(made, schema=stage_schema(name))
 
 
-def test_results_of_a_good_campaign_are_silent_and_a_row_per_expectation_of_every_table(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def checked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pa.Table]:
+    """What a process says of a good campaign and of one with bad values; Great Expectations is imported once."""
+    folder = tmp_path_factory.mktemp("checked")
+    bad = rows()
+    bad["photos"][0]["prior_lat_deg"] = 91.0
+    bad["photos"][1]["photo_outcome"] = "splendid"
+    bad["defects"][1]["defect_id"] = bad["defects"][0]["defect_id"]
+    del bad["georeference"][0]["control"]
+    bad["campaigns"] *= 2
+    bad["elements"] = []
+    tables = {"good": lake_tables(defects=200), "bad": {name: loose(name, bad[name]) for name in CHECKED}}
+    (folder / "tables").write_bytes(pickle.dumps(tables))
     code = (
-        f"import sys; sys.path.insert(0, {str(REPOSITORY)!r})\n"
-        "from pathlib import Path\n"
-        "from tests.unit.lake.small_campaign import lake_tables\n"
+        "import pathlib, pickle, sys\n"
         "from facadelake.lake.expectations import validate\n"
-        "from facadelake.tables import write_table\n"
-        f"write_table('checks', validate(lake_tables(defects=200)), Path({str(tmp_path)!r}))\n"
+        "tables, checks = map(pathlib.Path, sys.argv[1:])\n"
+        "found = {name: validate(given) for name, given in pickle.loads(tables.read_bytes()).items()}\n"
+        "checks.write_bytes(pickle.dumps(found))\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", code, str(folder / "tables"), str(folder / "checks")]
+    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    checks = read_table("checks", tmp_path)
+    found: dict[str, pa.Table] = pickle.loads((folder / "checks").read_bytes())
+    return found
+
+
+def test_results_of_a_good_campaign_are_silent_and_a_row_per_expectation_of_every_table(
+    checked: dict[str, pa.Table],
+) -> None:
+    checks = checked["good"]
     assert set(checks["table_name"].to_pylist()) == set(CHECKED)
     keys = checks.select([name for name in TABLES["checks"].key if name not in RUN_KEYS]).to_pylist()
     assert len({tuple(key.values()) for key in keys}) == len(keys) > 200
@@ -42,15 +61,8 @@ def test_results_of_a_good_campaign_are_silent_and_a_row_per_expectation_of_ever
     assert all(checks["passed"].to_pylist()), failure_text(checks)
 
 
-def test_bad_values_of_one_table_are_rows_that_failed() -> None:
-    made = rows()
-    made["photos"][0]["prior_lat_deg"] = 91.0
-    made["photos"][1]["photo_outcome"] = "splendid"
-    made["defects"][1]["defect_id"] = made["defects"][0]["defect_id"]
-    del made["georeference"][0]["control"]
-    made["campaigns"] *= 2
-    made["elements"] = []
-    checks = validate({name: loose(name, made[name]) for name in CHECKED})
+def test_bad_values_of_one_table_are_rows_that_failed(checked: dict[str, pa.Table]) -> None:
+    checks = checked["bad"]
     found = {
         (r["table_name"], r["column_name"], r["expectation"]): r["unexpected"] for r in failures(checks).to_pylist()
     }
