@@ -71,13 +71,13 @@ def _solved(cameras: Sequence[PosedCamera], seen: EdgeSightings, free: Array, fe
     _, piece, size = np.unique(
         np.column_stack([seen.photo, seen.feature]), axis=0, return_inverse=True, return_counts=True
     )
-    sigma = seen.sigma_px * np.sqrt(np.maximum(size[piece.ravel()] / _INDEPENDENT_ON_AN_EDGE, 1.0))
+    share = np.minimum(_INDEPENDENT_ON_AN_EDGE / size[piece.ravel()], 1.0)
     rows = [np.flatnonzero(feature == number) for number in range(int(feature.max()) + 1)]
     step: Array = np.zeros(len(free))
     deviation: Array = np.zeros((len(rows), 3))
     for _ in range(_STEPS):
         left = residual + by_shift @ step + np.einsum("ki,ki->k", by_point, deviation[feature])
-        weight = cauchy((left / sigma) ** 2, _SIGHTING_LIMIT)[1] / sigma**2
+        weight = cauchy((left / seen.sigma_px) ** 2, _SIGHTING_LIMIT)[1] * share / seen.sigma_px**2
         trust = cauchy((deviation**2).sum(axis=1) / feature_sigma_m**2, _FEATURE_LIMIT)[1] / feature_sigma_m**2
         matrix, gradient = np.zeros((len(free), len(free))), np.zeros(len(free))
         solved = []

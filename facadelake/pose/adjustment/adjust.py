@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 
 # The gate closes in from what a start by the model leaves to the relief of a facade; an early round need not settle,
 # for its correspondences are looked for anew.
-_MODEL_ROUNDS = ((0.5, 5e-3), (0.3, 1e-3), (0.2, SETTLED_M))
+_MODEL_ROUNDS = ((0.3, 2e-3), (0.2, 1e-3), (0.2, SETTLED_M))
 _SIGNIFICANT = 2.0
 KNOWN_POINT_LIMIT = 2.5  # surfaces change between campaigns: a point that moved loses its say early
 _LEAST_LEFT = 3  # control points that must remain when one is left out

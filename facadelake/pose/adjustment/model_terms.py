@@ -15,7 +15,6 @@ from facadelake.pose.adjustment.ties import Ties
 _FACING_COSINE = 0.25  # rays more grazing than 75 degrees tell little of the plane they meet
 _LEAST_ON_WALL = 30  # walls with fewer points have no deviation of their own
 _LEAST_SEEN = 3
-_RELIEF_M = 1.0
 
 
 class HitsLike(Protocol):
@@ -74,19 +73,12 @@ def walls_of(ties: Ties, state: State, surface: SurfaceLike, *, gate_m: float, m
     good = met & (facing > _FACING_COSINE) & (np.abs(away) < gate_m)
     node, normal, foot = node[good], normal[good], foot[good]
     wall, count = _walls(hits.element[good], normal)
-    # Relief hangs together over about a metre: the points of a cell count as one.
-    _, cell, crowd = np.unique(
-        np.column_stack([np.floor(foot / _RELIEF_M).astype(np.int64), wall]),
-        axis=0,
-        return_inverse=True,
-        return_counts=True,
-    )
     return WallTerms(
         node=node,
         normal_site=normal,
         distance_m=np.einsum("ij,ij->i", normal, foot),
         wall=wall,
-        sigma_m=model_sigma_m * np.sqrt(crowd[cell.ravel()].astype(np.float64)),
+        sigma_m=np.full(len(node), model_sigma_m),
         wall_sigma_m=np.full(count, model_sigma_m),
     )
 
