@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+# Threads of OpenBLAS wait for each other in a loop: with matrices as small as the tests' that doubles the time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 REPORTED = (
     "numpy", "pandas", "pyarrow", "duckdb", "duckdb-extension-ducklake", "prefect", "pycolmap", "open3d", "pyrender",
