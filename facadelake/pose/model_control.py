@@ -15,8 +15,6 @@ from facadelake.geobim.edges import ModelEdges, model_edges
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.pose.adjustment.model_terms import SurfaceLike
-from facadelake.pose.edge_matching import EdgeSightings, sight_edges
-from facadelake.pose.edge_refinement import refine_shift
 from facadelake.pose.edge_search import ShiftFound, find_shift
 from facadelake.pose.gps import GpsPriors, align_to_gps
 from facadelake.pose.gradients import GreyFiles
@@ -25,8 +23,6 @@ from facadelake.pose.reconstruction import Reconstruction
 
 # Heights without a datum may be off by the geoid; the search begins at plausible heights and goes this far around.
 _SEARCH_SIGMA_M = 5.0
-# Openings, sills and cornices are built farther off the model than walls are.
-_EDGE_SIGMA_RATIO = 2.0
 # What a similarity to walls leaves of the datum, for the adjustment to better.
 _WALLS_SIGMA_M = 0.05
 
@@ -42,10 +38,6 @@ class ModelEdgesInPhotographs:
     def find_shift(self, cameras: Sequence[PosedCamera], free: Array, sigma_m: Array) -> ShiftFound:
         """Where along ``free`` (j, 3) the edges meet the photographs; see ``edge_search.find_shift``."""
         return find_shift(cameras, self.photographs, self.edges, self.surface, free, sigma_m)
-
-    def sight(self, cameras: Sequence[PosedCamera], reach_m: float) -> EdgeSightings:
-        """The edges as the photographs show them within ``reach_m`` of where ``cameras`` have them."""
-        return sight_edges(cameras, self.photographs, self.edges, self.surface, reach_m=reach_m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,16 +132,14 @@ def _placed_from(
             remarks=walls.remarks,
         )
     sigma_m = np.linalg.norm(np.minimum(priors.common_sigma_m, _SEARCH_SIGMA_M) * free, axis=1)
-    cameras = cameras_of(reconstruction, walls.site_from_sfm)
-    shift = model.edges.find_shift(cameras, free, sigma_m)
-    shift_m = refine_shift(cameras, model.edges.sight, free, shift.shift_site_m, _EDGE_SIGMA_RATIO * model.sigma_m)
+    shift = model.edges.find_shift(cameras_of(reconstruction, walls.site_from_sfm), free, sigma_m)
     moved = Similarity(
         rotation=walls.site_from_sfm.rotation,
-        translation=walls.site_from_sfm.translation + shift_m,
+        translation=walls.site_from_sfm.translation + shift.shift_site_m,
         scale=walls.site_from_sfm.scale,
     )
     by_edges = ", ".join(
-        f"{observed.words} (moved by {float(observed.direction @ shift_m):+.2f} m)"
+        f"{observed.words} (moved by {float(observed.direction @ shift.shift_site_m):+.2f} m)"
         for observed in walls.shifts
         if not observed.observed
     )
