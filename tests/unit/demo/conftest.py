@@ -32,7 +32,7 @@ def small_recipe(recipe: DemoRecipe) -> DemoRecipe:
         update={
             "campaigns": [before, after],
             "defects": defects,
-            "texel_m": 0.016,
+            "texel_m": 0.01,
             "trees": [],
             "neighbours": [],
             "off_target_defects": [],
