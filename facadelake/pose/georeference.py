@@ -23,6 +23,7 @@ from facadelake.pose.adjustment.evidence import Evidence
 from facadelake.pose.control_points import ControlPoints
 from facadelake.pose.gps import GpsPriors, check_against_gps, gps_priors
 from facadelake.pose.gps_terms import anchored_terms, attitude_terms, position_terms
+from facadelake.pose.lean import lean_covariance
 from facadelake.pose.model_control import ModelControl
 from facadelake.pose.passport import PassportPoint, model_fit, points_table, require_good
 from facadelake.pose.placement import LEAST_CONTROL_POINTS, marks_of
@@ -254,6 +255,8 @@ def _described(
     ids = [photo.photo_id for photo in reconstruction.photos]
     covariance = adjusted.covariance.copy()
     covariance[:, :3, :3] += start.frame_covariance_m2
+    if start.model is not None:
+        covariance += lean_covariance(adjusted, start.model.sigma_m)
     left_m = start.residual_m(adjusted)
     row: dict[str, Any] = {
         "control": start.kind,
