@@ -18,14 +18,22 @@ from facadelake.camera import PosedCamera
 from facadelake.errors import GeoreferenceError
 from facadelake.frames import Array, Similarity, similarity_between
 from facadelake.geodesy import SiteOrigin
-from facadelake.pose.adjustment.adjust import Adjusted, adjust, held_out_residuals
+from facadelake.pose.adjustment.adjust import Adjusted, adjust
 from facadelake.pose.adjustment.evidence import Evidence
 from facadelake.pose.control_points import ControlPoints
 from facadelake.pose.gps import GpsPriors, check_against_gps, gps_priors
 from facadelake.pose.gps_terms import anchored_terms, attitude_terms, position_terms
 from facadelake.pose.lean import lean_covariance
 from facadelake.pose.model_control import ModelControl
-from facadelake.pose.passport import PassportPoint, model_fit, points_table, require_good
+from facadelake.pose.passport import (
+    PassportPoint,
+    control_points,
+    gps_points,
+    model_fit,
+    points_table,
+    require_good,
+    require_one_frame,
+)
 from facadelake.pose.placement import LEAST_CONTROL_POINTS, marks_of
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.reference import ReferencePoints, reference_of
@@ -37,8 +45,6 @@ logger = logging.getLogger(__name__)
 
 # An earlier campaign placed no worse than this goes before control points.
 _FINE_FRAME_M = 0.03
-# How far control points may lie (median) from a block placed by an earlier campaign, in its own sigmas and at least.
-_FRAME_SIGMAS, _LEAST_FRAME_M = 3.0, 0.05
 # No photograph of a building is taken from farther; swapped axes and wrong zones are off by hundreds of kilometres.
 _FARTHEST_M = 10_000.0
 _REMEDY = (
@@ -237,12 +243,12 @@ def _described(
 ) -> Georeferenced:
     frame = adjusted.datum_covariance_m2 + start.frame_covariance_m2
     sigma_m = np.sqrt(np.diag(frame))
-    points = [*_control_points(start, adjusted), *_gps_points(reconstruction, priors, adjusted, start)]
+    points = [*control_points(start, adjusted), *gps_points(reconstruction, priors, adjusted, start)]
     held_out_m = np.array(
         [np.linalg.norm(p.residual_site_m) for p in points if p.kind in (PointKind.HELD_OUT, PointKind.CHECK)]
     )
     if start.kind is ControlKind.CAMPAIGN and len(held_out_m):
-        _require_one_frame(held_out_m, float(sigma_m.max()), start.words)
+        require_one_frame(held_out_m, float(sigma_m.max()), start.words)
     excused = control.kind is ControlKind.GPS
     require_good(
         control=start.kind,
@@ -314,16 +320,6 @@ def _described(
     )
 
 
-def _require_one_frame(held_out_m: Array, sigma_m: float, words: str) -> None:
-    """Control points must lie where a block that was placed by an earlier campaign has them."""
-    limit_m = max(_FRAME_SIGMAS * sigma_m, _LEAST_FRAME_M)
-    if float(np.median(held_out_m)) > limit_m:
-        raise GeoreferenceError(
-            f"placed by {words}, control points lie {np.median(held_out_m):.2f} m off (median, limit {limit_m:.2f} m): "
-            "the two campaigns' control does not agree; check both files of control points"
-        )
-
-
 def _lens_remarks(adjusted: Adjusted) -> list[str]:
     remarks = []
     if adjusted.held_terms:
@@ -336,49 +332,3 @@ def _lens_remarks(adjusted: Adjusted) -> list[str]:
     if not adjusted.solution.settled:
         remarks.append(f"the adjustment had not settled after {adjusted.solution.steps} steps")
     return remarks
-
-
-def _control_points(start: Start, adjusted: Adjusted) -> list[PassportPoint]:
-    """Control points as fitted, the same left out in turn, and check points."""
-    marked = start.marked
-    if marked is None:
-        return []
-    points = [
-        PassportPoint(
-            name=name,
-            kind=PointKind.CONTROL if np.isfinite(sigma).all() else PointKind.CHECK,
-            xyz_site_m=given,
-            residual_site_m=given - found,
-            used=bool(np.isfinite(sigma).all()),
-        )
-        for name, given, found, sigma in zip(
-            marked.names, marked.xyz_site_m, adjusted.marked_site_m, marked.sigma_m, strict=True
-        )
-    ]
-    for row, residual in held_out_residuals(adjusted, marked).items():
-        points.append(
-            PassportPoint(
-                name=marked.names[row],
-                kind=PointKind.HELD_OUT,
-                xyz_site_m=marked.xyz_site_m[row],
-                residual_site_m=residual,
-                used=False,
-            )
-        )
-    return points
-
-
-def _gps_points(
-    reconstruction: Reconstruction, priors: GpsPriors, adjusted: Adjusted, start: Start
-) -> list[PassportPoint]:
-    cameras = adjusted.cameras
-    return [
-        PassportPoint(
-            name=reconstruction.photos[photo].photo_id,
-            kind=PointKind.GPS,
-            xyz_site_m=xyz,
-            residual_site_m=xyz - cameras[photo].centre_site_m,
-            used=bool(used),
-        )
-        for photo, xyz, used in zip(priors.photo, priors.xyz_site_m, start.gps_used, strict=True)
-    ]

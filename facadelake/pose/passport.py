@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,13 +13,20 @@ import shapely
 from facadelake.errors import GeoreferenceError
 from facadelake.frames import Array
 from facadelake.geodesy import SiteOrigin
-from facadelake.pose.adjustment.adjust import Adjusted
+from facadelake.pose.adjustment.adjust import Adjusted, held_out_residuals
 from facadelake.pose.adjustment.model_terms import SurfaceLike, walls_of
+from facadelake.pose.gps import GpsPriors
+from facadelake.pose.reconstruction import Reconstruction
 from facadelake.tables import table_of_rows
 from schemas.vocabulary import ControlKind, PointKind
 
+if TYPE_CHECKING:
+    from facadelake.pose.starts import Start
+
 _MODEL_GATE_M = 0.5
 _LEAST_FOR_DOMING = 200
+# How far control points may lie (median) from a block placed by an earlier campaign, in its own sigmas and at least.
+_FRAME_SIGMAS, _LEAST_FRAME_M = 3.0, 0.05
 _AXES = ("east", "north", "up")
 
 
@@ -129,3 +136,59 @@ def require_good(*, control: ControlKind, sigma_m: Array, limit_m: float, held_o
             f"surveyed, the limit is {3 * limit_m:g} m (three times tolerances.placement_sigma_max_m); check the "
             "coordinates, CRS and marks of the control points"
         )
+
+
+def require_one_frame(held_out_m: Array, sigma_m: float, words: str) -> None:
+    """Control points must lie where a block that was placed by an earlier campaign has them."""
+    limit_m = max(_FRAME_SIGMAS * sigma_m, _LEAST_FRAME_M)
+    if float(np.median(held_out_m)) > limit_m:
+        raise GeoreferenceError(
+            f"placed by {words}, control points lie {np.median(held_out_m):.2f} m off (median, limit {limit_m:.2f} m): "
+            "the two campaigns' control does not agree; check both files of control points"
+        )
+
+
+def control_points(start: Start, adjusted: Adjusted) -> list[PassportPoint]:
+    """Control points as fitted, the same left out in turn, and check points."""
+    marked = start.marked
+    if marked is None:
+        return []
+    points = [
+        PassportPoint(
+            name=name,
+            kind=PointKind.CONTROL if np.isfinite(sigma).all() else PointKind.CHECK,
+            xyz_site_m=given,
+            residual_site_m=given - found,
+            used=bool(np.isfinite(sigma).all()),
+        )
+        for name, given, found, sigma in zip(
+            marked.names, marked.xyz_site_m, adjusted.marked_site_m, marked.sigma_m, strict=True
+        )
+    ]
+    for row, residual in held_out_residuals(adjusted, marked).items():
+        points.append(
+            PassportPoint(
+                name=marked.names[row],
+                kind=PointKind.HELD_OUT,
+                xyz_site_m=marked.xyz_site_m[row],
+                residual_site_m=residual,
+                used=False,
+            )
+        )
+    return points
+
+
+def gps_points(
+    reconstruction: Reconstruction, priors: GpsPriors, adjusted: Adjusted, start: Start
+) -> list[PassportPoint]:
+    cameras = adjusted.cameras
+    return [
+        PassportPoint(
+            name=reconstruction.photos[photo].photo_id,
+            kind=PointKind.GPS,
+            xyz_site_m=xyz,
+            residual_site_m=xyz - cameras[photo].centre_site_m,
+            used=bool(used),
+        )
+        for photo, xyz, used in zip(priors.photo, priors.xyz_site_m, start.gps_used, strict=True)
+    ]
