@@ -1,7 +1,7 @@
 """What a bundle adjustment is given: the block as it starts, and every observation of it with its sigma.
 
 Unknowns are photographs (centre and attitude), lenses, and two kinds of smaller ones: *nodes*, three coordinates each,
-which are eliminated (a tie point's place; the common deviation of a model edge), and *walls* and *flights*, few and
+which are eliminated (the place of a tie point or a marked point), and *walls* and *flights*, few and
 kept (the deviation of a wall from the model; the common error of a flight's GPS and compass).
 """
 
@@ -33,9 +33,10 @@ class Block:
 class Sightings:
     """Image observations of nodes: a photograph shows ``offset_site_m + node`` at ``xy_img``.
 
-    ``photo`` (k,), ``node`` (k,), ``offset_site_m`` (k, 3; zero for a tie point, the sample on a model's edge for an
-    edge), ``xy_img`` (k, 2), ``whitening`` (k, 2, 2): times the residual in pixels gives unit variance (a line's second
-    row is zero), ``tie`` (k,): whether the residual counts to the tie points' variance, which is estimated.
+    ``photo`` (k,), ``node`` (k,), ``offset_site_m`` (k, 3; zero for points), ``xy_img`` (k, 2), ``whitening`` (k, 2, 2):
+    times the residual in pixels gives unit variance (a line has a second row of zeros), ``tie`` (k,): whether the
+    residual counts to the tie points' variance, which is estimated. Lines and offsets serve sightings of model edges;
+    no control makes them now (decision 9).
     """
 
     photo: Rows
