@@ -34,9 +34,9 @@ class Sightings:
     """Image observations of nodes: a photograph shows ``offset_site_m + node`` at ``xy_img``.
 
     ``photo`` (k,), ``node`` (k,), ``offset_site_m`` (k, 3; zero for points), ``xy_img`` (k, 2), ``whitening``
-    (k, 2, 2): times the residual in pixels gives unit variance (a line has a second row of zeros), ``tie`` (k,): whether the
-    residual counts to the tie points' variance, which is estimated. Lines and offsets serve sightings of model edges;
-    no control makes them now (decision 9).
+    (k, 2, 2): times the residual in pixels gives unit variance (a line has a second row of zeros), ``tie`` (k,):
+    whether the residual counts to the tie points' variance, which is estimated. Lines and offsets serve sightings of
+    model edges; no control makes them now (decision 9).
     """
 
     photo: Rows
