@@ -14,12 +14,16 @@ from schemas.vocabulary import (
     DetectionOutcome,
     HeightDatum,
     IntegrityOutcome,
+    MergeDecision,
+    MergeReason,
     ObservationOutcome,
     PhotoOutcome,
     PhotoRole,
     PointKind,
     PoseSource,
+    PositionFrom,
     PositionSource,
+    SurfaceKind,
 )
 
 GEO_CRS = "EPSG:4979"
@@ -114,6 +118,8 @@ _ALL = [
     _text(
         "georeference_level", "how the model is georeferenced: its LoGeoRef level (50: map conversion), or 'registry'"
     ),
+    _text("surface_kind", "what the building's surface was made of", SurfaceKind),
+    _text("georeference_remarks", "what had to be assumed to place the model, in words"),
     _real("origin_lon_deg", "deg", "longitude of the site frame's origin (EPSG:4979)", -180, 180),
     _real("origin_lat_deg", "deg", "latitude of the site frame's origin (EPSG:4979)", -90, 90),
     _real(
@@ -246,6 +252,13 @@ _ALL = [
     _text("element_name", "name of the IFC element"),
     _text("storey", "storey, by containment, else by elevation"),
     _text("material", "materials, outermost first, separated by '; '"),
+    _text("predefined_type", "PredefinedType of the IFC element, or ObjectType where that is USERDEFINED"),
+    _text("host_guid", "GlobalId of the element it fills (a window's wall) or is a part of (a plate's curtain wall)"),
+    _text("material_layers", "layers, outermost first, as JSON: material and thickness_m"),
+    _text("properties", "values of the element's and its type's property sets, as JSON"),
+    _text("storey_source", "where the storey was read from: 'containment', 'host' or 'elevation'"),
+    _real("facade_azimuth_deg", "deg", "outward direction of the element's facade, clockwise from north", 0, 360),
+    _text("detail_level", "how much the element's body shows: 'box', 'body' or 'detailed'"),
     _flag("is_external", "whether the model calls the element external"),
     _text(
         "facade", "compass name of the outward direction (N, NE, ...), 'level' where it has none, 'inside' under no sky"
@@ -262,6 +275,8 @@ _ALL = [
     _real("box_y_px", "px", "top edge of the box"),
     _real("box_width_px", "px", "width of the box"),
     _real("box_height_px", "px", "height of the box"),
+    _text("mask", "outline of the detection's mask in pixels, as WKT (POLYGON or MULTIPOLYGON); empty for a box"),
+    _real("crack_width_px", "px", "mean width of the crack in the photograph, measured across it", 0),
     _text("detector", "the detector: 'coco:<file>' or 'onnx:<model>'"),
     _text("detector_sha256", "hash of the detections file or the model"),
     # observations, defects
@@ -285,6 +300,31 @@ _ALL = [
     _real("height_m", "m", "extent on the surface across the width", 0),
     _real("area_m2", "m2", "area of the patch on the surface", 0),
     _real("target_share", "", "share of the detection's rays that meet the building", 0, 1),
+    _real("length_m", "m", "longest extent on the surface, in any direction", 0),
+    _real("crack_width_mm", "mm", "mean width of the crack on the surface, where it was measured", 0),
+    Column(name="patch", kind=Kind.GEOMETRY, unit=GEO_CRS, meaning="outline on the surface (3D polygon)"),
+    Column(name="covariance_site", kind=Kind.REALS, meaning="covariance of the position (m2, site), 3 x 3 row by row"),
+    _real(
+        "occluder_gap_m",
+        "m",
+        "how far before the model's surface the photographs found another, along the ray; empty where none",
+    ),
+    _text("position_from", "what the position rests on", PositionFrom),
+    _real(
+        "deviation_from_model_m",
+        "m",
+        "how far the triangulated place stands before (+) or behind (-) the model's surface, along its normal",
+    ),
+    _real("deviation_sigma_m", "m", "one sigma of that", 0),
+    _text("graded_by", "who graded: 'rules' (a proposal), or a person's name"),
+    _text("other_detection_id", "the second detection of the pair"),
+    _text("other_defect_id", "the defect of the second detection"),
+    _text("merge_decision", "whether the two are one defect", MergeDecision),
+    _text("merge_reason", "why", MergeReason),
+    _real("apart_m", "m", "distance between the two sightings' positions", 0),
+    _real("apart_sigma", "", "the same in sigmas (Mahalanobis, both covariances and the building's relief)", 0),
+    _real("overlap_share", "", "area both patches share over the smaller one's area, along the surface", 0, 1),
+    _real("appearance_score", "", "correlation of both patches at one scale; empty where not compared", -1, 1),
     _count("sightings", "photographs that show the defect", 1),
     _real("spread_m", "m", "largest distance of a sighting from the defect's position", 0),
     _text("best_photo_id", "photograph that shows the defect best (smallest GSD over incidence)"),

@@ -70,7 +70,8 @@ _LIST = [
         "building in a campaign",
         "the registry's entry and the model's place on the globe, as they were for the campaign",
         "building_id campaign_id",
-        "building_name model_uri model_sha256 map_crs vertical_datum georeference_level origin_lon_deg origin_lat_deg "
+        "building_name model_uri model_sha256 surface_kind? map_crs vertical_datum georeference_level "
+        "georeference_remarks? origin_lon_deg origin_lat_deg "
         "origin_height_ellipsoidal_m",
     ),
     _table(
@@ -134,7 +135,8 @@ _LIST = [
         "IFC element with a surface",
         "the building's components",
         "building_id campaign_id element_guid",
-        "element_guid ifc_class element_name? storey? material? is_external? facade "
+        "element_guid ifc_class predefined_type? element_name? host_guid? storey? storey_source? material? "
+        "material_layers? is_external? properties? detail_level? facade facade_azimuth_deg? "
         "surface_area_m2 triangles geometry?",
     ),
     _table(
@@ -144,7 +146,7 @@ _LIST = [
         "building_id campaign_id detection_id",
         "detection_id photo_id source_annotation? detection_outcome reason? defect_class? source_class score "
         "box_x_px? box_y_px? "
-        "box_width_px? box_height_px? detector detector_sha256",
+        "box_width_px? box_height_px? mask? crack_width_px? detector detector_sha256",
         may_be_empty=True,
     ),
     _table(
@@ -152,9 +154,10 @@ _LIST = [
         "accepted detection",
         "the detection on the building's surface",
         "building_id campaign_id detection_id",
-        f"detection_id photo_id observation_outcome defect_class defect_id? {_optional(_POSITION)} "
-        "incidence_deg? distance_m? "
-        "gsd_mm? width_m? height_m? area_m2? target_share element_guid? storey? facade? geometry?",
+        f"detection_id photo_id observation_outcome reason? defect_class defect_id? {_optional(_POSITION)} "
+        "sigma_east_m? sigma_north_m? sigma_up_m? covariance_site? incidence_deg? distance_m? "
+        "gsd_mm? width_m? height_m? length_m? area_m2? crack_width_mm? target_share occluder_gap_m? element_guid? "
+        "storey? facade? patch? geometry?",
         may_be_empty=True,
     ),
     _table(
@@ -162,9 +165,19 @@ _LIST = [
         "defect in a campaign",
         "each real defect once",
         "building_id campaign_id defect_id",
-        f"defect_id defect_class severity severity_rule {_POSITION} width_m height_m area_m2 spread_m sightings "
-        "score best_photo_id "
-        "element_guid ifc_class element_name? material? storey? facade geometry",
+        f"defect_id defect_class severity severity_rule graded_by? {_POSITION} sigma_east_m? sigma_north_m? "
+        "sigma_up_m? covariance_site? position_from? deviation_from_model_m? deviation_sigma_m? "
+        "width_m height_m length_m? area_m2 crack_width_mm? spread_m sightings score best_photo_id "
+        "element_guid ifc_class element_name? material? storey? facade patch? geometry",
+        may_be_empty=True,
+    ),
+    _table(
+        "merges",
+        "pair of sightings near one another",
+        "why two sightings are one defect, or are not",
+        "building_id campaign_id detection_id other_detection_id",
+        "detection_id other_detection_id defect_id other_defect_id merge_decision merge_reason apart_m apart_sigma "
+        "overlap_share? appearance_score?",
         may_be_empty=True,
     ),
     _table(

@@ -91,9 +91,46 @@ class ObservationOutcome(StrEnum):
 
     REGISTERED = "registered"
     OFF_TARGET = "off_target"
+    OCCLUDED = "occluded"
+    MASKED = "masked"
     GRAZING = "grazing"
     OUTSIDE = "outside"
     UNLOCALISED = "unlocalised"
+
+
+class PositionFrom(StrEnum):
+    """What a defect's position rests on."""
+
+    SURFACE = "surface"
+    TRIANGULATED = "triangulated"
+
+
+class MergeDecision(StrEnum):
+    """Whether two sightings near one another are one defect."""
+
+    JOINED = "joined"
+    APART = "apart"
+
+
+class MergeReason(StrEnum):
+    """Why two sightings are one defect, or are not; ``docs/tables.md`` says which columns decided."""
+
+    GEOGRAPHY = "geography"
+    GEOGRAPHY_AND_IMAGE = "geography_and_image"
+    CUT_BY_SEAM = "cut_by_seam"
+    LOOKS_DIFFERENT = "looks_different"
+    TOO_FAR = "too_far"
+    NO_OVERLAP = "no_overlap"
+    SAME_PHOTOGRAPH = "same_photograph"
+    GROUP_DISAGREES = "group_disagrees"
+
+
+class SurfaceKind(StrEnum):
+    """What the building's surface was made of."""
+
+    IFC = "ifc"
+    MESH = "mesh"
+    AS_BUILT = "as_built"
 
 
 class IntegrityOutcome(StrEnum):

@@ -40,6 +40,7 @@ def merge_duplicates(
             settings=MergeSettings.under(ControlKind(passport["control"])),
         )
         write_table("observations", merged.observations, folder)
+        write_table("merges", merged.merges, folder)
         write_table("defects", grade(merged.defects, rules), folder)
         return {"defects": len(merged.defects)}
 

@@ -49,6 +49,7 @@ def stage_tables(folders: StageFolders) -> dict[str, pa.Table]:
         "detections": read_table("detections", folders.detections.folder),
         "observations": read_table("observations", folders.merged.folder),
         "defects": read_table("defects", folders.merged.folder),
+        "merges": read_table("merges", folders.merged.folder),
         "integrity_views": read_table("integrity_views", folders.integrity.folder),
     }
 

@@ -24,10 +24,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class MergeResult:
-    """Table ``defects``, and table ``observations`` with ``defect_id`` filled for the registered ones."""
+    """Table ``defects``, table ``observations`` with ``defect_id`` filled for the registered ones, table ``merges``."""
 
     defects: pa.Table
     observations: pa.Table
+    merges: pa.Table
 
 
 def merge(
@@ -66,6 +67,7 @@ def merge(
         observations=table_of_rows(
             "observations", [{**row, "defect_id": name_of.get(row["detection_id"])} for row in rows]
         ),
+        merges=table_of_rows("merges", []),
     )
 
 

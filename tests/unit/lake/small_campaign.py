@@ -122,6 +122,11 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
              "score": 0.9, "best_photo_id": photos[0], "ifc_class": "IfcWall", "material": "brick", **place}
             for d in range(defects)
         ],
+        "merges": [
+            {"detection_id": found[0][2], "other_detection_id": found[1][2], "defect_id": "defect-0000",
+             "other_defect_id": "defect-0000", "merge_decision": "joined", "merge_reason": "geography",
+             "apart_m": 0.01, "apart_sigma": 0.5}
+        ] if len(found) > 1 else [],
         "integrity_views": [
             {"photo_id": photo, "integrity_outcome": "compared", "ssim": 0.9, "compared_share": 0.8,
              "depth_difference_median_m": 0.01, "depth_difference_p95_m": 0.05} for photo in photos

@@ -31,7 +31,8 @@ def test_every_table_comes_back_as_it_went_in(tmp_path: Path) -> None:
         back, table = back.sort_by(key), table.sort_by(key)
         for column in table.column_names:
             if column in TABLES[name].geometry_columns:  # another flavour of WKB, the same shape
-                assert shapely.equals_exact(*(shapely.from_wkb(t[column].to_numpy()) for t in (back, table))).all()
+                came, went = (shapely.from_wkb(t[column].to_numpy(zero_copy_only=False)) for t in (back, table))
+                assert (shapely.equals_exact(came, went) | (shapely.is_missing(came) & shapely.is_missing(went))).all()
             else:
                 assert back[column].equals(table[column]), f"{name}.{column}"
 
