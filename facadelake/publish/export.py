@@ -10,18 +10,19 @@ import pyarrow as pa
 import pyarrow.csv as csv
 import pyarrow.parquet as pq
 import pyogrio
-import shapely
 
 from facadelake.errors import InputDataError
+from facadelake.publish.columns import GEOMETRIES, GEOMETRY, PATCH, ordered, plain, wkt
 from facadelake.publish.geopackage import facade_layers, geo_layers, write_layers, write_plain
-from facadelake.publish.geoparquet import CRS_2D, GEOMETRY, frame, ordered, write_geoparquet
+from facadelake.publish.geoparquet import CRS_2D, frame, write_geoparquet
 
 
 def export(name: str, table: pa.Table, path: Path) -> Path:
     """Write the rows of table ``name`` (lake form) to ``path``, which appears whole or not at all, and return it.
 
     ``.parquet``: GeoParquet in EPSG:4979, or plain Parquet for a table without geometry. ``.gpkg``: a flat layer, one
-    in 3D and, for defects, the facades' elevations. ``.geojson``: RFC 7946 with heights. ``.csv``: geometry as WKT.
+    in 3D, the same of the patches, and for defects the facades' elevations. ``.geojson``: RFC 7946 with heights.
+    ``.csv``: geometry as WKT. In the last three a list of numbers is JSON text.
     Raises InputDataError for another suffix, a folder that is not there, or GeoJSON of a table without geometry.
     """
     suffix = path.suffix.lower()
@@ -59,8 +60,11 @@ def _geojson(name: str, table: pa.Table, path: Path) -> None:
     if GEOMETRY not in table.column_names:
         raise InputDataError(f"table {name} has no geometry, so it cannot be GeoJSON; write .csv, .parquet or .gpkg")
     # RFC 7946 knows one CRS: WGS 84 longitude and latitude, with an ellipsoidal height as a third number.
+    rows = plain(table)
+    if PATCH in table.column_names:
+        rows = rows.append_column(f"{PATCH}_wkt", wkt(table, PATCH))
     pyogrio.write_arrow(
-        ordered(table),
+        rows.append_column(GEOMETRY, table.column(GEOMETRY)),
         path,
         layer=name,
         driver="GeoJSON",
@@ -73,10 +77,10 @@ def _geojson(name: str, table: pa.Table, path: Path) -> None:
 
 
 def _csv(name: str, table: pa.Table, path: Path) -> None:
-    rows = ordered(table)
-    if GEOMETRY in rows.column_names:
-        text = shapely.to_wkt(shapely.from_wkb(rows.column(GEOMETRY).to_numpy()), rounding_precision=9)
-        rows = rows.drop_columns([GEOMETRY]).append_column("geometry_wkt", pa.array(text, pa.string()))
+    rows = plain(table)
+    for name in GEOMETRIES:
+        if name in table.column_names:
+            rows = rows.append_column(f"{name}_wkt", wkt(table, name))
     csv.write_csv(rows, path)
 
 

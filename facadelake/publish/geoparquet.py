@@ -1,4 +1,4 @@
-"""Tables with points or polygons as GeoParquet 1.1, in 3D and as a 2D twin."""
+"""Tables with points or polygons as GeoParquet 1.1, in 3D and as a 2D twin; patches are a second geometry column."""
 
 from __future__ import annotations
 
@@ -9,42 +9,34 @@ import pandas as pd
 import pyarrow as pa
 import shapely
 
+from facadelake.publish.columns import GEOMETRIES, GEOMETRY, ordered, shapes
 from schemas.columns import GEO_CRS
-from schemas.tables import RUN_KEYS
 
 CRS_3D = GEO_CRS  # longitude, latitude, ellipsoidal height
 CRS_2D = "EPSG:4326"  # the same without the height
-GEOMETRY = "geometry"
-# What a person wants to see first in an attribute table; the other columns follow in the order of schemas/.
-FIRST = (
-    "defect_id", "detection_id", "defect_class", "severity", "width_m", "height_m", "area_m2", "sightings", "score",
-    "storey", "facade", "ifc_class", "element_name", "material", "element_guid", "photo_id", "best_photo_id",
-)  # fmt: skip
-
-
-def ordered(table: pa.Table) -> pa.Table:
-    """The columns in a reader's order: what it is, how large, on what, where, then the run's keys; geometry last."""
-    names = [name for name in table.column_names if name != GEOMETRY]
-    first = [name for name in FIRST if name in names]
-    rest = [name for name in names if name not in (*first, *RUN_KEYS)]
-    keys = [name for name in RUN_KEYS if name in names]
-    last = [GEOMETRY] if GEOMETRY in table.column_names else []
-    return table.select([*first, *rest, *keys, *last])
 
 
 def frame(table: pa.Table) -> gpd.GeoDataFrame:
     """The rows as points or polygons in EPSG:4979 (WKB column ``geometry``), columns ``ordered``.
 
-    Types stay those of Arrow, so that an empty text or number is null and not "" or NaN.
+    A column ``patch`` becomes a second geometry. Types stay those of Arrow, so that an empty text or number is null
+    and not "" or NaN.
     """
-    plain = ordered(table).drop_columns([GEOMETRY]).to_pandas(types_mapper=pd.ArrowDtype)
-    geometry = shapely.from_wkb(table.column(GEOMETRY).to_numpy())
-    return gpd.GeoDataFrame(plain, geometry=gpd.GeoSeries(geometry, index=plain.index, crs=CRS_3D))
+    rows = ordered(table)
+    held = [name for name in GEOMETRIES if name in rows.column_names]
+    values = rows.drop_columns(held).to_pandas(types_mapper=pd.ArrowDtype)
+    for name in held:
+        values[name] = gpd.GeoSeries(shapes(rows, name), index=values.index, crs=CRS_3D)
+    return gpd.GeoDataFrame(values, geometry=GEOMETRY)
 
 
 def flat(rows: gpd.GeoDataFrame) -> gpd.GeoDataFrame:
     """The 2D twin in EPSG:4326, for programs that know no heights; the height stays as a column where there is one."""
-    return rows.set_geometry(gpd.GeoSeries(shapely.force_2d(rows.geometry.values), index=rows.index, crs=CRS_2D))
+    twin = rows.copy()
+    for name in GEOMETRIES:
+        if name in rows.columns:
+            twin[name] = gpd.GeoSeries(shapely.force_2d(rows[name].values), index=rows.index, crs=CRS_2D)
+    return twin.set_geometry(GEOMETRY)
 
 
 def write_geoparquet(rows: gpd.GeoDataFrame, path: Path) -> None:

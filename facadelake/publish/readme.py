@@ -7,14 +7,17 @@ from typing import Any
 
 import pyarrow as pa
 
-from facadelake.publish.geoparquet import ordered
+from facadelake.publish.columns import ordered
 from schemas.tables import TABLES
 
-_FILES = """defects.parquet       defects as points, GeoParquet 1.1, EPSG:4979 (longitude, latitude, ellipsoidal height)
-defects_2d.parquet    the same without heights in the points, EPSG:4326, for programs that know no 3D CRS
-defects.gpkg          GeoPackage: layer 'defects' as defects_2d.parquet, 'defects_3d' as defects.parquet, and for each
-                      facade 'facade_N', 'facade_NE', ...: the boxes of its defects in the facade's plane, u metres to
-                      the right as seen from outside, v metres up, from the site's origin ('facade_level': from above)
+_FILES = """defects.parquet       defects as points, GeoParquet 1.1, EPSG:4979 (longitude, latitude, ellipsoidal
+                      height); second geometry column 'patch': the outline on the surface
+defects_2d.parquet    the same without heights in the geometries, EPSG:4326, for programs that know no 3D CRS
+defects.gpkg          GeoPackage: layer 'defects' as defects_2d.parquet, 'defects_3d' as defects.parquet; where outlines
+                      were measured 'defects_patches' and 'defects_patches_3d', joined by defect_id; and for each
+                      facade 'facade_N', 'facade_NE', ...: its defects' outlines (a box where none was measured) in the
+                      facade's plane, u metres to the right as seen from outside, v metres up, from the site's origin
+                      ('facade_level': from above); a list of numbers is JSON text
 observations.parquet  every detection on its way to the surface; its outcome says what became of it, EPSG:4979"""
 
 

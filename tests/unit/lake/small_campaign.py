@@ -1,6 +1,7 @@
 """A small campaign with every table filled, made by hand."""
 
 import json
+import math
 import sys
 import textwrap
 from collections.abc import Mapping
@@ -30,6 +31,20 @@ def _position(index: int) -> dict[str, Any]:
         "east_map_m": 500000.0 + x, "north_map_m": 5300000.0, "height_map_m": HEIGHT + z,
         "normal_x": 0.0, "normal_y": -1.0, "normal_z": 0.0,
         "geometry": shapely.to_wkb(shapely.Point(LON + 1e-6 * index, LAT, HEIGHT + z)),
+    }  # fmt: skip
+
+
+def _patch(index: int) -> dict[str, Any]:
+    """What is known of a place: a hexagon on the south wall, 40 x 20 cm, and a covariance of 1, 2 and 3 cm."""
+    place = _position(index)
+    lon, lat, height = place["lon_deg"], place["lat_deg"], place["height_ellipsoidal_m"]
+    east_deg = 0.1 / (111_320 * math.cos(math.radians(lat)))  # of 10 cm; to 0.3 % here
+    corners = [(-2, 0), (-1, -1), (1, -1), (2, 0), (1, 1), (-1, 1)]
+    ring = [(lon + east * east_deg, lat, height + 0.1 * up) for east, up in corners]
+    return {
+        "sigma_east_m": 0.01, "sigma_north_m": 0.02, "sigma_up_m": 0.03,
+        "covariance_site": [1e-4, 0.0, 1e-5, 0.0, 4e-4, 0.0, 1e-5, 0.0, 9e-4],
+        "length_m": 0.4, "patch": shapely.to_wkb(shapely.Polygon(ring)),
     }  # fmt: skip
 
 
@@ -114,12 +129,13 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
         ],
         "observations": [
             {"detection_id": key, "photo_id": photos[s], "defect_class": classes[d % 3], "defect_id": f"defect-{d:04d}",
-             **_position(d), **size, "target_share": 1.0, **place, **outcome} for d, s, key in found
+             **_position(d), **_patch(d), **size, "target_share": 1.0, **place, **outcome} for d, s, key in found
         ],
         "defects": [
             {"defect_id": f"defect-{d:04d}", "defect_class": classes[d % 3], "severity": "minor",
-             "severity_rule": "extent_v1", **_position(d), **size, "spread_m": 0.02, "sightings": sightings,
-             "score": 0.9, "best_photo_id": photos[0], "ifc_class": "IfcWall", "material": "brick", **place}
+             "severity_rule": "extent_v1", **_position(d), **_patch(d), **size, "spread_m": 0.02,
+             "sightings": sightings, "score": 0.9, "best_photo_id": photos[0], "ifc_class": "IfcWall",
+             "material": "brick", **place}
             for d in range(defects)
         ],
         "merges": [

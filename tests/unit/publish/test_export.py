@@ -22,17 +22,34 @@ def test_defects_in_each_format(tmp_path: Path) -> None:
         assert export("defects", table, tmp_path / f"defects{suffix}").is_file()
     assert len(pq.read_table(tmp_path / "defects.parquet")) == 3
     layers = [str(name) for name, _ in pyogrio.list_layers(tmp_path / "defects.gpkg")]
-    assert layers == ["defects", "defects_3d", "facade_S"]
+    assert layers == ["defects", "defects_3d", "defects_patches", "defects_patches_3d", "facade_S"]
     features = json.loads((tmp_path / "defects.geojson").read_text())["features"]
     assert len(features) == 3
     assert features[0]["geometry"]["coordinates"] == pytest.approx([LON, LAT, HEIGHT + 3], rel=0, abs=1e-8)
     assert features[0]["properties"]["element_name"] is None
+    assert features[0]["properties"]["patch_wkt"].startswith("POLYGON Z ((9.49999")
     rows = csv.read_csv(tmp_path / "defects.csv").to_pylist()
     point = shapely.from_wkt(rows[2]["geometry_wkt"])
     assert (point.x, point.y) == pytest.approx((LON + 2e-6, LAT), rel=0, abs=1e-9)  # deg
+    heights = shapely.get_coordinates(shapely.from_wkt(rows[2]["patch_wkt"]), include_z=True)[:, 2]
+    assert (heights.min(), heights.max()) == pytest.approx((HEIGHT + 3.4, HEIGHT + 3.6), rel=0, abs=1e-6)  # m
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "defects.csv", "defects.geojson", "defects.gpkg", "defects.parquet",
     ]  # fmt: skip
+
+
+def test_lists_of_numbers_are_json_text_where_a_format_has_no_lists(tmp_path: Path) -> None:
+    wanted = TABLES["defects"]["covariance_site"][0].as_py()
+    for suffix in (".gpkg", ".geojson", ".csv"):
+        export("defects", TABLES["defects"], tmp_path / f"d{suffix}")
+    rows = pyogrio.read_dataframe(tmp_path / "d.gpkg", layer="defects")
+    assert json.loads(rows["covariance_site"][0]) == wanted
+    assert json.loads(csv.read_csv(tmp_path / "d.csv")["covariance_site"][0].as_py()) == wanted
+    features = json.loads((tmp_path / "d.geojson").read_text())["features"]
+    found = features[0]["properties"]["covariance_site"]  # GDAL takes JSON text for the JSON it is
+    assert (json.loads(found) if isinstance(found, str) else found) == wanted
+    export("poses", TABLES["poses"], tmp_path / "poses.csv")
+    assert len(json.loads(csv.read_csv(tmp_path / "poses.csv")["covariance"][0].as_py())) == 36
 
 
 def test_polygons_and_plain_tables(tmp_path: Path) -> None:
@@ -54,11 +71,15 @@ def test_rows_without_a_place_stay_rows(tmp_path: Path) -> None:
         table.schema.field("geometry"),
         [[None, *table["geometry"].to_pylist()[1:]]],
     )
+    no_patch = missing.schema.get_field_index("patch")
+    missing = missing.set_column(no_patch, missing.schema.field(no_patch), [[None, *missing["patch"].to_pylist()[1:]]])
     for suffix in (".parquet", ".gpkg", ".geojson", ".csv"):
         export("observations", missing, tmp_path / f"o{suffix}")
     assert pq.read_table(tmp_path / "o.parquet")["geometry"].null_count == 1
     assert json.loads((tmp_path / "o.geojson").read_text())["features"][0]["geometry"] is None
-    assert pyogrio.read_info(tmp_path / "o.gpkg", layer="observations")["features"] == len(table)
+    for layer, features in (("observations", len(table)), ("observations_patches", len(table) - 1)):
+        assert pyogrio.read_info(tmp_path / "o.gpkg", layer=layer)["features"] == features
+    assert pq.read_table(tmp_path / "o.parquet")["patch"].null_count == 1
 
 
 def test_an_earlier_file_is_replaced_or_left_whole(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pyogrio
 import pyproj
@@ -14,9 +15,9 @@ import shapely
 from facadelake.errors import InputDataError, StoreError
 from facadelake.lake.connect import bare_connection
 from facadelake.publish import releases
-from facadelake.publish.geopackage import right_of
+from facadelake.publish.geopackage import facade_layers, geo_layers, right_of
 from facadelake.publish.releases import publish_campaign
-from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit
+from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit, lake_tables
 
 KEYS = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
 
@@ -56,6 +57,9 @@ def test_geoparquet_says_its_version_crs_types_and_bbox(release: Path) -> None:
         assert column["geometry_types"] == [kind]
         assert pyproj.CRS.from_json_dict(column["crs"]) == pyproj.CRS.from_epsg(code)
         assert column["covering"]["bbox"]["xmin"] == ["bbox", "xmin"]
+        patch = geo["columns"]["patch"]
+        assert (patch["encoding"], patch["geometry_types"]) == ("WKB", [kind.replace("Point", "Polygon")])
+        assert pyproj.CRS.from_json_dict(patch["crs"]) == pyproj.CRS.from_epsg(code)
         assert file.schema_arrow.field("bbox").type.num_fields == 4
         assert file.metadata.row_group(0).column(0).compression == "SNAPPY"
 
@@ -81,14 +85,16 @@ def test_another_reader_finds_the_points_where_they_are(release: Path) -> None:
 def test_attribute_table_begins_with_what_it_is_and_keeps_nulls(release: Path) -> None:
     table = pq.read_table(release / "defects.parquet")
     assert table.column_names[:4] == ["defect_id", "defect_class", "severity", "width_m"]
-    assert table.column_names[-5:-2] == ["building_id", "campaign_id", "run_id"]
+    assert table.column_names[-6:] == ["building_id", "campaign_id", "run_id", "patch", "geometry", "bbox"]
     assert table["element_name"].null_count == 3
     assert str(table.schema.field("element_name").type) == "string"
 
 
 def test_geopackage_layers_as_gdal_sees_them(release: Path) -> None:
     path = release / "defects.gpkg"
-    assert [str(name) for name, _ in pyogrio.list_layers(path)] == ["defects", "defects_3d", "facade_S"]
+    assert [str(name) for name, _ in pyogrio.list_layers(path)] == [
+        "defects", "defects_3d", "defects_patches", "defects_patches_3d", "facade_S",
+    ]  # fmt: skip
     for layer, code, kind in (("defects", 4326, "Point"), ("defects_3d", 4979, "Point Z")):
         info = pyogrio.read_info(path, layer=layer)
         assert (info["features"], info["geometry_type"]) == (3, kind)
@@ -99,14 +105,49 @@ def test_geopackage_layers_as_gdal_sees_them(release: Path) -> None:
         assert set(points.has_z) == {code == 4979}
 
 
+def test_patches_are_a_layer_of_their_own_joined_by_defect_id(release: Path) -> None:
+    path = release / "defects.gpkg"
+    for layer, code, kind in (("defects_patches", 4326, "Polygon"), ("defects_patches_3d", 4979, "Polygon Z")):
+        info = pyogrio.read_info(path, layer=layer)
+        assert (info["features"], info["geometry_type"]) == (3, kind)
+        assert pyproj.CRS(info["crs"]) == pyproj.CRS.from_epsg(code)
+    rows = pyogrio.read_dataframe(path, layer="defects_patches_3d")
+    assert rows["defect_id"].tolist() == [f"defect-{index:04d}" for index in range(3)]
+    up = shapely.get_coordinates(rows.geometry[1], include_z=True)[:, 2]
+    np.testing.assert_allclose([up.min(), up.max()], HEIGHT + 3.25 + np.array([-0.1, 0.1]), rtol=0, atol=1e-9)  # m
+
+
+def _hexagon(u: float, v: float) -> shapely.Polygon:
+    """The patch of the small campaign, 40 x 20 cm, about (u, v) in metres."""
+    corners = [(-2, 0), (-1, -1), (1, -1), (2, 0), (1, 1), (-1, 1)]
+    return shapely.Polygon([(u + 0.1 * a, v + 0.1 * b) for a, b in corners])
+
+
 def test_facade_layer_is_an_elevation_in_metres(release: Path) -> None:
     """On the south facade, right is east: u is x, v is z of the site."""
     info = pyogrio.read_info(release / "defects.gpkg", layer="facade_S")
     assert pyproj.CRS(info["crs"]).type_name == "Engineering CRS"
     rows = pyogrio.read_dataframe(release / "defects.gpkg", layer="facade_S")
-    expected = [shapely.box(0.5 * i - 0.2, 2.9 + 0.25 * i, 0.5 * i + 0.2, 3.1 + 0.25 * i) for i in range(3)]
-    for found, box in zip(rows.geometry, expected, strict=True):
-        assert found.symmetric_difference(box).area == pytest.approx(0, abs=1e-9)  # m2
+    for index, found in enumerate(rows.geometry):
+        expected = _hexagon(0.5 * index, 3 + 0.25 * index)
+        # The campaign's degrees are of a sphere: up to 0.3 % of 20 cm to each side, 0.6 mm.
+        np.testing.assert_allclose(
+            shapely.get_coordinates(found), shapely.get_coordinates(expected), rtol=0, atol=0.001
+        )  # m
+
+
+def test_defect_without_a_patch_is_a_box_on_the_elevation() -> None:
+    table = lake_tables()["defects"]
+    place = table.schema.get_field_index("patch")
+    some = table.set_column(place, table.schema.field(place), [[None, *table["patch"].to_pylist()[1:]]])
+    (layer,) = facade_layers(some)
+    first, second, _ = shapely.from_wkb(layer.geometry)
+    assert first.symmetric_difference(shapely.box(-0.2, 2.9, 0.2, 3.1)).area == pytest.approx(0, abs=1e-9)  # m2
+    assert second.area == pytest.approx(0.06, abs=0.001)  # m2
+    none = some.set_column(place, table.schema.field(place), [pa.nulls(3, pa.binary())])
+    (layer,) = facade_layers(none)
+    assert layer.geometry_type == "Polygon"
+    assert [name.name for name in geo_layers(none, "defects")] == ["defects", "defects_3d"]
 
 
 @pytest.mark.parametrize("facade", ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
