@@ -23,7 +23,7 @@ from facadelake.pose.adjustment.evidence import Evidence
 from facadelake.pose.control_points import ControlPoints
 from facadelake.pose.gps import GpsPriors, check_against_gps, gps_priors
 from facadelake.pose.gps_terms import anchored_terms, attitude_terms, position_terms
-from facadelake.pose.lean import lean_covariance
+from facadelake.pose.lean import Lean, lean_of, upright
 from facadelake.pose.model_control import ModelControl
 from facadelake.pose.passport import (
     PassportPoint,
@@ -35,6 +35,7 @@ from facadelake.pose.passport import (
     require_one_frame,
 )
 from facadelake.pose.placement import LEAST_CONTROL_POINTS, marks_of
+from facadelake.pose.plumb_lines import Vertical, vertical_of
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.reference import ReferencePoints, reference_of
 from facadelake.pose.starts import Start, start_by
@@ -205,7 +206,14 @@ def _placed(
         model=start.model,
     )
     adjusted = adjust(reconstruction, start.site_from_sfm, evidence)
-    return _described(reconstruction, priors, place, control, start, adjusted)
+    if start.model is None:
+        return _described(reconstruction, priors, place, control, start, adjusted, None)
+    edges = control.model.edges if control.model is not None else None
+    vertical = vertical_of(adjusted.cameras, edges.photographs) if edges is not None else None
+    lean = lean_of(adjusted, start.model.sigma_m, vertical)
+    if vertical is not None:
+        start = start.with_remarks((_upright_words(vertical, lean),))
+    return _described(reconstruction, priors, place, control, start, upright(adjusted, lean), lean)
 
 
 def _frame_sigma(reference: ReferencePoints) -> float:
@@ -240,6 +248,7 @@ def _described(
     control: Control,
     start: Start,
     adjusted: Adjusted,
+    lean: Lean | None,
 ) -> Georeferenced:
     frame = adjusted.datum_covariance_m2 + start.frame_covariance_m2
     sigma_m = np.sqrt(np.diag(frame))
@@ -261,8 +270,8 @@ def _described(
     ids = [photo.photo_id for photo in reconstruction.photos]
     covariance = adjusted.covariance.copy()
     covariance[:, :3, :3] += start.frame_covariance_m2
-    if start.model is not None:
-        covariance += lean_covariance(adjusted, start.model.sigma_m)
+    if lean is not None:
+        covariance += lean.covariance(adjusted)
     left_m = start.residual_m(adjusted)
     row: dict[str, Any] = {
         "control": start.kind,
@@ -317,6 +326,15 @@ def _described(
         frame_covariance_m2=frame,
         points=tuple(points),
         row=row,
+    )
+
+
+def _upright_words(vertical: Vertical, lean: Lean) -> str:
+    off = float(np.degrees(np.linalg.norm(vertical.up_site[:2])))
+    turned = float(np.degrees(np.linalg.norm(lean.turn_rad)))
+    return (
+        f"{vertical.lines} upright lines in {vertical.photographs} photographs lean by {off:.2f} deg against the "
+        f"model's walls: turned by {turned:.2f} deg, sigma {np.degrees(lean.sigma_rad):.2f} deg"
     )
 
 
