@@ -9,6 +9,7 @@ from pathlib import Path
 from PIL import Image, UnidentifiedImageError
 
 from facadelake.errors import InputDataError
+from facadelake.photo.masks import mask_files
 
 FORMATS_OF_SUFFIX: dict[str, frozenset[str]] = {
     # MPO is what DJI and others write into .JPG when a preview follows the photograph.
@@ -32,10 +33,22 @@ class Decoded:
 
 
 def find_photographs(root: Path) -> list[Path]:
-    """All files below ``root`` whose name says photograph, sorted by path; hidden files and folders are left out.
+    """All files below ``root`` whose name says photograph, sorted by path; masks and what is hidden are left out.
 
     Raises InputDataError where ``root`` is no folder.
     """
+    images = _images(root)
+    masks = set(mask_files(images, root).values())
+    return [path for path in images if path not in masks]
+
+
+def find_masks(root: Path) -> dict[str, Path]:
+    """The masks below ``root`` by the photo_id of their photographs, the path below ``root`` with forward slashes."""
+    return {photo.relative_to(root).as_posix(): mask for photo, mask in mask_files(_images(root), root).items()}
+
+
+def _images(root: Path) -> list[Path]:
+    """All image files below ``root``, sorted by path; hidden files and folders are left out."""
     if not root.is_dir():
         raise InputDataError(f"photographs' folder {root} does not exist; check the path in the portfolio")
     suffixes = FORMATS_OF_SUFFIX.keys() | RAW_SUFFIXES

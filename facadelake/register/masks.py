@@ -1,0 +1,38 @@
+"""Masks that a person drew beside the photographs: black is not to be looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from facadelake.camera import Camera
+from facadelake.errors import InputDataError
+from facadelake.frames import Array
+
+_BLACK_BELOW = 128  # masks saved as JPEG are not purely black and white
+
+
+def masked_shares(mask: Path, camera: Camera, boxes_px: Array) -> Array:
+    """Share (n,) of each box (n, 4; x, y, width, height) that the mask blackens; 0 for a box outside the photograph.
+
+    Raises InputDataError for a mask that does not decode, or is not of the photograph's size.
+    """
+    grey = cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION) if mask.is_file() else None
+    if grey is None:
+        raise InputDataError(f"mask {mask} cannot be decoded; save it as PNG, black where nothing is to be looked at")
+    if grey.shape != (camera.height_px, camera.width_px):
+        raise InputDataError(
+            f"mask {mask} is {grey.shape[1]}x{grey.shape[0]} pixels, its photograph {camera.width_px}x"
+            f"{camera.height_px}; save it at the photograph's own size"
+        )
+    shares = np.zeros(len(boxes_px))
+    size = np.array([camera.width_px, camera.height_px])
+    low = np.clip(np.floor(boxes_px[:, :2]), 0, size).astype(int)
+    high = np.clip(np.ceil(boxes_px[:, :2] + boxes_px[:, 2:]), 0, size).astype(int)
+    for i, ((left, top), (right, bottom)) in enumerate(zip(low, high, strict=True)):
+        inside = grey[top:bottom, left:right]
+        if inside.size:
+            shares[i] = float((inside < _BLACK_BELOW).mean())
+    return shares

@@ -1,0 +1,172 @@
+"""What stands before the building: trees, vehicles, scaffolds, that the photographs saw and the model does not know.
+
+The campaign's own tie points are the evidence. A photograph's tie points are meshed in its picture; where all three
+corners of such a triangle stand in the open, well before the model, the photograph shows something else than the
+building there. One tie point on the wall inside the box is enough to say that the wall is seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError
+
+from facadelake.camera import PosedCamera
+from facadelake.errors import InputDataError
+from facadelake.frames import Array
+from facadelake.geobim.surface import Surface
+from facadelake.register.tie_points import Sights, TiePoints
+
+_DIRECTIONS = 8  # of walls; what lies level is a ninth
+_LEVEL_DEG = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class OcclusionSettings:
+    """When something before the model is an occluder.
+
+    ``gap_min_m``: relief, sills, pipes and small cornices stand nearer to the wall, and a defect may be on them.
+    ``gap_sigmas``: the gap must also be so many sigma of the tie point, of the campaign's placement and of how far the
+    facade stands off its model, together. ``hole_max_m``: between tie points further apart one may see past the
+    occluder. ``share_min``: this share of a box must be hidden. ``rays_per_side``: a box is sampled by its square.
+    """
+
+    gap_min_m: float = 0.3
+    gap_sigmas: float = 4.0
+    hole_max_m: float = 1.0
+    share_min: float = 0.5
+    rays_per_side: int = 5
+
+    def __post_init__(self) -> None:
+        if min(self.gap_min_m, self.gap_sigmas, self.hole_max_m) <= 0 or not 0 < self.share_min <= 1:
+            raise InputDataError(f"occlusion settings {self} are out of range: lengths above 0, share_min in 0..1")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hidden:
+    """Of n boxes: the share (n,) of their rays that an occluder stops, the limit of the gap (n,) and its median (n,),
+    metres along the ray, NaN where nothing is hidden."""
+
+    share: Array
+    gap_m: Array
+    limit_m: Array
+
+
+class Occluders:
+    """Tie points judged against the model; ``placement_sigma_m`` is one sigma of where the campaign lies."""
+
+    def __init__(
+        self,
+        points: TiePoints,
+        posed: Mapping[str, PosedCamera],
+        surface: Surface,
+        *,
+        placement_sigma_m: float,
+        settings: OcclusionSettings,
+    ) -> None:
+        self._points, self._posed, self._surface, self._settings = points, posed, surface, settings
+        self._apart_m = surface.distance_to(points.xyz_site_m) if len(points.xyz_site_m) else np.zeros(0)
+        self._offsets_m = np.hypot(self._offsets(), placement_sigma_m)
+
+    def _offsets(self) -> Array:
+        """How far the facades of each direction stand off the model (_DIRECTIONS + 1,): the median over tie points.
+
+        A campaign placed by GPS alone is metres off, and then that is no occluder.
+        """
+        off, facing = [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
+        for photo_id, sights in self._points.sights.items():
+            origins, directions = self._posed[photo_id].rays_site(sights.xy_img)
+            hits = self._surface.cast(origins, directions)
+            met = hits.hit
+            between = hits.xyz_site_m[met] - self._points.xyz_site_m[sights.point[met]]
+            off.append(np.abs(np.einsum("ij,ij->i", between, hits.normal_site[met])))
+            facing.append(_facing(hits.normal_site[met]))
+        distance, direction = np.concatenate(off), np.concatenate(facing)
+        usual = float(np.median(distance)) if len(distance) else 0.0
+        groups = [distance[direction == k] for k in range(_DIRECTIONS + 1)]
+        return np.array([np.median(group) if len(group) else usual for group in groups])
+
+    def before(self, photo_id: str, boxes_px: Array) -> Hidden:
+        """What stands before the model in the boxes (n, 4; x, y, width, height) of one photograph."""
+        n, side = len(boxes_px), self._settings.rays_per_side
+        nothing = Hidden(share=np.zeros(n), gap_m=np.full(n, np.nan), limit_m=np.full(n, np.nan))
+        sights = self._points.sights.get(photo_id)
+        if sights is None or len(sights.point) < 3:
+            return nothing
+        standing, limit = self._standing(photo_id, sights)
+        if standing.sum() < 3:
+            return nothing
+        try:
+            mesh = Delaunay(sights.xy_img)
+        except QhullError:  # all on one line
+            return nothing
+        corners = mesh.simplices
+        corners_xyz = self._points.xyz_site_m[sights.point[corners]]
+        longest = np.linalg.norm(corners_xyz - np.roll(corners_xyz, 1, axis=1), axis=2).max(axis=1, initial=0.0)
+        solid = standing[corners].all(axis=1) & (longest <= self._settings.hole_max_m)
+        if not solid.any():
+            return nothing
+        share = (np.arange(side) + 0.5) / side
+        grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
+        pixels = (boxes_px[:, None, :2] + grid[None] * boxes_px[:, None, 2:]).reshape(-1, 2)
+        triangle = mesh.find_simplex(pixels)
+        origins, directions = self._posed[photo_id].rays_site(pixels)
+        hits = self._surface.cast(origins, directions)
+        covered = np.flatnonzero((triangle >= 0) & hits.hit)
+        covered = covered[solid[triangle[covered]]]
+        gap = np.full(len(pixels), np.nan)
+        wanted = np.full(len(pixels), np.nan)
+        facet = triangle[covered]
+        gap[covered] = hits.distance_m[covered] - _along(origins[covered], directions[covered], corners_xyz[facet])
+        wanted[covered] = limit[corners[facet]].max(axis=1)
+        hidden = (np.nan_to_num(gap, nan=-np.inf) > np.nan_to_num(wanted, nan=np.inf)).reshape(n, -1)
+        met = hits.hit.reshape(n, -1).sum(axis=1)
+        found = hidden.any(axis=1)
+        gap, wanted = (np.where(hidden, values.reshape(n, -1), np.nan) for values in (gap, wanted))
+        return Hidden(
+            share=hidden.sum(axis=1) / np.maximum(met, 1),
+            gap_m=_median(gap, found),
+            limit_m=_median(wanted, found),
+        )
+
+    def _standing(self, photo_id: str, sights: Sights) -> tuple[NDArray[np.bool_], Array]:
+        """Which of a photograph's tie points (k,) stand in the open before the model, and the gap each must have."""
+        origins, directions = self._posed[photo_id].rays_site(sights.xy_img)
+        hits = self._surface.cast(origins, directions)
+        distance = np.linalg.norm(self._points.xyz_site_m[sights.point] - origins, axis=1)
+        variance = np.einsum("ki,kij,kj->k", directions, self._points.covariance_site_m2[sights.point], directions)
+        offset = np.full(len(directions), self._offsets_m.max())
+        offset[hits.hit] = self._offsets_m[_facing(hits.normal_site[hits.hit])]
+        limit = np.maximum(self._settings.gap_min_m, self._settings.gap_sigmas * np.sqrt(variance + offset**2))
+        # Along a grazing ray a little relief makes a long gap: the point must stand off the model in every direction.
+        standing: NDArray[np.bool_] = (hits.distance_m - distance > limit) & (self._apart_m[sights.point] > limit)
+        return standing, limit
+
+
+def _facing(normals: Array) -> NDArray[np.int64]:
+    """Group (n,) of unit normals (n, 3): the compass direction of walls, _DIRECTIONS for what lies level."""
+    azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1]))
+    group = np.round(azimuth / (360 / _DIRECTIONS)).astype(np.int64) % _DIRECTIONS
+    return np.where(np.abs(normals[:, 2]) > np.sin(np.radians(_LEVEL_DEG)), _DIRECTIONS, group)
+
+
+def _along(origins: Array, directions: Array, corners: Array) -> Array:
+    """Where rays (n, 3) meet the planes of their triangles (n, 3, 3), kept between the triangle's own distances."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    slope = np.einsum("ij,ij->i", normal, directions)
+    height = np.einsum("ij,ij->i", normal, corners[:, 0] - origins)
+    reach = np.linalg.norm(corners - origins[:, None], axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        plane = np.where(slope == 0, reach[:, 0], height / slope)
+    kept: Array = np.clip(plane, reach.min(axis=1), reach.max(axis=1))
+    return kept
+
+
+def _median(values: Array, found: NDArray[np.bool_]) -> Array:
+    """Median of each row (n, k) without its NaN; NaN in rows that are not ``found``."""
+    out = np.full(len(values), np.nan)
+    out[found] = np.nanmedian(values[found], axis=1)
+    return out

@@ -1,0 +1,121 @@
+"""Points that several photographs share, put into site by the very cameras that detections are registered with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.camera import PosedCamera
+from facadelake.frames import Array
+
+_LEAST_SIGHTS = 3  # with two, a wrong match along the epipolar line leaves no residual
+_LEAST_SIGMA_PX = 0.5  # features are not found better
+_WRONG_SIGMA = 3.0  # a point whose sightings disagree by more holds a wrong match
+_FLAT = 1e-4  # smallest over largest eigenvalue of the rays' information below which the distance is open: 0.6 deg
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tracks:
+    """Sightings of tie points, as structure from motion leaves them: photograph ``photo_ids[photo[k]]`` saw the point
+    numbered ``point[k]`` at pixel ``xy_img[k]`` (k, 2)."""
+
+    photo_ids: Sequence[str]
+    photo: NDArray[np.int64]
+    point: NDArray[np.int64]
+    xy_img: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sights:
+    """What one photograph saw: pixels (k, 2) and the points (k,), rows of ``TiePoints``."""
+
+    xy_img: Array
+    point: NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TiePoints:
+    """``xyz_site_m`` (m, 3) with ``covariance_site_m2`` (m, 3, 3), and each photograph's sightings of them."""
+
+    xyz_site_m: Array
+    covariance_site_m2: Array
+    sights: Mapping[str, Sights]
+
+
+def tie_points(tracks: Tracks, posed: Mapping[str, PosedCamera]) -> TiePoints:
+    """The tie points that three or more of the cameras ``posed`` (by photo_id) agree on.
+
+    Least squares of the rays' distances in pixels, twice: the second time each ray is weighted by its own distance.
+    """
+    names = list(tracks.photo_ids)
+    known = np.array([name in posed for name in names], dtype=bool)
+    rows = np.flatnonzero(known[tracks.photo]) if len(names) else np.zeros(0, dtype=np.int64)
+    rows = rows[np.argsort(tracks.photo[rows], kind="stable")]
+    photo, xy = tracks.photo[rows], tracks.xy_img[rows]
+    numbers, point = np.unique(tracks.point[rows], return_inverse=True)
+    origins, directions, focal_px = _rays(names, photo, xy, posed)
+    xyz, covariance, good = _intersections(origins, directions, focal_px, point, len(numbers))
+    renumbered = np.cumsum(good) - 1
+    sights = {}
+    for index in np.unique(photo):
+        mine = np.flatnonzero((photo == index) & good[point])
+        sights[names[index]] = Sights(xy_img=xy[mine], point=renumbered[point[mine]])
+    return TiePoints(xyz_site_m=xyz[good], covariance_site_m2=covariance[good], sights=sights)
+
+
+def _rays(
+    names: Sequence[str], photo: NDArray[np.int64], xy: Array, posed: Mapping[str, PosedCamera]
+) -> tuple[Array, Array, Array]:
+    """Origins and directions (k, 3) and focal lengths (k,) of sightings, which come by photograph."""
+    origins, directions, focal_px = np.zeros((len(xy), 3)), np.zeros((len(xy), 3)), np.ones(len(xy))
+    for index in np.unique(photo):
+        part = slice(*np.searchsorted(photo, [index, index + 1]))
+        camera = posed[names[index]]
+        origins[part], directions[part] = camera.rays_site(xy[part])
+        focal_px[part] = np.sqrt(camera.camera.fx_px * camera.camera.fy_px)
+    return origins, directions, focal_px
+
+
+def _intersections(
+    origins: Array, directions: Array, focal_px: Array, point: NDArray[np.int64], count: int
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Points (count, 3), their covariance (count, 3, 3) and which are to be believed."""
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    along = np.zeros(len(origins))
+    weight = np.ones(len(origins))
+    enough = np.bincount(point, minlength=count) >= _LEAST_SIGHTS
+    xyz: Array = np.zeros((count, 3))
+    information: Array = np.zeros((count, 3, 3))
+    for _ in range(2):
+        information = _summed(weight[:, None, None] * across, point, count)
+        right = _summed(weight[:, None] * np.einsum("kij,kj->ki", across, origins), point, count)
+        values = np.linalg.eigvalsh(information)
+        enough = enough & (values[:, 0] > _FLAT * values[:, 2])
+        information[~enough] = np.eye(3)
+        xyz = np.asarray(np.linalg.solve(information, right[:, :, None])[:, :, 0], dtype=np.float64)
+        along = np.einsum("ki,ki->k", xyz[point] - origins, directions)
+        weight = (focal_px / np.maximum(along, 0.1)) ** 2
+    behind = np.bincount(point, weights=along <= 0, minlength=count) > 0
+    off = np.einsum("kij,kj->ki", across, xyz[point] - origins)
+    off_px2 = weight * np.einsum("ki,ki->k", off, off)
+    sights = np.maximum(np.bincount(point, minlength=count), 1)
+    # A sighting has two residuals, a point takes three of them.
+    rms_px = np.sqrt(np.bincount(point, weights=off_px2, minlength=count) / np.maximum(2 * sights - 3, 1))
+    good = enough & ~behind
+    sigma_px = max(_LEAST_SIGMA_PX, float(np.median(rms_px[good]))) if good.any() else _LEAST_SIGMA_PX
+    good &= rms_px <= _WRONG_SIGMA * sigma_px
+    covariance = np.zeros((count, 3, 3))
+    covariance[good] = sigma_px**2 * np.linalg.inv(information[good])
+    return xyz, covariance, good
+
+
+def _summed(values: Array, point: NDArray[np.int64], count: int) -> Array:
+    """Sums of ``values`` (k, ...) over the sightings of each point (count, ...)."""
+    flat = values.reshape(len(values), -1)
+    summed: Array = np.stack(
+        [np.bincount(point, weights=flat[:, i], minlength=count) for i in range(flat.shape[1])], axis=-1
+    )
+    return np.asarray(summed.reshape(count, *values.shape[1:]), dtype=np.float64)
