@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from facadelake.camera import PosedCamera
 from facadelake.errors import InputDataError
 from facadelake.frames import Array
 from facadelake.geobim.surface import Surface
+from facadelake.geobim.targets import target_elements
 from facadelake.progress import stage_progress
 from facadelake.register.masks import masked_shares
 from facadelake.register.occlusion import Occluders, OcclusionSettings
@@ -30,24 +30,6 @@ from schemas.vocabulary import ObservationOutcome
 _log = logging.getLogger(__name__)
 Row = dict[str, Any]
 
-# What an IFC holds beside the building: its ground, plants, furniture and vehicles.
-NON_TARGET_CLASSES = frozenset(
-    {
-        "IfcSite",
-        "IfcGeographicElement",
-        "IfcEarthworksElement",
-        "IfcEarthworksFill",
-        "IfcEarthworksCut",
-        "IfcPavement",
-        "IfcKerb",
-        "IfcCourse",
-        "IfcSign",
-        "IfcVehicle",
-        "IfcFurnishingElement",
-        "IfcFurniture",
-        "IfcSystemFurnitureElement",
-    }
-)
 _PLACED = (ObservationOutcome.REGISTERED, ObservationOutcome.GRAZING)
 _NOT_IN_PICTURE = (ObservationOutcome.UNLOCALISED, ObservationOutcome.OUTSIDE)
 
@@ -76,22 +58,19 @@ class Scene:
     placement_sigma_m: float = 0.0
 
 
-def target_elements(elements: pa.Table) -> NDArray[np.bool_]:
-    """Which elements (n,) of table ``elements`` are parts of the building, where a defect can be."""
-    return np.array([name not in NON_TARGET_CLASSES for name in elements.column("ifc_class").to_pylist()], dtype=bool)
-
-
 def exclude(
     observations: pa.Table,
     detections: pa.Table,
     posed: Mapping[str, PosedCamera],
+    elements: pa.Table,
     surface: Surface,
     scene: Scene,
     settings: ExclusionSettings,
 ) -> pa.Table:
-    """Table ``observations`` with those masked or occluded that are, each with its reason; the order is kept.
+    """Table ``observations`` with those off target, masked or occluded that are, each with its reason, order kept.
 
-    A mask outweighs what the ray met; an occluder is looked for only before what was placed on the building.
+    ``elements`` and ``surface`` are the building's. A mask outweighs what the ray met; an occluder is looked for only
+    before what was placed on the building.
     """
     rows = observations.to_pylist()
     box_of = {
@@ -100,6 +79,7 @@ def exclude(
             ["detection_id", "box_x_px", "box_y_px", "box_width_px", "box_height_px"]
         ).to_pylist()
     }
+    _off_building(rows, elements)
     by_photo: dict[str, list[Row]] = {}
     for row in rows:
         if row["observation_outcome"] not in _NOT_IN_PICTURE:
@@ -123,6 +103,19 @@ def exclude(
             step.advance()
     _log.info("%s", Counter(str(row["observation_outcome"]) for row in rows))
     return table_of_rows("observations", rows)
+
+
+def _off_building(rows: list[Row], elements: pa.Table) -> None:
+    """What lies on an element that is no part of the building is off target."""
+    beside = {
+        row["element_guid"]: f"{row['ifc_class']} '{row['element_name'] or row['element_guid']}'"
+        for row, target in zip(elements.to_pylist(), target_elements(elements), strict=True)
+        if not target
+    }
+    for row in rows:
+        if row["observation_outcome"] in _PLACED and row["element_guid"] in beside:
+            row["observation_outcome"] = str(ObservationOutcome.OFF_TARGET)
+            row["reason"] = f"it lies on {beside[row['element_guid']]}, which is no part of the building"
 
 
 def _mask(rows: list[Row], boxes: Array, mask: Path, posed: PosedCamera, share_min: float) -> None:

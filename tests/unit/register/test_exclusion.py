@@ -9,7 +9,7 @@ from facadelake.camera import PosedCamera
 from facadelake.errors import InputDataError
 from facadelake.frames import Similarity
 from facadelake.geobim.surface import Surface
-from facadelake.register.exclusion import ExclusionSettings, Scene, exclude, target_elements
+from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.masks import masked_shares
 from facadelake.register.occlusion import OcclusionSettings
 from facadelake.register.tie_points import Tracks, tie_points
@@ -60,12 +60,12 @@ def excluded(wall, made, scene, cameras=CAMERAS):
             {
                 "detection_id": row["detection_id"], "photo_id": row["photo_id"], "defect_class": "crack",
                 "observation_outcome": "registered" if row["photo_id"] in cameras else "unlocalised",
-                "target_share": 1.0,
+                "target_share": 1.0, "element_guid": "low" if row["detection_id"] == "low" else "high",
             }
             for row in made.to_pylist()
         ],
     )  # fmt: skip
-    rows = exclude(observed, made, cameras, Surface(wall), scene, ExclusionSettings()).to_pylist()
+    rows = exclude(observed, made, cameras, wall.elements, Surface(wall), scene, ExclusionSettings()).to_pylist()
     return {row["detection_id"]: row for row in rows}
 
 
@@ -198,11 +198,15 @@ def test_a_mask_of_the_wrong_size_is_told_and_not_used(wall, detections_of, tmp_
     assert "10x10" in caplog.text and "not used" in caplog.text
 
 
-def test_ground_and_furniture_are_no_target(wall):
-    rows = [{**row, "ifc_class": kind} for row, kind in zip(
-        wall.elements.to_pylist(), ("IfcGeographicElement", "IfcWall"), strict=True
-    )]  # fmt: skip
-    assert target_elements(table_of_rows("elements", rows)).tolist() == [False, True]
+def test_on_a_bench_it_is_off_target(wall, detections_of):
+    kinds = ("IfcFurniture", "IfcWall")
+    rows = [{**row, "ifc_class": kind} for row, kind in zip(wall.elements.to_pylist(), kinds, strict=True)]
+    made = detections_of(*[(name, "p1", "crack", (900, 700, 40, 40)) for name in ("low", "high")])
+    found = excluded(replace(wall, elements=table_of_rows("elements", rows)), made, Scene())
+    assert {name: row["observation_outcome"] for name, row in found.items()} == {
+        "low": "off_target", "high": "registered",
+    }  # fmt: skip
+    assert found["low"]["reason"] == "it lies on IfcFurniture 'low wall', which is no part of the building"
 
 
 def test_settings_out_of_range_are_refused():
