@@ -1,5 +1,7 @@
 """A board stands before a wall: what it hides, what a mask blackens, and what is no part of the building."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
