@@ -22,6 +22,8 @@ CLASS_DASHES: dict[str, Dashes] = {
 OUTCOME_COLOURS: dict[str, str] = {
     ObservationOutcome.REGISTERED: "#009e73",
     ObservationOutcome.OFF_TARGET: "#d55e00",
+    ObservationOutcome.OCCLUDED: "#f0e442",
+    ObservationOutcome.MASKED: "#000000",
     ObservationOutcome.GRAZING: "#e69f00",
     ObservationOutcome.OUTSIDE: "#cc79a7",
     ObservationOutcome.UNLOCALISED: "#56b4e9",
@@ -80,3 +82,8 @@ def short_ids(ids: Sequence[str]) -> dict[str, str]:
     if all(0 < len(text) <= 4 for text in rest.values()) and len(set(rest.values())) == len(rest):
         return rest
     return {name: str(rank) for rank, name in enumerate(ids, start=1)}
+
+
+def plain(text: str) -> str:
+    """Text that Matplotlib writes as it is: a pair of dollar signs would be taken for a formula."""
+    return text.replace("$", r"\$")
