@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 from scipy.spatial.transform import Rotation
 
 from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Similarity
+from facadelake.frames import Array, Similarity
 from schemas.vocabulary import PoseSource
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
@@ -41,6 +42,18 @@ def posed_cameras(poses: pa.Table) -> dict[str, PosedCamera]:
         if PoseSource(row["pose_source"]).measured:
             out[row["photo_id"]] = _posed(row)
     return out
+
+
+def pose_covariances(poses: pa.Table) -> dict[str, Array]:
+    """Covariances (6, 6) by photo_id of the measured cameras of table ``poses`` that have one.
+
+    Order: centre (m, site), then attitude (rad) about the camera's own x, y, z: site_from_cam exp([turn]x).
+    """
+    return {
+        row["photo_id"]: np.array(row["covariance"], dtype=np.float64).reshape(6, 6)
+        for row in poses.select(["photo_id", "pose_source", "covariance"]).to_pylist()
+        if row["covariance"] is not None and PoseSource(row["pose_source"]).measured
+    }
 
 
 def _posed(row: dict[str, Any]) -> PosedCamera:

@@ -10,7 +10,7 @@ from prefect import task
 
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
-from facadelake.posed import posed_cameras
+from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.observe import observe
 from facadelake.register.settings import RegisterSettings
 from facadelake.registry import Building
@@ -26,9 +26,14 @@ def register(job: InspectionJob, model: StageResult, placed: StageResult, detect
 
     def make(folder: Path) -> Counts:
         building = read_building(model.folder)
-        posed = posed_cameras(read_table("poses", placed.folder))
+        poses = read_table("poses", placed.folder)
         table = observe(
-            read_table("detections", detections.folder), posed, building, Surface(building), settings=settings
+            read_table("detections", detections.folder),
+            posed_cameras(poses),
+            building,
+            Surface(building),
+            settings=settings,
+            covariances=pose_covariances(poses),
         )
         write_table("observations", table, folder)
         return Counter(table.column("observation_outcome").to_pylist())
@@ -40,4 +45,8 @@ def register(job: InspectionJob, model: StageResult, placed: StageResult, detect
 def register_settings(building: Building) -> RegisterSettings:
     """The registry's tolerances, as register takes them."""
     limits = building.tolerances
-    return RegisterSettings(grazing_above_deg=limits.grazing_above_deg, target_share_min=limits.target_share_min)
+    return RegisterSettings(
+        grazing_above_deg=limits.grazing_above_deg,
+        target_share_min=limits.target_share_min,
+        model_sigma_m=limits.model_sigma_m,
+    )

@@ -1,4 +1,4 @@
-"""Detections to observations: where each box lies on the building, and on which of its elements.
+"""Detections to observations: where each box or mask lies on the building, how surely, and on which of its elements.
 
 The paper turns pixels to metres by one depth a photograph (``2 z tan(FOV/2) l / l_D``, in Algorithm 1), which is
 exact only for a plane seen square-on; here each pixel's own ray meets the surface.
@@ -8,28 +8,37 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import shapely
 from numpy.typing import NDArray
 
 from facadelake.camera import PosedCamera
 from facadelake.frames import Array
-from facadelake.geobim.facade import facade_seen
 from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.storeys import storeys_of_places
-from facadelake.geobim.surface import MISS, Hits, Surface
+from facadelake.geobim.surface import Surface
 from facadelake.progress import stage_progress
-from facadelake.register.patch import Patches, patches_of
+from facadelake.register.attribution import Attribution
+from facadelake.register.casts import Casts, cast
+from facadelake.register.places import Places
 from facadelake.register.settings import RegisterSettings
+from facadelake.register.uncertainty import ray_covariance, surface_covariance
 from facadelake.tables import table_of_rows
 from schemas.vocabulary import DetectionOutcome, ObservationOutcome
 
 _log = logging.getLogger(__name__)
 Row = dict[str, Any]
+_NO_COVARIANCE: Mapping[str, Array] = {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What becomes of a detection, and why in words (None where it is registered)."""
+
+    outcome: ObservationOutcome
+    reason: str | None = None
 
 
 def observe(
@@ -38,29 +47,29 @@ def observe(
     building: BuildingModel,
     surface: Surface,
     settings: RegisterSettings,
+    covariances: Mapping[str, Array] = _NO_COVARIANCE,
 ) -> pa.Table:
     """Table ``observations``: one row an accepted detection, with its outcome; ``defect_id`` is left to ``merge``.
 
-    ``posed`` holds the localised photographs by photo_id. The position is the hit of the box centre's ray; extents,
-    area and target share come from the rays of the whole box.
+    ``posed`` holds the localised photographs by photo_id, ``covariances`` their poses' (6, 6) as
+    ``facadelake.posed.pose_covariances`` gives them; a pose without one is taken for exact.
     """
     accepted = [row for row in detections.to_pylist() if row["detection_outcome"] == DetectionOutcome.ACCEPTED]
     rows: list[Row] = []
     on_photo: list[Row] = []
     for row in accepted:
-        camera = posed.get(row["photo_id"])
-        if camera is None:
-            rows.append(_row(row, ObservationOutcome.UNLOCALISED, 0.0))
-        elif not camera.camera.contains(_centre(row)[None])[0]:
-            rows.append(_row(row, ObservationOutcome.OUTSIDE, 0.0))
-        else:
+        verdict = _without_a_ray(row, posed)
+        if verdict is None:
             on_photo.append(row)
+        else:
+            rows.append(_row(row, verdict, 0.0))
     on_photo.sort(key=lambda row: (row["photo_id"], row["detection_id"]))
+    places = Places(building, Attribution(building, settings.model_sigma_m))
     with stage_progress("Registering detections", len(on_photo)) as step:
         for start in range(0, len(on_photo), settings.detections_per_cast):
-            batch = on_photo[start : start + settings.detections_per_cast]
-            rows.extend(_registered(batch, posed, building, surface, settings))
-            step.advance(len(batch))
+            casts = cast(on_photo[start : start + settings.detections_per_cast], posed, surface, settings)
+            rows.extend(_placed(casts, judged(casts, settings), places, settings, covariances))
+            step.advance(len(casts.detections))
     rows.sort(key=lambda row: str(row["detection_id"]))
     counts = {
         str(outcome): sum(row["observation_outcome"] == outcome for row in rows) for outcome in ObservationOutcome
@@ -69,107 +78,82 @@ def observe(
     return table_of_rows("observations", rows)
 
 
-def _centre(row: Row) -> Array:
-    return np.array([row["box_x_px"] + row["box_width_px"] / 2, row["box_y_px"] + row["box_height_px"] / 2])
+def judged(casts: Casts, settings: RegisterSettings) -> list[Verdict]:
+    """What becomes of each of the detections, by how much of it meets the building and how flat."""
+    verdicts = []
+    for share, angle in zip(casts.patches.target_share, casts.patches.incidence_deg, strict=True):
+        if share < settings.target_share_min or not np.isfinite(angle):
+            reason = f"{share:.0%} of its rays meet the building, the limit is {settings.target_share_min:.0%}"
+            verdicts.append(Verdict(outcome=ObservationOutcome.OFF_TARGET, reason=reason))
+        elif angle > settings.grazing_above_deg:
+            reason = f"its ray meets the surface at {angle:.1f} deg, the limit is {settings.grazing_above_deg:g} deg"
+            verdicts.append(Verdict(outcome=ObservationOutcome.GRAZING, reason=reason))
+        else:
+            verdicts.append(Verdict(outcome=ObservationOutcome.REGISTERED))
+    return verdicts
 
 
-def _row(detection: Row, outcome: ObservationOutcome, target_share: float, **found: Any) -> Row:
+def _without_a_ray(row: Row, posed: Mapping[str, PosedCamera]) -> Verdict | None:
+    camera = posed.get(row["photo_id"])
+    if camera is None:
+        reason = "the photograph has no measured pose; see table poses"
+        return Verdict(outcome=ObservationOutcome.UNLOCALISED, reason=reason)
+    x, y = row["box_x_px"] + row["box_width_px"] / 2, row["box_y_px"] + row["box_height_px"] / 2
+    if camera.camera.contains(np.array([[x, y]]))[0]:
+        return None
+    size = f"{camera.camera.width_px} x {camera.camera.height_px} px"
+    reason = f"its middle at {x:.1f}, {y:.1f} px lies outside the photograph of {size}"
+    return Verdict(outcome=ObservationOutcome.OUTSIDE, reason=reason)
+
+
+def _row(detection: Row, verdict: Verdict, target_share: float, **found: Any) -> Row:
     kept = {name: detection[name] for name in ("detection_id", "photo_id", "defect_class")}
-    return {**kept, "observation_outcome": str(outcome), "target_share": target_share, **found}
-
-
-def _rays(batch: Sequence[Row], posed: Mapping[str, PosedCamera], side: int) -> tuple[Array, Array]:
-    """Origins and directions of each box's ``side`` x ``side`` pixels, box after box; ``batch`` comes by photograph."""
-    share = np.linspace(0, 1, side)
-    grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
-    names = [row["photo_id"] for row in batch]
-    starts = [i for i in range(len(names)) if i == 0 or names[i] != names[i - 1]]
-    origins, directions = [], []
-    for start, stop in zip(starts, [*starts[1:], len(names)], strict=True):
-        boxes = np.array(
-            [[r["box_x_px"], r["box_y_px"], r["box_width_px"], r["box_height_px"]] for r in batch[start:stop]]
-        )
-        pixels = (boxes[:, None, :2] + grid[None] * boxes[:, None, 2:]).reshape(-1, 2)
-        origin, direction = posed[names[start]].rays_site(pixels)
-        origins.append(origin)
-        directions.append(direction)
-    return np.vstack(origins), np.vstack(directions)
-
-
-def _registered(
-    batch: Sequence[Row],
-    posed: Mapping[str, PosedCamera],
-    building: BuildingModel,
-    surface: Surface,
-    settings: RegisterSettings,
-) -> list[Row]:
-    """Rows of detections whose centre lies in a localised photograph."""
-    side = settings.rays_per_side
-    origins, directions = _rays(batch, posed, side)
-    seen = surface.cast(origins + settings.near_m * directions, directions)
-    hits = replace(seen, distance_m=seen.distance_m + settings.near_m)
-    patches = patches_of(hits, len(batch), side, settings.step_m)
-    centre = np.arange(len(batch)) * side * side + side * side // 2
-    on_target = (hits.element[centre] != MISS) & (patches.target_share >= settings.target_share_min)
-    rows = [
-        _row(row, ObservationOutcome.OFF_TARGET, float(share))
-        for row, share, good in zip(batch, patches.target_share, on_target, strict=True)
-        if not good
-    ]
-    kept = np.flatnonzero(on_target)
-    if len(kept):
-        rows.extend(_placed(batch, kept, centre[kept], hits, directions, patches, posed, building, settings))
-    return rows
+    outcome = {"observation_outcome": str(verdict.outcome), "reason": verdict.reason}
+    return {**kept, **outcome, "target_share": target_share, **found}
 
 
 def _placed(
-    batch: Sequence[Row],
-    kept: NDArray[np.int64],
-    centre: NDArray[np.int64],
-    hits: Hits,
-    directions: Array,
-    patches: Patches,
-    posed: Mapping[str, PosedCamera],
-    building: BuildingModel,
+    casts: Casts,
+    verdicts: Sequence[Verdict],
+    places: Places,
     settings: RegisterSettings,
+    covariances: Mapping[str, Array],
 ) -> list[Row]:
-    """Rows of detections on the building: registered, or grazing where the ray runs along the surface."""
-    xyz, normal = hits.xyz_site_m[centre], hits.normal_site[centre]
-    geo = building.origin.geo_from_site(xyz)
-    on_map = building.map_from_site(xyz)
-    cosine = np.clip(-np.einsum("ij,ij->i", directions[centre], normal), 0.0, 1.0)
-    incidence = np.degrees(np.arccos(cosine))
-    points = shapely.to_wkb(shapely.points(geo), output_dimension=3)
-    guids, named, facades = (
-        building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
+    """Rows of the detections, with their places where the building was met."""
+    shares = casts.patches.target_share
+    kept = np.array(
+        [i for i, verdict in enumerate(verdicts) if verdict.outcome is not ObservationOutcome.OFF_TARGET],
+        dtype=np.int64,
     )
-    storeys = storeys_of_places(building.storeys, named, building.extents_site_m(), hits.element[centre], xyz[:, 2])
-    rows = []
-    for i, (index, ray) in enumerate(zip(kept, centre, strict=True)):
-        camera = posed[batch[index]["photo_id"]]
-        distance = float(hits.distance_m[ray])
-        depth = distance * float(directions[ray] @ camera.site_from_cam.rotation[:, 2])
-        element = int(hits.element[ray])
-        grazing = incidence[i] > settings.grazing_above_deg
-        rows.append(
-            _row(
-                batch[index],
-                ObservationOutcome.GRAZING if grazing else ObservationOutcome.REGISTERED,
-                float(patches.target_share[index]),
-                **dict(zip(("x_site_m", "y_site_m", "z_site_m"), map(float, xyz[i]), strict=True)),
-                **dict(zip(("lon_deg", "lat_deg", "height_ellipsoidal_m"), map(float, geo[i]), strict=True)),
-                **dict(zip(("east_map_m", "north_map_m", "height_map_m"), map(float, on_map[i]), strict=True)),
-                **dict(zip(("normal_x", "normal_y", "normal_z"), map(float, normal[i]), strict=True)),
-                incidence_deg=float(incidence[i]),
-                distance_m=distance,
-                gsd_mm=1000 * depth / float(np.sqrt(camera.camera.fx_px * camera.camera.fy_px)),
-                width_m=float(patches.width_m[index]),
-                height_m=float(patches.height_m[index]),
-                area_m2=float(patches.area_m2[index]),
-                element_guid=guids[element],
-                storey=storeys[i],
-                facade=facade_seen(facades[element], normal[i]),
-                geometry=points[i],
-            )
-        )
-    return rows
+    found: list[Row] = [{} for _ in verdicts]
+    if len(kept):
+        covariance = position_covariance(casts, kept, settings, covariances)
+        columns = places.columns(casts, kept, covariance)
+        for place, index in enumerate(kept.tolist()):
+            found[index] = {name: values[place] for name, values in columns.items()}
+    return [
+        _row(row, verdict, float(share), **extra)
+        for row, verdict, share, extra in zip(casts.detections, verdicts, shares, found, strict=True)
+    ]
+
+
+def position_covariance(
+    casts: Casts, kept: NDArray[np.int64], settings: RegisterSettings, covariances: Mapping[str, Array]
+) -> Array:
+    """Covariance (m, 3, 3) in m2 of the positions of the detections ``kept`` (m,), by rays and surface together."""
+    patches = casts.patches
+    direction, normal = patches.ray.direction_site[kept], patches.normal_site[kept]
+    sizes = np.array(
+        [[casts.detections[i]["box_width_px"], casts.detections[i]["box_height_px"]] for i in kept], dtype=np.float64
+    )
+    poses = np.array([covariances.get(casts.detections[i]["photo_id"], np.zeros((6, 6))) for i in kept])
+    by_ray = ray_covariance(
+        direction,
+        patches.distance_m[kept],
+        normal,
+        patches.ray.by_pixel[kept],
+        np.hypot(settings.pixel_sigma_px, settings.box_sigma_share * sizes),
+        np.array([casts.cameras[camera].site_from_cam.rotation for camera in casts.camera_of[kept]]),
+        poses,
+    )
+    return by_ray + surface_covariance(direction, normal, settings.model_sigma_m)

@@ -1,31 +1,62 @@
-"""The part of the surface inside a box: which of its rays' hits hang together, and how large they are."""
+"""The part of the surface that a detection covers: what of its rays' hits hang together, where it is, how large."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
+from facadelake.camera import PosedCamera
 from facadelake.frames import Array
 from facadelake.geobim.surface import Hits
+from facadelake.geodesy import SiteOrigin
+from facadelake.register.outline import Outlines
+from facadelake.register.rays import PixelRays, rays_of
 
 _UP = np.array([0.0, 0.0, 1.0])
+_FLAT_COSINE = np.cos(np.radians(0.2))  # a patch whose normals turn by less is flat: its corners are enough
+_LEAST_COSINE = 0.02  # a plane seen flatter than this is not prolonged
+_MOST_STRETCH = 2.0  # nor to more than this multiple of the distance at which it was met
+_APART = 1e7  # px; keeps detections apart in one search tree
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patches:
-    """Patches of n boxes; NaN where the box's centre missed.
+    """Patches of n detections; NaN, None or -1 where no ray met the building.
 
-    ``inside`` (n, g, g): which hits belong to the patch. ``width_m`` (n,) along the horizontal tangent of the centre's
-    surface, ``height_m`` (n,) across it, ``area_m2`` (n,). ``target_share`` (n,): rays that met the building.
+    ``member`` (k,): which of the outlines' pixels belong to the patch. ``anchor`` (n,): the pixel whose plane the
+    position lies in. ``ray``: the n rays of the positions ``xyz_site_m`` (n, 3), at ``distance_m`` (n,) from the
+    camera, where the surface has ``normal_site`` (n, 3). ``polygon_site`` (n,): 3D outlines in site. ``width_m`` (n,)
+    along the horizontal tangent, ``height_m`` across it, ``length_m`` the longest extent, ``area_m2``.
+    ``target_share`` (n,): rays that met the building. ``member_share`` (n,): rays in the patch.
     """
 
-    inside: NDArray[np.bool_]
+    member: NDArray[np.bool_]
+    anchor: NDArray[np.int64]
+    xyz_site_m: Array
+    normal_site: Array
+    ray: PixelRays
+    distance_m: Array
+    polygon_site: NDArray[Any]
     width_m: Array
     height_m: Array
+    length_m: Array
     area_m2: Array
     target_share: Array
+    member_share: Array
+
+    @property
+    def incidence_deg(self) -> Array:
+        """Angle (n,) between the positions' rays and the surface's normals."""
+        cosine = np.clip(-np.einsum("ij,ij->i", self.ray.direction_site, self.normal_site), 0.0, 1.0)
+        angle: Array = np.degrees(np.arccos(cosine))
+        return angle
 
 
 def tangents_of(normals_site: Array) -> tuple[Array, Array]:
@@ -41,63 +72,209 @@ def tangents_of(normals_site: Array) -> tuple[Array, Array]:
     return across, upward / np.linalg.norm(upward, axis=-1, keepdims=True)
 
 
-def patches_of(hits: Hits, boxes: int, side: int, step_m: float) -> Patches:
-    """Patches of ``boxes`` boxes whose ``side`` x ``side`` rays follow one another in ``hits``, row by row."""
-    grid = (boxes, side, side)
-    xyz = hits.xyz_site_m.reshape(*grid, 3)
-    normal = hits.normal_site.reshape(*grid, 3)
-    hit = hits.hit.reshape(grid)
-    inside = _connected(xyz, normal, hit, step_m)
-    middle = side // 2
-    centre, facing = xyz[:, middle, middle], normal[:, middle, middle]
-    across, upward = tangents_of(np.where(np.isfinite(facing), facing, _UP))
-    offset = xyz - centre[:, None, None]
-    missed = ~hit[:, middle, middle]
+def members_of(outlines: Outlines, hits: Hits, step_m: float) -> NDArray[np.bool_]:
+    """Which pixels (k,) belong to their detection's patch: those that hang together on the surface with most votes.
+
+    Neighbours hang together where one lies in the other's tangent plane to ``step_m``: round an edge one plane still
+    holds, over a jump neither does. So a wall seen through a railing, or round a deep window, stays one patch.
+    """
+    a, b = outlines.beside.T
+    step = hits.xyz_site_m[b] - hits.xyz_site_m[a]
+    off = np.minimum(np.abs((step * hits.normal_site[a]).sum(axis=1)), np.abs((step * hits.normal_site[b]).sum(axis=1)))
+    holds = off < step_m  # NaN, a miss, is never below
+    count = len(outlines.detection)
+    graph = coo_array((np.ones(holds.sum()), (a[holds], b[holds])), shape=(count, count))
+    parts, part = connected_components(graph, directed=False)
+    votes = np.bincount(part, weights=np.where(hits.hit, outlines.vote, 0.0), minlength=parts)
+    first = np.full(parts, count)
+    np.minimum.at(first, part, np.arange(count))
+    # The best part of each detection; of parts with equal votes the one whose first pixel comes first.
+    order = np.lexsort((first, -np.round(votes, 12), outlines.detection[first]))
+    best = order[np.unique(outlines.detection[first][order], return_index=True)[1]]
+    chosen = np.zeros(parts, dtype=bool)
+    chosen[best] = True
+    member: NDArray[np.bool_] = chosen[part] & hits.hit
+    return member
+
+
+def patches_of(
+    outlines: Outlines,
+    hits: Hits,
+    rays: PixelRays,
+    cameras: list[PosedCamera],
+    camera_of: NDArray[np.int64],
+    step_m: float,
+) -> Patches:
+    """Patches of ``outlines`` (n), whose pixels' ``rays`` met the surface at ``hits``.
+
+    ``camera_of`` (n,): the outlines' cameras in ``cameras``. ``step_m`` as in ``members_of``.
+    """
+    count, owner = len(outlines), outlines.detection
+    member = members_of(outlines, hits, step_m)
+    sampled = np.bincount(owner, minlength=count)
+    cosine = np.maximum(-np.einsum("ij,ij->i", rays.direction_site, hits.normal_site), _LEAST_COSINE)
+    pixel_m2 = np.where(member, hits.distance_m**2 * rays.solid_angle / cosine, 0.0)
+    area = np.bincount(owner, weights=pixel_m2, minlength=count) * outlines.area_px2 / sampled
+    members = np.bincount(owner, weights=member, minlength=count)
+    target_share = np.bincount(owner, weights=hits.hit, minlength=count) / sampled
+
+    middle = _middle(outlines, hits, pixel_m2, cameras, camera_of)
+    anchor = _nearest_member(outlines, member, np.arange(count), middle)
+    ray = rays_of(cameras, camera_of, middle)
+    found = anchor >= 0
+    xyz, normal = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
+    xyz[found] = _on_planes(ray.origin_site_m[found], ray.direction_site[found], hits, anchor[found])
+    normal[found] = hits.normal_site[anchor[found]]
+
+    polygons = np.full(count, None, dtype=object)
+    sizes = np.full((count, 3), np.nan)
+    if found.any():
+        coords, offsets, of_vertex = _mapped(outlines, hits, member, found, normal, cameras, camera_of)
+        kind = shapely.GeometryType.MULTIPOLYGON
+        polygons[found] = _single(shapely.from_ragged_array(kind, coords, offsets))
+        sizes[found] = _extents(coords, of_vertex, xyz[found], normal[found])
     return Patches(
-        inside=inside,
-        width_m=_extent(np.einsum("nijk,nk->nij", offset, across), inside, missed),
-        height_m=_extent(np.einsum("nijk,nk->nij", offset, upward), inside, missed),
-        area_m2=np.where(missed, np.nan, _area(xyz, inside)),
-        target_share=hit.reshape(boxes, -1).mean(axis=1),
+        member=member,
+        anchor=anchor,
+        xyz_site_m=xyz,
+        normal_site=normal,
+        ray=ray,
+        distance_m=np.linalg.norm(xyz - ray.origin_site_m, axis=1),
+        polygon_site=polygons,
+        width_m=sizes[:, 0],
+        height_m=sizes[:, 1],
+        length_m=sizes[:, 2],
+        area_m2=np.where(found, area, np.nan),
+        target_share=target_share,
+        member_share=members / sampled,
     )
 
 
-def _connected(xyz: Array, normal: Array, hit: NDArray[np.bool_], step_m: float) -> NDArray[np.bool_]:
-    """Cells reached from the centre over neighbours that lie in one another's tangent planes to ``step_m``."""
-    down = _continues(xyz[:, :-1], xyz[:, 1:], normal[:, :-1], normal[:, 1:], step_m)
-    right = _continues(xyz[:, :, :-1], xyz[:, :, 1:], normal[:, :, :-1], normal[:, :, 1:], step_m)
-    inside = np.zeros_like(hit)
-    middle = hit.shape[1] // 2
-    inside[:, middle, middle] = hit[:, middle, middle]
-    before = -1
-    while inside.sum() != before:
-        before = int(inside.sum())
-        inside[:, 1:] |= inside[:, :-1] & down
-        inside[:, :-1] |= inside[:, 1:] & down
-        inside[:, :, 1:] |= inside[:, :, :-1] & right
-        inside[:, :, :-1] |= inside[:, :, 1:] & right
-    return inside
+def patches_on_the_globe(polygons_site: NDArray[Any], origin: SiteOrigin) -> list[bytes]:
+    """Site polygons (n,) as WKB in EPSG:4979."""
+    placed = shapely.transform(polygons_site, origin.geo_from_site, include_z=True)
+    wkb: list[bytes] = shapely.to_wkb(placed, output_dimension=3).tolist()
+    return wkb
 
 
-def _continues(a: Array, b: Array, normal_a: Array, normal_b: Array, step_m: float) -> NDArray[np.bool_]:
-    """Whether neighbours lie on one surface: round an edge one tangent plane still holds, over a jump neither does."""
-    step = b - a
-    off = np.minimum(np.abs((step * normal_a).sum(axis=-1)), np.abs((step * normal_b).sum(axis=-1)))
-    return np.asarray(off < step_m)  # NaN, a miss, is never below
+def patches_in_site(patches: list[bytes], origin: SiteOrigin) -> NDArray[Any]:
+    """Column ``patch`` (WKB in EPSG:4979, n) as polygons in site metres."""
+    in_site: NDArray[Any] = shapely.transform(shapely.from_wkb(patches), origin.site_from_geo, include_z=True)
+    return in_site
 
 
-def _extent(along: Array, inside: NDArray[np.bool_], missed: NDArray[np.bool_]) -> Array:
-    flat, kept = along.reshape(len(along), -1), inside.reshape(len(along), -1)
-    high = np.where(kept, flat, -np.inf).max(axis=1)
-    low = np.where(kept, flat, np.inf).min(axis=1)
-    with np.errstate(invalid="ignore"):
-        return np.where(missed, np.nan, high - low)
+def _middle(
+    outlines: Outlines, hits: Hits, pixel_m2: Array, cameras: list[PosedCamera], camera_of: NDArray[np.int64]
+) -> Array:
+    """The pixel (n, 2) of each patch's middle.
+
+    A box's own: whoever drew it put it about the defect. A mask's is the centroid of its area on the surface, which,
+    other than the centroid of its pixels, is one place for all photographs.
+    """
+    middle = outlines.centre_img.copy()
+    xyz = np.where(pixel_m2[:, None] > 0, hits.xyz_site_m, 0.0)
+    weight = np.bincount(outlines.detection, weights=pixel_m2, minlength=len(outlines))
+    for row in np.flatnonzero(outlines.masked & (weight > 0)):
+        first, last = np.searchsorted(outlines.detection, (row, row + 1))
+        centroid = np.average(xyz[first:last], axis=0, weights=pixel_m2[first:last])
+        middle[row] = cameras[camera_of[row]].project_site(centroid[None])[0]
+    return middle
 
 
-def _area(xyz: Array, inside: NDArray[np.bool_]) -> Array:
-    """Area of the grid's cells whose four corners are in the patch, each as two triangles."""
-    a, b, c, d = xyz[:, :-1, :-1], xyz[:, :-1, 1:], xyz[:, 1:, 1:], xyz[:, 1:, :-1]
-    whole = inside[:, :-1, :-1] & inside[:, :-1, 1:] & inside[:, 1:, 1:] & inside[:, 1:, :-1]
-    cell = np.linalg.norm(np.cross(b - a, c - a), axis=-1) + np.linalg.norm(np.cross(c - a, d - a), axis=-1)
-    area: Array = np.where(whole, cell, 0.0).sum(axis=(1, 2)) / 2
-    return area
+def _nearest_member(
+    outlines: Outlines, member: NDArray[np.bool_], rows: NDArray[np.int64], xy_img: Array
+) -> NDArray[np.int64]:
+    """The member (m,) nearest to each pixel ``xy_img`` (m, 2) of detection ``rows`` (m,); -1 where there is none."""
+    kept = np.flatnonzero(member)
+    if not len(kept):
+        return np.full(len(rows), -1, dtype=np.int64)
+    # Distances count in pitches, so that a flat box's rows are as far apart as its columns.
+    pitch = outlines.pitch_px
+    tree = cKDTree(
+        np.column_stack([outlines.xy_img[kept] / pitch[outlines.detection[kept]], _APART * outlines.detection[kept]])
+    )
+    _, nearest = tree.query(np.column_stack([xy_img / pitch[rows], _APART * rows]))
+    chosen = kept[nearest]
+    return np.where(outlines.detection[chosen] == rows, chosen, -1)
+
+
+def _on_planes(origin: Array, direction: Array, hits: Hits, anchor: NDArray[np.int64]) -> Array:
+    """Where rays (m, 3) meet the planes of the hits ``anchor`` (m,); the hit itself where the plane is too flat."""
+    normal, at = hits.normal_site[anchor], hits.xyz_site_m[anchor]
+    cosine = np.einsum("ij,ij->i", normal, direction)
+    height = np.einsum("ij,ij->i", normal, at - origin)
+    distance = np.divide(height, cosine, out=np.full(len(height), np.nan), where=np.abs(cosine) > _LEAST_COSINE)
+    ratio = distance / hits.distance_m[anchor]
+    sound = (ratio > 1 / _MOST_STRETCH) & (ratio < _MOST_STRETCH)
+    placed: Array = np.where(sound[:, None], origin + distance[:, None] * direction, at)
+    return placed
+
+
+def _mapped(
+    outlines: Outlines,
+    hits: Hits,
+    member: NDArray[np.bool_],
+    found: NDArray[np.bool_],
+    normal: Array,
+    cameras: list[PosedCamera],
+    camera_of: NDArray[np.int64],
+) -> tuple[Array, tuple[NDArray[np.int64], ...], NDArray[np.int64]]:
+    """Outlines of the patches in site: vertices (c, 3), ragged offsets, and which found patch a vertex is of (c,).
+
+    Every vertex lies in the plane of the member next to it, so a patch that ends at an edge of the building does not
+    reach over it.
+    """
+    owner, rows = outlines.detection, np.flatnonzero(found)
+    polygons = outlines.polygon_img.copy()
+    whole = np.bincount(owner, weights=member, minlength=len(outlines)) == np.bincount(owner, minlength=len(outlines))
+    for row in rows[~whole[rows]]:
+        polygons[row] = _cut(outlines, member, int(row))
+    turned = np.where(member, np.einsum("ij,ij->i", hits.normal_site, normal[owner]), 1.0)
+    flattest = np.ones(len(outlines))
+    np.minimum.at(flattest, owner, turned)
+    bent = rows[flattest[rows] < _FLAT_COSINE]
+    polygons[bent] = shapely.segmentize(polygons[bent], outlines.pitch_px[bent].max(axis=1))
+    # One kind for all: a mixture with single polygons would be laid out by what else is in the batch.
+    parts, part_of = shapely.get_parts(polygons[rows], return_index=True)
+    many = shapely.multipolygons(parts, indices=part_of)
+    _, xy, offsets = shapely.to_ragged_array(many)
+    rings, per_polygon, per_many = (np.asarray(level, dtype=np.int64) for level in offsets)
+    of_vertex = np.searchsorted(rings[per_polygon[per_many]], np.arange(len(xy)), side="right") - 1
+    detection = rows[of_vertex]
+    anchor = _nearest_member(outlines, member, detection, xy)
+    edge = rays_of(cameras, camera_of[detection], xy)
+    return _on_planes(edge.origin_site_m, edge.direction_site, hits, anchor), offsets, of_vertex
+
+
+def _cut(outlines: Outlines, member: NDArray[np.bool_], row: int) -> Any:
+    """The part of an outline in the cells of its members: to half a pitch, the part on the patch's own surface."""
+    first, last = np.searchsorted(outlines.detection, (row, row + 1))
+    xy, half = outlines.xy_img[first:last][member[first:last]], outlines.pitch_px[row] / 2
+    cells = shapely.union_all(shapely.box(*(xy - half).T, *(xy + half).T), grid_size=1e-6)
+    cut = shapely.intersection(cells, outlines.polygon_img[row])
+    parts = [part for part in shapely.get_parts(cut) if part.geom_type == "Polygon" and part.area > 0]
+    return shapely.multipolygons(parts) if parts else cells
+
+
+def _single(polygons: NDArray[Any]) -> NDArray[Any]:
+    """Multipolygons of one part as polygons."""
+    return np.where(shapely.get_num_geometries(polygons) == 1, shapely.get_geometry(polygons, 0), polygons)
+
+
+def _extents(coords: Array, of_vertex: NDArray[np.int64], xyz: Array, normal: Array) -> Array:
+    """Horizontal, upward and longest extent (n, 3) of vertices (c, 3), given in the order of their patches."""
+    across, upward = tangents_of(normal)
+    starts = np.searchsorted(of_vertex, np.arange(len(xyz)))
+    away = coords - xyz[of_vertex]
+    out = np.empty((len(xyz), 3))
+    for axis, tangent in enumerate((across, upward)):
+        along = np.einsum("ij,ij->i", away, tangent[of_vertex])
+        out[:, axis] = np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
+    counts = np.diff(np.append(starts, len(coords)))
+    for count in np.unique(counts):
+        rows = np.flatnonzero(counts == count)
+        for some in np.array_split(rows, 1 + len(rows) * int(count) ** 2 // 2_000_000):
+            points = coords[starts[some, None] + np.arange(count)]
+            apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
+            out[some, 2] = apart.max(axis=(1, 2), initial=0.0)
+    return out

@@ -91,7 +91,16 @@ def test_every_accepted_detection_has_a_row_with_an_outcome(wall, detections_of)
     assert [(row["detection_id"], row["observation_outcome"]) for row in rows] == [
         ("a", "registered"), ("b", "unlocalised"), ("c", "outside"), ("d", "off_target"), ("e", "grazing"),
     ]  # fmt: skip
-    assert {row["observation_outcome"] for row in rows} == set(ObservationOutcome)
+    # What stands before the building, and what a mask leaves out, is for exclusion to say.
+    not_of_observe = {ObservationOutcome.OCCLUDED, ObservationOutcome.MASKED}
+    assert {row["observation_outcome"] for row in rows} == set(ObservationOutcome) - not_of_observe
+    assert [row["reason"] for row in rows] == [
+        None,
+        "the photograph has no measured pose; see table poses",
+        "its middle at 2040.0, 750.0 px lies outside the photograph of 2000 x 1500 px",
+        "0% of its rays meet the building, the limit is 50%",
+        "its ray meets the surface at 84.3 deg, the limit is 80 deg",
+    ]
     assert rows[3]["x_site_m"] is None
     assert rows[4]["incidence_deg"] > SETTINGS.grazing_above_deg
 
@@ -134,7 +143,16 @@ def test_batches_do_not_change_the_answer(wall, detections_of):
     made = detections_of(*[(f"d{i:02d}", f"p{i % 4}", "crack", (500 + 30 * i, 700, 40, 30)) for i in range(20)])
     whole = observe(made, cameras, wall, Surface(wall), SETTINGS)
     small = observe(made, cameras, wall, Surface(wall), RegisterSettings(detections_per_cast=3))
-    assert whole.equals(small)
+    numbers = [field.name for field in whole.schema if field.type == "double" and field.name != "crack_width_mm"]
+    for name in whole.schema.names:
+        if name in numbers:
+            np.testing.assert_allclose(
+                small.column(name).to_numpy(), whole.column(name).to_numpy(), rtol=0, atol=1e-9
+            )  # m, deg: the last bits depend on how sums are blocked
+        elif name not in ("covariance_site", "patch", "geometry"):
+            assert small.column(name).equals(whole.column(name)), name
+    shapes = [shapely.from_wkb(table.column("patch").to_pylist()) for table in (whole, small)]
+    assert shapely.equals_exact(*shapes, tolerance=1e-9).all()  # deg, m
 
 
 def test_settings_out_of_range_are_refused():
