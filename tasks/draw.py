@@ -39,6 +39,7 @@ def draw(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Stag
             detections=tables["detections"],
             observations=tables["observations"],
             defects=tables["defects"],
+            merges=tables["merges"],
             integrity_views=tables["integrity_views"],
             checks=read_table("checks", checks.folder),
             placement_sigma_max_m=job.building.tolerances.placement_sigma_max_m,

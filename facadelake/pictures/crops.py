@@ -1,4 +1,4 @@
-"""Each defect as its best photograph shows it: small crops for the report."""
+"""Pieces of photographs round a detection, with its outline; and each defect's best one for the report."""
 
 from __future__ import annotations
 
@@ -6,22 +6,25 @@ import logging
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
 from facadelake.errors import InputDataError
+from facadelake.frames import Array
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.palette import bgr_of, class_colour, short_ids
 from facadelake.pictures.photofile import read_photograph
 from facadelake.pictures.relief import Picture
+from facadelake.pictures.sightings import Outline, Sighting, sightings_of
 from facadelake.progress import track
 
 log = logging.getLogger(__name__)
 
 _MARGIN = 1.1  # of the box's longer side, left free around it
+_LEAST_SIDE_PX = 24.0
 _JPEG_QUALITY = 82
+_ROOMY_PX = 400  # from this width on there is room for a white rim round an outline
 
 
 def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings | None = None) -> dict[str, Path]:
@@ -32,13 +35,14 @@ def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings
     """
     settings = settings or PictureSettings()
     folder.mkdir(parents=True, exist_ok=True)
-    labels = short_ids(inspection.defects.column("defect_id").to_pylist())
-    by_photo: dict[str, list[tuple[str, str, dict[str, Any]]]] = {}
-    best_box = _best_boxes(inspection)
-    for row in inspection.defects.to_pylist():
-        box = best_box.get(row["defect_id"])
-        if box is not None:
-            by_photo.setdefault(box["photo_id"], []).append((row["defect_id"], row["defect_class"], box))
+    rows = inspection.defects.select(["defect_id", "defect_class", "best_photo_id"]).to_pylist()
+    labels = short_ids([row["defect_id"] for row in rows])
+    sightings = sightings_of(inspection)
+    by_photo: dict[str, list[tuple[Mapping[str, str], Sighting]]] = {}
+    for row in rows:
+        own = sightings[row["defect_id"]]
+        if own and own[0].photo_id == row["best_photo_id"]:
+            by_photo.setdefault(own[0].photo_id, []).append((row, own[0]))
     paths: dict[str, Path] = {}
     for photo_id, wanted in track(sorted(by_photo.items()), label="Cutting out defects"):
         if photo_id not in inspection.posed:
@@ -48,49 +52,39 @@ def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings
         except InputDataError as error:
             log.warning("no crops of its defects: %s", error)
             continue
-        for defect_id, defect_class, box in wanted:
-            path = folder / f"defect_{re.sub(r'[^A-Za-z0-9_-]', '_', labels[defect_id])}.jpg"
-            crop = _crop(pixels, box, settings.thumbnail_px, bgr_of(class_colour(defect_class)))
+        for row, sighting in wanted:
+            path = folder / f"defect_{file_word(labels[row['defect_id']])}.jpg"
+            crop = cut_out(pixels, sighting.outline, settings.thumbnail_px, class_colour(row["defect_class"]))
             cv2.imwrite(str(path), crop, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-            paths[defect_id] = path
+            paths[row["defect_id"]] = path
     return paths
 
 
-def _best_boxes(inspection: Inspection) -> Mapping[str, dict[str, Any]]:
-    """Detection row of each defect in its best photograph (the most confident one where there are several)."""
-    detections = {row["detection_id"]: row for row in inspection.detections.to_pylist()}
-    best_photo = dict(
-        zip(
-            inspection.defects.column("defect_id").to_pylist(),
-            inspection.defects.column("best_photo_id").to_pylist(),
-            strict=True,
-        )
-    )
-    found: dict[str, dict[str, Any]] = {}
-    for row in inspection.observations.to_pylist():
-        box = detections.get(row["detection_id"])
-        if box is None or row["defect_id"] is None or best_photo.get(row["defect_id"]) != row["photo_id"]:
-            continue
-        known = found.get(row["defect_id"])
-        if known is None or box["score"] > known["score"]:
-            found[row["defect_id"]] = box
-    return found
+def file_word(text: str) -> str:
+    """``text`` as a part of a file's name, the same on every system."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", text)
 
 
-def _crop(pixels: Picture, box: Mapping[str, Any], size_px: int, colour: tuple[int, int, int]) -> Picture:
-    """A square piece (BGR) of the photograph (RGB) round the box, the box's corners marked."""
-    side = max(box["box_width_px"], box["box_height_px"]) * (1 + 2 * _MARGIN)
-    side = min(max(side, 24.0), float(min(pixels.shape[:2])))
-    centre = np.array([box["box_x_px"] + box["box_width_px"] / 2, box["box_y_px"] + box["box_height_px"] / 2])
-    corner = np.clip(centre - side / 2, 0, np.array([pixels.shape[1], pixels.shape[0]]) - side)
+def cut_out(pixels: Picture, outline: Outline, size_px: int, colour: str) -> Picture:
+    """A square piece (BGR, ``size_px`` wide) of a photograph (RGB) round a detection, its outline drawn on it."""
+    side = max(outline.width_px, outline.height_px) * (1 + 2 * _MARGIN)
+    side = min(max(side, _LEAST_SIDE_PX), float(min(pixels.shape[:2])))
+    corner = np.clip(outline.centre_px - side / 2, 0, np.array([pixels.shape[1], pixels.shape[0]]) - side)
     left, top = np.floor(corner).astype(int)
     piece = pixels[top : top + int(side), left : left + int(side), ::-1]
     scale = size_px / piece.shape[0]
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     crop = np.ascontiguousarray(cv2.resize(piece, (size_px, size_px), interpolation=method), dtype=np.uint8)
-    first = (np.array([box["box_x_px"], box["box_y_px"]]) - (left, top)) * scale
-    last = first + np.array([box["box_width_px"], box["box_height_px"]]) * scale
-    cv2.rectangle(
-        crop, np.round(first).astype(int).tolist(), np.round(last).astype(int).tolist(), colour, 1, cv2.LINE_AA
-    )
+    draw_outline(crop, outline, np.array([left, top]), scale, colour)
     return crop
+
+
+def draw_outline(picture: Picture, outline: Outline, corner_px: Array, scale: float, colour: str) -> None:
+    """Draw a detection on a piece (BGR) of its photograph that begins at ``corner_px`` (2,): its mask, else its box."""
+    first = np.array([outline.left_px, outline.top_px])
+    size = np.array([outline.width_px, outline.height_px])
+    box = first + size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    rings = [np.round((ring - corner_px) * scale).astype(np.int32) for ring in (outline.rings_px or (box,))]
+    if max(picture.shape[:2]) >= _ROOMY_PX:
+        cv2.polylines(picture, rings, True, (255, 255, 255), 4, cv2.LINE_AA)
+    cv2.polylines(picture, rings, True, bgr_of(colour), 2, cv2.LINE_AA)

@@ -16,7 +16,7 @@ from matplotlib.patches import Polygon, Rectangle
 
 from facadelake.pictures.facades import Facade
 from facadelake.pictures.marks import Mark
-from facadelake.pictures.palette import class_colour, class_dashes
+from facadelake.pictures.palette import class_colour, class_dashes, plain
 from facadelake.pictures.placing import place_labels
 from facadelake.pictures.rectify import RectifiedElevation
 from facadelake.pictures.relief import Picture
@@ -153,12 +153,12 @@ def _title(
     total_in: tuple[float, float],
 ) -> None:  # fmt: skip
     left, height = 0.2 / total_in[0], total_in[1]
-    title = f"{_plain(scene.building_name)} — {facade.title} (faces {facade.azimuth_deg:.0f}°)"
+    title = f"{plain(scene.building_name)} — {facade.title} (faces {facade.azimuth_deg:.0f}°)"
     figure.text(left, 1 - 0.18 / height, title, fontsize=12, weight="bold", va="top")
     count = "no defects" if not marks else f"{len(marks)} defect{'s' if len(marks) != 1 else ''}"
     figure.text(
         left, 1 - 0.47 / height,
-        f"campaign {_plain(scene.campaign_id)} · control: {scene.control} · {count} · {1000 * cell_m:.0f} mm a cell · "
+        f"campaign {plain(scene.campaign_id)} · control: {scene.control} · {count} · {1000 * cell_m:.0f} mm a cell · "
         f"photographs show {100 * covered:.0f} %",
         fontsize=8.5, va="top", color="#303030",
     )  # fmt: skip
@@ -183,8 +183,3 @@ def _title(
             handles=handles, loc="lower left", bbox_to_anchor=corner, ncols=len(handles), fontsize=8,
             frameon=False, handlelength=2.2, columnspacing=1.4, borderaxespad=0.0,
         )  # fmt: skip
-
-
-def _plain(text: str) -> str:
-    """Text that Matplotlib writes as it is: a pair of dollar signs would be taken for a formula."""
-    return text.replace("$", r"\$")

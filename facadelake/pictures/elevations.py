@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from facadelake.errors import InputDataError
 from facadelake.geobim.surface import Surface
+from facadelake.pictures.backdrop import Backdrop
 from facadelake.pictures.elevation_figure import DPI, Scene, draw_elevation
 from facadelake.pictures.facades import Facade, find_facades
 from facadelake.pictures.inspection import Inspection, PictureSettings
@@ -28,12 +29,13 @@ _BRIGHTEST = 1.8  # a darker facade is not brightened further
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Elevation:
-    """A drawn facade: its file, what is on it, the share of its surface that photographs show."""
+    """A drawn facade: its file, what is on it, the share of its surface that photographs show, its picture in small."""
 
     path: Path
     facade: Facade
     marks: tuple[Mark, ...]
     covered_share: float
+    backdrop: Backdrop
 
 
 def facade_elevations(
@@ -47,7 +49,7 @@ def facade_elevations(
     """
     settings = settings or PictureSettings()
     building = inspection.building
-    marks = marks_of(inspection.defects)
+    marks = marks_of(inspection.defects, building.origin)
     facades = find_facades(
         building, surface, inspection.posed, frozenset(mark.element_guid for mark in marks), settings
     )
@@ -73,7 +75,15 @@ def facade_elevations(
         others = marks_also_seen(rectified.relief, marks, own)
         sheet = draw_elevation(scene, rectified, background, own, others, covered)
         sheet.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
-        elevations.append(Elevation(path=path, facade=facade, marks=tuple(own), covered_share=covered))
+        elevations.append(
+            Elevation(
+                path=path,
+                facade=facade,
+                marks=tuple(own),
+                covered_share=covered,
+                backdrop=Backdrop.of(facade, background, rectified.relief.cell_m),
+            )
+        )
     elevations.sort(key=lambda elevation: -elevation.facade.area_m2)
     if elevations:
         _thumbnail(elevations[0].path, folder / "thumbnail_elevation.jpg")

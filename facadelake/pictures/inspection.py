@@ -32,6 +32,7 @@ class Inspection:
     detections: pa.Table
     observations: pa.Table
     defects: pa.Table
+    merges: pa.Table
     integrity_views: pa.Table
     checks: pa.Table
     placement_sigma_max_m: float = 0.5

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
+import shapely
 
 from facadelake.frames import Array
 from facadelake.geobim.model import BuildingModel
+from facadelake.geodesy import SiteOrigin
 from facadelake.pictures.facades import Facade
 from facadelake.pictures.palette import short_ids
 from facadelake.pictures.relief import Relief
@@ -21,7 +23,11 @@ _DEPTH_SLACK_M = 1.5  # a defect this far behind a facade's rearmost wall is not
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mark:
-    """One defect: its corners (4, 3) in site at real size, its normal, and what is written beside it."""
+    """One defect: where it is, and what is written beside it.
+
+    ``outlines_site_m``: rings (n, 3) in site, its measured patch, else a rectangle of its size; ``normal_site`` points
+    out of the surface. ``deviation_m`` is how far it stands before the model's surface, None where not measured.
+    """
 
     defect_id: str
     label: str
@@ -29,13 +35,21 @@ class Mark:
     severity: str
     element_guid: str
     centre_site_m: Array
-    corners_site_m: Array
+    outlines_site_m: tuple[Array, ...]
     normal_site: Array
+    deviation_m: float | None = None
+
+    @property
+    def corners_site_m(self) -> Array:
+        """All corners (n, 3) of its outlines."""
+        return np.vstack(self.outlines_site_m)
 
 
-def marks_of(defects: pa.Table) -> list[Mark]:
-    """All defects of a table of kind ``defects``, in its order."""
-    labels = short_ids(defects.column("defect_id").to_pylist())
+def marks_of(defects: pa.Table, origin: SiteOrigin) -> list[Mark]:
+    """All defects of a table of kind ``defects``, in its order; patches are in EPSG:4979, ``origin`` is site's."""
+    rows = defects.to_pylist()
+    labels = short_ids([row["defect_id"] for row in rows])
+    rings = _patches([row["patch"] for row in rows], origin)
     return [
         Mark(
             defect_id=row["defect_id"],
@@ -45,21 +59,41 @@ def marks_of(defects: pa.Table) -> list[Mark]:
             element_guid=row["element_guid"],
             centre_site_m=(centre := np.array([row["x_site_m"], row["y_site_m"], row["z_site_m"]])),
             normal_site=(normal := np.array([row["normal_x"], row["normal_y"], row["normal_z"]])),
-            corners_site_m=_corners(centre, normal, row["width_m"], row["height_m"]),
+            outlines_site_m=own or (_rectangle(centre, normal, row["width_m"], row["height_m"]),),
+            deviation_m=row["deviation_from_model_m"],
         )
-        for row in defects.to_pylist()
+        for row, own in zip(rows, rings, strict=True)
     ]
 
 
-def _corners(centre: Array, normal: Array, width_m: float, height_m: float) -> Array:
+def _patches(patches: Sequence[bytes | None], origin: SiteOrigin) -> list[tuple[Array, ...]]:
+    """Outer rings of each WKB polygon in site; none where there is no patch, or it has no heights."""
+    found: list[tuple[Array, ...]] = []
+    for patch in patches:
+        shape = shapely.from_wkb(patch) if patch else None
+        parts = [] if shape is None or not shape.has_z else shapely.get_parts(shape).tolist()
+        rings = [shapely.get_coordinates(part.exterior, include_z=True) for part in parts if hasattr(part, "exterior")]
+        found.append(tuple(origin.site_from_geo(ring) for ring in rings if len(ring) >= 4))
+    return found
+
+
+def surface_axes(normal_site: Array) -> Array:
+    """Rows right, up, out (3, 3) of a surface with outward ``normal_site`` (3,), as who stands before it sees it.
+
+    Of a floor or a ceiling, where no direction is up, right is east.
+    """
+    out = normal_site / np.linalg.norm(normal_site)
+    right = np.cross([0.0, 0.0, 1.0], out)
+    if np.linalg.norm(right) < 1e-6:
+        right = np.array([1.0, 0.0, 0.0])
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(out, right), out])
+
+
+def _rectangle(centre: Array, normal: Array, width_m: float, height_m: float) -> Array:
     """Corners (4, 3) of a rectangle in the surface's plane: width horizontal, height across it."""
-    across = np.cross([0.0, 0.0, 1.0], normal)
-    if np.linalg.norm(across) < 1e-6:  # a floor or ceiling: any horizontal direction is as good
-        across = np.array([1.0, 0.0, 0.0])
-    across /= np.linalg.norm(across)
-    along = np.cross(normal, across)
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    corners: Array = centre + signs @ np.array([across * width_m / 2, along * height_m / 2])
+    corners: Array = centre + (signs * [width_m / 2, height_m / 2]) @ surface_axes(normal)[:2]
     return corners
 
 

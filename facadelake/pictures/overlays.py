@@ -47,7 +47,7 @@ def photo_overlays(
     """
     settings = settings or PictureSettings()
     is_opening = openings_of(inspection.building)
-    marks = marks_of(inspection.defects)
+    marks = marks_of(inspection.defects, inspection.building.origin)
     outcome = {row["detection_id"]: row for row in inspection.observations.to_pylist()}
     boxes: dict[str, list[dict[str, Any]]] = {}
     for row in inspection.detections.to_pylist():

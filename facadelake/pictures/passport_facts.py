@@ -34,6 +34,7 @@ _CONTROL_WORDS: Mapping[str, tuple[str, str]] = {
         "how far tie points lie from the walls that hold them; relief that the model does not show is in it",
     ),
     ControlKind.GPS: ("GPS positions", "how far the cameras lie from the positions that their photographs state"),
+    ControlKind.IMPORTED: ("imported poses", "taken as another program found them: what is left there is not known"),
 }
 
 
@@ -129,6 +130,8 @@ def _held_out(row: Row) -> Fact:
 
 def _left_at_control(row: Row) -> Fact:
     name, meaning = _CONTROL_WORDS[row["control"]]
+    if row["residual_mean_m"] is None:
+        return Fact(name=name, value=f"{row['points_used']} of {row['points_total']} used", meaning=meaning)
     value = (
         f"mean {length_text(row['residual_mean_m'])}, largest {length_text(row['residual_max_m'])} "
         f"({row['points_used']} of {row['points_total']} used)"
@@ -213,13 +216,14 @@ def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
             value=f"median {length_text(float(np.median(sigmas)))}, worst {length_text(float(sigmas.max()))}",
             meaning="one sigma of a camera's place along its worst axis",
         )
-    yield Fact(
-        name="tie points",
-        value=f"{row['tie_sigma_px']:.2f} px, variance raised {row['tie_inflation']:.1f} times",
-        meaning="one sigma of a point in a photograph; raised because neighbouring points err together",
-        limit=f"{_TIE_SIGMA_PX:g} px",
-        verdict=Verdict.GOOD if row["tie_sigma_px"] <= _TIE_SIGMA_PX else Verdict.LOOK,
-    )
+    if row["tie_sigma_px"] is not None:
+        yield Fact(
+            name="tie points",
+            value=f"{row['tie_sigma_px']:.2f} px, variance raised {row['tie_inflation']:.1f} times",
+            meaning="one sigma of a point in a photograph; raised because neighbouring points err together",
+            limit=f"{_TIE_SIGMA_PX:g} px",
+            verdict=Verdict.GOOD if row["tie_sigma_px"] <= _TIE_SIGMA_PX else Verdict.LOOK,
+        )
     if row["reference_campaign"] is not None:
         yield Fact(
             name="in the frame of",

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from facadelake.frames import Array
 from facadelake.pictures.inspection import Inspection
-from facadelake.pictures.palette import class_colour
+from facadelake.pictures.palette import class_colour, plain
 from facadelake.pictures.projected_model import draw_model
 from schemas.vocabulary import PhotoOutcome
 
@@ -43,8 +43,8 @@ def draw_plan(inspection: Inspection, path: Path) -> Path:
     axes.tick_params(labelsize=8)
     axes.grid(color="#e4e4e4", linewidth=0.6)
     axes.set_axisbelow(True)
-    title = f"{inspection.building_name}, {inspection.campaign_id}: plan, north up".replace("$", r"\$")
-    axes.set_title(title, fontsize=11, weight="bold", loc="left")
+    title = f"{inspection.building_name}, {inspection.campaign_id}: plan, north up"
+    axes.set_title(plain(title), fontsize=11, weight="bold", loc="left")
     figure.legend(loc="outside lower left", fontsize=8, frameon=False, ncols=4)
     figure.savefig(path, dpi=_DPI)
     return path

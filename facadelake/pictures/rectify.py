@@ -70,7 +70,7 @@ class _Canvas:
             xy, inside = pixels_of(posed, self.relief.xyz_site_m(use_rows + top, use_columns))
             use_rows, use_columns, xy = use_rows[inside], use_columns[inside], xy[inside]
             part = weight[use_rows, use_columns]
-            self._sum[use_rows + top, use_columns] += _sampled(pixels, xy / reduction) * (part * share.gain)[:, None]
+            self._sum[use_rows + top, use_columns] += sampled(pixels, xy / reduction) * (part * share.gain)[:, None]
             self._weight[use_rows + top, use_columns] += part
 
     def finished(self) -> RectifiedElevation:
@@ -81,7 +81,7 @@ class _Canvas:
         return RectifiedElevation(relief=self.relief, picture=picture, covered=covered)
 
 
-def _sampled(pixels: Picture, xy: Array) -> NDArray[np.float32]:
+def sampled(pixels: Picture, xy: Array) -> NDArray[np.float32]:
     """Colours (n, 3) at positions (n, 2) of a picture, (0.5, 0.5) the centre of its first pixel; bilinear."""
     count = len(xy)
     maps = np.zeros((2, -(-max(count, 1) // _LINE) * _LINE), dtype=np.float32)
@@ -116,7 +116,7 @@ def rectify(
     readable = {name: camera for name, camera in posed.items() if name in tiny}
 
     def colours(name: str, xy: Array) -> NDArray[np.float32]:
-        return _sampled(tiny[name], xy * (tiny[name].shape[1] / readable[name].camera.width_px))
+        return sampled(tiny[name], xy * (tiny[name].shape[1] / readable[name].camera.width_px))
 
     canvases = []
     for relief in track(reliefs, label="Choosing photographs"):

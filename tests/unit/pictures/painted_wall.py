@@ -212,6 +212,7 @@ def inspection_of(painted: Painted, defects: list[dict[str, object]], sightings:
         detections=table_of_rows("detections", detections),
         observations=table_of_rows("observations", observations),
         defects=table_of_rows("defects", defects),
+        merges=table_of_rows("merges", []),
         integrity_views=empty,
         checks=table_of_rows("checks", checks),
     )

@@ -151,7 +151,7 @@ def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: Painted)
         [],
     )
     facade = front(painted)
-    marks = marks_of(inspection.defects)
+    marks = marks_of(inspection.defects, painted.building.origin)
     (shown,), nowhere = marks_per_facade([facade], marks, painted.building)
     assert [mark.label for mark in shown] == ["7"]
     assert [mark.label for mark in nowhere] == ["12"]
@@ -192,7 +192,7 @@ def test_a_mark_of_another_facade_is_shown_where_it_can_be_seen(painted: Painted
         defect_row("D3", 5.0, 1.0, y_site_m=0.3, normal_y=1.0),  # on the wall's back
         defect_row("D4", 20.0, 1.0),  # beside the wall
     ]
-    marks = marks_of(inspection_of(painted, rows, []).defects)
+    marks = marks_of(inspection_of(painted, rows, []).defects, painted.building.origin)
     seen = marks_also_seen(relief, marks, marks[:1])
     assert [mark.defect_id for mark in seen] == ["D2"]
 

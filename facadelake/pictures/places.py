@@ -1,0 +1,40 @@
+"""Which facade each defect is shown on."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from facadelake.geobim.surface import Surface
+from facadelake.pictures.backdrop import Backdrop, model_backdrop
+from facadelake.pictures.elevations import Elevation
+from facadelake.pictures.facades import Facade, find_facades
+from facadelake.pictures.inspection import Inspection, PictureSettings
+from facadelake.pictures.marks import marks_of, marks_per_facade
+from facadelake.pictures.relief import openings_of
+
+
+def facades_of(inspection: Inspection, surface: Surface, settings: PictureSettings) -> list[Facade]:
+    """The facades that elevations are drawn of, clockwise from north."""
+    guids = frozenset(inspection.defects.column("element_guid").to_pylist())
+    return find_facades(inspection.building, surface, inspection.posed, guids, settings)
+
+
+def places_on_elevations(elevations: Sequence[Elevation]) -> dict[str, Backdrop]:
+    """The drawn elevation of each defect by defect_id; those on none are absent."""
+    return {mark.defect_id: elevation.backdrop for elevation in elevations for mark in elevation.marks}
+
+
+def places_on_model(
+    inspection: Inspection, surface: Surface, facades: Sequence[Facade], defect_ids: Collection[str]
+) -> dict[str, Backdrop]:
+    """The facade of each of ``defect_ids`` as a grey drawing; those on none are absent."""
+    building = inspection.building
+    marks = [mark for mark in marks_of(inspection.defects, building.origin) if mark.defect_id in defect_ids]
+    shown, _ = marks_per_facade(facades, marks, building)
+    is_opening = openings_of(building)
+    places: dict[str, Backdrop] = {}
+    for facade, own in zip(facades, shown, strict=True):
+        if own:
+            backdrop = model_backdrop(facade, surface, is_opening)
+            places |= {mark.defect_id: backdrop for mark in own}
+    return places
