@@ -82,6 +82,13 @@ def inspect(
         str | None,
         typer.Option(help="Instead of the registry's detections: the name of one of its alternatives, or a COCO file."),
     ] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            help="Instead of finding them: camera poses of another program, a poses.csv or a folder with COLMAP's text "
+            "files (docs/poses-csv.md)."
+        ),
+    ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
@@ -90,12 +97,14 @@ def inspect(
     Running it again is safe: finished stages come from the cache, unchanged inputs make no second copy. After Ctrl-C
     run it again; it goes on after the last finished stage.
     """
-    from flows.precheck import check_files, resolved_campaign
+    from flows.precheck import check_files, chosen_poses, resolved_campaign
     from flows.terminal.inspection import show_inspection
     from flows.terminal.run import inspect_in_terminal
 
     registered = _portfolio(portfolio).building(building)
-    check_files(registered, resolved_campaign(registered, campaign), detections)  # before Prefect takes its time
+    resolved = resolved_campaign(registered, campaign)
+    check_files(registered, resolved, detections)  # before Prefect takes its time
+    chosen_poses(registered, resolved, georeference, str(poses) if poses else None)
     result = inspect_in_terminal(
         console,
         building_id=building,
@@ -104,6 +113,7 @@ def inspect(
         lake=lake,
         georeference=georeference,
         detections=detections,
+        poses=str(poses.resolve()) if poses else None,
     )
     show_inspection(console, lake, result)
 

@@ -12,12 +12,13 @@ from prefect import flow
 
 from facadelake.errors import FacadelakeError
 from facadelake.registry import read_portfolio
-from flows.precheck import LATEST, check_files, resolved_campaign
+from flows.precheck import AUTO, LATEST, check_files, chosen_poses, resolved_campaign
 from schemas.vocabulary import ControlKind
 from tasks.commit import commit
 from tasks.detect import detect
 from tasks.draw import draw
 from tasks.georeference import georeference_block
+from tasks.import_poses import import_poses
 from tasks.ingest import ingest
 from tasks.job import InspectionJob, StageResult
 from tasks.load_model import load_model
@@ -52,10 +53,14 @@ def inspect_building(
     campaign_id: str = LATEST,
     portfolio: str = "data/portfolio.yaml",
     lake: str = "lake",
-    georeference: str = "auto",
+    georeference: str = AUTO,
     detections: str | None = None,
+    poses: str | None = None,
 ) -> InspectionResult:
     """Inspect one campaign of a building end to end; ``campaign_id`` 'latest' is the newest that has photographs.
+
+    ``poses``, a file or folder, are imported instead of being found; so are the registry's, unless ``georeference``
+    names another control.
 
     Raises FacadelakeError when the campaign cannot be right; nothing is committed then.
     """
@@ -69,14 +74,19 @@ def inspect_building(
         run_id=f"{started_at:%Y%m%dT%H%M%SZ}-{uuid4().hex[:8]}",
         started_at=started_at,
         lake=Path(lake).resolve(),
-        control=None if georeference == "auto" else ControlKind(georeference),
+        control=None if georeference == AUTO else ControlKind(georeference),
         detections=detections,
+        poses=chosen_poses(building, campaign, georeference, poses),
     )
     model = load_model(job)
     photos = ingest(job, model)
     found = detect(job, photos)
-    block = reconstruct_block(job, photos)
-    placed = georeference_block(job, model, photos, block)
+    block: StageResult | None = None
+    if job.poses is not None:
+        placed = import_poses(job, model, photos)
+    else:
+        block = reconstruct_block(job, photos)
+        placed = georeference_block(job, model, photos, block)
     registered = register(job, model, placed, found)
     merged = merge_duplicates(job, model, placed, registered, found)
     integrity = verify_model(job, model, block, placed)

@@ -6,9 +6,11 @@ from pathlib import Path
 
 from facadelake.errors import InputDataError
 from facadelake.lake.severity import rule_file
+from facadelake.pose.imported import pose_files
 from facadelake.registry import Building, CocoDetector
 
 LATEST = "latest"
+AUTO = "auto"
 
 
 def resolved_campaign(building: Building, campaign_id: str) -> str:
@@ -21,6 +23,24 @@ def resolved_campaign(building: Building, campaign_id: str) -> str:
             f"building '{building.id}' has no campaign with photographs yet; looked for {building.photographs}"
         )
     return known[-1]
+
+
+def chosen_poses(building: Building, campaign_id: str, georeference: str, poses: str | None) -> Path | None:
+    """The poses to import: those asked for, else the registry's unless a control is named; None: to be found anew.
+
+    Raises InputDataError where poses are named and not there, or asked for together with a control.
+    """
+    if georeference == AUTO:
+        found = building.poses_of(campaign_id, poses)
+        if found is not None:
+            pose_files(found)
+        return found
+    if poses is not None:
+        raise InputDataError(
+            f"--poses {poses} and --georeference {georeference} contradict one another: imported poses are placed "
+            "already; leave one out"
+        )
+    return None
 
 
 def check_files(building: Building, campaign_id: str, detections: str | None) -> tuple[str, ...]:

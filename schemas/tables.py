@@ -117,9 +117,9 @@ _LIST = [
         "the passport: how the campaign was placed on the globe, and how well",
         "building_id campaign_id",
         "control method map_crs vertical_datum georeference_level reference_campaign? points_used points_total scale "
-        "residual_mean_m residual_rmse_m residual_max_m check_points check_residual_mean_m? check_residual_max_m? "
+        "residual_mean_m? residual_rmse_m? residual_max_m? check_points check_residual_mean_m? check_residual_max_m? "
         "sigma_east_m sigma_north_m sigma_up_m gps_offset_east_m? gps_offset_north_m? gps_offset_up_m? "
-        "gps_offset_sigma_m? tie_sigma_px tie_inflation model_residual_m? doming_m? doming_sigma_m? edge_features? "
+        "gps_offset_sigma_m? tie_sigma_px? tie_inflation? model_residual_m? doming_m? doming_sigma_m? edge_features? "
         "shift_score? competing_score? remarks",
     ),
     _table(

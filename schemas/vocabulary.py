@@ -45,17 +45,18 @@ class HeightDatum(StrEnum):
 
 
 class PoseSource(StrEnum):
-    """How a pose was found; ``prior``, the photograph's own word, is no measurement."""
+    """How a pose was found: ``prior``, the photograph's own word, is no measurement, ``imported`` another program's."""
 
     SFM = "sfm"
     RESECTED = "resected"
+    IMPORTED = "imported"
     PRIOR = "prior"
     UNLOCALISED = "unlocalised"
 
     @property
     def measured(self) -> bool:
         """Whether what the photograph shows can be put on a wall."""
-        return self in (PoseSource.SFM, PoseSource.RESECTED)
+        return self in (PoseSource.SFM, PoseSource.RESECTED, PoseSource.IMPORTED)
 
 
 class ControlKind(StrEnum):
@@ -65,6 +66,7 @@ class ControlKind(StrEnum):
     CAMPAIGN = "campaign"
     MODEL = "model"
     GPS = "gps"
+    IMPORTED = "imported"
 
 
 class PointKind(StrEnum):

@@ -38,4 +38,5 @@ def detect(job: InspectionJob, photos: StageResult) -> StageResult:
         write_table("detections", table, folder)
         return Counter(table.column("detection_outcome").to_pylist())
 
-    return run_stage(job, "detect", code=["detect"], inputs={"photos": photos.key, "detector": fingerprint}, make=make)
+    inputs = {"photos": photos.key, "detector": fingerprint}
+    return run_stage(job, "detect", code=["detect", "photo_names.py"], inputs=inputs, make=make)

@@ -13,7 +13,10 @@ from schemas.vocabulary import ControlKind
 
 @dataclass(frozen=True, kw_only=True)
 class InspectionJob:
-    """One inspection: which building and campaign, into which lake, under which control (None: by what there is)."""
+    """One inspection: which building and campaign, into which lake, under which control (None: by what there is).
+
+    ``poses``: the file or folder that poses are imported from; None: they are found anew.
+    """
 
     building: Building
     campaign_id: str
@@ -22,6 +25,7 @@ class InspectionJob:
     lake: Path
     control: ControlKind | None = None
     detections: str | None = None
+    poses: Path | None = None
 
     @property
     def cache(self) -> StageCache:

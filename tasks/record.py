@@ -18,11 +18,11 @@ from tasks.job import InspectionJob, StageResult
 
 @dataclass(frozen=True, kw_only=True)
 class StageFolders:
-    """The results of the stages whose tables go into the lake."""
+    """The results of the stages whose tables go into the lake; ``block`` is None where poses were imported."""
 
     model: StageResult
     photos: StageResult
-    block: StageResult
+    block: StageResult | None
     placed: StageResult
     detections: StageResult
     registered: StageResult
@@ -30,8 +30,9 @@ class StageFolders:
     integrity: StageResult
 
     def stages(self) -> Sequence[StageResult]:
-        """All of them, in the order they ran."""
-        return [getattr(self, field.name) for field in fields(self)]
+        """All of them, in the order they ran; with imported poses there is no block."""
+        stages = [getattr(self, field.name) for field in fields(self)]
+        return [stage for stage in stages if stage is not None]
 
     def keys(self) -> list[str]:
         """Their cache keys: together they are the fingerprint of inputs, settings and code."""
@@ -85,6 +86,7 @@ def _run_record(job: InspectionJob, folders: StageFolders, detections: pa.Table)
     settings = {
         "control": job.control or "auto",
         "detections": job.detections or "registry",
+        "poses": str(job.poses) if job.poses else "found",
         "building": job.building.model_dump(mode="json"),
     }
     return RunRecord(

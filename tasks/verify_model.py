@@ -21,12 +21,14 @@ from tasks.stage import Counts, run_stage
 
 
 @task(name="verify model")
-def verify_model(job: InspectionJob, model: StageResult, block: StageResult, placed: StageResult) -> StageResult:
-    """Table ``integrity_views``."""
+def verify_model(job: InspectionJob, model: StageResult, block: StageResult | None, placed: StageResult) -> StageResult:
+    """Table ``integrity_views``; without a ``block`` (poses were imported) there is nothing to compare."""
 
     def make(folder: Path) -> Counts:
         posed = posed_cameras(read_table("poses", placed.folder))
         try:
+            if block is None:
+                raise InputDataError("poses were imported: no tie points were found to make an as-built surface of")
             as_built_mesh(block.folder, folder)
         except InputDataError as error:  # too sparse a block: the campaign is none the worse for it
             table = nothing_to_compare(posed, str(error))
@@ -37,7 +39,7 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult, pla
         write_table("integrity_views", table, folder)
         return Counter(table.column("integrity_outcome").to_pylist())
 
-    inputs = {"model": model.key, "block": block.key, "poses": placed.key}
+    inputs = {"model": model.key, "block": block.key if block else None, "poses": placed.key}
     return run_stage(
         job,
         "verify-model",

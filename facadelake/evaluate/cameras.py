@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from facadelake.detect.photo_names import PhotoNames
+from facadelake.photo_names import PhotoNames
 from facadelake.errors import InputDataError, SchemaError
 from facadelake.evaluate.truth import Truth
 from facadelake.frames import Array

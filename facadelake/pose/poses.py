@@ -45,7 +45,7 @@ def poses_table(
                 "reprojection_error_px": photo.reprojection_error_px,
                 "tie_points": photo.tie_points,
             }
-            placed = _placed_columns(georeferenced.cameras[photo_id], georeferenced.covariance[photo_id], origin)
+            placed = placed_columns(georeferenced.cameras[photo_id], georeferenced.covariance[photo_id], origin)
             rows.append(said | placed)
             continue
         said |= {"reason": reason_of.get(photo_id, "not part of the reconstruction"), "tie_points": 0}
@@ -54,12 +54,13 @@ def poses_table(
             rows.append(said | {"pose_source": PoseSource.UNLOCALISED})
         else:
             rows.append(
-                said | {"pose_source": PoseSource.PRIOR} | _placed_columns(prior.posed, prior.covariance, origin)
+                said | {"pose_source": PoseSource.PRIOR} | placed_columns(prior.posed, prior.covariance, origin)
             )
     return table_of_rows("poses", rows)
 
 
-def _placed_columns(posed: PosedCamera, covariance: Array, origin: SiteOrigin) -> dict[str, Any]:
+def placed_columns(posed: PosedCamera, covariance: Array, origin: SiteOrigin) -> dict[str, Any]:
+    """Centre in site and EPSG:4979, attitude, intrinsics, and the ``covariance`` (6, 6) with its sigmas, as columns."""
     lon, lat, height = origin.geo_from_site(posed.centre_site_m[None])[0].tolist()
     return {
         **pose_columns(posed),

@@ -37,8 +37,7 @@ geometry, lon_deg, lat_deg, height_ellipsoidal_m   EPSG:4979, height above the W
 east_map_m, north_map_m, height_map_m              {building["map_crs"]}; heights: {building["vertical_datum"]}
 x_site_m, y_site_m, z_site_m                       metres east, north and up from {building["origin_lon_deg"]:.9f}, \
 {building["origin_lat_deg"]:.9f}, {building["origin_height_ellipsoidal_m"]:.3f} (EPSG:4979)
-placed by {place["control"]}: {place["points_used"]} of {place["points_total"]} points, residuals mean \
-{place["residual_mean_m"]:.3f} m, RMS {place["residual_rmse_m"]:.3f} m, largest {place["residual_max_m"]:.3f} m
+{_placed(place)}
 {_known(place)}
 {place["remarks"]}
 
@@ -50,8 +49,20 @@ Facadelake {run["facadelake_version"]}, code {run["code_sha256"]}
 inputs {run["inputs_sha256"]}
 building model {building["model_sha256"]}
 detector or detections {run["detector_sha256"]}
-A severity is a proposal by the rule named in severity_rule, not a person's judgement.
+A severity is a proposal by the rule pack named in severity_rule (data/severity/ of the code), unless graded_by names
+a person. These are graded by: {_graders(tables["defects"])}.
 """
+
+
+def _placed(place: Mapping[str, Any]) -> str:
+    """By what the campaign was placed, and what is left there; imported poses leave nothing to be told."""
+    used = f"placed by {place['control']}: {place['points_used']} of {place['points_total']}"
+    if place["residual_mean_m"] is None:
+        return f"{used} poses"
+    return (
+        f"{used} points, residuals mean {place['residual_mean_m']:.3f} m, RMS {place['residual_rmse_m']:.3f} m, "
+        f"largest {place['residual_max_m']:.3f} m"
+    )
 
 
 def _known(place: Mapping[str, Any]) -> str:
@@ -70,6 +81,11 @@ def _known(place: Mapping[str, Any]) -> str:
     if place["reference_campaign"] is not None:
         lines.append(f"in the frame of campaign {place['reference_campaign']}")
     return "\n".join(lines)
+
+
+def _graders(defects: pa.Table) -> str:
+    found = {(row["severity_rule"], row["graded_by"] or "rules") for row in defects.to_pylist()}
+    return ", ".join(f"{rule} ({by})" for rule, by in sorted(found)) or "none"
 
 
 def _row(table: pa.Table) -> dict[str, Any]:

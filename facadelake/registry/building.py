@@ -139,6 +139,7 @@ class Building(_Strict):
     campaigns: tuple[Identifier, ...] = ()
     control_points: str | None = None
     check_points: str | None = None
+    poses: str | None = None
     detector: Annotated[CocoDetector | OnnxDetectorSetting, Field(discriminator="kind")]
     schedule: Schedule | None = None
     crs: BuildingCrs = BuildingCrs()
@@ -197,6 +198,22 @@ class Building(_Strict):
     def check_points_of(self, campaign_id: str) -> Path | None:
         """The file of points that are held out of the adjustment to judge it, where there is one."""
         return _if_there(self.check_points, campaign_id)
+
+    def poses_of(self, campaign_id: str, choice: str | None) -> Path | None:
+        """Poses to import: ``choice`` (a file or folder), else the registry's; None: they are to be found anew.
+
+        Raises InputDataError where they are named and not there.
+        """
+        text = choice or self.poses
+        if text is None:
+            return None
+        path = Path(text.replace(CAMPAIGN, campaign_id))
+        if not path.exists():
+            raise InputDataError(
+                f"the poses {path} of building '{self.id}', campaign '{campaign_id}', do not exist; correct the path, "
+                "or find the poses anew: --georeference gcp, campaign, model or gps leaves the registry's poses out"
+            )
+        return path
 
     def detections_of(self, campaign_id: str, choice: str | None) -> Path:
         """The COCO file to read: the registry's, one of its alternatives by name, or a path."""

@@ -22,6 +22,7 @@ _PATHS = (
     ("photographs",),
     ("control_points",),
     ("check_points",),
+    ("poses",),
     ("detector", "file"),
     ("detector", "model"),
     ("detector", "card"),

@@ -77,10 +77,14 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
 def alignment_lines(passport: Mapping[str, Any]) -> list[str]:
     """A row of table ``georeference`` in a few lines: by what, what is left, how well it is known, what GPS was off."""
     axes = ("east", "north", "up")
+    imported = passport["residual_mean_m"] is None
     placed = (
-        f"{passport['control']} ({passport['method']}): {passport['points_used']} of {passport['points_total']} points "
-        f"used, residual mean {passport['residual_mean_m']:.3f} m, max {passport['residual_max_m']:.3f} m; "
+        f"{passport['control']} ({passport['method']}): {passport['points_used']} of {passport['points_total']} "
+        f"{'poses' if imported else 'points'} used"
     )
+    if not imported:
+        placed += f", residual mean {passport['residual_mean_m']:.3f} m, max {passport['residual_max_m']:.3f} m"
+    placed += "; "
     if passport["check_points"]:
         placed += (
             f"{passport['check_points']} held out: mean {passport['check_residual_mean_m']:.3f} m, "

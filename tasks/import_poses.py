@@ -1,0 +1,57 @@
+"""Task: poses that another program found, instead of reconstruction and georeference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from prefect import task
+
+from facadelake.cache import hash_of_files
+from facadelake.geobim.model import read_building
+from facadelake.geobim.surface import Surface
+from facadelake.pose.georeference import Place
+from facadelake.pose.imported import pose_files
+from facadelake.pose.imported_placing import place_imported
+from facadelake.pose.imported_reading import read_poses
+from facadelake.tables import read_table, write_table
+from tasks.job import InspectionJob, StageResult
+from tasks.stage import Counts, run_stage
+
+CODE = ("pose", "geobim", "posed.py", "photo_names.py")
+
+
+@task(name="import poses")
+def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) -> StageResult:
+    """Tables ``poses``, ``georeference`` and ``georeference_points`` (empty); no reference for later campaigns."""
+    assert job.poses is not None
+    path = job.poses
+    limit_m = job.building.tolerances.placement_sigma_max_m
+
+    def make(folder: Path) -> Counts:
+        building = read_building(model.folder)
+        photos_table = read_table("photos", photos.folder)
+        placed = place_imported(
+            read_poses(path),
+            photos_table,
+            place=Place(
+                origin=building.origin,
+                map_crs=building.map_crs,
+                vertical_datum=building.vertical_datum,
+                georeference_level=building.georeference_level,
+            ),
+            surface=Surface(building),
+            placement_sigma_max_m=limit_m,
+        )
+        write_table("poses", placed.poses, folder)
+        write_table("georeference", placed.georeference, folder)
+        write_table("georeference_points", placed.georeference_points, folder)
+        return {"localised": placed.localised, "not localised": len(placed.poses) - placed.localised}
+
+    inputs = {
+        "model": model.key,
+        "photos": photos.key,
+        "poses": hash_of_files(pose_files(path)),
+        "name": path.name,
+        "placement_sigma_max_m": limit_m,
+    }
+    return run_stage(job, "import-poses", code=CODE, inputs=inputs, make=make)
