@@ -5,15 +5,17 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import shapely
 
 from facadelake.cache import file_hash
 from facadelake.detect.boxes import Box, clip_box, describe
 from facadelake.detect.coco_file import CocoAnnotation, CocoFile, CocoImage, number, read_coco
+from facadelake.detect.coco_mask import box_about, mask_of
 from facadelake.detect.crosswalk import Crosswalk, crosswalk_with
 from facadelake.errors import InputDataError
 from facadelake.photo_names import PhotoNames
@@ -47,7 +49,8 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
     ``photos`` is table ``photos``; ``class_names`` (the file's class name -> defect class) goes over the built-in
     crosswalk. A box partly outside its photograph is cut to it and kept, with the reason; one wholly outside, of no
     size, of an unknown class or photograph is a row with that outcome. A box that is not four numbers is left empty,
-    and the reason quotes it.
+    and the reason quotes it; where there is none, but a mask, it is the mask's. A mask that cannot be used leaves the
+    box, with the reason.
 
     Raises InputDataError where the file as a whole cannot be used: unreadable, keys missing, boxes normalised to
     0..1, or no box on an accepted photograph of this campaign, in that photograph's size.
@@ -69,6 +72,10 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
             verdict = place.verdict
         elif verdict.outcome is DetectionOutcome.ACCEPTED and defect_class is None:
             verdict = _unknown_class(annotation, source_class, crosswalk)
+        measured: dict[str, Any] = {}
+        if verdict.outcome is DetectionOutcome.ACCEPTED and box is not None:
+            measured, remarks = _measured(annotation, box, place)
+            verdict = replace(verdict, reason="; ".join(filter(None, [verdict.reason, *remarks])) or None)
         rows.append(
             {
                 "detection_id": _unique_id(f"{place.photo_id}#{annotation.annotation_id}", used),
@@ -80,6 +87,7 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
                 "source_class": f"category {annotation.category_id}" if source_class is None else source_class,
                 "score": _score_or_zero(annotation),
                 **({} if box is None else _columns(box)),
+                **measured,
                 "detector": f"coco:{file.name}",
                 "detector_sha256": sha256,
             }
@@ -131,6 +139,8 @@ def _judge_box(annotation: CocoAnnotation, place: _Place) -> tuple[Box | None, _
     """The box to keep (None where it is not four numbers) and what it is worth in its photograph."""
     bad = DetectionOutcome.BAD_BOX
     bbox = annotation.bbox
+    if bbox is None:
+        bbox = box_about(annotation.segmentation, place.width_px, place.height_px)
     if not isinstance(bbox, list) or len(bbox) != 4:
         return None, _Verdict(outcome=bad, reason=f"bbox is {bbox!r}; it must be [x, y, width, height] in pixels")
     values = [value for value in map(number, bbox) if value is not None]
@@ -149,6 +159,21 @@ def _judge_box(annotation: CocoAnnotation, place: _Place) -> tuple[Box | None, _
     if clipped.inside is None:
         return box, _Verdict(outcome=DetectionOutcome.OUTSIDE_IMAGE, reason=clipped.remark)
     return clipped.inside, _Verdict(reason=clipped.remark or None)
+
+
+def _measured(annotation: CocoAnnotation, box: Box, place: _Place) -> tuple[dict[str, Any], list[str]]:
+    """Columns of the mask and the crack's width, where the annotation has them, and remarks on what was not used."""
+    mask = mask_of(annotation.segmentation, box, place.width_px, place.height_px)
+    remarks = [mask.remark]
+    columns: dict[str, Any] = {}
+    if mask.outline is not None:
+        columns["mask"] = shapely.to_wkt(mask.outline, rounding_precision=2)
+    width = number(annotation.crack_width_px)
+    if width is not None and width >= 0:
+        columns["crack_width_px"] = width
+    elif annotation.crack_width_px is not None:
+        remarks.append(f"crack_width_px is {annotation.crack_width_px!r} and was left out; it must be 0 px or more")
+    return columns, remarks
 
 
 def _unknown_class(annotation: CocoAnnotation, source_class: str | None, crosswalk: Crosswalk) -> _Verdict:

@@ -24,13 +24,19 @@ class CocoImage:
 
 @dataclass(frozen=True, kw_only=True)
 class CocoAnnotation:
-    """An entry of ``annotations`` as it stands in the file: ``bbox`` and ``score`` are not checked yet."""
+    """An entry of ``annotations`` as it stands in the file: nothing from ``bbox`` on is checked yet.
+
+    ``crack_width_px`` is read from the entry itself or from its ``attributes``, where annotation tools put what they
+    were not made for.
+    """
 
     annotation_id: str
     image_id: int | str
     category_id: int | str
     bbox: Any
     score: Any
+    segmentation: Any = None
+    crack_width_px: Any = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +92,8 @@ def read_coco(path: Path) -> CocoFile:
             category_id=_reference(entry.get("category_id")),
             bbox=entry.get("bbox"),
             score=entry.get("score"),
+            segmentation=entry.get("segmentation"),
+            crack_width_px=_own_or_attribute(entry, "crack_width_px"),
         )
         for i, entry in enumerate(_entries(content, "annotations", path))
     )
@@ -97,6 +105,11 @@ def number(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if abs(value) < 1e15 else None  # also False for NaN
+
+
+def _own_or_attribute(entry: Mapping[str, Any], name: str) -> Any:
+    attributes = entry.get("attributes")
+    return entry.get(name, attributes.get(name) if isinstance(attributes, dict) else None)
 
 
 def _entries(content: Mapping[str, Any], key: str, path: Path) -> list[dict[str, Any]]:

@@ -72,6 +72,8 @@ def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
         "box_y_px": 20.5,
         "box_width_px": 30.0,
         "box_height_px": 40.0,
+        "mask": None,
+        "crack_width_px": None,
         "detector": "coco:boxes.json",
         "detector_sha256": file_hash(path),
     }
