@@ -128,11 +128,17 @@ class Surface:
         width, height = max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale))
         columns = (np.arange(width) + 0.5) * camera.width_px / width
         rows = (np.arange(height) + 0.5) * camera.height_px / height
-        grid = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-        origins, directions = posed.rays_site(grid)
-        hits = self.cast(origins, directions)
-        along = directions @ posed.site_from_cam.rotation[:, 2]
-        return (hits.distance_m * along).reshape(height, width), hits.element.reshape(height, width)
+        depth, element = np.empty((height, width)), np.empty((height, width), dtype=np.int64)
+        band = max(1, _CHUNK // width)  # rows at a time: the rays of a whole photograph of 48 Mpx would take 5 GB
+        for top in range(0, height, band):
+            part = slice(top, top + band)
+            grid = np.stack(np.meshgrid(columns, rows[part]), axis=-1).reshape(-1, 2)
+            origins, directions = posed.rays_site(grid)
+            hits = self.cast(origins, directions)
+            along = directions @ posed.site_from_cam.rotation[:, 2]
+            depth[part] = (hits.distance_m * along).reshape(-1, width)
+            element[part] = hits.element.reshape(-1, width)
+        return depth, element
 
     def closest(self, xyz_site_m: Array) -> Closest:
         """The surface's closest point to each of ``xyz_site_m`` (n, 3), to about 1e-6 of the surface's extent."""

@@ -1,4 +1,4 @@
-"""A virtual photograph of the model from a posed camera (pinhole), by pyrender in a process of its own."""
+"""A virtual photograph of the model from a posed camera, by pyrender in a process of its own (the paper's Fig. 8)."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
+from facadelake.camera import Camera, PosedCamera
 from facadelake.errors import ModelError
 from facadelake.frames import Array
 from facadelake.geobim.depth_buffer import eye_depth
@@ -32,15 +33,20 @@ _WALL = (215, 205, 190)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VirtualView:
-    """``colour`` (h, w, 3) uint8; ``depth_m`` (h, w) along the camera's z, inf where the view misses the model.
+    """``colour`` (h, w, 3) uint8; ``buffer`` (h, w), the depth buffer's values in [0, 1], 1 where no surface is.
 
     ``near_m`` and ``far_m`` are the clipping planes, which bound the depth buffer's resolution.
     """
 
     colour: NDArray[np.uint8]
-    depth_m: Array
+    buffer: Array
     near_m: float
     far_m: float
+
+    @property
+    def depth_m(self) -> Array:
+        """Depth (h, w) along the camera's z, inf where the view misses the model."""
+        return np.where(self.buffer < 1.0, eye_depth(self.buffer, self.near_m, self.far_m), np.inf)
 
 
 def virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
@@ -82,8 +88,56 @@ def virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: float = 
         with np.load(Path(folder) / "view.npz") as view:
             buffer = view["buffer"].astype(np.float64)
             colour = view["colour"]
-    depth = np.where(buffer < 1.0, eye_depth(buffer, near, far), np.inf)
-    return VirtualView(colour=colour, depth_m=depth, near_m=near, far_m=far)
+    return VirtualView(colour=colour, buffer=buffer, near_m=near, far_m=far)
+
+
+def virtual_photograph(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
+    """The model as the photograph itself would show it, pixel on pixel, its lens distortion included.
+
+    A camera without distortion that sees all the photograph sees is rendered, and its picture bent: colours between
+    pixels, depths from the nearest. Raises ModelError as ``virtual_view`` does.
+    """
+    camera = posed.camera
+    width, height = max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale))
+    straight = straightened(camera)
+    view = virtual_view(building, PosedCamera(camera=straight, site_from_cam=posed.site_from_cam), scale=scale)
+    columns = (np.arange(width) + 0.5) * camera.width_px / width
+    rows = (np.arange(height) + 0.5) * camera.height_px / height
+    maps = np.empty((2, height, width), dtype=np.float32)
+    rendered = np.array(view.buffer.shape[::-1]) / np.array([straight.width_px, straight.height_px])
+    for i, row in enumerate(rows):
+        xy = straight.project(camera.rays_cam(np.column_stack([columns, np.full(width, row)])))
+        maps[:, i] = (xy * rendered - 0.5).T  # OpenCV counts a pixel's centre as a whole number
+    return replace(
+        view,
+        colour=np.asarray(
+            cv2.remap(view.colour, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8
+        ),
+        buffer=np.asarray(
+            cv2.remap(view.buffer, maps[0], maps[1], cv2.INTER_NEAREST, borderValue=1.0), dtype=np.float64
+        ),
+    )
+
+
+def straightened(camera: Camera) -> Camera:
+    """A camera without distortion, of the same focal length, that sees all that ``camera`` sees."""
+    along = np.linspace(0.0, 1.0, 65)
+    ends = np.zeros_like(along)
+    border = np.vstack(
+        [np.column_stack(side) for side in ((along, ends), (along, ends + 1), (ends, along), (ends + 1, along))]
+    )
+    rays = camera.rays_cam(border * [camera.width_px, camera.height_px])
+    focal = np.array([camera.fx_px, camera.fy_px])
+    pixels = rays[:, :2] / rays[:, 2:] * focal
+    low, high = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 1
+    return Camera(
+        width_px=int(high[0] - low[0]),
+        height_px=int(high[1] - low[1]),
+        fx_px=camera.fx_px,
+        fy_px=camera.fy_px,
+        cx_px=float(-low[0]),
+        cy_px=float(-low[1]),
+    )
 
 
 def _colours(building: BuildingModel, surface: Surface) -> NDArray[np.uint8]:

@@ -1,0 +1,92 @@
+"""Depth, element and target images of a wall behind a bench."""
+
+import numpy as np
+import pytest
+
+from facadelake.camera import Camera, PosedCamera
+from facadelake.errors import InputDataError
+from facadelake.frames import Similarity
+from facadelake.geobim.surface import Surface
+from facadelake.geobim.view_images import read_view_images, view_images
+from facadelake.tables import table_of_rows
+
+# Looks along +y from the origin.
+POSED = PosedCamera(
+    camera=Camera(width_px=200, height_px=160, fx_px=100, fy_px=100, cx_px=100, cy_px=80, k1=-0.05),
+    site_from_cam=Similarity(rotation=np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), translation=np.zeros(3)),
+)
+
+
+def sheet(x, y, z):
+    return np.array([[x[0], y, z[0]], [x[1], y, z[0]], [x[1], y, z[1]], [x[0], y, z[1]]], dtype=float)
+
+
+@pytest.fixture
+def elements():
+    kinds = (("wall", "IfcWall", "Ground floor"), ("bench", "IfcFurniture", None))
+    return table_of_rows(
+        "elements",
+        [
+            {
+                "element_guid": name, "ifc_class": kind, "element_name": name, "storey": storey, "facade": "S",
+                "surface_area_m2": 1.0, "triangles": 2,
+            }
+            for name, kind, storey in kinds
+        ],
+    )  # fmt: skip
+
+
+@pytest.fixture
+def surface():
+    """A wall 10 m off from x -4 to 4, a bench 5 m off before its lower half; beyond is nothing."""
+    return Surface.from_mesh(
+        np.vstack([sheet((-4, 4), 10, (-3, 3)), sheet((-1, 1), 5, (-2, -0.5))]),
+        np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]),
+        np.array([0, 0, 1, 1]),
+    )
+
+
+def at(image, xyz, scale):
+    """The image's value where the photograph shows a point: an independent way, by projection."""
+    x, y = POSED.project_site(np.array([xyz], dtype=float))[0] * scale
+    return image[int(y), int(x)]
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_each_pixel_tells_depth_element_and_target(surface, elements, scale):
+    images = view_images(POSED, surface, elements, scale)
+    assert images.depth_m.shape == images.element.shape == images.target.shape == (160 * scale, 200 * scale)
+    for xyz, depth, element, target in (
+        ([2.5, 10, 2.0], 10.0, 0, True), ([0.5, 5, -1.2], 5.0, 1, False), ([-7, 10, 0], np.inf, -1, False),
+    ):  # fmt: skip
+        np.testing.assert_allclose(at(images.depth_m, xyz, scale), depth, rtol=0, atol=1e-5)  # m
+        assert at(images.element, xyz, scale) == element
+        assert at(images.target, xyz, scale) == target
+
+
+def test_bands_make_no_seam(surface, elements, monkeypatch):
+    whole = view_images(POSED, surface, elements, 1.0)
+    monkeypatch.setattr("facadelake.geobim.surface._CHUNK", 700)  # three rows and a half
+    bands = view_images(POSED, surface, elements, 1.0)
+    np.testing.assert_array_equal(bands.depth_m, whole.depth_m)
+    np.testing.assert_array_equal(bands.element, whole.element)
+
+
+def test_what_is_saved_is_read_again(surface, elements, tmp_path):
+    images = view_images(POSED, surface, elements, 0.5)
+    images.save(tmp_path / "view.npz")
+    again = read_view_images(tmp_path / "view.npz")
+    for name, kind in (("depth_m", np.float32), ("element", np.int32), ("target", np.bool_)):
+        np.testing.assert_array_equal(getattr(again, name), getattr(images, name))
+        assert getattr(again, name).dtype == kind
+    assert again.legend.to_pylist()[1] == {
+        "element_guid": "bench", "ifc_class": "IfcFurniture", "element_name": "bench", "storey": "",
+    }  # fmt: skip
+    (tmp_path / "broken.npz").write_bytes(b"no archive")
+    with pytest.raises(InputDataError, match="holds no images of a view"):
+        read_view_images(tmp_path / "broken.npz")
+
+
+def test_a_scale_out_of_range_is_refused(surface, elements):
+    with pytest.raises(InputDataError, match=r"scale of a view is 1\.5"):
+        view_images(POSED, surface, elements, 1.5)
