@@ -249,8 +249,12 @@ def _mapped(
 def _cut(outlines: Outlines, member: NDArray[np.bool_], row: int) -> Any:
     """The part of an outline in the cells of its members: to half a pitch, the part on the patch's own surface."""
     first, last = np.searchsorted(outlines.detection, (row, row + 1))
-    xy, half = outlines.xy_img[first:last][member[first:last]], outlines.pitch_px[row] / 2
-    cells = shapely.union_all(shapely.box(*(xy - half).T, *(xy + half).T), grid_size=1e-6)
+    xy, pitch = outlines.xy_img[first:last][member[first:last]], outlines.pitch_px[row]
+    # Corners are counted from one place, so that cells side by side share theirs to the last bit.
+    cell = np.unique(np.round((xy - xy[0]) / pitch), axis=0)
+    cells = shapely.coverage_union_all(
+        shapely.box(*(xy[0] + (cell - 0.5) * pitch).T, *(xy[0] + (cell + 0.5) * pitch).T)
+    )
     cut = shapely.intersection(cells, outlines.polygon_img[row])
     parts = [part for part in shapely.get_parts(cut) if part.geom_type == "Polygon" and part.area > 0]
     return shapely.multipolygons(parts) if parts else cells

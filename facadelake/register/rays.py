@@ -49,14 +49,15 @@ def _turned_by_a_pixel(camera: Camera, rays_cam: Array) -> tuple[Array, Array]:
     r2 = x * x + y * y
     radial = 1 + camera.k1 * r2 + camera.k2 * r2 * r2
     slope = 2 * camera.k1 + 4 * camera.k2 * r2  # d radial / dx = slope x
-    distorted = np.empty((len(x), 2, 2))
-    distorted[:, 0, 0] = radial + slope * x * x + 2 * camera.p1 * y + 6 * camera.p2 * x
-    distorted[:, 1, 1] = radial + slope * y * y + 6 * camera.p1 * y + 2 * camera.p2 * x
-    distorted[:, 0, 1] = distorted[:, 1, 0] = slope * x * y + 2 * camera.p1 * x + 2 * camera.p2 * y
-    plane = np.linalg.inv(np.array([camera.fx_px, camera.fy_px])[:, None] * distorted)
+    xx = camera.fx_px * (radial + slope * x * x + 2 * camera.p1 * y + 6 * camera.p2 * x)
+    yy = camera.fy_px * (radial + slope * y * y + 6 * camera.p1 * y + 2 * camera.p2 * x)
+    mixed = slope * x * y + 2 * camera.p1 * x + 2 * camera.p2 * y
+    xy, yx = camera.fx_px * mixed, camera.fy_px * mixed
+    grown = xx * yy - xy * yx
+    plane = np.array([[yy, -xy], [-yx, xx]]).transpose(2, 0, 1) / grown[:, None, None]
     length = np.sqrt(1 + r2)
     # d unit = (I - unit unit') d(x, y, 1) / length
     across = np.eye(3)[None] - rays_cam[:, :, None] * rays_cam[:, None, :]
     turned: Array = across[:, :, :2] @ plane / length[:, None, None]
-    solid: Array = np.abs(np.linalg.det(plane)) / length**3
+    solid: Array = 1 / (np.abs(grown) * length**3)
     return turned, solid
