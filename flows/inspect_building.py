@@ -12,8 +12,9 @@ from prefect import flow
 
 from facadelake.errors import FacadelakeError
 from facadelake.registry import read_portfolio
-from flows.precheck import AUTO, LATEST, check_files, chosen_poses, resolved_campaign
-from schemas.vocabulary import ControlKind
+from flows.precheck import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
+from schemas.vocabulary import ControlKind, SurfaceKind
+from tasks.as_built_model import as_built_model, place_building
 from tasks.commit import commit
 from tasks.detect import detect
 from tasks.draw import draw
@@ -68,6 +69,7 @@ def inspect_building(
     started_at = datetime.now(UTC)
     campaign = resolved_campaign(building, campaign_id)
     warnings = list(check_files(building, campaign, detections))
+    check_control(building, campaign, georeference, poses)
     job = InspectionJob(
         building=building,
         campaign_id=campaign,
@@ -78,8 +80,13 @@ def inspect_building(
         detections=detections,
         poses=chosen_poses(building, campaign, georeference, poses),
     )
-    model = load_model(job)
-    photos = ingest(job, model)
+    bare = building.surface_kind is SurfaceKind.AS_BUILT  # its surface is made once the block stands
+    if bare:
+        photos = ingest(job, None)
+        model = place_building(job, photos)
+    else:
+        model = load_model(job)
+        photos = ingest(job, model)
     found = detect(job, photos)
     block: StageResult | None = None
     if job.poses is not None:
@@ -87,7 +94,9 @@ def inspect_building(
     else:
         block = reconstruct_block(job, photos)
         placed = georeference_block(job, model, photos, block)
-    registered = register(job, model, placed, found)
+        if bare:
+            model = as_built_model(job, model, block, placed)
+    registered = register(job, model, placed, found, block)
     merged = merge_duplicates(job, model, placed, registered, found)
     integrity = verify_model(job, model, block, placed)
     folders = StageFolders(

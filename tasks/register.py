@@ -1,4 +1,4 @@
-"""Task: bring each detection onto the building's surface."""
+"""Task: bring each detection onto the building's surface, and leave out what is not of the building."""
 
 from __future__ import annotations
 
@@ -8,38 +8,75 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.cache import hash_of_files
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
+from facadelake.photo.files import find_masks
+from facadelake.pose.reconstruction import Reconstruction, read_reconstruction
 from facadelake.posed import pose_covariances, posed_cameras
+from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.observe import observe
 from facadelake.register.settings import RegisterSettings
+from facadelake.register.tie_points import Tracks, tie_points
 from facadelake.registry import Building
 from facadelake.tables import read_table, write_table
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
+CODE = ("register", "geobim", "posed.py", "photo/files.py", "photo/masks.py", "pose/reconstruction.py")
+
 
 @task(name="register")
-def register(job: InspectionJob, model: StageResult, placed: StageResult, detections: StageResult) -> StageResult:
-    """Table ``observations``, not yet merged."""
-    settings = register_settings(job.building)
+def register(
+    job: InspectionJob,
+    model: StageResult,
+    placed: StageResult,
+    detections: StageResult,
+    block: StageResult | None,
+) -> StageResult:
+    """Table ``observations``, not yet merged.
+
+    Without a ``block`` (poses were imported) there are no tie points that could show what stands before the building.
+    """
+    settings, exclusion = register_settings(job.building), ExclusionSettings()
+    masks = find_masks(job.building.photographs_of(job.campaign_id))
 
     def make(folder: Path) -> Counts:
         building = read_building(model.folder)
         poses = read_table("poses", placed.folder)
-        table = observe(
-            read_table("detections", detections.folder),
-            posed_cameras(poses),
-            building,
-            Surface(building),
-            settings=settings,
-            covariances=pose_covariances(poses),
+        found, posed, surface = read_table("detections", detections.folder), posed_cameras(poses), Surface(building)
+        table = observe(found, posed, building, surface, settings=settings, covariances=pose_covariances(poses))
+        points = tie_points(_tracks(read_reconstruction(block.folder)), posed) if block else None
+        passport = read_table("georeference", placed.folder).to_pylist()[0]
+        scene = Scene(
+            points=points,
+            masks=masks,
+            placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in ("east", "north", "up")),
         )
+        table = exclude(table, found, posed, building.elements, surface, scene, exclusion)
         write_table("observations", table, folder)
         return Counter(table.column("observation_outcome").to_pylist())
 
-    inputs = {"model": model.key, "poses": placed.key, "detections": detections.key, "limits": asdict(settings)}
-    return run_stage(job, "register", code=["register", "geobim", "posed.py"], inputs=inputs, make=make)
+    inputs = {
+        "model": model.key,
+        "poses": placed.key,
+        "detections": detections.key,
+        "block": block.key if block else None,
+        "masks": sorted(masks),
+        "masks_bytes": hash_of_files(list(masks.values())),
+        "limits": asdict(settings),
+        "exclusion": asdict(exclusion),
+    }
+    return run_stage(job, "register", code=CODE, inputs=inputs, make=make)
+
+
+def _tracks(block: Reconstruction) -> Tracks:
+    return Tracks(
+        photo_ids=[photo.photo_id for photo in block.photos],
+        photo=block.track_photo,
+        point=block.track_point,
+        xy_img=block.track_xy_img,
+    )
 
 
 def register_settings(building: Building) -> RegisterSettings:
