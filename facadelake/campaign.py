@@ -56,6 +56,7 @@ class BuildingRecord:
     map_crs: str
     vertical_datum: str
     georeference_level: str
+    georeference_remarks: str | None
     origin_lon_deg: float
     origin_lat_deg: float
     origin_height_ellipsoidal_m: float

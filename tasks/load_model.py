@@ -7,6 +7,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.cache import file_hash
+from facadelake.geobim.control_fit import ControlPair
 from facadelake.geobim.georeference import MapPlacement
 from facadelake.geobim.load import load_building
 from facadelake.geobim.model import ModelSettings
@@ -47,6 +48,8 @@ def model_settings(building: Building) -> ModelSettings:
         )
         if place
         else None,
+        control=tuple(ControlPair(ifc_m=pair.ifc_m, map_m=pair.map_m) for pair in crs.control),
+        accept_level=crs.accept_level,
         map_crs=crs.map,
         vertical_datum=crs.vertical,
         origin=SiteOrigin(**crs.origin.model_dump()) if crs.origin else None,

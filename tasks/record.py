@@ -72,6 +72,7 @@ def whole_campaign(job: InspectionJob, folders: StageFolders) -> tuple[RunRecord
         map_crs=building.map_crs,
         vertical_datum=building.vertical_datum,
         georeference_level=building.georeference_level,
+        georeference_remarks=building.remarks or None,
         origin_lon_deg=building.origin.lon_deg,
         origin_lat_deg=building.origin.lat_deg,
         origin_height_ellipsoidal_m=building.origin.height_ellipsoidal_m,

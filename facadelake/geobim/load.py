@@ -17,7 +17,7 @@ from facadelake.frames import Array
 from facadelake.geobim.elements import attributes_of, storeys_of
 from facadelake.geobim.facade import facades_of
 from facadelake.geobim.footprint import in_lon_lat, outline_of
-from facadelake.geobim.georeference import Georeference, georeferences_of, the_one_in_use
+from facadelake.geobim.georeference import Georeference, chosen, georeferences_of
 from facadelake.geobim.mesh import ElementMesh, meshes_of, open_ifc
 from facadelake.geobim.model import BuildingModel, ModelSettings
 from facadelake.geobim.storeys import StoreyLevel
@@ -37,12 +37,17 @@ def load_building(path: Path, *, settings: ModelSettings) -> BuildingModel:
     """
     model = open_ifc(path)
     readings = georeferences_of(
-        model, map_crs=settings.map_crs, vertical_datum=settings.vertical_datum, placement=settings.placement
+        model,
+        map_crs=settings.map_crs,
+        vertical_datum=settings.vertical_datum,
+        placement=settings.placement,
+        control=settings.control,
+        accept_level=settings.accept_level,
     )
     meshes = meshes_of(model, deflection_m=settings.mesh_deflection_m, workers=settings.workers)
     vertices_ifc = np.vstack([mesh.vertices_ifc_m for mesh in meshes])
     centre = (vertices_ifc.min(axis=0) + vertices_ifc.max(axis=0)) / 2
-    georeference = the_one_in_use(readings, centre)
+    georeference = chosen(readings, centre)
     origin = settings.origin or site_origin(georeference, centre)
     counts = [len(mesh.vertices_ifc_m) for mesh in meshes]
     starts = np.cumsum([0, *counts[:-1]])

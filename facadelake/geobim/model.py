@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from facadelake.errors import ModelError
 from facadelake.frames import Array
-from facadelake.geobim.georeference import ELLIPSOIDAL, MapPlacement
+from facadelake.geobim.control_fit import ControlPair
+from facadelake.geobim.placement import MapPlacement
 from facadelake.geobim.storeys import StoreyLevel
+from facadelake.geobim.vertical import ELLIPSOIDAL
 from facadelake.geodesy import SiteOrigin, as_3d
 from facadelake.tables import read_table, write_table
+from schemas.vocabulary import SurfaceKind
 
-_ARRAYS = "surface.npz"
+SURFACE_FILE = "surface.npz"
 _PLACE = "building.json"
 
 
@@ -26,12 +29,16 @@ class ModelSettings:
     """What the registry says about a building model; None leaves the word to the IFC.
 
     ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``placement`` stands in where the IFC
-    has no map conversion. ``mesh_deflection_m`` bounds how far a flat triangle leaves a curved surface.
+    has no map conversion, and ``control`` before that: pairs of points of the model and of the map. ``accept_level`` is
+    the lowest LoGeoRef to be taken though it is good to metres alone. ``mesh_deflection_m`` bounds how far a flat
+    triangle leaves a curved surface.
     """
 
     map_crs: str | None = None
     vertical_datum: str | None = None
     placement: MapPlacement | None = None
+    control: tuple[ControlPair, ...] = ()
+    accept_level: int | None = None
     origin: SiteOrigin | None = None
     mesh_deflection_m: float = 0.001
     workers: int = 2
@@ -43,8 +50,10 @@ class BuildingModel:
 
     ``vertices_site_m`` (n, 3) float64, ``triangles`` (m, 3) rows of vertices, wound so that normals of closed bodies
     point out; ``element_of_triangle`` (m,) rows of ``elements`` (a table of kind ``elements``).
-    ``vertical_datum`` is "ellipsoidal" or an EPSG code; ``georeference_level`` is LoGeoRef 50 or "registry".
+    ``vertical_datum`` is "ellipsoidal" or an EPSG code; ``georeference_level`` is its LoGeoRef or "registry".
     ``remarks`` says in words what had to be assumed; empty where nothing was. ``storeys`` come from the lowest up.
+    ``surface_kind`` says what the surface was made of. ``surface_sigma_m``: how far the surface may stand off the
+    building, one sigma, where it was measured with the surface; None leaves that to the registry's tolerance.
     """
 
     origin: SiteOrigin
@@ -57,6 +66,13 @@ class BuildingModel:
     element_of_triangle: NDArray[np.int64]
     elements: pa.Table
     storeys: tuple[StoreyLevel, ...] = ()
+    surface_kind: SurfaceKind = SurfaceKind.IFC
+    surface_sigma_m: float | None = None
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether there is a surface yet; of a building without any model it is made once the campaign is placed."""
+        return len(self.triangles) > 0
 
     @property
     def height_crs(self) -> str:
@@ -82,7 +98,7 @@ class BuildingModel:
     def save(self, folder: Path) -> None:
         """Write the model into ``folder``, for ``read_building``."""
         np.savez(
-            folder / _ARRAYS,
+            folder / SURFACE_FILE,
             vertices_site_m=self.vertices_site_m,
             triangles=self.triangles,
             element_of_triangle=self.element_of_triangle,
@@ -95,6 +111,8 @@ class BuildingModel:
             "georeference_level": self.georeference_level,
             "remarks": self.remarks,
             "storeys": [asdict(storey) for storey in self.storeys],
+            "surface_kind": self.surface_kind,
+            "surface_sigma_m": self.surface_sigma_m,
         }
         (folder / _PLACE).write_text(json.dumps(place, indent=1))
 
@@ -103,7 +121,7 @@ def read_building(folder: Path) -> BuildingModel:
     """The model that ``BuildingModel.save`` wrote into ``folder``; raises ModelError where there is none."""
     try:
         place = json.loads((folder / _PLACE).read_text())
-        with np.load(folder / _ARRAYS) as arrays:
+        with np.load(folder / SURFACE_FILE) as arrays:
             vertices, triangles, owner = (
                 arrays["vertices_site_m"],
                 arrays["triangles"],
@@ -120,6 +138,8 @@ def read_building(folder: Path) -> BuildingModel:
         georeference_level=place["georeference_level"],
         remarks=place["remarks"],
         storeys=tuple(StoreyLevel(**storey) for storey in place["storeys"]),
+        surface_kind=SurfaceKind(place.get("surface_kind", SurfaceKind.IFC)),
+        surface_sigma_m=place.get("surface_sigma_m"),
         vertices_site_m=vertices,
         triangles=triangles,
         element_of_triangle=owner,

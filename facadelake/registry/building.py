@@ -77,16 +77,32 @@ class PlacementSetting(_Strict):
     scale: Annotated[float, Field(gt=0)] = 1.0
 
 
+class ControlPairSetting(_Strict):
+    """A point in the model's axes and the same on the map (east, north, height in the vertical datum), metres."""
+
+    ifc_m: tuple[float, float, float]
+    map_m: tuple[float, float, float]
+
+
 class BuildingCrs(_Strict):
-    """Overrides for a model that does not say where it stands.
+    """Overrides for a model that does not say where it stands; see docs/georeference-levels.md.
 
     ``map`` is a projected CRS such as EPSG:25832; ``vertical`` is ``ellipsoidal`` or a vertical CRS such as EPSG:7837.
+    ``accept_level`` takes a georeference that is good to metres alone, down to that LoGeoRef.
     """
 
     map: str | None = None
     vertical: str | None = None
     placement: PlacementSetting | None = None
+    control: tuple[ControlPairSetting, ...] = ()
+    accept_level: Literal[20, 40] | None = None
     origin: SiteOriginSetting | None = None
+
+    @model_validator(mode="after")
+    def _placed_once(self) -> Self:
+        if self.placement and self.control:
+            raise ValueError("both 'placement' and 'control' place the model; give one of them")
+        return self
 
 
 class Tolerances(_Strict):

@@ -165,7 +165,7 @@ def _mistake(file: Path, where: str, entry: dict[str, Any], detail: Any) -> str:
 def _allowed_keys(entry: dict[str, Any], parents: list[str]) -> list[str]:
     """The keys a mapping may have, where ``parents`` leads to it."""
     model: Any = Building
-    for parent in parents:
+    for parent in (name for name in parents if not name.isdigit()):  # a list's members have its keys
         annotation = model.model_fields[parent].annotation
         candidates = [annotation, *getattr(annotation, "__args__", ())]
         models = [c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)]

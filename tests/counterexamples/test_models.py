@@ -171,8 +171,10 @@ UNKNOWN_DATUM = "EPSG:99999"
         (
             Ifc(crs=CRS, conversion=CONVERSION, boxes=[Box(corner_m=(456639.0, 5421033.0, 178.0))]),
             BY_IFC,
-            "the model's middle comes to lie at east, north, height [913280.2, 10842066.6, 357.8] m, outside the area "
-            f"where EPSG:25832 is in use (Europe between 6°E and 12°E); {MIXED}",
+            "the model is shifted to the map twice: its geometry lies at [456641.0, 5421033.2, 179.5] m, which are map "
+            "coordinates of EPSG:25832, and its placement adds east, north [456639.2, 5421033.5] m; export it with the "
+            "shift in one of the two, or, if the geometry is right, give the registry's crs.placement "
+            "{east_m: 0, north_m: 0, height_m: 0}",
         ),
     ],
     ids=[

@@ -4,7 +4,6 @@ import ifcopenshell
 import ifcopenshell.api
 import ifcopenshell.api.owner.settings
 import numpy as np
-import pyproj
 import pytest
 
 from facadelake.errors import GeoreferenceError, ModelError
@@ -14,49 +13,7 @@ from facadelake.geobim.model import ModelSettings, read_building
 from facadelake.geobim.vertical import horizontal_and_vertical, vertical_named
 from facadelake.geodesy import SiteOrigin
 from tests.unit.geobim.conftest import Box, Ifc
-
-CONVERSION = {
-    "Eastings": 456639.25,
-    "Northings": 5421033.5,
-    "OrthogonalHeight": 178.25,
-    "XAxisAbscissa": float(np.cos(np.radians(30))),
-    "XAxisOrdinate": float(np.sin(np.radians(30))),
-}
-CRS = {"Name": "EPSG:25832", "Description": "heights are ellipsoidal"}
-
-
-def expected_geo(corners_m, factor=1.0):
-    """Corners in the model's metres as lon, lat, height: the conversion by hand, then pyproj's own pipeline."""
-    c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
-    x, y, z = np.asarray(corners_m).T
-    east = 456639.25 + factor * (c * x - s * y)
-    north = 5421033.5 + factor * (s * x + c * y)
-    pipeline = pyproj.Transformer.from_pipeline("+proj=pipeline +step +inv +proj=utm +zone=32 +ellps=GRS80")
-    lon, lat = pipeline.transform(east, north)
-    return np.column_stack([lon, lat, 178.25 + z])
-
-
-def ecef(geo):
-    """ECEF written out (the direct formula has no iteration to get wrong)."""
-    lon, lat, h = np.radians(geo[:, 0]), np.radians(geo[:, 1]), geo[:, 2]
-    a, f = 6378137.0, 1 / 298.257222101
-    e2 = f * (2 - f)
-    n = a / np.sqrt(1 - e2 * np.sin(lat) ** 2)
-    return np.column_stack(
-        [(n + h) * np.cos(lat) * np.cos(lon), (n + h) * np.cos(lat) * np.sin(lon), (n * (1 - e2) + h) * np.sin(lat)]
-    )
-
-
-def corners_of(box):
-    grid = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
-    return grid * box.size_m + box.corner_m
-
-
-def assert_same_places(building, geo):
-    """Every expected place is a vertex of the building, compared in ECEF metres."""
-    found = ecef(building.origin.geo_from_site(building.vertices_site_m))
-    for place in ecef(geo):
-        assert np.linalg.norm(found - place, axis=1).min() < 0.0005  # m
+from tests.unit.geobim.globe_by_hand import CONVERSION, CRS, assert_same_places, corners_of, ecef, expected_geo
 
 
 @pytest.mark.parametrize(
