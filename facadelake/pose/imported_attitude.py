@@ -97,10 +97,7 @@ def from_omega_phi_kappa(omega_deg: float, phi_deg: float, kappa_deg: float) -> 
 def other_readings(world_from_cam: Array) -> dict[str, Array]:
     """How the rotation (3, 3) would be under other conventions, by what the header would have to say."""
     return {
-        f"rotation: {Direction.CAM_FROM_WORLD} instead of {Direction.WORLD_FROM_CAM}, or the other way round": (
-            world_from_cam.T
-        ),
-        f"camera_axes: {CameraAxes.RIGHT_UP_BACKWARD} instead of {CameraAxes.RIGHT_DOWN_FORWARD}, or the other way "
-        "round": world_from_cam @ _IMAGE_FROM_CAM,
-        "both rotation and camera_axes": (world_from_cam @ _IMAGE_FROM_CAM).T,
+        "the other word for rotation (world_from_cam, cam_from_world)": world_from_cam.T,
+        "the other word for camera_axes (right_down_forward, right_up_backward)": world_from_cam @ _IMAGE_FROM_CAM,
+        "the other words for rotation and camera_axes": (world_from_cam @ _IMAGE_FROM_CAM).T,
     }

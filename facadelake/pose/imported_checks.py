@@ -22,6 +22,7 @@ FARTHEST_M = 1000.0
 TURNED_DEG = 45.0
 _LEAST_ATTITUDES = 3
 _GRID = 7  # rays each way over a photograph
+_CHECK = "check rotation, camera_axes, pitch_zero and north in the head (docs/poses-csv.md)"
 
 
 class SurfaceLike(Protocol):
@@ -88,7 +89,7 @@ def _seeing(cameras: Sequence[PosedCamera], surface: SurfaceLike) -> np.ndarray[
 
 
 def _better(cameras: Sequence[PosedCamera], surface: SurfaceLike) -> str:
-    """Under which other reading of the rotations most photographs would show the model."""
+    """Under which other readings of the rotations most photographs would show the model."""
     readings = [other_readings(camera.site_from_cam.rotation) for camera in cameras]
     shown = {}
     for name in readings[0]:
@@ -100,10 +101,10 @@ def _better(cameras: Sequence[PosedCamera], surface: SurfaceLike) -> str:
             for camera, reading in zip(cameras, readings, strict=True)
         ]
         shown[name] = int(_seeing(turned, surface).sum())
-    best = max(shown, key=lambda name: shown[name])
-    if not shown[best]:
-        return "check rotation, camera_axes, pitch_zero and north in the head (docs/poses-csv.md)"
-    return f"with {best}, {shown[best]} would"
+    most = max(shown.values())
+    if not most:
+        return _CHECK
+    return f"with {', or '.join(name for name in shown if shown[name] == most)}, {most} would"
 
 
 def _refuse_turned(posed: Mapping[str, PosedCamera], photos: Sequence[Mapping[str, Any]], source: str) -> None:
@@ -128,11 +129,7 @@ def _refuse_turned(posed: Mapping[str, PosedCamera], photos: Sequence[Mapping[st
         for name in names
     }
     best = min(others, key=lambda name: others[name])
-    hint = (
-        f"with {best}, {others[best]:.0f} deg would be left"
-        if others[best] <= TURNED_DEG
-        else "check rotation, camera_axes, pitch_zero and north in the head (docs/poses-csv.md)"
-    )
+    hint = f"with {best}, {others[best]:.0f} deg would be left" if others[best] <= TURNED_DEG else _CHECK
     raise GeoreferenceError(
         f"the poses of {source} are turned by {off_deg:.0f} deg (median, limit {TURNED_DEG:g} deg) against the "
         f"attitudes that {len(stated)} photographs state themselves; {hint}"
