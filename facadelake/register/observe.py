@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -52,8 +52,11 @@ def observe(
     """Table ``observations``: one row an accepted detection, with its outcome; ``defect_id`` is left to ``merge``.
 
     ``posed`` holds the localised photographs by photo_id, ``covariances`` their poses' (6, 6) as
-    ``facadelake.posed.pose_covariances`` gives them; a pose without one is taken for exact.
+    ``facadelake.posed.pose_covariances`` gives them; a pose without one is taken for exact. A surface that was measured
+    stands off the building by its own ``surface_sigma_m`` instead of ``settings.model_sigma_m``.
     """
+    if building.surface_sigma_m is not None:
+        settings = replace(settings, model_sigma_m=building.surface_sigma_m)
     accepted = [row for row in detections.to_pylist() if row["detection_outcome"] == DetectionOutcome.ACCEPTED]
     rows: list[Row] = []
     on_photo: list[Row] = []
