@@ -217,6 +217,30 @@ def export(
 
 
 @app.command()
+def regrade(
+    building: BuildingId,
+    campaign: Annotated[str | None, typer.Argument(help="Only this campaign; left out, all of the building's.")] = None,
+    *,
+    rules: Annotated[str, typer.Option(help="The rule pack, such as nyc_fisp_v1 (docs/severity.md lists them).")],
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would change, and write nothing.")] = False,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Grade the defects of committed campaigns by another rule pack, as a new version, and publish it.
+
+    Grades of persons stay. Running it again changes nothing. A new inspection grades by the registry's rule pack.
+    """
+    from flows.regrading import preview_grades, registered_rules, regrade_campaigns
+    from flows.terminal.grades import show_regrading
+
+    registered = registered_rules(portfolio, building)
+    if dry_run:
+        show_regrading(console, preview_grades(lake, building, campaign, rules), [], registered)
+    else:
+        show_regrading(console, *regrade_campaigns(lake, building, campaign, rules), registered)
+
+
+@app.command()
 def evaluate(
     building: BuildingId,
     campaign: CampaignId,

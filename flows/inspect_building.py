@@ -13,6 +13,7 @@ from prefect import flow
 from facadelake.errors import FacadelakeError
 from facadelake.registry import read_portfolio
 from flows.precheck import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
+from flows.regrading import regrading_replaced
 from schemas.vocabulary import ControlKind, SurfaceKind
 from tasks.as_built_model import as_built_model, place_building
 from tasks.commit import commit
@@ -111,13 +112,14 @@ def inspect_building(
     )
     checks = validate_tables(job, folders)
     committed = commit(job, folders, checks)
+    warnings += [regrading_replaced(building, campaign, rules) for rules in committed.regraded_before]
     pictures: StageResult | None = None
     try:
         pictures = draw(job, folders, checks)
     except (FacadelakeError, OSError) as error:  # the campaign is committed; a missing picture must not undo that
         warnings.append(f"no pictures: {error}")
         log.warning("%s", warnings[-1])
-    release = publish(job, folders, committed, pictures)
+    release = publish(job, committed, pictures)
     return InspectionResult(
         building_id=building_id,
         campaign_id=campaign,

@@ -9,16 +9,18 @@ from prefect import task
 from prefect.artifacts import create_markdown_artifact, create_table_artifact
 
 from facadelake.lake.commit import Committed
+from facadelake.lake.read import read_table
 from facadelake.publish.releases import publish_campaign
 from tasks.draw import PICTURES
 from tasks.job import InspectionJob, StageResult
-from tasks.record import StageFolders, stage_tables
+
+SHOWN = ["defect_id", "defect_class", "severity", "facade", "storey", "sightings", "width_m", "height_m"]
 
 
 @task(name="publish")
-def publish(job: InspectionJob, folders: StageFolders, committed: Committed, pictures: StageResult | None) -> Path:
+def publish(job: InspectionJob, committed: Committed, pictures: StageResult | None) -> Path:
     """The folder of this version's files; ``latest`` beside it points there."""
-    tables = stage_tables(folders)
+    defects = read_table(job.lake, "defects", building_id=job.building.id, campaign_id=job.campaign_id)
     release = publish_campaign(
         job.lake,
         building_id=job.building.id,
@@ -30,9 +32,7 @@ def publish(job: InspectionJob, folders: StageFolders, committed: Committed, pic
     create_table_artifact(
         key=f"{key}-defects",
         description=f"Defects of {job.building.name}, campaign {job.campaign_id}, lake version {committed.version}",
-        table=tables["defects"]
-        .select(["defect_id", "defect_class", "severity", "facade", "storey", "sightings", "width_m", "height_m"])
-        .to_pylist(),
+        table=defects.select(SHOWN).to_pylist(),
     )
     if pictures is not None:
         images = sorted(pictures.folder.rglob("thumbnail*.jpg"))

@@ -22,10 +22,14 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Committed:
-    """The lake's version that holds the campaign, and whether this call made it."""
+    """The lake's version that holds the campaign, and whether this call made it.
+
+    ``regraded_before``: the rule packs of a regrading that this call's rows have replaced by their own grades.
+    """
 
     version: int
     changed: bool
+    regraded_before: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +55,9 @@ def commit_campaign(
     """Replace the campaign's rows of every table by the ones given, which have the run keys in front.
 
     Nothing is written where the campaign that is there came from the same inputs, code and configuration: ``changed``
-    is False and ``version`` the one that brought it. Earlier versions stay readable. Raises SchemaError for tables
-    that are not as schemas/ declares, StoreError when the lake cannot be written (it then stays as it was).
+    is False and ``version`` the one that brought it, or regraded it since. Earlier versions stay readable.
+    Raises SchemaError for tables that are not as schemas/ declares, StoreError when the lake cannot be written (it
+    then stays as it was).
     """
     run = _checked_run(building_id, campaign_id, run_id, tables, inputs_sha256)
     with locked(lake, timeout_s=lock_timeout_s), writing(lake) as connection:
@@ -62,9 +67,10 @@ def commit_campaign(
             if known is not None:
                 logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)
                 return Committed(version=known, changed=False)
+            regraded = _rules_of_regrading(connection, run)
             version = _replace(connection, run, tables)
     logger.info("%s %s committed as version %d", building_id, campaign_id, version)
-    return Committed(version=version, changed=True)
+    return Committed(version=version, changed=True, regraded_before=regraded)
 
 
 _REMEDY = (
@@ -97,14 +103,30 @@ def _checked_run(
     return _Run(**keys, **runs[0])
 
 
+# snapshot_id is DuckLake's own column: the snapshot that brought the row. A regrading brings rows of defects alone.
+_REGRADED = """SELECT d.snapshot_id, d.severity_rule FROM defects AS d JOIN runs AS r USING (building_id, campaign_id)
+    WHERE building_id = ? AND campaign_id = ? AND d.snapshot_id > r.snapshot_id"""
+
+
 def _version_of_same_run(connection: duckdb.DuckDBPyConnection, run: _Run) -> int | None:
-    # snapshot_id is DuckLake's own column: the snapshot that brought the row.
     row = connection.execute(
         "SELECT snapshot_id FROM runs WHERE building_id = ? AND campaign_id = ? "
         "AND inputs_sha256 = ? AND code_sha256 = ? AND configuration = ?",
         [run.building_id, run.campaign_id, run.inputs_sha256, run.code_sha256, run.configuration],
     ).fetchone()
-    return None if row is None else int(row[0])
+    if row is None:
+        return None
+    regraded = connection.execute(
+        f"SELECT max(snapshot_id) FROM ({_REGRADED})", [run.building_id, run.campaign_id]
+    ).fetchone()
+    return max(int(version) for version in (*row, *(regraded or ())) if version is not None)
+
+
+def _rules_of_regrading(connection: duckdb.DuckDBPyConnection, run: _Run) -> tuple[str, ...]:
+    rows = connection.execute(
+        f"SELECT DISTINCT severity_rule FROM ({_REGRADED}) ORDER BY severity_rule", [run.building_id, run.campaign_id]
+    ).fetchall()
+    return tuple(str(row[0]) for row in rows)
 
 
 def _replace(connection: duckdb.DuckDBPyConnection, run: _Run, tables: Mapping[str, pa.Table]) -> int:
@@ -124,6 +146,11 @@ def _replace(connection: duckdb.DuckDBPyConnection, run: _Run, tables: Mapping[s
     except BaseException:  # an interrupt, too, must leave nothing half-written
         roll_back(connection)
         raise
+    return last_version(connection)
+
+
+def last_version(connection: duckdb.DuckDBPyConnection) -> int:
+    """The version that this connection's last transaction made."""
     row = connection.execute("SELECT id FROM lake.last_committed_snapshot()").fetchone()
     if row is None or row[0] is None:
         raise StoreError("DuckLake named no version for the commit; list the lake's versions and run again")

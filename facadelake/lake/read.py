@@ -82,12 +82,13 @@ def read_tables(
 
 
 def versions(lake: Path) -> pa.Table:
-    """One row per commit: version, committed_at (UTC), building_id, campaign_id, run_id; the oldest first."""
+    """One row per commit and campaign: version, committed_at (UTC), building_id, campaign_id, run_id (null where a
+    regrading made the version) and regraded_by (null where a run did); the oldest first."""
     with reading(lake) as connection:
         check_version(connection, lake)
         with store_errors(f"reading the versions of the lake {lake}", "check that the lake's files are whole"):
             view = next(view for view in statements("views") if view.name == "versions")
-            rows = connection.execute(f"SELECT * FROM ({view.sql}) ORDER BY version").to_arrow_table()
+            rows = connection.execute(f"SELECT * FROM ({view.sql}) ORDER BY version, campaign_id").to_arrow_table()
     return rows.cast(
         pa.schema(
             [
@@ -96,6 +97,7 @@ def versions(lake: Path) -> pa.Table:
                 ("building_id", pa.string()),
                 ("campaign_id", pa.string()),
                 ("run_id", pa.string()),
+                ("regraded_by", pa.string()),
             ]
         )
     )

@@ -15,25 +15,33 @@ import pyarrow as pa
 from facadelake.errors import InputDataError, SchemaError
 from facadelake.lake.connect import bare_connection
 from facadelake.lake.guard import refuse_unless_plain_select
+from schemas.tables import TABLES
 
 RULES = Path(__file__).resolve().parents[2] / "data" / "severity"
+GRADES = ("severity", "severity_rule", "graded_by")
+BY_RULES = "rules"  # graded_by: a proposal; a person's grade has the person's name
 _SEVERITIES = re.compile(r"^-- severities: (.+)$", re.MULTILINE)
 _NAME = re.compile(r"[a-z][a-z0-9_]*_v[0-9]+")
+
+
+def rule_packs(folder: Path = RULES) -> tuple[str, ...]:
+    """The names of the rule packs that there are, in order."""
+    return tuple(sorted(found.stem for found in folder.glob("*_v*.sql")))
 
 
 def rule_file(name: str, folder: Path = RULES) -> Path:
     """The file of rule pack ``name`` such as ``extent_v1``. Raises InputDataError, naming those there are."""
     path = folder / f"{name}.sql"
     if not _NAME.fullmatch(name) or not path.is_file():
-        there = ", ".join(sorted(found.stem for found in folder.glob("*_v*.sql"))) or "none"
+        there = ", ".join(rule_packs(folder)) or "none"
         raise InputDataError(f"there is no severity rule pack {name} in {folder}; there are {there}")
     return path
 
 
 def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
-    """The defects with ``severity`` and ``severity_rule`` (the file's name) filled by the rule pack.
+    """The defects with ``severity``, ``severity_rule`` (the file's name) and ``graded_by`` filled by the rule pack.
 
-    The columns severity and severity_rule may be absent or hold anything before; the others keep their order.
+    These columns may be absent or hold anything before, which the rule does not see; the others keep their order.
     Raises InputDataError for a rule that is no plain SELECT over ``defects``; SchemaError where it leaves a defect
     without a severity, grades one twice or one that does not exist, or gives a word that is none of its severities.
     """
@@ -41,8 +49,8 @@ def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
         rule = rule_file.read_text("utf-8")
     except OSError as error:
         raise InputDataError(f"the severity rule {rule_file} cannot be read: {error}") from error
-    words = _words(rule, rule_file.name)
-    given = defects.drop_columns([name for name in ("severity", "severity_rule") if name in defects.column_names])
+    words = _words_of(rule, rule_file.name)
+    given = defects.drop_columns([name for name in GRADES if name in defects.column_names])
     with closing(bare_connection()) as connection:
         refuse_unless_plain_select(connection, rule, frozenset({"defects"}))
         connection.register("defects", given)
@@ -56,7 +64,12 @@ def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
     return _filled(defects, graded, rule_file.stem, words)
 
 
-def _words(rule: str, name: str) -> list[str]:
+def severities(rule_file: Path) -> tuple[str, ...]:
+    """The words of a rule pack, worst first. Raises InputDataError where its header does not list them."""
+    return tuple(_words_of(rule_file.read_text("utf-8"), rule_file.name))
+
+
+def _words_of(rule: str, name: str) -> list[str]:
     found = _SEVERITIES.search(rule)
     if found is None:
         raise InputDataError(f"the severity rule {name} does not say '-- severities: worst, ..., least'; add that line")
@@ -65,16 +78,14 @@ def _words(rule: str, name: str) -> list[str]:
 
 def _filled(defects: pa.Table, graded: pa.Table, rule: str, words: list[str]) -> pa.Table:
     ids = graded.column("defect_id").to_pylist()
-    severities = dict(zip(ids, graded.column("severity").to_pylist(), strict=True))
+    words_of = dict(zip(ids, graded.column("severity").to_pylist(), strict=True))
     wanted = defects.column("defect_id").to_pylist()
     faults = {
-        "defects without a severity": [one for one in wanted if severities.get(one) is None],
-        "defects graded twice": sorted({one for one in ids if ids.count(one) > 1})
-        if len(ids) > len(severities)
-        else [],
-        "defects that do not exist": sorted(severities.keys() - set(wanted)),
+        "defects without a severity": [one for one in wanted if words_of.get(one) is None],
+        "defects graded twice": sorted({one for one in ids if ids.count(one) > 1}) if len(ids) > len(words_of) else [],
+        "defects that do not exist": sorted(words_of.keys() - set(wanted)),
         f"severities that are none of {', '.join(words)}": sorted(
-            {str(word) for word in severities.values() if word is not None and word not in words}
+            {str(word) for word in words_of.values() if word is not None and word not in words}
         ),
     }
     for fault, examples in faults.items():
@@ -84,14 +95,15 @@ def _filled(defects: pa.Table, graded: pa.Table, rule: str, words: list[str]) ->
                 "correct it in a new version of the file"
             )
     columns = {
-        "severity": pa.array([severities[one] for one in wanted], pa.string()),
-        "severity_rule": pa.array([rule] * len(wanted), pa.string()),
+        "severity": [words_of[one] for one in wanted],
+        "severity_rule": [rule] * len(wanted),
+        "graded_by": [BY_RULES] * len(wanted),
     }
     table = defects
     for name, values in columns.items():
-        field = pa.field(name, pa.string(), nullable=False)
+        field = TABLES["defects"].arrow.field(name)
         if name in table.column_names:
-            table = table.set_column(table.column_names.index(name), field, values)
+            table = table.set_column(table.column_names.index(name), field, pa.array(values, pa.string()))
         else:
-            table = table.append_column(field, values)
+            table = table.append_column(field, pa.array(values, pa.string()))
     return table

@@ -9,7 +9,9 @@ from __future__ import annotations
 import logging
 import re
 import shutil
+import tempfile
 import uuid
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -22,13 +24,16 @@ from facadelake.publish.geopackage import facade_layers, geo_layers, write_layer
 from facadelake.publish.geoparquet import flat, frame, write_geoparquet
 from facadelake.publish.readme import readme
 
-__all__ = ["export", "publish_campaign", "release_folder"]
+__all__ = ["export", "publish_campaign", "publish_regraded", "release_folder"]
 
 PUBLISHED = "published"
 LATEST = "latest"
+REPORT = "report.html"
+FILES = ("defects.parquet", "defects_2d.parquet", "observations.parquet", "defects.gpkg", "README.txt")
 TABLES = ("buildings", "georeference", "runs", "campaigns", "defects", "observations")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _VERSION = re.compile(r"v([0-9]{6,})")
+_DRAWN = 'id="drawn-for-another-version"'
 
 logger = logging.getLogger(__name__)
 
@@ -80,21 +85,65 @@ def publish_campaign(
     return folder
 
 
+def publish_regraded(lake: Path, *, building_id: str, campaign_id: str, version: int) -> Path:
+    """Publish the campaign as ``version`` graded it, with the pictures of the release before, which show older grades.
+
+    The report says so. Raises as ``publish_campaign``.
+    """
+    publish = partial(publish_campaign, lake, building_id=building_id, campaign_id=campaign_id, version=version)
+    folder = release_folder(lake, building_id=building_id, campaign_id=campaign_id, version=version)
+    before = [number for number in _releases(folder.parent) if number < version] if folder.parent.is_dir() else []
+    if folder.is_dir() or not before:
+        return publish()
+    drawn = _releases(folder.parent)[max(before)]
+    try:
+        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as scratch:
+            pictures = Path(scratch) / "pictures"
+            shutil.copytree(drawn, pictures, ignore=shutil.ignore_patterns(*FILES))
+            _mark_report(pictures / REPORT, max(before))
+            return publish(pictures=pictures)
+    except OSError as error:
+        raise StoreError(
+            f"publishing {building_id} {campaign_id} to {folder} failed: {error}; the grades are safe in version "
+            f"{version} of the lake: free some space, check rights, and run again"
+        ) from error
+
+
+def _mark_report(report: Path, version: int) -> None:
+    """Say in a report that its grades are those of ``version``, unless it says of which already."""
+    if not report.is_file():
+        return
+    text = report.read_text("utf-8")
+    if _DRAWN in text:
+        return
+    note = (
+        f'<p {_DRAWN}><b>Drawn for version {version} of the lake; the defects were graded anew since. '
+        "The tables beside this page have the grades that hold.</b></p>"
+    )
+    report.chmod(0o644)  # the release it comes from is read-only
+    report.write_text(text.replace("</h1>", f"</h1>{note}", 1), encoding="utf-8")
+
+
 def _write(folder: Path, tables: dict[str, pa.Table], *, version: int, pictures: Path | None) -> None:
     if pictures is not None:
         shutil.copytree(pictures, folder, dirs_exist_ok=True)
     defects = tables["defects"]
     points = frame(defects)
-    write_geoparquet(points, folder / "defects.parquet")
-    write_geoparquet(flat(points), folder / "defects_2d.parquet")
-    write_geoparquet(frame(tables["observations"]), folder / "observations.parquet")
-    write_layers(chain(geo_layers(defects, "defects"), facade_layers(defects)), folder / "defects.gpkg")
-    (folder / "README.txt").write_text(readme(tables, version=version), encoding="utf-8")
+    in_3d, in_2d, observations, layers, text = (folder / name for name in FILES)
+    write_geoparquet(points, in_3d)
+    write_geoparquet(flat(points), in_2d)
+    write_geoparquet(frame(tables["observations"]), observations)
+    write_layers(chain(geo_layers(defects, "defects"), facade_layers(defects)), layers)
+    text.write_text(readme(tables, version=version), encoding="utf-8")
+
+
+def _releases(campaign: Path) -> dict[int, Path]:
+    return {int(found[1]): path for path in campaign.iterdir() if (found := _VERSION.fullmatch(path.name))}
 
 
 def _point_latest(campaign: Path) -> None:
     """Let ``latest`` lead to the highest version, at no moment to nothing; a copy where links cannot be made."""
-    versions = {int(found[1]): path for path in campaign.iterdir() if (found := _VERSION.fullmatch(path.name))}
+    versions = _releases(campaign)
     newest = versions[max(versions)]
     latest, part = campaign / LATEST, campaign / f".{LATEST}.{uuid.uuid4().hex[:8]}"
     try:

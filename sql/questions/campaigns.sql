@@ -17,6 +17,8 @@ SELECT
 FROM campaigns AS c
 JOIN georeference AS g USING (building_id, campaign_id)
 JOIN runs AS r USING (building_id, campaign_id)
-LEFT JOIN versions AS v ON v.run_id = r.run_id AND v.building_id = c.building_id AND v.campaign_id = c.campaign_id
+LEFT JOIN (
+    SELECT building_id, campaign_id, max(version) AS version FROM versions GROUP BY building_id, campaign_id
+) AS v USING (building_id, campaign_id)
 WHERE ($building_id::VARCHAR IS NULL OR c.building_id = $building_id)
 ORDER BY c.building_id, c.campaign_id

@@ -10,8 +10,10 @@ SELECT
     defect_class,
     severity,
     severity_rule,
+    graded_by,
     round(greatest(width_m, height_m), 3) AS extent_m,
     round(area_m2, 4) AS area_m2,
+    crack_width_mm,
     sightings,
     score,
     ifc_class,
@@ -23,10 +25,11 @@ SELECT
     height_ellipsoidal_m,
     best_photo_id
 FROM defects
+LEFT JOIN severities USING (severity_rule, severity)
 WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)
   AND ($campaign_id::VARCHAR IS NULL OR campaign_id = $campaign_id)
 ORDER BY
-    CASE severity WHEN 'severe' THEN 1 WHEN 'moderate' THEN 2 WHEN 'minor' THEN 3 ELSE 4 END,
+    coalesce(severity_rank, 99),
     extent_m DESC,
     defect_id
 LIMIT coalesce($limit::BIGINT, 20)

@@ -6,7 +6,9 @@ import pyarrow as pa
 import pytest
 
 from facadelake.errors import InputDataError, SchemaError
-from facadelake.lake.severity import grade, rule_file
+from facadelake.lake.connect import bare_connection
+from facadelake.lake.severity import RULES, grade, rule_file, rule_packs, severities
+from facadelake.lake.sqlfiles import read_statement, statements
 from facadelake.tables import check_table
 from tests.unit.lake.small_campaign import stage_tables
 
@@ -45,6 +47,104 @@ def test_extent_rule(row: tuple[str, float, float, float], severity: str) -> Non
     assert result["severity_rule"].to_pylist() == ["extent_v1"]
 
 
+def worded(pack: str, **values: object) -> str:
+    """The word that a pack gives one defect: a crack of 0.4 x 0.3 m on an element without a material, unless said."""
+    crack = {
+        "defect_id": "d", "defect_class": "crack", "width_m": 0.4, "height_m": 0.3, "length_m": None, "area_m2": 0.12,
+        "crack_width_mm": None, "material": None,
+    }  # fmt: skip
+    schema = pa.schema(
+        [(name, pa.string() if name in ("defect_id", "defect_class", "material") else pa.float64()) for name in crack]
+    )
+    graded = grade(pa.Table.from_pylist([crack | values], schema=schema), rule_file(pack))
+    assert graded["severity_rule"].to_pylist() == [pack]
+    assert graded["graded_by"].to_pylist() == ["rules"]
+    return str(graded["severity"][0])
+
+
+@pytest.mark.parametrize(
+    ("pack", "width_mm", "word"),
+    [
+        ("paper_crack_width_v1", 0.0, "minor"),
+        ("paper_crack_width_v1", 0.199, "minor"),
+        ("paper_crack_width_v1", 0.2, "moderate"),
+        ("paper_crack_width_v1", 0.5, "moderate"),
+        ("paper_crack_width_v1", 0.501, "severe"),
+        ("bre251_v1", 0.099, "negligible"),
+        ("bre251_v1", 0.1, "very_slight"),
+        ("bre251_v1", 1.0, "very_slight"),
+        ("bre251_v1", 1.01, "slight"),
+        ("bre251_v1", 5.0, "slight"),
+        ("bre251_v1", 5.1, "moderate"),
+        ("bre251_v1", 15.0, "moderate"),
+        ("bre251_v1", 15.1, "severe"),
+        ("bre251_v1", 25.0, "severe"),
+        ("bre251_v1", 25.1, "very_severe"),
+        ("concrete_03_v1", 0.3, "within_limit"),
+        ("concrete_03_v1", 0.31, "over_limit"),
+        ("nyc_fisp_v1", 0.09, "SAFE"),
+        ("nyc_fisp_v1", 0.1, "SWARMP"),
+        ("nyc_fisp_v1", 4.9, "SWARMP"),
+        ("nyc_fisp_v1", 5.0, "UNSAFE"),
+    ],
+)
+def test_cracks_by_their_width(pack: str, width_mm: float, word: str) -> None:
+    assert worded(pack, crack_width_mm=width_mm) == word
+
+
+@pytest.mark.parametrize("pack", ["paper_crack_width_v1", "bre251_v1", "concrete_03_v1"])
+def test_a_width_that_was_not_measured_is_not_guessed(pack: str) -> None:
+    assert worded(pack, width_m=9.0, area_m2=30.0) == "not_measured"
+    for other in ("spalling", "moisture"):
+        assert worded(pack, defect_class=other, crack_width_mm=9.0) == "not_covered"
+
+
+@pytest.mark.parametrize(
+    ("material", "word"),
+    [
+        ("Concrete, Cast In Situ", "over_limit"),
+        ("Stahlbeton C30/37; Putz", "over_limit"),
+        ("RC 300", "over_limit"),
+        ("Concrete Masonry Units", "not_covered"),
+        ("Brick, Common", "not_covered"),
+        ("arched timber", "not_covered"),
+        (None, "over_limit"),
+    ],
+)
+def test_concrete_is_told_by_the_material(material: str | None, word: str) -> None:
+    assert worded("concrete_03_v1", crack_width_mm=0.4, material=material) == word
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({}, "SWARMP"),
+        ({"height_m": 3.0}, "SWARMP"),
+        ({"height_m": 3.1}, "UNSAFE"),
+        ({"height_m": 2.0, "length_m": 3.1}, "UNSAFE"),
+        ({"height_m": 3.1, "crack_width_mm": 0.9}, "SWARMP"),
+        ({"height_m": 3.1, "crack_width_mm": 1.0}, "UNSAFE"),
+        ({"height_m": 3.1, "crack_width_mm": 0.05}, "SAFE"),
+        ({"defect_class": "spalling", "width_m": 0.09, "height_m": 0.09, "area_m2": 0.0081}, "SWARMP"),
+        ({"defect_class": "spalling", "width_m": 0.10, "height_m": 0.02, "area_m2": 0.002}, "UNSAFE"),
+        ({"defect_class": "moisture", "width_m": 9.0, "height_m": 9.0, "area_m2": 81.0}, "SWARMP"),
+    ],
+)
+def test_fisp_errs_towards_the_worse_word(values: dict[str, object], word: str) -> None:
+    assert worded("nyc_fisp_v1", **values) == word
+
+
+def test_every_pack_tells_what_it_is_and_the_lake_ranks_its_words() -> None:
+    assert {"extent_v1", "paper_crack_width_v1", "bre251_v1", "concrete_03_v1", "nyc_fisp_v1"} <= set(rule_packs())
+    (view,) = (view for view in statements("views") if view.name == "severities")
+    ranked: dict[str, list[str]] = {}
+    for pack, word, _ in bare_connection().execute(f"{view.sql} ORDER BY severity_rule, severity_rank").fetchall():
+        ranked.setdefault(pack, []).append(word)
+    assert ranked == {pack: list(severities(rule_file(pack))) for pack in rule_packs()}
+    for pack in rule_packs():
+        assert read_statement(RULES / f"{pack}.sql").meaning
+
+
 def test_graded_stage_table_fits_the_schema() -> None:
     table = stage_tables()["defects"]
     assert check_table("defects", grade(table, rule_file("extent_v1"))).num_rows == 3
@@ -65,7 +165,7 @@ def test_rule_that_does_not_grade_every_defect_once(tmp_path: Path) -> None:
 
 
 def test_rule_that_cannot_be_used(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match=r"no severity rule pack extent_v9 in .*; there are extent_v1"):
+    with pytest.raises(InputDataError, match=r"no severity rule pack extent_v9 in .*; there are bre251_v1, "):
         rule_file("extent_v9")
     with pytest.raises(InputDataError, match="no severity rule pack"):
         rule_file("../severity/extent_v1")
@@ -74,7 +174,7 @@ def test_rule_that_cannot_be_used(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match="table function read_csv may not be used"):
         graded(tmp_path, "SELECT * FROM read_csv('/etc/passwd')")
     with pytest.raises(InputDataError, match="cannot be run"):
-        graded(tmp_path, "SELECT defect_id, crack_width_mm AS severity FROM defects")
+        graded(tmp_path, "SELECT defect_id, crack_depth_mm AS severity FROM defects")
     (tmp_path / "silent_v1.sql").write_text("SELECT defect_id, 'bad' AS severity FROM defects")
     with pytest.raises(InputDataError, match="does not say '-- severities"):
         grade(defects(("crack", 1.0, 1.0, 1.0)), tmp_path / "silent_v1.sql")

@@ -14,9 +14,11 @@ import shapely
 
 from facadelake.errors import InputDataError, StoreError
 from facadelake.lake.connect import bare_connection
+from facadelake.lake.regrade import regrade
+from facadelake.lake.severity import rule_file
 from facadelake.publish import releases
 from facadelake.publish.geopackage import facade_layers, geo_layers, right_of
-from facadelake.publish.releases import publish_campaign
+from facadelake.publish.releases import publish_campaign, publish_regraded
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit, lake_tables
 
 KEYS = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
@@ -211,6 +213,37 @@ def test_latest_is_a_copy_where_links_cannot_be_made(lake: tuple[Path, int], mon
     assert not latest.is_symlink()
     assert len(pq.read_table(latest / "defects.parquet")) == 5
     assert len(list(latest.parent.iterdir())) == 3
+
+
+def test_regraded_campaign_keeps_its_pictures_and_says_that_they_are_older(
+    lake: tuple[Path, int], tmp_path: Path
+) -> None:
+    (tmp_path / "pictures" / "crops").mkdir(parents=True)
+    (tmp_path / "pictures" / "crops" / "1.png").write_bytes(b"picture")
+    (tmp_path / "pictures" / "report.html").write_text("<h1>Tower</h1><h1>minor</h1>")
+    folder, old = lake
+    first = publish_campaign(folder, version=old, pictures=tmp_path / "pictures", **KEYS)
+    for pack in ("nyc_fisp_v1", "bre251_v1"):
+        version = regrade(folder, rule_file=rule_file(pack), **KEYS).version
+        assert version is not None
+        new = publish_regraded(folder, version=version, **KEYS)
+        assert (new / "crops" / "1.png").read_bytes() == b"picture"
+        report = (new / "report.html").read_text()
+        assert report.count("graded anew") == 1
+        assert report.startswith("<h1>Tower</h1><p ")
+        assert f"Drawn for version {old} of the lake" in report
+        assert set(pq.read_table(new / "defects.parquet")["severity_rule"].to_pylist()) == {pack}
+        assert f"graded by: {pack} (rules)" in (new / "README.txt").read_text()
+        assert str((new.parent / "latest").readlink()) == new.name
+        assert publish_regraded(folder, version=version, **KEYS) == new
+    assert "graded anew" not in (first / "report.html").read_text()
+    assert len(list(new.parent.iterdir())) == 4
+
+
+def test_regraded_campaign_that_was_never_published(lake: tuple[Path, int]) -> None:
+    version = regrade(lake[0], rule_file=rule_file("nyc_fisp_v1"), **KEYS).version
+    assert version is not None
+    assert (publish_regraded(lake[0], version=version, **KEYS) / "defects.gpkg").is_file()
 
 
 def test_campaign_without_defects_is_published_too(tmp_path: Path) -> None:

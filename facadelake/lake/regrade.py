@@ -1,0 +1,159 @@
+"""Grade committed defects by another rule pack: a new version of the lake, the earlier ones stay as they were.
+
+Only severity, severity_rule and graded_by change; the run that measured the defects stays theirs, so a later inspection
+of unchanged inputs leaves the new grades alone. What a person has graded stays the person's.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import duckdb
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from facadelake.errors import InputDataError
+from facadelake.lake.commit import last_version
+from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, quoted, store_errors, writing
+from facadelake.lake.migrate import migrate, roll_back
+from facadelake.lake.read import read_table
+from facadelake.lake.severity import BY_RULES, GRADES, grade
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """So many defects of a campaign go from one grade to another (each ``severity`` with its rule pack)."""
+
+    campaign_id: str
+    before: tuple[str, str]
+    after: tuple[str, str]
+    defects: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Regrading:
+    """What a rule pack changes: ``steps`` of the defects that change, how many stay because they have this grade
+    already or a person's, and ``version``, the lake's that holds the change (None: nothing was written)."""
+
+    building_id: str
+    rules: str
+    steps: tuple[Step, ...]
+    unchanged: int
+    by_persons: int
+    version: int | None = None
+
+    @property
+    def campaigns(self) -> tuple[str, ...]:
+        """The campaigns that change."""
+        return tuple(sorted({step.campaign_id for step in self.steps}))
+
+
+def preview(lake: Path, *, building_id: str, campaign_id: str | None, rule_file: Path) -> Regrading:
+    """What ``regrade`` would change; nothing is written. ``campaign_id`` None stands for all of the building.
+
+    Raises InputDataError where the lake has no such defects, and what ``grade`` and ``read_table`` raise.
+    """
+    return _judged(lake, building_id, campaign_id, rule_file)[0]
+
+
+def regrade(
+    lake: Path,
+    *,
+    building_id: str,
+    campaign_id: str | None,
+    rule_file: Path,
+    lock_timeout_s: float = LOCK_TIMEOUT_S,
+) -> Regrading:
+    """Grade the campaign (None: all of the building's) anew in one transaction; without a change none is made.
+
+    Raises as ``preview``, and StoreError when the lake cannot be written (it then stays as it was).
+    """
+    expected = preview(lake, building_id=building_id, campaign_id=campaign_id, rule_file=rule_file)
+    if not expected.steps:  # neither this nor a refusal makes a lake or waits for its lock
+        return expected
+    with locked(lake, timeout_s=lock_timeout_s), writing(lake) as connection:
+        migrate(connection)
+        found, changed = _judged(lake, building_id, campaign_id, rule_file)
+        with store_errors(f"regrading {building_id} in the lake {lake}", _REMEDY):
+            version = _write(connection, found, changed)
+    logger.info("%s regraded by %s as version %d", building_id, found.rules, version)
+    return Regrading(
+        building_id=building_id,
+        rules=found.rules,
+        steps=found.steps,
+        unchanged=found.unchanged,
+        by_persons=found.by_persons,
+        version=version,
+    )
+
+
+_REMEDY = "no grade was changed; check free space and rights of the lake's folder, then run again"
+
+
+def _judged(lake: Path, building_id: str, campaign_id: str | None, rule_file: Path) -> tuple[Regrading, pa.Table]:
+    """The regrading, and the rows that change with their new grades."""
+    defects = read_table(lake, "defects", building_id=building_id, campaign_id=campaign_id)
+    if not len(defects):
+        raise InputDataError(
+            f"the lake {lake} has no defects of {building_id}{f', campaign {campaign_id}' if campaign_id else ''}, "
+            "so there is nothing to grade; 'facadelake campaigns' lists what it holds"
+        )
+    persons = pc.fill_null(pc.not_equal(defects.column("graded_by"), BY_RULES), fill_value=False)
+    graded = []
+    for campaign in defects.column("campaign_id").unique().to_pylist():  # a rule may compare defects of a campaign
+        ours = pc.equal(defects.column("campaign_id"), campaign)
+        new = grade(defects.filter(ours), rule_file).select(["campaign_id", "defect_id", *GRADES])
+        old = defects.filter(ours).select(GRADES[:2]).rename_columns(["severity_before", "rule_before"])
+        both = pa.Table.from_arrays([*new.columns, *old.columns], names=[*new.column_names, *old.column_names])
+        graded.append(both.filter(pc.invert(persons.filter(ours))))
+    table = pa.concat_tables(graded)
+    differs = pc.or_(
+        pc.not_equal(table.column("severity"), table.column("severity_before")),
+        pc.not_equal(table.column("severity_rule"), table.column("rule_before")),
+    )
+    changed = table.filter(differs)
+    found = Regrading(
+        building_id=building_id,
+        rules=rule_file.stem,
+        steps=_steps(changed),
+        unchanged=len(table) - len(changed),
+        by_persons=len(defects) - len(table),
+    )
+    return found, changed
+
+
+def _steps(changed: pa.Table) -> tuple[Step, ...]:
+    columns = ("campaign_id", "severity_before", "rule_before", "severity", "severity_rule")
+    counts = Counter(zip(*(changed.column(name).to_pylist() for name in columns), strict=True))
+    return tuple(
+        Step(campaign_id=campaign, before=(word, rule), after=(new_word, new_rule), defects=count)
+        for (campaign, word, rule, new_word, new_rule), count in sorted(counts.items())
+    )
+
+
+def _write(connection: duckdb.DuckDBPyConnection, found: Regrading, changed: pa.Table) -> int:
+    connection.register("graded", changed)
+    connection.execute("BEGIN")
+    try:
+        connection.execute(
+            f"UPDATE defects SET {', '.join(f'{name} = graded.{name}' for name in GRADES)} FROM graded "
+            "WHERE defects.building_id = ? AND defects.campaign_id = graded.campaign_id "
+            "AND defects.defect_id = graded.defect_id",
+            [found.building_id],
+        )
+        origin = {"building_id": found.building_id, "campaigns": found.campaigns, "rules": found.rules}
+        message = f"{found.building_id} {', '.join(found.campaigns)} regraded by {found.rules}"
+        connection.execute(
+            f"CALL lake.set_commit_message('facadelake', {quoted(message)}, extra_info => {quoted(json.dumps(origin))})"
+        )
+        connection.execute("COMMIT")
+    except BaseException:  # an interrupt, too, must leave nothing half-written
+        roll_back(connection)
+        raise
+    return last_version(connection)
