@@ -80,6 +80,7 @@ def draw_elevation(
     axes.set_ylabel(f"metres above {scene.storeys[0].name if scene.storeys else 'the lowest point'}", fontsize=8)
     _storey_lines(axes, scene, zero, width_m)
     _defects(axes, facade, marks, others, zero, px_per_m=scale / rectified.relief.cell_m)
+    _deviations(figure, axes, facade, [*marks, *others], zero, total_in)
     _scale_bar(figure, axes, width_m, total_in)
     _title(figure, scene, facade, marks, len(others), covered, rectified.relief.cell_m, total_in)
     return figure
@@ -105,11 +106,14 @@ def _defects(
     everyone = [*marks, *others]
     if not everyone:
         return
-    corners = [facade.uvw(mark.corners_site_m)[:, :2] - [facade.u_min_m, zero] for mark in everyone]
-    for mark, uv in zip(everyone, corners, strict=True):
+    origin = [facade.u_min_m, zero]
+    for mark in everyone:
         dashes, colour = class_dashes(mark.defect_class), class_colour(mark.defect_class)
-        axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor="white", linewidth=2.4))
-        axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor=colour, linewidth=1.5, linestyle=dashes))
+        for ring in mark.outlines_site_m:
+            uv = facade.uvw(ring)[:, :2] - origin
+            axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor="white", linewidth=2.4))
+            axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor=colour, linewidth=1.5, linestyle=dashes))
+    corners = [facade.uvw(mark.corners_site_m)[:, :2] - origin for mark in everyone]
     boxes = np.array([[*uv.min(axis=0), *uv.max(axis=0)] for uv in corners])
     # A 6.5 point label at 150 dpi: 18 px high, 9 px a character, with its frame.
     sizes = np.array([[12 + 9.0 * len(mark.label), 18.0] for mark in everyone])
@@ -126,6 +130,31 @@ def _defects(
             middle[0], middle[1], mark.label, fontsize=6.5, color=ink, ha="center", va="center_baseline", zorder=4,
             bbox={"boxstyle": "round,pad=0.18", "facecolor": ground, "edgecolor": rim, "linewidth": 0.6},
         )  # fmt: skip
+
+
+def _deviations(
+    figure: Figure, axes: Axes, facade: Facade, marks: Sequence[Mark], zero: float, total_in: tuple[float, float]
+) -> None:
+    """A dot where a defect's place was measured off the model, its colour how far; the colours' bar under the axes."""
+    measured = [(mark, mark.deviation_m) for mark in marks if mark.deviation_m is not None]
+    if not measured:
+        return
+    uv = facade.uvw(np.array([mark.centre_site_m for mark, _ in measured]))[:, :2] - [facade.u_min_m, zero]
+    millimetres = np.array([1000.0 * deviation for _, deviation in measured])
+    reach = next((n for n in (10, 20, 50, 100, 200, 500) if n >= np.abs(millimetres).max()), 1000)
+    dots = axes.scatter(
+        uv[:, 0], uv[:, 1], c=millimetres, cmap="PuOr", vmin=-reach, vmax=reach, s=16, edgecolors="black",
+        linewidths=0.5, zorder=3.5,
+    )  # fmt: skip
+    box = axes.get_position()
+    width = 1.7 / total_in[0]
+    middle = (box.x0 + box.x1) / 2
+    bar = figure.add_axes((middle - width / 2, 0.32 / total_in[1], width, 0.07 / total_in[1]))
+    figure.colorbar(dots, cax=bar, orientation="horizontal", ticks=[-reach, 0, reach])
+    bar.tick_params(labelsize=7, length=2, pad=1)
+    figure.text(
+        middle, 0.42 / total_in[1], "dots: mm behind (-), before (+) the model", fontsize=7, ha="center", va="bottom"
+    )
 
 
 def _scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float, float]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,23 +40,29 @@ class Elevation:
 
 
 def facade_elevations(
-    inspection: Inspection, surface: Surface, folder: Path, settings: PictureSettings | None = None
+    inspection: Inspection,
+    surface: Surface,
+    folder: Path,
+    settings: PictureSettings | None = None,
+    names: Collection[str] | None = None,
 ) -> list[Elevation]:
     """Write ``elevation_<facade>.png`` into ``folder`` for each main facade; the largest comes first, and
     a small copy of it is ``thumbnail_elevation.jpg``.
 
-    Photographs that cannot be read are left out with a warning; what no photograph shows is a grey drawing of the
-    model. Memory: one photograph, and about 60 bytes for each of a facade's cells.
+    ``names`` of facades restrict it to those. Photographs that cannot be read are left out with a warning; what no
+    photograph shows is a grey drawing of the model. Memory: one photograph, and about 60 bytes for each of a facade's
+    cells.
     """
     settings = settings or PictureSettings()
     building = inspection.building
     marks = marks_of(inspection.defects, building.origin)
-    facades = find_facades(
-        building, surface, inspection.posed, frozenset(mark.element_guid for mark in marks), settings
-    )
+    facades = facades_of(inspection, surface, settings)
     shown, nowhere = marks_per_facade(facades, marks, building)
     if nowhere:
         log.info("%d of %d defects lie on no drawn facade", len(nowhere), len(marks))
+    if names is not None:
+        kept = [place for place, facade in enumerate(facades) if facade.name in names]
+        facades, shown = [facades[place] for place in kept], [shown[place] for place in kept]
     scene = Scene(
         building_name=inspection.building_name,
         campaign_id=inspection.campaign_id,
@@ -88,6 +95,12 @@ def facade_elevations(
     if elevations:
         _thumbnail(elevations[0].path, folder / "thumbnail_elevation.jpg")
     return elevations
+
+
+def facades_of(inspection: Inspection, surface: Surface, settings: PictureSettings) -> list[Facade]:
+    """The facades that elevations are drawn of, clockwise from north: the main ones and those with a defect."""
+    guids = frozenset(inspection.defects.column("element_guid").to_pylist())
+    return find_facades(inspection.building, surface, inspection.posed, guids, settings)
 
 
 def _thumbnail(source: Path, path: Path) -> None:

@@ -14,7 +14,7 @@ from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.sight import sees
 
-_COMPASS_DEG = {"N": 0, "NE": 45, "E": 90, "SE": 135, "S": 180, "SW": 225, "W": 270, "NW": 315}
+_COMPASS_DEG = {"N": 0.0, "NE": 45.0, "E": 90.0, "SE": 135.0, "S": 180.0, "SW": 225.0, "W": 270.0, "NW": 315.0}
 _MAX_JUDGED_TRIANGLES = 20_000
 _MAX_JUDGING_CAMERAS = 150
 
@@ -49,6 +49,16 @@ def turn_deg(a_deg: Array | float, b_deg: Array | float) -> Array:
     return np.abs((np.asarray(a_deg) - b_deg + 180.0) % 360.0 - 180.0)
 
 
+def told_directions(building: BuildingModel) -> list[float | None]:
+    """The outward direction of each element as the model's tables say it, degrees: measured, else by its word."""
+    words = building.elements.column("facade").to_pylist()
+    measured = building.elements.column("facade_azimuth_deg").to_pylist()
+    return [
+        _COMPASS_DEG.get(word) if azimuth is None else float(azimuth)
+        for word, azimuth in zip(words, measured, strict=True)
+    ]
+
+
 def _seen_area(walls: Walls, surface: Surface, posed: Mapping[str, PosedCamera], tolerance_m: float) -> Array:
     """Area of each triangle (n,) if any camera sees its centre from in front, else 0."""
     largest = np.argsort(-walls.area)[:_MAX_JUDGED_TRIANGLES]
@@ -77,7 +87,7 @@ def element_azimuths(
     seen_area = _seen_area(walls, surface, posed, tolerance_m)
     count = len(building.elements)
     azimuth, area = np.full(count, np.nan), np.zeros(count)
-    words = building.elements.column("facade").to_pylist()
+    directions = told_directions(building)
     external = building.elements.column("is_external").to_pylist()
     order = np.argsort(walls.element, kind="stable")
     starts = np.searchsorted(walls.element[order], np.arange(count + 1))
@@ -87,14 +97,14 @@ def element_azimuths(
         mine = mine[walls.area[mine] > 0]
         if len(mine) == 0 or (external[row] is False and not seen_area[mine].any()):
             continue
-        told = _COMPASS_DEG.get(words[row])
+        told = directions[row]
         seen = seen_area[mine]
         if seen.any() and (told is None or seen[turn_deg(side[mine], told) <= 60].sum() < 0.25 * seen.sum()):
             told_deg = float(side[mine][np.argmax(seen)])
         elif told is None:
             continue
         else:
-            told_deg = float(told)
+            told_deg = told
         facing = mine[turn_deg(side[mine], told_deg) <= 60]
         if len(facing):
             azimuth[row] = azimuth_of((walls.normal[facing] * walls.area[facing, None]).sum(axis=0))

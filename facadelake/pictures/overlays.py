@@ -16,16 +16,21 @@ from facadelake.camera import PosedCamera
 from facadelake.errors import InputDataError
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.inspection import Inspection, PictureSettings
+from facadelake.pictures.legend_strip import Entry, with_legend, write_text
 from facadelake.pictures.marks import Mark, marks_of
-from facadelake.pictures.palette import OTHER_COLOUR, bgr_of, class_colour, outcome_colour
+from facadelake.pictures.palette import OTHER_COLOUR, OUTCOME_COLOURS, bgr_of, outcome_colour
 from facadelake.pictures.photofile import decoded, read_photograph
 from facadelake.pictures.relief import Picture, edges_of, openings_of
 from facadelake.pictures.sight import pixels_of, sees
+from facadelake.pictures.sightings import outline_of
 from facadelake.progress import track
 
 log = logging.getLogger(__name__)
 
 _EDGE_BGR = (255, 255, 0)
+_DEFECT_BGR = (255, 255, 255)
+_NOT_ACCEPTED = "not accepted"
+_ROOMY_PX = 20  # a smaller box gets a thin line, which leaves something of what it shows
 # Full colour resolution: lines of one pixel keep their colour.
 _JPEG = [
     cv2.IMWRITE_JPEG_QUALITY, 88, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
@@ -41,9 +46,9 @@ def photo_overlays(
 ) -> list[Path]:
     """Write ``overlay_<photo>.jpg`` for each photograph asked for, ``overlay_width_px`` wide.
 
-    Drawn: the model's visible edges (lens distortion kept), boxes coloured by outcome, registered points as crosses,
-    defects at real size where the photograph sees them. A photograph without a pose shows its boxes alone; one that
-    cannot be read is left out with a warning.
+    Drawn: the model's visible edges (lens distortion kept), boxes or masks coloured by outcome, registered points as
+    crosses, defects at real size in white where the photograph sees them; a strip above says so. A photograph without
+    a pose shows its boxes alone; one that cannot be read is left out with a warning.
     """
     settings = settings or PictureSettings()
     is_opening = openings_of(inspection.building)
@@ -65,10 +70,36 @@ def photo_overlays(
             picture[_visible_edges(posed, surface, is_opening, picture.shape[:2])] = _EDGE_BGR
             _draw_defects(picture, scale, posed, surface, marks, settings)
         _draw_boxes(picture, scale, boxes.get(photo_id, []), outcome, posed)
-        _caption(picture, photo_id, posed is not None, boxes.get(photo_id, []), outcome)
-        cv2.imwrite(str(path), picture, _JPEG)
+        title = photo_id + ("" if posed is not None else "  (no pose)")
+        entries = _legend(posed is not None, boxes.get(photo_id, []), outcome)
+        cv2.imwrite(str(path), with_legend(picture, title, entries), _JPEG)
         paths.append(path)
     return paths
+
+
+def telling_photographs(inspection: Inspection, count: int) -> list[str]:
+    """At most ``count`` localised photographs, each the one that adds most: outcomes not yet shown, then defects."""
+    shows: dict[str, set[str]] = {}
+    for row in inspection.observations.to_pylist():
+        if row["photo_id"] in inspection.posed:
+            own = shows.setdefault(row["photo_id"], set())
+            own.add(f"outcome {row['observation_outcome']}")
+            if row["defect_id"] is not None:
+                own.add(f"defect {row['defect_id']}")
+    chosen: list[str] = []
+    shown: set[str] = set()
+
+    def adds(photo_id: str) -> tuple[int, int]:
+        new = shows[photo_id] - shown
+        return sum(what.startswith("outcome") for what in new), len(new)
+
+    while len(chosen) < min(count, len(shows)):
+        best = max((name for name in sorted(shows) if name not in chosen), key=adds)
+        if not shows[best] - shown:
+            break
+        chosen.append(best)
+        shown |= shows[best]
+    return chosen
 
 
 def _base(path: Path, posed: PosedCamera | None, width_px: int) -> tuple[Picture, float]:
@@ -117,9 +148,10 @@ def _draw_defects(
     for row in np.flatnonzero(sight.visible).tolist():
         xy, inside = pixels_of(posed, marks[row].corners_site_m)
         if inside.all():
-            colour = bgr_of(class_colour(marks[row].defect_class))
-            cv2.polylines(picture, [np.round(xy * scale).astype(np.int32)], True, colour, 1, cv2.LINE_AA)
-            _text(picture, marks[row].label, xy.min(axis=0) * scale - (0, 5), (255, 255, 255), 0.36)
+            rings = np.split(xy, np.cumsum([len(ring) for ring in marks[row].outlines_site_m])[:-1])
+            drawn = [np.round(ring * scale).astype(np.int32) for ring in rings]
+            cv2.polylines(picture, drawn, True, _DEFECT_BGR, 1, cv2.LINE_AA)
+            write_text(picture, marks[row].label, xy.min(axis=0) * scale - (0, 5), _DEFECT_BGR, 0.36)
 
 
 def _draw_boxes(
@@ -132,10 +164,20 @@ def _draw_boxes(
     for box in boxes:
         seen = outcome.get(box["detection_id"])
         colour = bgr_of(outcome_colour(seen["observation_outcome"]) if seen else OTHER_COLOUR)
-        corner = np.array([box["box_x_px"], box["box_y_px"]])
-        size = np.array([box["box_width_px"], box["box_height_px"]])
-        first, last = np.round(corner * scale).astype(int), np.round((corner + size) * scale).astype(int)
-        cv2.rectangle(picture, first.tolist(), last.tolist(), colour, 2, cv2.LINE_AA)
+        if box["box_x_px"] is None:
+            continue
+        outline = outline_of(box)
+        first = np.array([outline.left_px, outline.top_px]) * scale
+        last = first + np.array([outline.width_px, outline.height_px]) * scale
+        thickness = 2 if max(last - first) >= _ROOMY_PX else 1
+        if outline.rings_px:
+            rings = [np.round(ring * scale).astype(np.int32) for ring in outline.rings_px]
+            cv2.polylines(picture, rings, True, colour, 1, cv2.LINE_AA)
+        else:
+            cv2.rectangle(
+                picture, np.round(first).astype(int).tolist(), np.round(last).astype(int).tolist(), colour, thickness,
+                cv2.LINE_AA,
+            )  # fmt: skip
         if posed is not None and seen and seen["x_site_m"] is not None:
             xy, inside = pixels_of(posed, np.array([[seen["x_site_m"], seen["y_site_m"], seen["z_site_m"]]]))
             if inside[0]:
@@ -143,35 +185,17 @@ def _draw_boxes(
                 cv2.drawMarker(picture, at, colour, cv2.MARKER_CROSS, 9, 1, cv2.LINE_AA)
 
 
-def _caption(
-    picture: Picture,
-    photo_id: str,
-    has_pose: bool,
-    boxes: Sequence[dict[str, Any]],
-    outcome: dict[str, dict[str, Any]],
-) -> None:
-    """The photograph's name and its boxes by outcome, on a dark strip at the top."""
+def _legend(has_pose: bool, boxes: Sequence[dict[str, Any]], outcome: dict[str, dict[str, Any]]) -> list[Entry]:
+    """What the colours mean, and how many boxes met each outcome."""
     words = Counter(
-        outcome[box["detection_id"]]["observation_outcome"] if box["detection_id"] in outcome else "not accepted"
+        outcome[box["detection_id"]]["observation_outcome"] if box["detection_id"] in outcome else _NOT_ACCEPTED
         for box in boxes
     )
-    picture[:24] = (0.2 * picture[:24]).astype(np.uint8)
-    # OpenCV's letters are ASCII alone.
-    name = photo_id.encode("ascii", "replace").decode()
-    x = _text(picture, name + ("" if has_pose else "  (no pose)"), np.array([8.0, 16.0]), (255, 255, 255), 0.48)
-    if has_pose:
-        x = _text(picture, "model edges", np.array([x + 18, 16.0]), _EDGE_BGR, 0.45)
-    for word, count in sorted(words.items()):
-        colour = bgr_of(outcome_colour(word))
-        x = _text(picture, f"{count} {word.replace('_', ' ')}", np.array([x + 18, 16.0]), colour, 0.45)
-
-
-def _text(picture: Picture, text: str, at: NDArray[np.float64], colour: tuple[int, int, int], size: float) -> float:
-    """Write ``text`` on a dark ground from ``at`` (its lower left); returns the x where it ends."""
-    place = np.round(at).astype(int).tolist()
-    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
-    left, top = max(0, place[0] - 2), max(0, place[1] - height - 2)
-    ground = picture[top : place[1] + below, left : place[0] + width + 2]
-    ground[:] = (0.3 * ground).astype(np.uint8)
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
-    return float(at[0] + width)
+    entries = [Entry(colour_bgr=_EDGE_BGR, text="model edges")] if has_pose else []
+    entries += [Entry(colour_bgr=_DEFECT_BGR, text="defect, real size")] if has_pose else []
+    order = [*OUTCOME_COLOURS, _NOT_ACCEPTED]
+    for word, count in sorted(words.items(), key=lambda item: order.index(item[0])):
+        entries.append(Entry(colour_bgr=bgr_of(outcome_colour(word)), text=f"{count} {word.replace('_', ' ')}"))
+    if words["registered"]:
+        entries.append(Entry(colour_bgr=bgr_of(outcome_colour("registered")), text="cross: registered point"))
+    return entries

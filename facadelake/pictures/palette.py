@@ -19,6 +19,7 @@ CLASS_DASHES: dict[str, Dashes] = {
     DefectClass.SPALLING: (0.0, (3.0, 1.2)),
     DefectClass.MOISTURE: (0.0, (1.2, 0.8)),
 }
+CLASS_HATCHES: dict[str, str] = {DefectClass.SPALLING: "//", DefectClass.MOISTURE: ".."}
 OUTCOME_COLOURS: dict[str, str] = {
     ObservationOutcome.REGISTERED: "#009e73",
     ObservationOutcome.OFF_TARGET: "#d55e00",
@@ -48,6 +49,11 @@ def class_colour(defect_class: str) -> str:
 def class_dashes(defect_class: str) -> Dashes:
     """Line style of a defect class, in Matplotlib's notation: (offset, (on, off, ...)) in line widths."""
     return CLASS_DASHES.get(defect_class, (0.0, (3.0, 1.0, 1.0, 1.0)))
+
+
+def class_hatch(defect_class: str) -> str:
+    """Filling of a defect class in areas, in Matplotlib's notation."""
+    return CLASS_HATCHES.get(defect_class, "")
 
 
 def outcome_colour(outcome: str) -> str:

@@ -7,16 +7,10 @@ from collections.abc import Collection, Sequence
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.backdrop import Backdrop, model_backdrop
 from facadelake.pictures.elevations import Elevation
-from facadelake.pictures.facades import Facade, find_facades
-from facadelake.pictures.inspection import Inspection, PictureSettings
+from facadelake.pictures.facades import Facade
+from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.marks import marks_of, marks_per_facade
 from facadelake.pictures.relief import openings_of
-
-
-def facades_of(inspection: Inspection, surface: Surface, settings: PictureSettings) -> list[Facade]:
-    """The facades that elevations are drawn of, clockwise from north."""
-    guids = frozenset(inspection.defects.column("element_guid").to_pylist())
-    return find_facades(inspection.building, surface, inspection.posed, guids, settings)
 
 
 def places_on_elevations(elevations: Sequence[Elevation]) -> dict[str, Backdrop]:

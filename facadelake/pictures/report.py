@@ -6,12 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from facadelake.geobim.surface import Surface
+from facadelake.pictures.cards import defect_cards
 from facadelake.pictures.crops import defect_crops
-from facadelake.pictures.distribution import draw_distribution
+from facadelake.pictures.distribution import (
+    distribution_of,
+    distribution_title,
+    draw_distribution,
+    write_distribution,
+)
 from facadelake.pictures.elevations import Elevation, facade_elevations
 from facadelake.pictures.inspection import Inspection, PictureSettings
+from facadelake.pictures.overlays import photo_overlays, telling_photographs
 from facadelake.pictures.page import Html, beside, figure, html_of, page, paragraph, section, tiles
 from facadelake.pictures.passport_facts import AXES, length_text
+from facadelake.pictures.places import places_on_elevations
 from facadelake.pictures.plan import draw_plan
 from facadelake.pictures.report_campaign import (
     checks_met,
@@ -19,9 +27,14 @@ from facadelake.pictures.report_campaign import (
     integrity_in_words,
     photograph_counts,
 )
-from facadelake.pictures.report_defects import counts_by_facade, defect_table
+from facadelake.pictures.report_defects import counts_by_facade, defect_table, worst_first
 from facadelake.pictures.report_passport import passport
 from schemas.vocabulary import PhotoOutcome
+
+_OVERLAY = (
+    "The model's edges as this photograph should show them, what the detector saw, and the defects at their real size: "
+    "where edges and building part, its pose or the model is off."
+)
 
 
 def write_report(
@@ -41,8 +54,18 @@ def write_report(
     if elevations is None:
         elevations = facade_elevations(inspection, surface, folder, settings)
     plan = draw_plan(inspection, folder / "plan.png")
-    distribution = draw_distribution(inspection, folder / "distribution.png")
+    distribution = distribution_of(inspection)
+    bars = draw_distribution(distribution, distribution_title(inspection), folder / "distribution.png")
+    write_distribution(distribution, folder / "distribution.csv")
     crops = defect_crops(inspection, folder / "crops", settings)
+    worst = [row["defect_id"] for row in worst_first(inspection.defects)[: settings.report_cards]]
+    cards = defect_cards(
+        inspection, surface, worst, folder / "cards", places=places_on_elevations(elevations),
+        most_sightings=settings.report_sightings,
+    )  # fmt: skip
+    overlays = photo_overlays(
+        inspection, surface, telling_photographs(inspection, settings.report_overlays), folder, settings
+    )
     title = f"{inspection.building_name} — {inspection.campaign_id}"
     body = [
         Html(f"<h1>{html_of(title)}</h1>"),
@@ -50,13 +73,14 @@ def write_report(
         _contents(),
         _tiles(inspection),
         section("elevations", "Elevations", *(_elevation(e, folder) for e in elevations)),
-        section("defects", "Defects", *defect_table(inspection, crops, elevations, folder)),
+        section("defects", "Defects", *defect_table(inspection, crops, cards.paths, elevations, folder)),
         section(
-            "distribution", "Where they are", counts_by_facade(inspection),
-            figure(distribution, folder, "bars of defects by storey and facade", "Defects by storey and facade."),
+            "distribution", "Where they are", counts_by_facade(distribution),
+            figure(bars, folder, "bars of defects by facade and storey", "Defects by facade and storey."),
         ),
         section("plan", "Plan", figure(plan, folder, "plan with cameras and defects", _plan_caption())),
-        section("photographs", "Photographs", beside(photograph_counts(inspection)), files_not_used(inspection)),
+        section("photographs", "Photographs", beside(photograph_counts(inspection)), files_not_used(inspection),
+                *(figure(path, folder, "a photograph with the model's edges", _OVERLAY) for path in overlays)),
         section("passport", "Passport: its place on the globe", *passport(inspection, folder)),
         section(
             "checks", "Checks before the commit",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from facadelake.pictures.distribution import NO_STOREY, facade_order, storey_order
+import pyarrow as pa
+
+from facadelake.pictures.distribution import Distribution
 from facadelake.pictures.elevations import Elevation
 from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.page import Html, html_of, link_of, paragraph, table
@@ -30,20 +31,18 @@ _WORST_FIRST = (
 )
 
 
-def counts_by_facade(inspection: Inspection) -> Html:
+def counts_by_facade(distribution: Distribution) -> Html:
     """Defects by class for each facade and storey."""
-    rows = inspection.defects.select(["defect_class", "facade", "storey"]).to_pylist()
-    counts = Counter((row["facade"], row["storey"] or NO_STOREY, row["defect_class"]) for row in rows)
-    classes = sorted({row["defect_class"] for row in rows})
-    heads = ["facade", "storey", *classes, "all"]
+    heads = ["facade", "storey", *distribution.classes, "all"]
     lines: list[list[object]] = []
-    for facade in facade_order({row["facade"] for row in rows}):
-        for storey in storey_order(inspection):
-            cells = [counts[(facade, storey, name)] for name in classes]
+    for facade in distribution.facades:
+        for storey in distribution.storeys:
+            cells = [distribution.counts[facade, storey, word] for word in distribution.classes]
             if sum(cells):
                 lines.append([facade, storey, *cells, sum(cells)])
-    if rows:
-        lines.append(["all", "", *(sum(row["defect_class"] == name for row in rows) for name in classes), len(rows)])
+    if lines:
+        totals = [distribution.total(None, word) for word in distribution.classes]
+        lines.append(["all", "", *totals, distribution.total()])
     return table(heads, lines, numeric=range(2, len(heads)))
 
 
@@ -54,13 +53,22 @@ def _severity_rank(severity: str) -> int:
     return _WORST_FIRST.index(word) if word in _WORST_FIRST else len(_WORST_FIRST)
 
 
+def worst_first(defects: pa.Table) -> list[dict[str, Any]]:
+    """Rows of table ``defects``: the worst grade first, then the largest."""
+    rows: list[dict[str, Any]] = defects.to_pylist()
+    return sorted(rows, key=lambda row: (_severity_rank(row["severity"]), -row["area_m2"], row["defect_id"]))
+
+
 def defect_table(
-    inspection: Inspection, crops: Mapping[str, Path], elevations: Sequence[Elevation], folder: Path
+    inspection: Inspection,
+    crops: Mapping[str, Path],
+    cards: Mapping[str, Path],
+    elevations: Sequence[Elevation],
+    folder: Path,
 ) -> list[Html]:
-    """All defects, worst first, with their crops; before them what a reader must know of the grades."""
-    rows = inspection.defects.to_pylist()
-    labels = short_ids([row["defect_id"] for row in rows])
-    rows.sort(key=lambda row: (_severity_rank(row["severity"]), -row["area_m2"], row["defect_id"]))
+    """All defects, worst first, with their crops, which link their cards; before them what a reader must know."""
+    labels = short_ids(inspection.defects.column("defect_id").to_pylist())
+    rows = worst_first(inspection.defects)
     rules = ", ".join(sorted({row["severity_rule"] for row in rows}))
     drawn = {mark.defect_id for elevation in elevations for mark in elevation.marks}
     missing = sum(row["defect_id"] not in drawn for row in rows)
@@ -71,7 +79,15 @@ def defect_table(
     )
     if missing:
         notes.append(paragraph(f"{missing} of them lie on no elevation above (undersides, small facades)."))
-    lines = [_defect_row(row, labels[row["defect_id"]], crops.get(row["defect_id"]), folder) for row in rows]
+    if cards:
+        all_of_them = "facadelake pictures BUILDING CAMPAIGN --all"
+        words = "This one has a card" if len(cards) == 1 else f"The first {len(cards)} have a card"
+        note = f"{words}: all that is known of it on one sheet; '{all_of_them}' draws every defect's."
+        notes.append(paragraph(note))
+    lines = [
+        _defect_row(row, labels[row["defect_id"]], crops.get(row["defect_id"]), cards.get(row["defect_id"]), folder)
+        for row in rows
+    ]
     heads = [
         "no.",
         "",
@@ -88,17 +104,21 @@ def defect_table(
     return [*notes, table(heads, lines, numeric=[0])]
 
 
-def _defect_row(row: Mapping[str, Any], label: str, crop: Path | None, folder: Path) -> list[object]:
+def _defect_row(row: Mapping[str, Any], label: str, crop: Path | None, card: Path | None, folder: Path) -> list[object]:
     alternative = html_of(f"{row['defect_class']} {label}")
-    link = link_of(crop, folder) if crop is not None else ""
-    picture = (
-        Html(f'<a href="{link}"><img class="crop" src="{link}" alt="{alternative}"></a>')
-        if crop is not None
-        else Html('<span class="soft">no picture</span>')
-    )
+    target = card if card is not None else crop
+    picture = Html('<span class="soft">no picture</span>')
+    if crop is not None and target is not None:
+        picture = Html(
+            f'<a href="{link_of(target, folder)}">'
+            f'<img class="crop" src="{link_of(crop, folder)}" alt="{alternative}"></a>'
+        )
+    number = Html(f'<b title="{html_of(row["defect_id"])}">{html_of(label)}</b>')
+    if card is not None:
+        number = Html(f'{number.text}<br><a href="{link_of(card, folder)}">card</a>')
     element = f"{row['element_name'] or row['ifc_class']}" + (f", {row['material']}" if row["material"] else "")
     return [
-        Html(f'<b title="{html_of(row["defect_id"])}">{html_of(label)}</b>'),
+        number,
         picture,
         class_html(row["defect_class"]),
         row["severity"],

@@ -17,12 +17,13 @@ from facadelake.pictures.card import bar_length_m, length_words
 from facadelake.pictures.card_facts import card_facts, merges_by_defect
 from facadelake.pictures.cards import defect_cards
 from facadelake.pictures.crops import cut_out
+from facadelake.pictures.elevations import facades_of
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.marks import Mark, marks_of, surface_axes
 from facadelake.pictures.palette import bgr_of, class_colour
 from facadelake.pictures.patch_view import PatchView, patch_view
 from facadelake.pictures.photofile import read_photograph
-from facadelake.pictures.places import facades_of, places_on_model
+from facadelake.pictures.places import places_on_model
 from facadelake.pictures.sightings import outline_of, sightings_of
 from facadelake.pictures.storeys import storey_levels
 from facadelake.tables import table_of_rows

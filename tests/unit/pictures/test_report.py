@@ -1,18 +1,21 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
 import cv2
+import numpy as np
 import pytest
 
 from facadelake.pictures.crops import defect_crops
 from facadelake.pictures.inspection import PictureSettings
-from facadelake.pictures.overlays import photo_overlays
-from facadelake.pictures.palette import short_ids
+from facadelake.pictures.overlays import photo_overlays, telling_photographs
+from facadelake.pictures.palette import bgr_of, outcome_colour, short_ids
 from facadelake.pictures.report import write_report
+from facadelake.tables import table_of_rows
 from tests.unit.pictures.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
 
 COARSE = PictureSettings(cell_m=0.03, overlay_width_px=500)
@@ -60,13 +63,18 @@ def test_the_report_loads_nothing_from_elsewhere_and_escapes_names(painted: Pain
     assert all((tmp_path / unquote(link)).is_file() for link in files)
 
 
-def test_defects_stand_worst_first_with_their_crops(painted: Painted, tmp_path: Path) -> None:
+def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, tmp_path: Path) -> None:
     defects = [
         defect_row("D1", 2.0, 1.0),
         defect_row("D2", 3.0, 2.0, severity="high"),
         defect_row("D3", 4.0, 2.0, severity="low"),
     ]
-    path = write_report(inspection_of(painted, defects, ["D1", "D2"]), painted.surface, tmp_path, COARSE)
+    settings = replace(COARSE, report_cards=1, report_overlays=1)
+    path = write_report(inspection_of(painted, defects, ["D1", "D2"]), painted.surface, tmp_path, settings)
+    page = read(path)
+    assert [link for link in page.links if "card_" in link] == ["cards/card_2.png"] * 2  # from its number and its crop
+    assert [link for link in page.links if "overlay_" in link] == ["overlay_a.jpg"] * 2
+    assert "This one has a card" in page.text
     table = path.read_text(encoding="utf-8").split('id="defects"')[1].split("</section>")[0]
     assert re.findall(r'<b title="(D\d)">', table) == ["D2", "D3", "D1"]
     assert table.count('class="crop"') == 2
@@ -95,18 +103,52 @@ def test_a_crop_shows_the_box_it_was_cut_for(painted: Painted, tmp_path: Path) -
 def test_overlays_show_posed_and_unposed_photographs(
     painted: Painted, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    from dataclasses import replace
-
     inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], ["D1"])
     inspection = replace(inspection, posed={"a.png": painted.posed["a.png"]})
     paths = photo_overlays(inspection, painted.surface, ["a.png", "b.png", "gone.png"], tmp_path, COARSE)
     assert [path.name for path in paths] == ["overlay_a.jpg", "overlay_b.jpg"]
-    posed, unposed = (cv2.imread(str(path)).astype(int) for path in paths)
-    assert posed.shape == unposed.shape == (350, 500, 3)
-    cyan = [((p[30:, :, 0] > 200) & (p[30:, :, 1] > 200) & (p[30:, :, 2] < 90)).sum() for p in (posed, unposed)]
+    sheets = [cv2.imread(str(path)).astype(int) for path in paths]
+    assert [sheet.shape[1:] for sheet in sheets] == [(500, 3)] * 2
+    posed, unposed = (sheet[-350:] for sheet in sheets)  # below the legend
+    cyan = [((p[..., 0] > 200) & (p[..., 1] > 200) & (p[..., 2] < 90)).sum() for p in (posed, unposed)]
     assert cyan[0] > 200  # pixels of the model's edges
     assert cyan[1] < 20
     assert "gone.png cannot be decoded" in caplog.text
+
+
+@pytest.mark.parametrize("outcome", ["registered", "masked"])
+def test_boxes_have_the_colour_of_their_outcome_where_they_are(painted: Painted, tmp_path: Path, outcome: str) -> None:
+    inspection = inspection_of(painted, [defect_row("D1", 2.5, 1.5)], ["D1"])
+    rows = [{**row, "observation_outcome": outcome, "defect_id": None} for row in inspection.observations.to_pylist()]
+    inspection = replace(
+        inspection, observations=table_of_rows("observations", rows), defects=table_of_rows("defects", [])
+    )
+    (path,) = photo_overlays(inspection, painted.surface, ["a.png"], tmp_path, PictureSettings(overlay_width_px=1000))
+    picture = cv2.imread(str(path))[-700:].astype(int)
+    ink = np.array(bgr_of(outcome_colour(outcome)))
+    before = cv2.imread(str(painted.root / "a.png")).astype(int)
+    changed = (np.abs(picture - ink).max(axis=2) < 60) & (np.abs(before - ink).max(axis=2) > 80)
+    box = inspection.detections.to_pylist()[0]
+    left, top = box["box_x_px"], box["box_y_px"]
+    ys, xs = np.nonzero(changed[int(top) - 15 : int(top) + 36, int(left) - 15 : int(left) + 56])
+    found = np.array([xs.min(), ys.min(), xs.max(), ys.max()]) - 15
+    np.testing.assert_allclose(found, [0, 0, 40, 20], rtol=0, atol=2.5)  # px
+    cross = np.array([xs, ys]).T - 15 - [20, 10]
+    assert (np.abs(cross).max(axis=1) <= 2).any()  # the registered point, in the box's middle
+
+
+def test_telling_photographs_show_outcomes_first_and_then_defects(painted: Painted) -> None:
+    inspection = inspection_of(painted, [defect_row(f"D{n}", 2.0 + 0.2 * n, 1.0) for n in range(3)], ["D0", "D1", "D2"])
+    rows = inspection.observations.to_pylist()
+    rows.append({**rows[0], "detection_id": "x", "photo_id": "b.png", "observation_outcome": "masked",
+                 "defect_id": None})  # fmt: skip
+    rows.append({**rows[0], "detection_id": "y", "photo_id": "b.png"})
+    both = replace(inspection, observations=table_of_rows("observations", rows))
+    assert telling_photographs(both, 1) == ["b.png"]  # two outcomes, one defect
+    assert telling_photographs(both, 5) == ["b.png", "a.png"]
+    again = replace(inspection, observations=table_of_rows("observations", [*rows[:3], rows[4]]))
+    assert telling_photographs(again, 5) == ["a.png"]  # b.png adds nothing
+    assert telling_photographs(replace(both, posed={}), 5) == []
 
 
 @pytest.mark.parametrize(
