@@ -53,6 +53,7 @@ class BuildingRecord:
     building_name: str
     model_uri: str
     model_sha256: str
+    surface_kind: str
     map_crs: str
     vertical_datum: str
     georeference_level: str

@@ -8,7 +8,6 @@ from facadelake.detect.coco import import_coco
 from facadelake.errors import InputDataError, StoreError
 from facadelake.evaluate.evaluation import evaluate
 from facadelake.evaluate.figures import Figures
-from facadelake.geobim.load import load_building
 from facadelake.geobim.surface import Surface
 from facadelake.geodesy import SiteOrigin
 from facadelake.lake.connect import exists
@@ -18,8 +17,8 @@ from facadelake.register.merge import merge
 from facadelake.register.observe import observe
 from facadelake.register.settings import MergeSettings
 from facadelake.registry import Building, CocoDetector
-from schemas.vocabulary import ControlKind
-from tasks.load_model import model_settings
+from schemas.vocabulary import ControlKind, SurfaceKind
+from tasks.load_model import read_model
 from tasks.register import register_settings
 
 
@@ -52,7 +51,12 @@ def evaluate_campaign(
                 f"--detections needs a building whose detector reads COCO files; '{building.id}' has an ONNX model"
             )
         file = building.detections_of(campaign_id, detections)
-        model = load_building(building.model_path(), settings=model_settings(building))
+        if building.surface_kind is SurfaceKind.AS_BUILT:
+            raise InputDataError(
+                f"building '{building.id}' has no model (model: as-built), so other detections cannot be registered "
+                f"here; run 'facadelake inspect {building.id} {campaign_id} --detections ...' and evaluate that"
+            )
+        model = read_model(building)
         found = import_coco(file, tables["photos"], class_names=building.detector.classes)
         settings = MergeSettings.under(ControlKind(tables["georeference"].column("control")[0].as_py()))
         posed = posed_cameras(tables["poses"])

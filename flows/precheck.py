@@ -8,6 +8,7 @@ from facadelake.errors import InputDataError
 from facadelake.lake.severity import rule_file
 from facadelake.pose.imported import pose_files
 from facadelake.registry import Building, CocoDetector
+from schemas.vocabulary import ControlKind, SurfaceKind
 
 LATEST = "latest"
 AUTO = "auto"
@@ -43,12 +44,31 @@ def chosen_poses(building: Building, campaign_id: str, georeference: str, poses:
     return None
 
 
+def check_control(building: Building, campaign_id: str, georeference: str, poses: str | None) -> None:
+    """Raise InputDataError for a control that a building without a model (``model: as-built``) cannot have."""
+    if building.surface_kind is not SurfaceKind.AS_BUILT:
+        return
+    if georeference == ControlKind.MODEL:
+        raise InputDataError(
+            f"building '{building.id}' has no model (model: as-built), so --georeference model has nothing to hold to; "
+            "use gcp, campaign or gps, or give the registry a model"
+        )
+    if chosen_poses(building, campaign_id, georeference, poses) is not None:
+        raise InputDataError(
+            f"building '{building.id}' has no model (model: as-built): its surface is made of tie points, which "
+            "imported poses do not bring; let the poses be found (--georeference gcp, campaign or gps), or give the "
+            "registry a mesh"
+        )
+
+
 def check_files(building: Building, campaign_id: str, detections: str | None) -> tuple[str, ...]:
     """Raise InputDataError for the first file that an inspection needs and that is not there.
 
     Returns warnings of what is missing but can be done without.
     """
-    building.model_path()
+    if building.surface_kind is not SurfaceKind.AS_BUILT:
+        building.model_path()
+        building.offset_path()
     building.photographs_of(campaign_id)
     rule_file(building.severity_rules)
     if isinstance(building.detector, CocoDetector):

@@ -108,11 +108,11 @@ _ALL = [
     _text("photo_id", "path of the photograph below the campaign's folder, with forward slashes"),
     _text("detection_id", "one box or mask in one photograph"),
     _text("defect_id", "one real defect in one campaign"),
-    _text("element_guid", "GlobalId of the IFC element"),
+    _text("element_guid", "GlobalId of the IFC element; without an IFC the name of a facade plane, such as facade-S-1"),
     # building, campaign, run
     _text("building_name", "name for people"),
-    _text("model_uri", "where the building model was read from"),
-    _text("model_sha256", "hash of the model file"),
+    _text("model_uri", "where the building model was read from; 'as-built' where there is none"),
+    _text("model_sha256", "hash of the model file, or of the campaign's own surface where there is none"),
     _text("map_crs", "projected CRS of the model, which east_map_m and north_map_m are in"),
     _text("vertical_datum", "what the model's heights refer to, as stated by the model or the registry"),
     _text(
@@ -248,11 +248,12 @@ _ALL = [
     _real("gps_offset_up_m", "m", "the same, up"),
     _text("remarks", "what was observable and what was assumed, in words"),
     # elements
-    _text("ifc_class", "class of the IFC element"),
+    _text("ifc_class", "class of the IFC element; 'Surface' for a facade plane of a building without IFC"),
     _text("element_name", "name of the IFC element"),
     _text("storey", "storey, by containment, else by elevation"),
     _text("material", "materials, outermost first, separated by '; '"),
     _text("predefined_type", "PredefinedType of the IFC element, or ObjectType where that is USERDEFINED"),
+    _text("ifc_building", "IfcBuilding that the element lies in, by name; a file may hold neighbours too"),
     _text("host_guid", "GlobalId of the element it fills (a window's wall) or is a part of (a plate's curtain wall)"),
     _text("material_layers", "layers, outermost first, as JSON: material and thickness_m"),
     _text("properties", "values of the element's and its type's property sets, as JSON"),

@@ -120,11 +120,13 @@ class MergeReason(StrEnum):
     GEOGRAPHY = "geography"
     GEOGRAPHY_AND_IMAGE = "geography_and_image"
     CUT_BY_SEAM = "cut_by_seam"
+    OUTVOTED = "outvoted"
     LOOKS_DIFFERENT = "looks_different"
     TOO_FAR = "too_far"
     NO_OVERLAP = "no_overlap"
     SAME_PHOTOGRAPH = "same_photograph"
     GROUP_DISAGREES = "group_disagrees"
+    OTHER_CLASS = "other_class"
 
 
 class SurfaceKind(StrEnum):
@@ -140,3 +142,4 @@ class IntegrityOutcome(StrEnum):
 
     COMPARED = "compared"
     TOO_LITTLE_SURFACE = "too_little_surface"
+    NO_MODEL = "no_model"

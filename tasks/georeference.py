@@ -55,7 +55,9 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
                     model_of_building,
                     [root / photo.photo_id for photo in reconstruction.photos],
                     tolerances.model_sigma_m,
-                ),
+                )
+                if model_of_building.has_surface
+                else None,
                 references=[(read_reference(path), descriptors) for path in references],
                 placement_sigma_max_m=tolerances.placement_sigma_max_m,
             ),

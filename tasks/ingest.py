@@ -18,17 +18,18 @@ from tasks.stage import Counts, run_stage
 
 
 @task(name="ingest")
-def ingest(job: InspectionJob, model: StageResult) -> StageResult:
-    """Table ``photos``: every file of the campaign's folder, the unusable ones with their reason."""
+def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
+    """Table ``photos``: every file of the campaign's folder, the unusable ones with their reason.
+
+    Without a ``model`` no photograph is close-range by its distance, only by its folder.
+    """
     root = job.building.photographs_of(job.campaign_id)
     paths = find_photographs(root)
     close_range_below_m = job.building.tolerances.close_range_below_m
 
     def make(folder: Path) -> Counts:
-        building = read_building(model.folder)
-        photos = ingest_photographs(
-            root, distance_to_model_m=horizontal_distance(building), close_range_below_m=close_range_below_m
-        )
+        distance = horizontal_distance(read_building(model.folder)) if model else None
+        photos = ingest_photographs(root, distance_to_model_m=distance, close_range_below_m=close_range_below_m)
         write_table("photos", photos, folder)
         return Counter(photos.column("photo_outcome").to_pylist())
 
@@ -36,6 +37,6 @@ def ingest(job: InspectionJob, model: StageResult) -> StageResult:
         "photographs": [str(path.relative_to(root)) for path in paths],
         "bytes": hash_of_files(paths),
         "close_range_below_m": close_range_below_m,
-        "model": model.key,
+        "model": model.key if model else None,
     }
     return run_stage(job, "ingest", code=["photo", "geobim"], inputs=inputs, make=make)

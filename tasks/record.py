@@ -11,8 +11,9 @@ import pyarrow as pa
 
 from facadelake.cache import file_hash, key_of
 from facadelake.campaign import BuildingRecord, RunRecord, campaign_tables
-from facadelake.geobim.model import read_building
+from facadelake.geobim.model import SURFACE_FILE, read_building
 from facadelake.tables import read_table
+from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 
 
@@ -64,11 +65,14 @@ def whole_campaign(job: InspectionJob, folders: StageFolders) -> tuple[RunRecord
     """The run's record and all tables but ``checks``, without the run's keys."""
     tables = stage_tables(folders)
     building = read_building(folders.model.folder)
-    model_path = job.building.model_path()
+    kind = building.surface_kind
+    # Without a model, the surface that the campaign itself made stands for it.
+    model_path = folders.model.folder / SURFACE_FILE if kind is SurfaceKind.AS_BUILT else job.building.model_path()
     record = BuildingRecord(
         building_name=job.building.name,
-        model_uri=str(model_path),
+        model_uri=job.building.model,
         model_sha256=file_hash(model_path),
+        surface_kind=kind,
         map_crs=building.map_crs,
         vertical_datum=building.vertical_datum,
         georeference_level=building.georeference_level,

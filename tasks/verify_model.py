@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
+import pyarrow as pa
 from prefect import task
 
+from facadelake.camera import PosedCamera
 from facadelake.errors import InputDataError
 from facadelake.frames import read_similarity
-from facadelake.geobim.model import read_building
+from facadelake.geobim.model import BuildingModel, read_building
 from facadelake.geobim.surface import Surface
 from facadelake.integrity.views import integrity_views, nothing_to_compare
 from facadelake.pose.surface_mesh import as_built_mesh, read_mesh
 from facadelake.posed import posed_cameras
 from facadelake.tables import read_table, write_table
+from schemas.vocabulary import IntegrityOutcome, SurfaceKind
 from tasks.georeference import SITE_FROM_SFM
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
+
+NOTHING_INDEPENDENT = "the building has no model: its surface is this campaign's own, so nothing is left to compare"
 
 
 @task(name="verify model")
@@ -26,16 +32,11 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult | No
 
     def make(folder: Path) -> Counts:
         posed = posed_cameras(read_table("poses", placed.folder))
-        try:
-            if block is None:
-                raise InputDataError("poses were imported: no tie points were found to make an as-built surface of")
-            as_built_mesh(block.folder, folder)
-        except InputDataError as error:  # too sparse a block: the campaign is none the worse for it
-            table = nothing_to_compare(posed, str(error))
+        building = read_building(model.folder)
+        if building.surface_kind is SurfaceKind.AS_BUILT:
+            table = nothing_to_compare(posed, NOTHING_INDEPENDENT, IntegrityOutcome.NO_MODEL)
         else:
-            vertices_sfm, triangles = read_mesh(folder)
-            as_built = Surface.from_mesh(read_similarity(placed.folder / SITE_FROM_SFM).apply(vertices_sfm), triangles)
-            table = integrity_views(posed, Surface(read_building(model.folder)), as_built)
+            table = _compared(posed, building, block, placed, folder)
         write_table("integrity_views", table, folder)
         return Counter(table.column("integrity_outcome").to_pylist())
 
@@ -54,3 +55,21 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult | No
         inputs=inputs,
         make=make,
     )
+
+
+def _compared(
+    posed: Mapping[str, PosedCamera],
+    building: BuildingModel,
+    block: StageResult | None,
+    placed: StageResult,
+    folder: Path,
+) -> pa.Table:
+    try:
+        if block is None:
+            raise InputDataError("poses were imported: no tie points were found to make an as-built surface of")
+        as_built_mesh(block.folder, folder)
+    except InputDataError as error:  # too sparse a block: the campaign is none the worse for it
+        return nothing_to_compare(posed, str(error))
+    vertices_sfm, triangles = read_mesh(folder)
+    as_built = Surface.from_mesh(read_similarity(placed.folder / SITE_FROM_SFM).apply(vertices_sfm), triangles)
+    return integrity_views(posed, Surface(building), as_built)

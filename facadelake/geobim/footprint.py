@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 import shapely
 
@@ -11,15 +12,40 @@ from facadelake.frames import Array
 from facadelake.geobim.model import BuildingModel
 from facadelake.geodesy import SiteOrigin
 
+_MANY = 20_000
+_CELL_M = 0.1
+_MOST_CELLS = 4096  # along a side
+
 
 def outline_of(corners_site_m: Array) -> shapely.Geometry:
-    """Outline in site x, y of triangles (m, 3, 3) seen from above; of a bare vertical sheet, a strip 1 cm wide."""
+    """Outline in site x, y of triangles (m, 3, 3) seen from above; of a bare vertical sheet, a strip 1 cm wide.
+
+    Of more than 20,000 triangles, which would take minutes, it is made of the decimetre cells that they touch.
+    """
+    if len(corners_site_m) > _MANY:
+        return _outline_of_many(corners_site_m)
     flat = shapely.polygons(corners_site_m[:, :, :2])
     flat = flat[shapely.area(flat) > 1e-6]
     outline = shapely.union_all(flat, grid_size=1e-4) if len(flat) else shapely.Polygon()
     if outline.is_empty:
         outline = shapely.convex_hull(shapely.multipoints(corners_site_m[:, :, :2].reshape(-1, 2))).buffer(0.005)
     return outline.simplify(0.001)
+
+
+def _outline_of_many(corners_site_m: Array) -> shapely.Geometry:
+    flat = corners_site_m[:, :, :2]
+    low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
+    cell_m = max(_CELL_M, float((high - low).max()) / _MOST_CELLS)
+    cells = np.floor((flat - low) / cell_m).astype(np.int32)
+    columns, rows = cells.max(axis=(0, 1)) + 1
+    covered = np.zeros((rows, columns + 2), dtype=np.uint8)
+    for triangle in cells + np.array([1, 0], dtype=np.int32):
+        cv2.fillConvexPoly(covered, triangle, 1)
+    covered[:, [0, -1]] = 0
+    steps = np.diff(covered.astype(np.int8), axis=1)
+    (row, begin), (_, end) = np.nonzero(steps == 1), np.nonzero(steps == -1)
+    x, y = low[0] + np.stack([begin, end]) * cell_m, low[1] + np.stack([row, row + 1]) * cell_m
+    return shapely.union_all(shapely.box(x[0], y[0], x[1], y[1]), grid_size=1e-4).simplify(0.001)
 
 
 def in_lon_lat(outline: shapely.Geometry, level_m: float, origin: SiteOrigin) -> shapely.Geometry:

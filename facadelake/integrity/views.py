@@ -53,13 +53,16 @@ def integrity_views(
     return table_of_rows("integrity_views", rows)
 
 
-def nothing_to_compare(posed: Mapping[str, PosedCamera], reason: str) -> pa.Table:
-    """Table ``integrity_views`` where there is no as-built surface: each view says why it was not compared."""
-    outcome = str(IntegrityOutcome.TOO_LITTLE_SURFACE)
+def nothing_to_compare(
+    posed: Mapping[str, PosedCamera],
+    reason: str,
+    outcome: IntegrityOutcome = IntegrityOutcome.TOO_LITTLE_SURFACE,
+) -> pa.Table:
+    """Table ``integrity_views`` where model or as-built surface is missing: each view says why it was not compared."""
     return table_of_rows(
         "integrity_views",
         [
-            {"photo_id": photo_id, "compared_share": 0.0, "integrity_outcome": outcome, "reason": reason}
+            {"photo_id": photo_id, "compared_share": 0.0, "integrity_outcome": str(outcome), "reason": reason}
             for photo_id in sorted(posed)
         ],
     )

@@ -13,7 +13,8 @@ from cronsim import CronSim, CronSimError
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 
 from facadelake.errors import InputDataError
-from schemas.vocabulary import DefectClass
+from facadelake.registry.bare import require_fitting_keys, surface_kind_of
+from schemas.vocabulary import DefectClass, SurfaceKind
 
 CAMPAIGN = "{campaign}"
 
@@ -88,7 +89,8 @@ class BuildingCrs(_Strict):
     """Overrides for a model that does not say where it stands; see docs/georeference-levels.md.
 
     ``map`` is a projected CRS such as EPSG:25832; ``vertical`` is ``ellipsoidal`` or a vertical CRS such as EPSG:7837.
-    ``accept_level`` takes a georeference that is good to metres alone, down to that LoGeoRef.
+    ``accept_level`` takes a georeference that is good to metres alone, down to that LoGeoRef. For meshes
+    (docs/without-bim.md): ``offset_file`` says where their zero lies, ``axes`` what is up, ``unit`` what they count in.
     """
 
     map: str | None = None
@@ -96,6 +98,9 @@ class BuildingCrs(_Strict):
     placement: PlacementSetting | None = None
     control: tuple[ControlPairSetting, ...] = ()
     accept_level: Literal[20, 40] | None = None
+    offset_file: str | None = None
+    axes: Literal["z-up", "y-up"] | None = None
+    unit: Literal["metre", "millimetre", "foot", "us_survey_foot"] | None = None
     origin: SiteOriginSetting | None = None
 
     @model_validator(mode="after")
@@ -103,6 +108,13 @@ class BuildingCrs(_Strict):
         if self.placement and self.control:
             raise ValueError("both 'placement' and 'control' place the model; give one of them")
         return self
+
+
+class StoreySetting(_Strict):
+    """A storey of a building without BIM: the height of its floor in the vertical datum, metres."""
+
+    name: Annotated[str, Field(min_length=1)]
+    floor_m: float
 
 
 class Tolerances(_Strict):
@@ -146,7 +158,10 @@ class OnnxDetectorSetting(_Strict):
 
 
 class Building(_Strict):
-    """One building of the registry; ``{campaign}`` in a path stands for the campaign's id."""
+    """One building of the registry; ``{campaign}`` in a path stands for the campaign's id.
+
+    ``model`` is an IFC, a mesh, or the word ``as-built``: the campaign's own surface, where there is no model.
+    """
 
     id: Identifier
     name: Annotated[str, Field(min_length=1)]
@@ -159,6 +174,7 @@ class Building(_Strict):
     detector: Annotated[CocoDetector | OnnxDetectorSetting, Field(discriminator="kind")]
     schedule: Schedule | None = None
     crs: BuildingCrs = BuildingCrs()
+    storeys: tuple[StoreySetting, ...] = ()
     tolerances: Tolerances = Tolerances()
     severity_rules: Identifier = "extent_v1"
     _variables: tuple[str, ...] = PrivateAttr(default=())
@@ -171,6 +187,17 @@ class Building(_Strict):
                 f"so no campaign can be told from another; put {CAMPAIGN} in the path, or list the campaigns"
             )
         return self
+
+    @model_validator(mode="after")
+    def _keys_fit_the_model(self) -> Self:
+        given = {key for key, value in self.crs if value} | ({"storeys"} if self.storeys else set())
+        require_fitting_keys(self.model, given)
+        return self
+
+    @property
+    def surface_kind(self) -> SurfaceKind:
+        """What the building's surface is made of."""
+        return surface_kind_of(self.model)
 
     def known_campaigns(self) -> tuple[str, ...]:
         """The campaigns listed, or those whose photographs' folder exists, oldest id first."""
@@ -204,8 +231,12 @@ class Building(_Strict):
         return folder
 
     def model_path(self) -> Path:
-        """The building model's file. Raises InputDataError where it is missing."""
+        """The building model's file. Raises InputDataError where it is missing; ``as-built`` has none."""
         return self._existing(self.model, "model")
+
+    def offset_path(self) -> Path | None:
+        """The file that says where a mesh's zero lies, if the registry names one. Raises where it is missing."""
+        return self._existing(self.crs.offset_file, "offset file") if self.crs.offset_file else None
 
     def control_points_of(self, campaign_id: str) -> Path | None:
         """The control points' file, where the registry names one and it exists."""

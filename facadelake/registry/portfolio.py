@@ -14,11 +14,13 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from facadelake.errors import InputDataError
+from facadelake.registry.bare import AS_BUILT
 from facadelake.registry.building import Building
 
 _VARIABLE = re.compile(r"\$\{(\w+)(?::-([^}]*))?\}")
 _PATHS = (
     ("model",),
+    ("crs", "offset_file"),
     ("photographs",),
     ("control_points",),
     ("check_points",),
@@ -106,8 +108,10 @@ def _entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[str, A
 def _resolved(entry: dict[str, Any], file: Path) -> dict[str, Any]:
     """The entry with its paths made absolute and its variables replaced."""
     out = dict(entry)
+    for name in ("detector", "crs"):
+        if isinstance(out.get(name), dict):
+            out[name] = dict(out[name])
     if isinstance(out.get("detector"), dict):
-        out["detector"] = dict(out["detector"])
         alternatives = out["detector"].get("alternatives")
         if isinstance(alternatives, dict):
             out["detector"]["alternatives"] = {
@@ -117,7 +121,7 @@ def _resolved(entry: dict[str, Any], file: Path) -> dict[str, Any]:
         holder: Any = out
         for key in keys[:-1]:
             holder = holder.get(key) if isinstance(holder, dict) else None
-        if isinstance(holder, dict) and isinstance(holder.get(keys[-1]), str):
+        if isinstance(holder, dict) and isinstance(holder.get(keys[-1]), str) and holder[keys[-1]] != AS_BUILT:
             holder[keys[-1]] = _path(holder[keys[-1]], file)
     return out
 

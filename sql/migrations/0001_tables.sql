@@ -190,7 +190,7 @@ CREATE TABLE georeference_points (
 );
 COMMENT ON COLUMN georeference_points.geometry IS 'EPSG:4979: longitude, latitude, ellipsoidal height';
 
--- elements: one row per IFC element with a surface
+-- elements: one row per IFC element with a surface, or facade plane
 CREATE TABLE elements (
     building_id        VARCHAR NOT NULL,
     campaign_id        VARCHAR NOT NULL,
@@ -200,6 +200,7 @@ CREATE TABLE elements (
     predefined_type    VARCHAR,
     element_name       VARCHAR,
     host_guid          VARCHAR,
+    ifc_building       VARCHAR,
     storey             VARCHAR,
     storey_source      VARCHAR,
     material           VARCHAR,

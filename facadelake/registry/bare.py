@@ -1,0 +1,46 @@
+"""What the registry says of a building without BIM: a mesh file, or nothing but its photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import PurePath
+
+from schemas.vocabulary import SurfaceKind
+
+AS_BUILT = "as-built"  # stands where a model's path would
+_MESHES = (".obj", ".ply", ".stl", ".glb", ".gltf")
+UNITS_M = {"metre": 1.0, "millimetre": 0.001, "foot": 0.3048, "us_survey_foot": 1200 / 3937}
+_IFC, _MESH, _BARE = SurfaceKind.IFC, SurfaceKind.MESH, SurfaceKind.AS_BUILT
+_FITS = {
+    "placement": (_IFC, _MESH),
+    "control": (_IFC,),
+    "accept_level": (_IFC,),
+    "offset_file": (_MESH,),
+    "axes": (_MESH,),
+    "unit": (_MESH,),
+    "storeys": (_MESH, _BARE),
+}
+_WORDS = {_IFC: "an IFC", _MESH: "a mesh", _BARE: "'as-built', no model at all"}
+
+
+def surface_kind_of(model: str) -> SurfaceKind:
+    """What the registry's ``model`` is, by its word or its ending."""
+    if model == AS_BUILT:
+        return SurfaceKind.AS_BUILT
+    return SurfaceKind.MESH if PurePath(model).suffix.lower() in _MESHES else SurfaceKind.IFC
+
+
+def require_fitting_keys(model: str, given: Collection[str]) -> None:
+    """Raise ValueError where a key that is ``given`` says nothing of such a model, or one that it needs is not."""
+    kind = surface_kind_of(model)
+    for key in given:
+        if key in _FITS and kind not in _FITS[key]:
+            allowed = " or ".join(_WORDS[one] for one in _FITS[key])
+            raise ValueError(f"'{key}' is for a building whose model is {allowed}; this one's is {_WORDS[kind]}")
+    if "placement" in given and "offset_file" in given:
+        raise ValueError("both 'placement' and 'offset_file' place the mesh; give one of them")
+    if kind is SurfaceKind.AS_BUILT and "vertical" not in given:
+        raise ValueError(
+            "'vertical' is missing in 'crs': without a model nothing else says what heights refer to; give "
+            "'ellipsoidal', or a vertical CRS such as EPSG:7837"
+        )
