@@ -1,4 +1,4 @@
-"""Camera centres against the published ones, and whether the stated uncertainty holds what is off."""
+"""Camera centres against the published ones, with the uncertainty that the poses state."""
 
 from __future__ import annotations
 
@@ -9,15 +9,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from facadelake.photo_names import PhotoNames
 from facadelake.errors import InputDataError, SchemaError
 from facadelake.evaluate.truth import Truth
 from facadelake.frames import Array
 from facadelake.geodesy import SiteOrigin
+from facadelake.photo_names import PhotoNames
 from facadelake.posed import posed_cameras
-
-# Chi-square with 3 degrees of freedom: 95 % of normally distributed errors lie inside the ellipsoid of this size.
-CHI_SQUARE_95 = 7.815
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,16 +55,6 @@ def found_and_true(
         error_site_m=found - true,
         covariance_m2=tuple(_of_the_centre(row["photo_id"], row["covariance"]) for row in rows),
     )
-
-
-def coverage_2sigma(cameras: ComparedCameras) -> float | None:
-    """Share of the cameras that state a covariance whose error lies inside the 95 % ellipsoid; None where none does."""
-    inside = [
-        float(error @ np.linalg.solve(covariance, error)) <= CHI_SQUARE_95
-        for error, covariance in zip(cameras.error_site_m, cameras.covariance_m2, strict=True)
-        if covariance is not None
-    ]
-    return float(np.mean(inside)) if inside else None
 
 
 def _of_the_centre(photo_id: str, numbers: Sequence[float] | None) -> Array | None:

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from facadelake.evaluate.checkpoints import CheckPoints
+from facadelake.evaluate.honesty import Honesty
 from facadelake.evaluate.merging import Merging
 from facadelake.evaluate.stats import PositionStats, Stats, SurfaceStats
+from facadelake.evaluate.table2 import Table2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,9 +19,9 @@ class Figures:
     ``camera_error``: distance of camera centres to the published ones, nothing aligned, and their mean signed offset.
     ``ray_error``: distance of a check point from the ray of its box's centre. ``observation_error``, ``defect_error``:
     position found minus check point. ``roundtrip_px``, ``roundtrip_cm``: registered point re-projected against its
-    box's centre (the paper's Table 2). ``off_truth``: registered detections that show no check point.
-    ``coverage_2sigma``: share of the cameras whose true centre lies inside the 95 % ellipsoid that their pose states
-    (0.95 is good, 1 is too cautious). None: not available.
+    box's centre (the paper's Table 2). ``off_truth``: registered detections that show no check point. ``honesty_*``:
+    share of the cameras, observations and defects whose true place lies inside the 95 % ellipsoid that they state (0.95
+    is good, 1 is too cautious), and how large their errors are against it. None: not available.
     """
 
     COLUMNS: ClassVar[tuple[str, ...]] = ("figure", "n", "mean", "median", "mae", "rmse", "p95", "iqr")
@@ -34,7 +37,16 @@ class Figures:
     merge: Merging
     element_correct_share: float | None
     off_truth: int | None
-    coverage_2sigma: float | None
+    check_points: CheckPoints
+    honesty_cameras: Honesty
+    honesty_observations: Honesty
+    honesty_defects: Honesty
+    table2: Table2
+
+    @property
+    def coverage_2sigma(self) -> float | None:
+        """Share of the cameras inside their stated 95 % ellipsoid."""
+        return self.honesty_cameras.inside_2sigma
 
     def to_json(self) -> dict[str, object]:
         """The stable keys; a round trip is given by its mean."""
@@ -50,6 +62,11 @@ class Figures:
             "element_correct_share": self.element_correct_share,
             "off_truth": self.off_truth,
             "coverage_2sigma": self.coverage_2sigma,
+            "coverage_2sigma_observations": self.honesty_observations.inside_2sigma,
+            "coverage_2sigma_defects": self.honesty_defects.inside_2sigma,
+            "sigma_honesty": {name: honesty.to_json() for name, honesty in self._honesty()},
+            "check_points": self.check_points.to_json(),
+            "table2": self.table2.to_json(),
         }
 
     def rows(self) -> list[tuple[str, ...]]:
@@ -84,8 +101,35 @@ class Figures:
             ("clusters exactly right", "", _text(self.merge.clusters_exact, 3), *_blank(5)),
             ("element correct", "", _text(self.element_correct_share, 3), *_blank(5)),
             ("registered off truth", "-" if self.off_truth is None else str(self.off_truth), *_blank(6)),
-            ("cameras inside 2 sigma", "", _text(self.coverage_2sigma, 3), *_blank(5)),
+            *(
+                (f"{name} inside 2 sigma", str(honesty.n), _text(honesty.inside_2sigma, 3), *_blank(5))
+                for name, honesty in self._honesty()
+            ),
+            *(
+                (f"{name} error over sigma (NEES)", str(honesty.n), _text(honesty.nees, 2), *_blank(5))
+                for name, honesty in self._honesty()
+            ),
+            *((name, str(count), *_blank(6)) for name, count in self._counts()),
         ]
+
+    def _honesty(self) -> tuple[tuple[str, Honesty], ...]:
+        return (
+            ("cameras", self.honesty_cameras),
+            ("observations", self.honesty_observations),
+            ("defects", self.honesty_defects),
+        )
+
+    def _counts(self) -> tuple[tuple[str, int], ...]:
+        points = self.check_points
+        return (
+            ("check points", points.total),
+            ("  no defect shows them", points.missed),
+            ("  of these detected", points.lost),
+            ("  in more than one defect", points.duplicated),
+            ("false defects", points.false_defects),
+            ("pairs nearer than 0.5 m", points.near_pairs),
+            ("  kept apart", points.near_apart),
+        )
 
 
 def _row(name: str, stats: Stats, digits: int) -> tuple[str, ...]:

@@ -83,13 +83,26 @@ def _as_rich(answer: pa.Table) -> RichTable:
 
 
 def show_figures(console: Console, figures: Figures) -> None:
-    """The figures of an evaluation, a line each."""
+    """The figures of an evaluation, a line each, and the paper's Table 2 beside ours."""
+    from facadelake.evaluate.table2 import PAPER_REMARK
+
     table = RichTable(title="Against truth (no alignment after the run)", title_justify="left")
     for index, name in enumerate(figures.COLUMNS):
         table.add_column(name, justify="left" if index == 0 else "right")
     for row in figures.rows():
         table.add_row(*row)
     console.print(table)
+    beside = RichTable(
+        title="The paper's Table 2 beside ours: MAE / RMSE in cm (the paper's as printed)",
+        title_justify="left",
+        caption=PAPER_REMARK,
+        caption_justify="left",
+    )
+    for name in ("axis", "paper: round trip", "round trip", "observations", "defects"):
+        beside.add_column(name, justify="left" if name == "axis" else "right")
+    for row in figures.table2.rows():
+        beside.add_row(*row)
+    console.print(beside)
 
 
 def show_checks(console: Console, checks: Sequence[Check]) -> None:

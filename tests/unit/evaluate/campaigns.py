@@ -36,6 +36,7 @@ class Sighting:
     outcome: str = "registered"
     element: str = "wall"
     detection_outcome: str = "accepted"
+    covariance_m2: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +49,7 @@ class Made:
     sightings: Sequence[Sighting] = ()
     defects_m: Mapping[str, Array] = field(default_factory=dict)
     unlocalised: Sequence[str] = ()
-    covariance_m2: Mapping[str, Array] = field(default_factory=dict)  # of a camera's centre, (3, 3)
+    covariance_m2: Mapping[str, Array] = field(default_factory=dict)  # of a camera's centre or a defect, (3, 3)
     detector: str = "coco:boxes.json"
 
 
@@ -111,6 +112,8 @@ def tables(made: Made) -> dict[str, pa.Table]:
         if sighting.outcome == "registered":
             observation |= _place(sighting.xyz_site_m)
             observation |= {"gsd_mm": 5.0, "element_guid": sighting.element, "defect_id": sighting.defect}
+            if sighting.covariance_m2 is not None:
+                observation["covariance_site"] = sighting.covariance_m2.ravel().tolist()
         observations.append(observation)
     defects = [
         {
@@ -118,6 +121,7 @@ def tables(made: Made) -> dict[str, pa.Table]:
             **_place(xyz), "width_m": 0.2, "height_m": 0.2, "area_m2": 0.04, "spread_m": 0.0, "sightings": 1,
             "score": 1.0, "best_photo_id": "a", "element_guid": "wall", "ifc_class": "IfcWall", "facade": "S",
             "geometry": b"",
+            "covariance_site": made.covariance_m2[name].ravel().tolist() if name in made.covariance_m2 else None,
         }
         for name, xyz in made.defects_m.items()
     ]  # fmt: skip

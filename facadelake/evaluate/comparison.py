@@ -1,0 +1,242 @@
+"""A campaign's tables beside truth: every error with its sample, in the run's own site frame."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from facadelake.camera import PosedCamera
+from facadelake.errors import InputDataError, SchemaError
+from facadelake.evaluate.cameras import ComparedCameras, found_and_true
+from facadelake.evaluate.samples import PositionSamples, Row, position_samples
+from facadelake.evaluate.truth import Truth, read_truth
+from facadelake.frames import Array
+from facadelake.geodesy import SiteOrigin
+from facadelake.posed import posed_cameras
+from schemas.vocabulary import DetectionOutcome, ObservationOutcome
+
+_COCO = "coco:"
+PLACE_TOLERANCE_M = 0.001
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """What figures and plots are made of.
+
+    ``ray_error_m`` (n,): of accepted detections that show a check point. ``roundtrip_px``, ``roundtrip_cm`` (m, 2):
+    registered position re-projected minus box centre, right and down, in the photograph and by its GSD on the surface.
+    ``members``: registered sightings of defects as (defect, check point). ``element_pairs``: (found, true).
+    ``shown_by_defect``: each defect's check point. ``detected``: check points of accepted detections. ``off_truth``:
+    registered detections that show none; None where the detections name no annotations.
+    """
+
+    photographs_total: int
+    photographs_localised: int
+    cameras: ComparedCameras
+    xyz_camera_m: Array
+    ray_error_m: Array
+    observations: PositionSamples
+    defects: PositionSamples
+    roundtrip_px: Array
+    roundtrip_cm: Array
+    members: tuple[tuple[str, str], ...]
+    element_pairs: tuple[tuple[str | None, str], ...]
+    shown_by_defect: tuple[str | None, ...]
+    detected: frozenset[str]
+    xyz_true_site_m: Mapping[str, Array]
+    off_truth: int | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Campaign:
+    """The rows that figures are made of, and truth in the run's own site frame."""
+
+    cameras: Mapping[str, PosedCamera]
+    detections: Mapping[str, Row]
+    registered: Sequence[Row]
+    defects: Sequence[Row]
+    shown: Mapping[str, str | None]  # detection_id -> check point
+    xyz_true_site_m: Mapping[str, Array]
+
+
+def compare(
+    *,
+    poses: pa.Table,
+    detections: pa.Table,
+    observations: pa.Table,
+    defects: pa.Table,
+    photos: pa.Table,
+    truth: Path,
+    origin: SiteOrigin,
+    map_crs: str,
+) -> Comparison:
+    """One campaign's tables (as a stage or the lake gives them) beside the folder ``truth``.
+
+    ``origin`` is the run's site origin and ``map_crs`` the CRS of its map columns: truth comes in EPSG:4979 and is
+    brought into the run's site frame, so the tables' site and map columns must tell the same places. Detections
+    meet check points by the annotation they were imported from (truth/detections.csv), never by nearness; those of a
+    model have no annotation, so only the camera error and the round trip are available for them.
+    Raises InputDataError where truth is missing, ill-formed or of another campaign, SchemaError where the tables are
+    not of this origin.
+    """
+    known = read_truth(truth)
+    photo_ids = photos.column("photo_id").to_pylist()
+    points = sorted(known.checkpoints)
+    geo = np.array([known.checkpoints[name].geo for name in points]).reshape(-1, 3)
+    campaign = _Campaign(
+        cameras=posed_cameras(poses),
+        detections={row["detection_id"]: row for row in detections.to_pylist()},
+        registered=[
+            row for row in observations.to_pylist() if row["observation_outcome"] == ObservationOutcome.REGISTERED
+        ],
+        defects=defects.to_pylist(),
+        shown=_shown(detections, known, truth),
+        xyz_true_site_m=dict(zip(points, origin.site_from_geo(geo), strict=True)),
+    )
+    _check_places([*campaign.registered, *campaign.defects], origin, map_crs)
+    matched = [
+        (row, target) for row in campaign.registered if (target := campaign.shown.get(row["detection_id"])) is not None
+    ]
+    shown_by_defect = _shown_by_defect(campaign)
+    compared = found_and_true(poses, photo_ids, known, origin, truth)
+    imported = any(detector.startswith(_COCO) for detector in detections.column("detector").to_pylist())
+    accepted = _accepted(campaign)
+    roundtrip_px, roundtrip_cm = _roundtrip(campaign)
+    return Comparison(
+        photographs_total=len(photo_ids),
+        photographs_localised=len(campaign.cameras),
+        cameras=compared,
+        xyz_camera_m=np.array([campaign.cameras[name].centre_site_m for name in compared.photo_ids]).reshape(-1, 3),
+        ray_error_m=_ray_error(campaign, accepted),
+        observations=position_samples(matched, campaign.xyz_true_site_m, key="detection_id"),
+        defects=position_samples(
+            [
+                (row, target)
+                for row, target in zip(campaign.defects, shown_by_defect, strict=True)
+                if target is not None
+            ],
+            campaign.xyz_true_site_m,
+            key="defect_id",
+        ),
+        roundtrip_px=roundtrip_px,
+        roundtrip_cm=roundtrip_cm,
+        members=tuple((row["defect_id"], target) for row, target in matched if row["defect_id"]),
+        element_pairs=tuple(
+            (row["element_guid"], known.checkpoints[target].element_guid)
+            for row, target in matched
+            if known.checkpoints[target].element_guid
+        ),
+        shown_by_defect=tuple(shown_by_defect),
+        detected=frozenset(target for _, target in accepted),
+        xyz_true_site_m=campaign.xyz_true_site_m,
+        off_truth=len(campaign.registered) - len(matched) if imported else None,
+    )
+
+
+def _xyz(row: Row) -> Array:
+    return np.array([row["x_site_m"], row["y_site_m"], row["z_site_m"]], dtype=np.float64)
+
+
+def _check_places(rows: Sequence[Row], origin: SiteOrigin, map_crs: str) -> None:
+    """Refuse tables whose site columns, with this origin, are not the places that their map columns tell."""
+    if not rows:
+        return
+    expected = origin.map_from_site(np.array([_xyz(row) for row in rows]), map_crs)[:, :2]
+    written = np.array([[row["east_map_m"], row["north_map_m"]] for row in rows], dtype=np.float64)
+    apart = float(np.abs(expected - written).max())
+    if not apart <= PLACE_TOLERANCE_M:
+        raise SchemaError(
+            f"positions in the site frame and in {map_crs} are {apart:.3f} m apart ({PLACE_TOLERANCE_M} m allowed); "
+            "the site origin or the CRS is not that of the run: take both from the campaign's row of table buildings"
+        )
+
+
+def _centre_img(row: Row) -> Array:
+    """Centre (1, 2) of a detection's box in pixels."""
+    x, y = row["box_x_px"] + row["box_width_px"] / 2, row["box_y_px"] + row["box_height_px"] / 2
+    return np.array([[x, y]], dtype=np.float64)
+
+
+def _shown(detections: pa.Table, known: Truth, folder: Path) -> dict[str, str | None]:
+    """The check point of every imported detection by its id; None for one that shows none."""
+    shown: dict[str, str | None] = {}
+    taken: dict[tuple[str, str], str] = {}
+    for row in detections.select(["detection_id", "detector", "source_annotation"]).to_pylist():
+        if not row["detector"].startswith(_COCO):
+            continue
+        key = (row["detector"].removeprefix(_COCO), row["source_annotation"])
+        if key[0] not in known.files:
+            raise InputDataError(
+                f"{folder / 'detections.csv'}, column file: nothing is listed for '{key[0]}', which the campaign's "
+                f"detections came from (listed: {', '.join(sorted(known.files))}); evaluate one of these, "
+                "or add the file"
+            )
+        if key in taken:
+            raise InputDataError(
+                f"annotation {key[1]} of {key[0]} was imported as {taken[key]} and {row['detection_id']}; truth names "
+                "annotations by id, so give each annotation its own id"
+            )
+        taken[key] = row["detection_id"]
+        shown[row["detection_id"]] = known.shown.get(key)
+    return shown
+
+
+def _accepted(campaign: _Campaign) -> list[tuple[Row, str]]:
+    """Accepted detections with the check point they show."""
+    rows = ((campaign.detections[detection_id], target) for detection_id, target in campaign.shown.items())
+    return [
+        (row, target)
+        for row, target in rows
+        if target is not None and row["detection_outcome"] == DetectionOutcome.ACCEPTED
+    ]
+
+
+def _ray_error(campaign: _Campaign, accepted: Sequence[tuple[Row, str]]) -> Array:
+    """Distance (n,) of check points from the rays of their boxes' centres, in localised photographs."""
+    distances = []
+    for row, target in accepted:
+        camera = campaign.cameras.get(row["photo_id"])
+        if camera is None:
+            continue
+        origins, directions = camera.rays_site(_centre_img(row))
+        offset = campaign.xyz_true_site_m[target] - origins[0]
+        along = max(float(offset @ directions[0]), 0.0)  # a ray has a beginning
+        distances.append(float(np.linalg.norm(offset - along * directions[0])))
+    return np.array(distances, dtype=np.float64)
+
+
+def _shown_by_defect(campaign: _Campaign) -> list[str | None]:
+    """The check point that most of each defect's sightings show; of equally many, the first by name.
+
+    A defect most of whose sightings show no check point has none.
+    """
+    sightings: dict[str, Counter[str | None]] = defaultdict(Counter)
+    for row in campaign.registered:
+        if row["defect_id"]:
+            sightings[row["defect_id"]][campaign.shown.get(row["detection_id"])] += 1
+    shown = []
+    for defect in campaign.defects:
+        counts = sightings[defect["defect_id"]]
+        shown.append(min(counts, key=lambda name: (-counts[name], name is None, name or ""), default=None))
+    return shown
+
+
+def _roundtrip(campaign: _Campaign) -> tuple[Array, Array]:
+    """Registered points re-projected against their boxes' centres (n, 2), in pixels and in cm on the surface."""
+    pixels, centimetres = [], []
+    for row in campaign.registered:
+        projected = campaign.cameras[row["photo_id"]].project_site(_xyz(row)[None])
+        apart_px = (projected - _centre_img(campaign.detections[row["detection_id"]]))[0]
+        if not np.isfinite(apart_px).all():
+            raise SchemaError(
+                f"observation {row['detection_id']} is registered behind the camera of {row['photo_id']}; its "
+                "position or the pose is wrong: run the campaign again"
+            )
+        pixels.append(apart_px)
+        centimetres.append(apart_px * row["gsd_mm"] / 10)
+    return np.array(pixels).reshape(-1, 2), np.array(centimetres).reshape(-1, 2)
