@@ -118,21 +118,26 @@ def patches_of(
     members = np.bincount(owner, weights=member, minlength=count)
     target_share = np.bincount(owner, weights=hits.hit, minlength=count) / sampled
 
-    middle = _middle(outlines, hits, pixel_m2, cameras, camera_of)
+    kept = np.flatnonzero(member)
+    owners, first = np.unique(owner[kept], return_index=True)
+    some_member = np.full(count, -1, dtype=np.int64)
+    some_member[owners] = kept[first]
+    found = some_member >= 0
+    polygons = np.full(count, None, dtype=object)
+    middle = outlines.centre_img.copy()
+    if found.any():
+        mapped = _mapped(outlines, hits, member, some_member, cameras, camera_of)
+        polygons[found] = mapped.polygon_site
+        for row in np.flatnonzero(found & outlines.masked):
+            middle[row] = _middle_of_mask(outlines, hits, pixel_m2, int(row), polygons[row], cameras[camera_of[row]])
     anchor = _nearest_member(outlines, member, np.arange(count), middle)
     ray = rays_of(cameras, camera_of, middle)
-    found = anchor >= 0
     xyz, normal = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
     xyz[found] = _on_planes(ray.origin_site_m[found], ray.direction_site[found], hits, anchor[found])
     normal[found] = hits.normal_site[anchor[found]]
-
-    polygons = np.full(count, None, dtype=object)
     sizes = np.full((count, 3), np.nan)
     if found.any():
-        coords, offsets, of_vertex = _mapped(outlines, hits, member, found, normal, cameras, camera_of)
-        kind = shapely.GeometryType.MULTIPOLYGON
-        polygons[found] = _single(shapely.from_ragged_array(kind, coords, offsets))
-        sizes[found] = _extents(coords, of_vertex, xyz[found], normal[found])
+        sizes[found] = _extents(mapped.vertex_site_m, mapped.of_vertex, xyz[found], normal[found])
     return Patches(
         member=member,
         anchor=anchor,
@@ -163,22 +168,25 @@ def patches_in_site(patches: list[bytes], origin: SiteOrigin) -> NDArray[Any]:
     return in_site
 
 
-def _middle(
-    outlines: Outlines, hits: Hits, pixel_m2: Array, cameras: list[PosedCamera], camera_of: NDArray[np.int64]
+def _middle_of_mask(
+    outlines: Outlines, hits: Hits, pixel_m2: Array, row: int, polygon_site: Any, camera: PosedCamera
 ) -> Array:
-    """The pixel (n, 2) of each patch's middle.
+    """The pixel (2,) of a mask's middle: the centroid of its area on the surface.
 
-    A box's own: whoever drew it put it about the defect. A mask's is the centroid of its area on the surface, which,
-    other than the centroid of its pixels, is one place for all photographs.
+    Other than the centroid of its pixels, it is one place for all photographs. Round a corner, where the outline is not
+    flat, it is that of the pixels' areas.
     """
-    middle = outlines.centre_img.copy()
-    xyz = np.where(pixel_m2[:, None] > 0, hits.xyz_site_m, 0.0)
-    weight = np.bincount(outlines.detection, weights=pixel_m2, minlength=len(outlines))
-    for row in np.flatnonzero(outlines.masked & (weight > 0)):
-        first, last = np.searchsorted(outlines.detection, (row, row + 1))
-        centroid = np.average(xyz[first:last], axis=0, weights=pixel_m2[first:last])
-        middle[row] = cameras[camera_of[row]].project_site(centroid[None])[0]
-    return middle
+    first, last = np.searchsorted(outlines.detection, (row, row + 1))
+    own = slice(first, last)
+    weight, normals = pixel_m2[own], hits.normal_site[own]
+    heaviest = normals[np.argmax(weight)]
+    middle = np.average(hits.xyz_site_m[own][weight > 0], axis=0, weights=weight[weight > 0])
+    if np.all(normals[weight > 0] @ heaviest > _FLAT_COSINE):
+        axes = np.vstack([*(tangent[0] for tangent in tangents_of(heaviest[None])), heaviest])
+        flat = shapely.transform(polygon_site, lambda xyz: (xyz - middle) @ axes.T, include_z=True)
+        middle = middle + shapely.get_coordinates(shapely.centroid(flat))[0] @ axes[:2]
+    pixel: Array = camera.project_site(middle[None])[0]
+    return pixel
 
 
 def _nearest_member(
@@ -210,26 +218,34 @@ def _on_planes(origin: Array, direction: Array, hits: Hits, anchor: NDArray[np.i
     return placed
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Mapped:
+    """Outlines of the m patches in site, their vertices (c, 3), and which patch a vertex is of (c,), ascending."""
+
+    polygon_site: NDArray[Any]
+    vertex_site_m: Array
+    of_vertex: NDArray[np.int64]
+
+
 def _mapped(
     outlines: Outlines,
     hits: Hits,
     member: NDArray[np.bool_],
-    found: NDArray[np.bool_],
-    normal: Array,
+    some_member: NDArray[np.int64],
     cameras: list[PosedCamera],
     camera_of: NDArray[np.int64],
-) -> tuple[Array, tuple[NDArray[np.int64], ...], NDArray[np.int64]]:
-    """Outlines of the patches in site: vertices (c, 3), ragged offsets, and which found patch a vertex is of (c,).
+) -> _Mapped:
+    """Outlines of the patches that have a member (``some_member`` (n,), else -1), on the surface.
 
     Every vertex lies in the plane of the member next to it, so a patch that ends at an edge of the building does not
     reach over it.
     """
-    owner, rows = outlines.detection, np.flatnonzero(found)
+    owner, rows = outlines.detection, np.flatnonzero(some_member >= 0)
     polygons = outlines.polygon_img.copy()
     whole = np.bincount(owner, weights=member, minlength=len(outlines)) == np.bincount(owner, minlength=len(outlines))
     for row in rows[~whole[rows]]:
         polygons[row] = _cut(outlines, member, int(row))
-    turned = np.where(member, np.einsum("ij,ij->i", hits.normal_site, normal[owner]), 1.0)
+    turned = np.where(member, np.einsum("ij,ij->i", hits.normal_site, hits.normal_site[some_member[owner]]), 1.0)
     flattest = np.ones(len(outlines))
     np.minimum.at(flattest, owner, turned)
     bent = rows[flattest[rows] < _FLAT_COSINE]
@@ -243,7 +259,9 @@ def _mapped(
     detection = rows[of_vertex]
     anchor = _nearest_member(outlines, member, detection, xy)
     edge = rays_of(cameras, camera_of[detection], xy)
-    return _on_planes(edge.origin_site_m, edge.direction_site, hits, anchor), offsets, of_vertex
+    vertex = _on_planes(edge.origin_site_m, edge.direction_site, hits, anchor)
+    placed = shapely.from_ragged_array(shapely.GeometryType.MULTIPOLYGON, vertex, offsets)
+    return _Mapped(polygon_site=_single(placed), vertex_site_m=vertex, of_vertex=of_vertex)
 
 
 def _cut(outlines: Outlines, member: NDArray[np.bool_], row: int) -> Any:
