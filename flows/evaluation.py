@@ -6,28 +6,28 @@ from pathlib import Path
 
 from facadelake.detect.coco import import_coco
 from facadelake.errors import InputDataError, StoreError
-from facadelake.evaluate.evaluation import evaluate
-from facadelake.evaluate.figures import Figures
+from facadelake.evaluate.comparison import Comparison, compare
 from facadelake.geobim.surface import Surface
 from facadelake.geodesy import SiteOrigin
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table
-from facadelake.posed import posed_cameras
+from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.merge import merge
 from facadelake.register.observe import observe
-from facadelake.register.settings import MergeSettings
 from facadelake.registry import Building, CocoDetector
-from schemas.vocabulary import ControlKind, SurfaceKind
+from schemas.vocabulary import SurfaceKind
 from tasks.load_model import read_model
+from tasks.merge import merge_settings
 from tasks.register import register_settings
 
 
-def evaluate_campaign(
+def compare_campaign(
     building: Building, campaign_id: str, *, lake: Path, truth: Path, detections: str | None
-) -> Figures:
-    """The figures of methods.md for a committed campaign.
+) -> Comparison:
+    """A committed campaign beside truth; ``figures_of`` and ``write_plots`` tell of it.
 
-    With ``detections`` another file is registered and merged on the committed poses, in memory.
+    With ``detections`` another file is registered and merged on the committed poses, in memory; tie points, which tell
+    what stands before the building, are not in the lake, so that only masks and geometry exclude there.
     Raises StoreError where the lake does not hold the campaign, InputDataError where the truth is not usable.
     """
     names = ("buildings", "photos", "poses", "georeference", "detections", "observations", "defects")
@@ -58,12 +58,20 @@ def evaluate_campaign(
             )
         model = read_model(building)
         found = import_coco(file, tables["photos"], class_names=building.detector.classes)
-        settings = MergeSettings.under(ControlKind(tables["georeference"].column("control")[0].as_py()))
+        settings = merge_settings(tables["georeference"].to_pylist()[0])
         posed = posed_cameras(tables["poses"])
         seen = observe(found, posed, model, Surface(model), settings=register_settings(building))
-        merged = merge(seen, found, model, posed, prefix=f"{building.id}-{campaign_id}", settings=settings)
+        merged = merge(
+            seen,
+            found,
+            model,
+            posed,
+            prefix=f"{building.id}-{campaign_id}",
+            settings=settings,
+            covariances=pose_covariances(tables["poses"]),
+        )
         tables |= {"detections": found, "observations": merged.observations, "defects": merged.defects}
-    return evaluate(
+    return compare(
         photos=tables["photos"],
         poses=tables["poses"],
         detections=tables["detections"],

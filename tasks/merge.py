@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from prefect import task
 
 from facadelake.cache import file_hash
 from facadelake.geobim.model import read_building
 from facadelake.lake.severity import grade, rule_file
-from facadelake.posed import posed_cameras
+from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.merge import merge
 from facadelake.register.settings import MergeSettings
 from facadelake.tables import read_table, write_table
@@ -31,13 +33,15 @@ def merge_duplicates(
 
     def make(folder: Path) -> Counts:
         passport = read_table("georeference", placed.folder).to_pylist()[0]
+        poses = read_table("poses", placed.folder)
         merged = merge(
             read_table("observations", observations.folder),
             read_table("detections", detections.folder),
             read_building(model.folder),
-            posed_cameras(read_table("poses", placed.folder)),
+            posed_cameras(poses),
             prefix=f"{job.building.id}-{job.campaign_id}",
-            settings=MergeSettings.under(ControlKind(passport["control"])),
+            settings=merge_settings(passport),
+            covariances=pose_covariances(poses),
         )
         write_table("observations", merged.observations, folder)
         write_table("merges", merged.merges, folder)
@@ -51,4 +55,13 @@ def merge_duplicates(
     }
     return run_stage(
         job, "merge", code=["register", "geobim", "posed.py", "lake/severity.py"], inputs=inputs, make=make
+    )
+
+
+def merge_settings(passport: Mapping[str, Any]) -> MergeSettings:
+    """What the campaign's row of table ``georeference`` tells the merging."""
+    return MergeSettings.under(
+        ControlKind(passport["control"]),
+        checked_m=passport["check_residual_mean_m"],
+        check_points=passport["check_points"],
     )

@@ -2,46 +2,113 @@
 
 The paper's Algorithm 1 walks through the detections and calls one new if it is far from *any* earlier defect; with two
 defects on a wall every further sighting is far from one of them, so it becomes new again. A sighting is new only if it
-is far from *all*. And as the result of a walk depends on its order, the closest pairs are joined first, whatever the
-order of the rows.
+is far from *all*. And as the result of a walk depends on its order, groups that are each other's nearest join, round
+after round, whatever the order of the rows: average linkage by reciprocal neighbours (Murtagh 1983, Computer Journal
+26(4)), with whole arrays a round.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.register.gate import Candidates
+from facadelake.frames import Array
+
+Rows = NDArray[np.int64]
 
 
-def clusters_of(candidates: Candidates, photo: NDArray[np.int64], agreement: float) -> NDArray[np.int64]:
-    """Cluster number (n,) of each sighting, numbered by first member.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Links:
+    """Pairs of groups ``low`` < ``high`` (k,): sum of squared distances and number of the pairs of sightings between
+    them that lie in the gate, and whether the two may never join."""
 
-    Pairs join from the nearest up. Two groups join only if they share no photograph (``photo`` (n,)) and at least
-    ``agreement`` of the pairs between them lie in the gate, so that a chain of neighbours does not become one defect.
+    low: Rows
+    high: Rows
+    squared: Array
+    count: Array
+    barred: NDArray[np.bool_]
+
+    def between(self, group: Rows) -> _Links:
+        """The links after groups were renamed to ``group[...]`` (n,): inside one group gone, parallel ones added up."""
+        low, high = group[self.low], group[self.high]
+        low, high = np.minimum(low, high), np.maximum(low, high)
+        kept = np.flatnonzero(low != high)
+        kept = kept[np.lexsort((high[kept], low[kept]))]
+        low, high = low[kept], high[kept]
+        starts = np.flatnonzero(np.r_[True, (np.diff(low) != 0) | (np.diff(high) != 0)][: len(low)])
+        if len(starts) == 0:
+            return _Links(low=low, high=high, squared=np.zeros(0), count=np.zeros(0), barred=np.zeros(0, dtype=bool))
+        return _Links(
+            low=low[starts],
+            high=high[starts],
+            squared=np.add.reduceat(self.squared[kept], starts),
+            count=np.add.reduceat(self.count[kept], starts),
+            barred=np.logical_or.reduceat(self.barred[kept], starts),
+        )
+
+
+def clusters_of(
+    first: Rows, second: Rows, sigmas: Array, photo: Rows, *, agreement: float, gate_sigma: float
+) -> NDArray[np.int64]:
+    """Group (n,) of each sighting, named by its first member's row.
+
+    ``first``, ``second`` (k,): pairs of sightings that may be one, ``sigmas`` (k,) apart. Two groups join only if they
+    share no photograph (``photo`` (n,)) and at least ``agreement`` of the pairs between them are among those given, so
+    that a chain of neighbours does not become one defect. A pair that is not given counts as twice the gate apart.
     """
-    near: dict[int, set[int]] = defaultdict(set)
-    for i, j in zip(candidates.first.tolist(), candidates.second.tolist(), strict=True):
-        near[i].add(j)
-        near[j].add(i)
-    owner = list(range(len(photo)))
-    members = {i: [i] for i in owner}
-    photos = {i: {int(photo[i])} for i in owner}
-    # Ties in distance are broken by the rows, which the caller has put in a fixed order.
-    order = np.lexsort((candidates.second, candidates.first, candidates.distance))
-    for i, j in zip(candidates.first[order].tolist(), candidates.second[order].tolist(), strict=True):
-        small, large = sorted((owner[i], owner[j]), key=lambda group: (len(members[group]), group))
-        if small == large or photos[small] & photos[large]:
-            continue
-        inside = sum(len(near[member].intersection(members[large])) for member in members[small])
-        if inside < agreement * len(members[small]) * len(members[large]):
-            continue
-        for member in members[small]:
-            owner[member] = large
-        members[large] += members.pop(small)
-        photos[large] |= photos.pop(small)
-    first = {group: min(rows) for group, rows in members.items()}
-    _, numbers = np.unique([first[group] for group in owner], return_inverse=True)
-    return np.asarray(numbers, dtype=np.int64)
+    group = np.arange(len(photo))
+    size = np.ones(len(photo))
+    same = photo[first] == photo[second]
+    links = _Links(low=first, high=second, squared=sigmas**2, count=np.where(same, 0.0, 1.0), barred=same).between(
+        group
+    )
+    while True:
+        pairs = size[links.low] * size[links.high]
+        mean = (links.squared + (pairs - links.count) * (2 * gate_sigma) ** 2) / pairs
+        free = np.flatnonzero(~links.barred & (links.count >= agreement * pairs))
+        chosen = free[_mutual(links.low[free], links.high[free], mean[free], len(photo))]
+        if len(chosen) == 0:
+            return group
+        clashing = _clashing(group, photo, links.low[chosen], links.high[chosen])
+        links.barred[chosen[clashing]] = True
+        joining = chosen[~clashing]
+        into = np.arange(len(photo))
+        into[links.high[joining]] = links.low[joining]
+        size[links.low[joining]] += size[links.high[joining]]
+        group = into[group]
+        links = links.between(into)
+
+
+def numbered(group: Rows) -> NDArray[np.int64]:
+    """Groups (n,) as numbers from 0, in the order of their first members."""
+    _, first, inverse = np.unique(group, return_index=True, return_inverse=True)
+    place = np.empty(len(first), dtype=np.int64)
+    place[np.argsort(first)] = np.arange(len(first))
+    return np.asarray(place[inverse], dtype=np.int64)
+
+
+def _mutual(low: Rows, high: Rows, mean: Array, count: int) -> NDArray[np.bool_]:
+    """Which links (k,) are the nearest of both their groups; of equally near ones the first by name."""
+    node, other, far = np.r_[low, high], np.r_[high, low], np.r_[mean, mean]
+    order = np.lexsort((other, far, node))
+    ranked = node[order]
+    leads = order[np.r_[True, np.diff(ranked) != 0][: len(ranked)]]
+    best = np.full(count, -1, dtype=np.int64)
+    best[node[leads]] = other[leads]
+    mutual: NDArray[np.bool_] = (best[low] == high) & (best[high] == low)
+    return mutual
+
+
+def _clashing(group: Rows, photo: Rows, low: Rows, high: Rows) -> NDArray[np.bool_]:
+    """Which of the joins (k,) would bring two sightings of one photograph together; each group joins once."""
+    join = np.full(len(group), -1, dtype=np.int64)
+    join[low], join[high] = np.arange(len(low)), np.arange(len(low))
+    of_row = join[group]
+    rows = np.flatnonzero(of_row >= 0)
+    rows = rows[np.lexsort((photo[rows], of_row[rows]))]
+    twice = (np.diff(of_row[rows]) == 0) & (np.diff(photo[rows]) == 0)
+    clashing = np.zeros(len(low), dtype=bool)
+    clashing[of_row[rows[1:][twice]]] = True
+    return clashing

@@ -1,115 +1,187 @@
-"""One row a defect from its sightings."""
+"""One row a defect from its sightings, as whole columns."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 import shapely
+from numpy.typing import NDArray
 
 from facadelake.frames import Array
 from facadelake.geobim.facade import COMPASS
 from facadelake.geobim.model import BuildingModel
-from facadelake.register.gate import Sightings
-from facadelake.register.position import position_of, robust_mean
-from facadelake.register.settings import MergeSettings
+from facadelake.register.position import Positions
+from facadelake.register.sightings import CLASSES, Sightings, codes_of, column
+from facadelake.register.votes import commonest, greatest, weighted_median
+from facadelake.tables import check_table, stage_schema
+from schemas.vocabulary import PositionFrom
 
-Row = dict[str, Any]
+Rows = NDArray[np.int64]
+_ELEMENT_COLUMNS = ("ifc_class", "element_name", "material")
 
 
-def defect_row(
-    seen: Sequence[Row],
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Named:
+    """Table ``defects`` in its order, and the place (g,) that each group has in it."""
+
+    table: pa.Table
+    place: Rows
+
+
+def defects_table(
+    seen: pa.Table,
     sightings: Sightings,
-    group: Sequence[int],
-    scores: Mapping[str, float],
-    elements: Mapping[str, Row],
-    settings: MergeSettings,
-) -> Row:
-    """The defect of ``seen`` (rows of ``observations``; ``group`` in ``sightings``), without its id and globe."""
-    index = np.asarray(group)
-    quality = np.array([np.cos(np.radians(row["incidence_deg"])) / row["gsd_mm"] for row in seen])
-    hits, weights = sightings.xyz_site_m[index], quality**2
-    nearest = int(np.argmin(np.linalg.norm(hits - robust_mean(hits, weights), axis=1)))
-    normal = sightings.normal_site[index[nearest]]
-    extent = np.hypot(sightings.width_m[index], sightings.height_m[index])
-    # Where the campaign itself may be off, its rays cross off the wall together: then the surface is the better word.
-    sigma = np.hypot(settings.centre_share * extent, np.hypot(settings.floor_m, settings.offset_m))
-    xyz = position_of(hits, sightings.ray_site[index], sigma, weights, normal, settings.relief_m)
-    gaps = np.linalg.norm(hits - xyz, axis=1)
-    best = seen[max(range(len(seen)), key=lambda i: (quality[i], seen[i]["photo_id"]))]
-    guid = _most([row["element_guid"] for row in seen], quality)
-    own = [i for i, row in enumerate(seen) if row["element_guid"] == guid]
-    of_element = [seen[i] for i in own]
-    element = elements[guid]
+    group: Rows,
+    scores: Array,
+    positions: Positions,
+    building: BuildingModel,
+    *,
+    prefix: str,
+) -> Named:
+    """The defects of registered rows ``seen`` (n,) in ``group`` (n,), named ``<prefix>-D0001`` on.
+
+    ``scores`` (n,) are the detections'. Sizes are medians over the sightings, weighted by how well each shows the
+    defect (cosine of the incidence over GSD, squared); the outline is the best sighting's. Element, storey and facade
+    are voted on.
+    """
+    groups = len(positions.xyz_site_m)
+    quality = np.cos(np.radians(column(seen, "incidence_deg"))) / column(seen, "gsd_mm")
+    weight = quality**2
+    best = _best(group, quality, sightings.photo, groups)
+    element, guids = codes_of(seen, "element_guid")
+    voted = commonest(group, element, quality, groups)
+    own = element == voted[group]
+    texts = {}
+    for name in ("storey", "facade"):
+        code, words = codes_of(seen, name)
+        chosen = commonest(group[own], code[own], quality[own], groups)
+        texts[name] = pa.array(words, pa.string()).take(pa.array(chosen))
+    classes = commonest(group, sightings.defect_class, quality, groups)
+    sizes = {
+        name: weighted_median(group, column(seen, name), weight, groups)
+        for name in ("width_m", "height_m", "length_m", "area_m2", "crack_width_mm")
+    }
+    gap = np.linalg.norm(sightings.xyz_site_m - positions.xyz_site_m[group], axis=1)
+    values: dict[str, Array | pa.Array | Rows] = {
+        "defect_class": pa.array(CLASSES).take(pa.array(classes)),
+        "severity": _same("ungraded", groups),
+        "severity_rule": _same("none", groups),
+        **_axes(("x_site_m", "y_site_m", "z_site_m"), positions.xyz_site_m),
+        **_axes(("normal_x", "normal_y", "normal_z"), positions.normal_site),
+        **_axes(
+            ("sigma_east_m", "sigma_north_m", "sigma_up_m"),
+            np.sqrt(np.diagonal(positions.covariance_m2, axis1=1, axis2=2)),
+        ),
+        "covariance_site": _lists(positions.covariance_m2.reshape(groups, 9)),
+        "position_from": pa.array([str(PositionFrom.SURFACE), str(PositionFrom.TRIANGULATED)]).take(
+            pa.array(positions.triangulated.astype(np.int64))
+        ),
+        "deviation_from_model_m": _where(positions.triangulated, positions.deviation_m),
+        "deviation_sigma_m": _where(positions.triangulated, positions.deviation_sigma_m),
+        **{name: _where(np.isfinite(size), size) for name, size in sizes.items()},
+        "spread_m": greatest(group, gap, groups),
+        "sightings": _photographs(group, sightings.photo, groups),
+        "score": greatest(group, scores, groups),
+        "best_photo_id": seen.column("photo_id").combine_chunks().take(pa.array(best)),
+        "patch": seen.column("patch").combine_chunks().take(pa.array(best)),
+        "element_guid": pa.array(guids, pa.string()).take(pa.array(voted)),
+        **texts,
+        **_of_elements(building, [guids[i] for i in range(len(guids))], voted),
+        **_on_the_globe(positions.xyz_site_m, building),
+    }
+    order = _stable_order(values, positions.xyz_site_m, classes, sightings.photo[best])
+    names = pa.array([f"{prefix}-D{place:04d}" for place in range(1, groups + 1)], pa.string())
+    schema = stage_schema("defects")
+    made = [
+        names
+        if field.name == "defect_id"
+        else _as(values[field.name], field.type).take(pa.array(order))
+        if field.name in values
+        else pa.nulls(groups, field.type)
+        for field in schema
+    ]
+    place = np.empty(groups, dtype=np.int64)
+    place[order] = np.arange(groups)
+    return Named(table=check_table("defects", pa.Table.from_arrays(made, schema=schema)), place=place)
+
+
+def _best(group: Rows, quality: Array, photo: Rows, groups: int) -> Rows:
+    """Row (groups,) of each group's best sighting; of equally good ones that of the last photograph."""
+    order = np.lexsort((-photo, -quality, group))
+    best = np.full(groups, -1, dtype=np.int64)
+    leads = order[np.r_[True, np.diff(group[order]) != 0][: len(order)]]
+    best[group[leads]] = leads
+    return best
+
+
+def _photographs(group: Rows, photo: Rows, groups: int) -> Rows:
+    """How many photographs (groups,) show each group."""
+    several = int(photo.max(initial=0)) + 1
+    pairs = np.unique(group * several + photo)
+    return np.bincount(pairs // several, minlength=groups).astype(np.int64)
+
+
+def _of_elements(building: BuildingModel, guids: list[str | None], voted: Rows) -> dict[str, pa.Array]:
+    rows = {guid: i for i, guid in enumerate(building.elements.column("element_guid").to_pylist())}
+    at = np.array([rows[str(guid)] for guid in guids], dtype=np.int64)[voted]
+    return {name: building.elements.column(name).combine_chunks().take(pa.array(at)) for name in _ELEMENT_COLUMNS}
+
+
+def _on_the_globe(xyz_site_m: Array, building: BuildingModel) -> dict[str, Array | pa.Array]:
+    """The places in EPSG:4979 and on the map, all converted at once."""
+    if len(xyz_site_m) == 0:
+        geo = on_map = np.zeros((0, 3))
+    else:
+        geo, on_map = building.origin.geo_from_site(xyz_site_m), building.map_from_site(xyz_site_m)
     return {
-        "defect_class": seen[0]["defect_class"],
-        "severity": "ungraded",
-        "severity_rule": "none",
-        **dict(zip(("x_site_m", "y_site_m", "z_site_m"), map(float, xyz), strict=True)),
-        **dict(zip(("normal_x", "normal_y", "normal_z"), map(float, normal), strict=True)),
-        **{name: float(np.median([row[name] for row in seen])) for name in ("width_m", "height_m", "area_m2")},
-        "spread_m": float(gaps.max()),
-        "sightings": len(seen),
-        "score": max(float(scores[row["detection_id"]]) for row in seen),
-        "best_photo_id": best["photo_id"],
-        "element_guid": guid,
-        "ifc_class": element["ifc_class"],
-        "element_name": element["element_name"],
-        "material": element["material"],
-        "storey": _most([row["storey"] for row in of_element], quality[own]),
-        "facade": _most([row["facade"] for row in of_element], quality[own]),
+        **_axes(("lon_deg", "lat_deg", "height_ellipsoidal_m"), geo),
+        **_axes(("east_map_m", "north_map_m", "height_map_m"), on_map),
+        "geometry": pa.array(shapely.to_wkb(shapely.points(geo), output_dimension=3), pa.binary()),
     }
 
 
-def on_the_globe(defects: Sequence[Row], building: BuildingModel) -> list[Row]:
-    """The defects with their places in EPSG:4979 and on the map, all converted at once."""
-    xyz = np.array([[d["x_site_m"], d["y_site_m"], d["z_site_m"]] for d in defects]).reshape(-1, 3)
-    if len(xyz) == 0:
-        return []
-    geo, on_map = building.origin.geo_from_site(xyz), building.map_from_site(xyz)
-    points = shapely.to_wkb(shapely.points(geo), output_dimension=3)
-    return [
-        {
-            **defect,
-            **dict(zip(("lon_deg", "lat_deg", "height_ellipsoidal_m"), map(float, geo[i]), strict=True)),
-            **dict(zip(("east_map_m", "north_map_m", "height_map_m"), map(float, on_map[i]), strict=True)),
-            "geometry": points[i],
-        }
-        for i, defect in enumerate(defects)
+def _stable_order(
+    values: dict[str, Array | pa.Array | Rows], xyz_site_m: Array, classes: Rows, photo: Rows
+) -> NDArray[np.int64]:
+    """Rows of the defects by facade, storey from the top, then along the facade as seen from outside, and height."""
+    if len(xyz_site_m) == 0:
+        return np.zeros(0, dtype=np.int64)
+    facade_text, storey_text = pa.array(values["facade"]), pa.array(values["storey"])
+    words = pc.unique(facade_text).to_pylist()
+    ranked = [*COMPASS, *sorted(set(words) - set(COMPASS))]
+    encoded = pc.dictionary_encode(facade_text)
+    number = np.array([ranked.index(word) for word in encoded.dictionary.to_pylist()], dtype=np.int64)[
+        encoded.indices.to_numpy()
     ]
+    storey, names = codes_of(pa.table({"storey": storey_text}), "storey")
+    level = weighted_median(storey, xyz_site_m[:, 2], np.ones(len(storey)), len(names))
+    # Who stands before a wall that faces north has west to the right.
+    angle = np.where(number < len(COMPASS), np.radians(45.0 * number), 0.0)
+    along = -np.cos(angle) * xyz_site_m[:, 0] + np.sin(angle) * xyz_site_m[:, 1]
+    height = -np.round(xyz_site_m[:, 2], 3)
+    order: NDArray[np.int64] = np.lexsort((photo, classes, height, np.round(along, 3), storey, -level[storey], number))
+    return order
 
 
-def in_stable_order(defects: Sequence[Row]) -> list[int]:
-    """Indices of the defects by facade, storey from the top, then along the facade as seen from outside, and height."""
-    level = {}
-    for storey in {defect["storey"] for defect in defects}:
-        level[storey] = float(np.median([d["z_site_m"] for d in defects if d["storey"] == storey]))
-    facades = [*COMPASS, *sorted({defect["facade"] for defect in defects} - set(COMPASS))]
-
-    def place(index: int) -> tuple[Any, ...]:
-        defect = defects[index]
-        number = facades.index(defect["facade"])
-        angle = np.radians(45.0 * number) if number < len(COMPASS) else 0.0
-        # Who stands before a wall that faces north has west to the right.
-        along = -np.cos(angle) * defect["x_site_m"] + np.sin(angle) * defect["y_site_m"]
-        return (
-            number,
-            -level[defect["storey"]],
-            str(defect["storey"]),
-            round(float(along), 3),
-            -round(defect["z_site_m"], 3),
-            defect["defect_class"],
-            defect["best_photo_id"],
-        )
-
-    return sorted(range(len(defects)), key=place)
+def _same(word: str, count: int) -> pa.Array:
+    return pa.array([word], pa.string()).take(pa.array(np.zeros(count, dtype=np.int64)))
 
 
-def _most(words: Sequence[Any], weights: Array) -> Any:
-    """The commonest word; of equally common ones the one with more weight, then the first by name."""
-    total: dict[Any, tuple[int, float]] = {}
-    for word, weight in zip(words, weights, strict=True):
-        count, sum_ = total.get(word, (0, 0.0))
-        total[word] = (count + 1, sum_ + float(weight))
-    return min(total, key=lambda word: (-total[word][0], -total[word][1], str(word)))
+def _axes(names: tuple[str, str, str], values: Array) -> dict[str, Array]:
+    return {name: values[:, axis] for axis, name in enumerate(names)}
+
+
+def _lists(values: Array) -> pa.Array:
+    offsets = np.arange(0, values.size + 1, values.shape[1], dtype=np.int32)
+    return pa.ListArray.from_arrays(pa.array(offsets), pa.array(values.ravel()))
+
+
+def _where(kept: NDArray[np.bool_], values: Array) -> pa.Array:
+    return pa.array(values, mask=~kept)
+
+
+def _as(values: Array | pa.Array | Rows, kind: pa.DataType) -> pa.Array:
+    return pa.array(values, kind) if isinstance(values, np.ndarray) else values.cast(kind)

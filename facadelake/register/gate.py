@@ -1,12 +1,14 @@
-"""Which two sightings may be of one defect: normalised distances between sightings of a class.
+"""Which two sightings may be of one defect: normalised distances between sightings.
 
 The paper's Algorithm 1 takes a fixed 0.5 m an axis (0.71 m), which merges neighbouring cracks. Here the gate follows
 from the patches' extents, from what is left of the poses, and from the building's relief: a real surface that stands
-off the model's shifts each sighting along its own ray, so two sightings of one place part in a known direction.
+off the model's shifts each sighting along its own ray, so two sightings of one place part in a known direction. What
+the poses of a block share moves both sightings alike and widens no gate.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,99 +18,183 @@ from scipy.spatial import cKDTree
 from facadelake.frames import Array
 from facadelake.register.patch import tangents_of
 from facadelake.register.settings import MergeSettings
+from facadelake.register.sightings import Sightings
 
 _GRAZING_COSINE = 0.15  # a ray flatter than this says nothing more of relief
+_FACING_MIN = -0.2  # surfaces that turn further from one another do not show one defect
+_SLAB = 40_000  # sightings whose pairs are found at a time
+_PAIRS_AT_ONCE = 500_000  # pairs measured at a time: about 200 MB
+_LARGE_AT_ONCE = 2_000
+
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """One sigma of a sighting's place: ``size_share`` of its extents along the surface, ``floor_m`` in all directions,
+    and ``relief_m`` of the real surface off the model's, which all sightings of a place share."""
+
+    size_share: float
+    floor_m: float
+    relief_m: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sightings:
-    """Registered observations as arrays, in a fixed order (n rows).
+class Pairs:
+    """Pairs of sightings near one another: ``first`` < ``second`` (k,) rows.
 
-    ``ray_site`` (n, 3) is the unit direction from camera to surface; ``photo`` and ``defect_class`` are codes.
+    ``apart_m`` (k,), ``sigmas`` (k,): the Mahalanobis distance; ``overlap`` (k,): area both patches share over the
+    smaller one's, with the relief's shift taken out; ``touching`` (k,): they share some, to the accuracy of the places.
     """
 
-    xyz_site_m: Array
-    normal_site: Array
-    ray_site: Array
-    width_m: Array
-    height_m: Array
-    photo: NDArray[np.int64]
-    defect_class: NDArray[np.int64]
+    first: Rows
+    second: Rows
+    apart_m: Array
+    sigmas: Array
+    overlap: Array
+    touching: NDArray[np.bool_]
 
     def __len__(self) -> int:
-        return len(self.photo)
+        return len(self.first)
+
+    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Pairs:
+        """Some of the pairs."""
+        return Pairs(
+            first=self.first[rows],
+            second=self.second[rows],
+            apart_m=self.apart_m[rows],
+            sigmas=self.sigmas[rows],
+            overlap=self.overlap[rows],
+            touching=self.touching[rows],
+        )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Candidates:
-    """Pairs of sightings inside the gate: ``first`` < ``second`` (k,) rows, ``distance`` (k,) in sigmas."""
-
-    first: NDArray[np.int64]
-    second: NDArray[np.int64]
-    distance: Array
-
-
-def candidates_of(sightings: Sightings, settings: MergeSettings) -> Candidates:
-    """Every pair of one class, of two photographs, inside the gate; by a spatial index, nearly linear in n."""
-    pairs = _near_pairs(sightings, settings)
-    distance = normalised_distance(sightings, pairs, settings)
-    inside = distance <= settings.gate_sigma
-    return Candidates(first=pairs[inside, 0], second=pairs[inside, 1], distance=distance[inside])
-
-
-def normalised_distance(sightings: Sightings, pairs: NDArray[np.int64], settings: MergeSettings) -> Array:
-    """Distance of each pair (k, 2) in sigmas (k,): Mahalanobis, with the covariance of the two sightings' difference.
-
-    Each sighting varies by ``size_share`` of its extents along the surface and by ``floor_m`` in every direction. A
-    surface that stands b (3,) off the model moves it by ``(normal . b) / (normal . ray) * ray``; both see the same b,
-    of ``stand_off_m`` in each direction, so their difference varies by the difference of those two shifts alone.
-    """
-    i, j = pairs[:, 0], pairs[:, 1]
-    shift = sightings.ray_site[:, :, None] * sightings.normal_site[:, None, :] / _facing(sightings)[:, None, None]
-    apart = shift[i] - shift[j]
-    covariance = _placing(sightings, settings)
-    total = covariance[i] + covariance[j] + settings.stand_off_m**2 * apart @ apart.transpose(0, 2, 1)
-    difference = sightings.xyz_site_m[i] - sightings.xyz_site_m[j]
-    solved = np.linalg.solve(total, difference[:, :, None])[:, :, 0]
-    distance: Array = np.sqrt(np.maximum((difference * solved).sum(axis=1), 0.0))
-    return distance
-
-
-def _placing(sightings: Sightings, settings: MergeSettings) -> Array:
-    """Covariance (n, 3, 3) in m2 of each sighting's position for itself."""
-    across, upward = tangents_of(sightings.normal_site)
-    wide = (settings.size_share * sightings.width_m)[:, None] * across
-    high = (settings.size_share * sightings.height_m)[:, None] * upward
+def placing_m2(sightings: Sightings, noise: Noise) -> Array:
+    """Covariance (n, 3, 3) in m2 of each sighting's place for itself, beside what the poses and the relief share."""
+    across, upward = sightings.tangents()
+    wide = (noise.size_share * sightings.width_m)[:, None] * across
+    high = (noise.size_share * sightings.height_m)[:, None] * upward
+    floor = noise.floor_m**2 + (0.29 * sightings.gsd_m) ** 2  # a pixel's rounding is uniform
     spread: Array = (
         wide[:, :, None] * wide[:, None, :]
         + high[:, :, None] * high[:, None, :]
-        + settings.floor_m**2 * np.eye(3)[None]
+        + floor[:, None, None] * np.eye(3)[None]
     )
     return spread
 
 
-def _facing(sightings: Sightings) -> Array:
-    """Cosine between ray and normal, kept off zero and negative (normals face the camera)."""
-    cosine: Array = np.minimum((sightings.ray_site * sightings.normal_site).sum(axis=1), -_GRAZING_COSINE)
-    return cosine
-
-
-def _near_pairs(sightings: Sightings, settings: MergeSettings) -> NDArray[np.int64]:
-    """Pairs (k, 2) of one class and two photographs, no further apart than the ceiling or half their extents."""
-    reach = np.hypot(sightings.width_m, sightings.height_m) / 2
+def pairs_of(sightings: Sightings, noise: Noise, settings: MergeSettings, *, within_sigmas: float) -> Pairs:
+    """Every pair of sightings within ``within_sigmas``, whatever their class or photograph; nearly linear in n."""
+    placing = placing_m2(sightings, noise)
     found = []
-    for code in np.unique(sightings.defect_class):
-        rows = np.flatnonzero(sightings.defect_class == code)
-        tree = cKDTree(sightings.xyz_site_m[rows])
-        near = tree.query_pairs(settings.reach_m, output_type="ndarray")
-        found.append(np.sort(rows[near], axis=1))
-        # A defect larger than the ceiling may be cut differently by each photograph: those few look further.
-        for row in rows[2 * reach[rows] > settings.reach_m]:
-            others = rows[tree.query_ball_point(sightings.xyz_site_m[row], 2 * reach[row])]
-            others = others[others != row]
-            gap = np.linalg.norm(sightings.xyz_site_m[others] - sightings.xyz_site_m[row], axis=1)
-            others = others[(gap > settings.reach_m) & (gap <= reach[row] + reach[others])]
-            found.append(np.sort(np.column_stack([np.full(len(others), row), others]), axis=1))
-    pairs = np.unique(np.vstack([np.zeros((0, 2), dtype=np.int64), *found]), axis=0)
-    apart: NDArray[np.int64] = pairs[sightings.photo[pairs[:, 0]] != sightings.photo[pairs[:, 1]]]
-    return apart
+    for near in _near(sightings, settings):
+        for start in range(0, len(near), _PAIRS_AT_ONCE):
+            pairs = measured(sightings, near[start : start + _PAIRS_AT_ONCE], placing, noise, settings)
+            found.append(pairs.take(pairs.sigmas <= within_sigmas))
+    return _joined(found)
+
+
+def measured(
+    sightings: Sightings, pairs: NDArray[np.int64], placing: Array, noise: Noise, settings: MergeSettings
+) -> Pairs:
+    """Distance and overlap of ``pairs`` (k, 2).
+
+    A surface that stands b off the model along its normal moves a sighting by ``b / (normal . ray) * ray``; both see
+    the same b, of the relief and of ``offset_m`` (one sigma), so their difference varies by the difference of those
+    two shifts alone. Surfaces that face away from one another are infinitely far apart.
+    """
+    i, j = pairs[:, 0], pairs[:, 1]
+    normal = sightings.normal_site[i] + sightings.normal_site[j]
+    facing = np.einsum("ij,ij->i", sightings.normal_site[i], sightings.normal_site[j])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]
+    part = _shift(sightings, i, normal) - _shift(sightings, j, normal)
+    difference = sightings.xyz_site_m[i] - sightings.xyz_site_m[j]
+    total = placing[i] + placing[j]
+    solved = np.linalg.solve(total, np.stack([difference, part], axis=2))
+    plain = np.einsum("ij,ij->i", difference, solved[:, :, 0])
+    mixed = np.einsum("ij,ij->i", part, solved[:, :, 0])
+    along = np.einsum("ij,ij->i", part, solved[:, :, 1])
+    variance = noise.relief_m**2 + settings.offset_m**2
+    off = variance * mixed / (1 + variance * along)  # how far the pair says that the surface stands off (Woodbury)
+    sigmas = np.sqrt(np.maximum(plain - mixed * off, 0.0))
+    share, touching = _overlap(sightings, i, j, normal, difference - part * off[:, None], noise, settings)
+    return Pairs(
+        first=i,
+        second=j,
+        apart_m=np.linalg.norm(difference, axis=1),
+        sigmas=np.where(facing > _FACING_MIN, sigmas, np.inf),
+        overlap=share,
+        touching=touching,
+    )
+
+
+def _shift(sightings: Sightings, rows: Rows, normal: Array) -> Array:
+    own, ray = sightings.normal_site[rows], sightings.ray_site[rows]
+    cosine = np.minimum(np.einsum("ij,ij->i", own, ray), -_GRAZING_COSINE)
+    shift: Array = ray * (np.einsum("ij,ij->i", own, normal) / cosine)[:, None]
+    return shift
+
+
+def _overlap(
+    sightings: Sightings, i: Rows, j: Rows, normal: Array, apart: Array, noise: Noise, settings: MergeSettings
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Share of the smaller patch that both cover (k,), and whether they touch, as rectangles along the surface."""
+    across, upward = tangents_of(normal)
+    slack = settings.gate_sigma * np.sqrt(2) * noise.floor_m
+    common, touching = np.ones(len(i)), np.ones(len(i), dtype=bool)
+    for axis, extent in ((across, sightings.width_m), (upward, sightings.height_m)):
+        gap = np.abs(np.einsum("ij,ij->i", apart, axis)) - (extent[i] + extent[j]) / 2
+        common *= np.clip(-gap, 0.0, np.minimum(extent[i], extent[j]))
+        touching &= gap <= slack
+    area = sightings.width_m * sightings.height_m
+    share = np.divide(common, np.minimum(area[i], area[j]), out=np.zeros(len(i)), where=common > 0)
+    return np.minimum(share, 1.0), touching
+
+
+def _near(sightings: Sightings, settings: MergeSettings) -> Iterator[NDArray[np.int64]]:
+    """Pairs (k, 2), first < second, no further apart than the ceiling or half their extents together; each once."""
+    xyz = sightings.xyz_site_m
+    if len(xyz) < 2:
+        return
+    axis = int(np.argmax(np.ptp(xyz, axis=0)))
+    order = np.argsort(xyz[:, axis], kind="stable")
+    along = xyz[order, axis]
+    for start in range(0, len(order), _SLAB):
+        stop = min(start + _SLAB, len(order))
+        last = int(np.searchsorted(along, along[stop - 1] + settings.reach_m, side="right"))
+        rows = order[start:last]
+        near = cKDTree(xyz[rows]).query_pairs(settings.reach_m, output_type="ndarray")
+        near = near[near.min(axis=1) < stop - start]  # the others belong to a later slab
+        yield np.sort(rows[near], axis=1)
+    # A defect larger than the ceiling may be cut differently by each photograph: those few look further.
+    half = sightings.half_m
+    large = np.flatnonzero(2 * half > settings.reach_m)
+    if len(large) == 0:
+        return
+    tree = cKDTree(xyz)
+    for start in range(0, len(large), _LARGE_AT_ONCE):
+        rows = large[start : start + _LARGE_AT_ONCE]
+        lists = tree.query_ball_point(xyz[rows], 2 * half[rows])
+        mine = np.repeat(rows, [len(found) for found in lists])
+        other = np.concatenate([np.asarray(found, dtype=np.int64) for found in lists])
+        gap = np.linalg.norm(xyz[mine] - xyz[other], axis=1)
+        # A pair of two large ones is met twice: from the larger, of equals from the first.
+        once = (half[mine] > half[other]) | ((half[mine] == half[other]) & (mine < other))
+        kept = once & (gap > settings.reach_m) & (gap <= half[mine] + half[other])
+        yield np.sort(np.column_stack([mine[kept], other[kept]]), axis=1)
+
+
+def _joined(parts: list[Pairs]) -> Pairs:
+    none = np.zeros(0)
+    rows = np.zeros(0, dtype=np.int64)
+    empty = Pairs(first=rows, second=rows, apart_m=none, sigmas=none, overlap=none, touching=np.zeros(0, dtype=bool))
+    whole = [empty, *parts]
+    joined = Pairs(
+        first=np.concatenate([p.first for p in whole]),
+        second=np.concatenate([p.second for p in whole]),
+        apart_m=np.concatenate([p.apart_m for p in whole]),
+        sigmas=np.concatenate([p.sigmas for p in whole]),
+        overlap=np.concatenate([p.overlap for p in whole]),
+        touching=np.concatenate([p.touching for p in whole]),
+    )
+    return joined.take(np.lexsort((joined.second, joined.first)))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, inf
 
 from facadelake.errors import InputDataError
 from schemas.vocabulary import ControlKind
 
+_CHECK_POINTS_LEAST = 3
+_MEAN_OF_3D = 1.596  # mean length of a vector of three errors of one sigma each
 GPS_OFFSET_M = 2.0  # one sigma of what all positions of an uncorrected receiver share, after tens of minutes
 
 
@@ -65,7 +67,9 @@ class MergeSettings:
     sightings may be one; 3.03 holds 99 % in the plane of the surface. ``ceiling_m``: no two sightings further apart
     than this, or than half their extents together, are one. ``offset_m``: one sigma of how far the whole campaign may
     stand off the model; 0 where control points or the model placed it, the GPS's own error where GPS alone did.
-    ``agreement``: share of the pairs between two groups that must lie in the gate to join them.
+    ``agreement``: share of the pairs between two groups that must lie in the gate to join them. ``block_sigma_m``: one
+    sigma, in the mean of the axes, of what moves all places alike, where it was measured; the poses' own covariances
+    state more.
     """
 
     size_share: float = 0.15
@@ -76,11 +80,19 @@ class MergeSettings:
     ceiling_m: float = 0.5
     offset_m: float = 0.0
     agreement: float = 0.5
+    block_sigma_m: float = inf
 
     @classmethod
-    def under(cls, control: ControlKind) -> MergeSettings:
-        """The settings for a campaign placed by ``control``: GPS alone leaves it metres off the model."""
-        return cls(offset_m=GPS_OFFSET_M if control is ControlKind.GPS else 0.0)
+    def under(cls, control: ControlKind, *, checked_m: float | None = None, check_points: int = 0) -> MergeSettings:
+        """The settings for a campaign placed by ``control``: GPS alone leaves it metres off the model.
+
+        ``checked_m``: mean distance that ``check_points`` held-out points came out from where they were surveyed.
+        """
+        checked = checked_m is not None and check_points >= _CHECK_POINTS_LEAST
+        return cls(
+            offset_m=GPS_OFFSET_M if control is ControlKind.GPS else 0.0,
+            block_sigma_m=(checked_m or 0.0) / _MEAN_OF_3D if checked else inf,
+        )
 
     def __post_init__(self) -> None:
         values = (self.size_share, self.centre_share, self.floor_m, self.relief_m, self.gate_sigma, self.ceiling_m)

@@ -1,5 +1,7 @@
 """Sightings to defects: the corrected Algorithm 1, its gate, its order, and where it puts a defect."""
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -7,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facadelake.geobim.surface import Surface
-from facadelake.register.cluster import clusters_of
-from facadelake.register.gate import Candidates, Sightings, candidates_of
+from facadelake.register.grouping import grouped
 from facadelake.register.merge import merge
 from facadelake.register.observe import observe
-from facadelake.register.position import position_of, robust_mean
 from facadelake.register.settings import MergeSettings, RegisterSettings
+from facadelake.register.sightings import Sightings
 from tests.unit.register.conftest import looking
 
 MERGE = MergeSettings()
@@ -25,15 +26,19 @@ def sightings_at(x_m, photo, size_m=0.2, defect_class=None):
         xyz_site_m=np.column_stack([x_m, np.zeros(n), np.zeros(n)]),
         normal_site=np.tile([0.0, -1, 0], (n, 1)),
         ray_site=np.tile([0.0, 1, 0], (n, 1)),
+        distance_m=np.full(n, 10.0),
         width_m=np.full(n, size_m),
         height_m=np.full(n, size_m),
+        gsd_m=np.full(n, 0.003),
         photo=np.asarray(photo),
         defect_class=np.zeros(n, dtype=np.int64) if defect_class is None else np.asarray(defect_class),
+        box_img=np.full((n, 4), np.nan),
+        pose_m2=np.zeros((n, 3, 3)),
     )
 
 
 def merged(sightings):
-    return clusters_of(candidates_of(sightings, MERGE), sightings.photo, MERGE.agreement).tolist()
+    return grouped(sightings, MERGE).group.tolist()
 
 
 def paper_algorithm_1(x_m, threshold_m):
@@ -103,12 +108,10 @@ def test_no_group_holds_a_photograph_twice(seed):
 def test_relief_parts_oblique_sightings_in_a_known_direction():
     """10 cm of relief, seen from 45 degrees left and right: the hits part by 20 cm along the wall, not upward."""
     rays = np.array([[1.0, 1, 0], [-1.0, 1, 0]]) / np.sqrt(2)
-    base = sightings_at(np.array([-0.1, 0.1]), np.array([0, 1]))
-    parts = {name: getattr(base, name) for name in ("normal_site", "width_m", "height_m", "photo", "defect_class")}
-    along = Sightings(xyz_site_m=base.xyz_site_m, ray_site=rays, **parts)
-    upward = Sightings(xyz_site_m=np.array([[0.0, 0, -0.1], [0, 0, 0.1]]), ray_site=rays, **parts)
-    assert len(candidates_of(along, MERGE).first) == 1
-    assert len(candidates_of(upward, MERGE).first) == 0
+    base = replace(sightings_at(np.array([-0.1, 0.1]), np.array([0, 1])), ray_site=rays)
+    upward = replace(base, xyz_site_m=np.array([[0.0, 0, -0.1], [0, 0, 0.1]]))
+    assert merged(base) == [0, 0]
+    assert merged(upward) == [0, 1]
 
 
 def test_a_campaign_that_stands_off_the_model_still_merges(wall, detections_of):
@@ -137,30 +140,7 @@ def test_large_patches_may_differ_by_more_than_the_ceiling():
 
 
 def test_nothing_to_merge():
-    none = Candidates(first=np.zeros(0, np.int64), second=np.zeros(0, np.int64), distance=np.zeros(0))
-    assert clusters_of(none, np.zeros(0, np.int64), 0.5).tolist() == []
-
-
-def test_crossing_rays_find_the_relief_that_the_model_lacks():
-    """The real place stands 8 cm before the model's wall; the hits lie where each ray met the model."""
-    place = np.array([0.3, -0.08, 1.2])
-    eyes = np.array([[-6.0, -8, 1], [5.0, -9, 2], [0.5, -10, 0]])
-    rays = place - eyes
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    hits = eyes + rays * (-eyes[:, 1] / rays[:, 1])[:, None]
-    normal = np.array([0.0, -1, 0])
-    on_wall = robust_mean(hits, np.ones(3))
-    found = position_of(hits, rays, np.full(3, 0.003), np.ones(3), normal, relief_m=0.05)
-    assert abs(on_wall[1]) < 1e-9  # m: the mean of hits cannot leave the model
-    assert 0.0 < np.linalg.norm(found - place) < 0.005  # m: nearly there; the surface holds it back a little
-    alone = position_of(hits[:1], rays[:1], np.full(1, 0.003), np.ones(1), normal, relief_m=0.05)
-    np.testing.assert_allclose(alone, hits[0], rtol=0, atol=1e-12)  # m
-
-
-def test_one_wrong_sighting_does_not_carry_the_defect_away():
-    points = np.vstack([np.zeros((6, 3)) + np.linspace(0, 0.02, 6)[:, None], [[3.0, 0, 0]]])
-    assert np.linalg.norm(robust_mean(points, np.ones(7)) - points[:6].mean(axis=0)) < 0.03  # m
-    assert np.linalg.norm(points.mean(axis=0)) > 0.4  # m: the plain mean
+    assert merged(sightings_at(np.zeros(0), np.zeros(0, dtype=np.int64))) == []
 
 
 # From detections to tables
@@ -224,6 +204,6 @@ def test_ten_thousand_sightings_merge_in_seconds():
     """Nearly linear: pairs come from a spatial index, never from a table of all with all."""
     rng = np.random.default_rng(8)
     true = np.repeat(np.arange(2000) * 1.0, 5)
-    sightings = sightings_at(true + rng.normal(0, 0.02, len(true)), np.tile(np.arange(5), 2000))
+    sightings = sightings_at(true + rng.normal(0, 0.015, len(true)), np.tile(np.arange(5), 2000))
     groups = np.array(merged(sightings))
-    assert len(np.unique(groups)) == 2000
+    assert groups.tolist() == np.repeat(np.arange(2000), 5).tolist()
