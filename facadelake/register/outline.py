@@ -15,8 +15,7 @@ from scipy.spatial import cKDTree
 
 from facadelake.frames import Array
 
-_SKIPS = (1, 2, 4)  # pitches: so that what a bar or a mullion parts is still found side by side
-_REACH = 3.0  # pitches, the same for masks
+_NEIGHBOURS = 1.5  # of a mask's pixels, in pitches of its lattice: the eight around it
 _CANDIDATES_MOST = 40_000  # lattice points about one mask; a mask thinner than this finds is sampled along its outline
 
 
@@ -27,7 +26,7 @@ class Outlines:
     ``polygon_img`` (n,) shapely, in pixels. ``centre_img`` (n, 2): of the box. ``masked`` (n,): a mask, not a box.
     ``area_px2`` (n,), ``pitch_px`` (n, 2) of the lattice of pixels. ``detection`` (k,) rows of the n, ascending;
     ``xy_img`` (k, 2); ``vote`` (k,), which adds up to 1 in each detection: how likely the defect is there. ``beside``
-    (e, 2): pairs of the k that lie near one another in one detection.
+    (e, 2): pairs of the k that lie side by side in one detection.
     """
 
     polygon_img: NDArray[Any]
@@ -92,8 +91,8 @@ def _box_template(side: int) -> _Inside:
     """The unit box."""
     share = (np.arange(side) + 0.5) / side
     number = np.arange(side * side).reshape(side, side)
-    rows = [np.column_stack([number[:, :-skip].ravel(), number[:, skip:].ravel()]) for skip in _SKIPS]
-    columns = [np.column_stack([number[:-skip].ravel(), number[skip:].ravel()]) for skip in _SKIPS]
+    rows = np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()])
+    columns = np.column_stack([number[:-1].ravel(), number[1:].ravel()])
     middle = 0.5 - np.abs(share - 0.5)
     vote = np.outer(middle, middle).ravel()
     return _Inside(
@@ -101,7 +100,7 @@ def _box_template(side: int) -> _Inside:
         pitch_px=np.ones(2) / side,
         xy_img=np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2),
         vote=vote / vote.sum(),
-        beside=np.vstack([*rows, *columns]),
+        beside=np.vstack([rows, columns]),
     )
 
 
@@ -143,7 +142,7 @@ def _of_mask(mask: Any, wanted: int) -> _Inside:
         pitch_px=np.full(2, pitch),
         xy_img=xy,
         vote=np.full(len(xy), 1.0 / len(xy)),
-        beside=_beside(xy, _REACH * pitch),
+        beside=_beside(xy, _NEIGHBOURS * pitch),
     )
 
 

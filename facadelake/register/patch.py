@@ -23,6 +23,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 _FLAT_COSINE = np.cos(np.radians(0.2))  # a patch whose normals turn by less is flat: its corners are enough
 _LEAST_COSINE = 0.02  # a plane seen flatter than this is not prolonged
 _MOST_STRETCH = 2.0  # nor to more than this multiple of the distance at which it was met
+_REACH = 4.1  # pitches over which a surface is found again behind what parts it in a picture
 _APART = 1e7  # px; keeps detections apart in one search tree
 
 
@@ -76,25 +77,42 @@ def members_of(outlines: Outlines, hits: Hits, step_m: float) -> NDArray[np.bool
     """Which pixels (k,) belong to their detection's patch: those that hang together on the surface with most votes.
 
     Neighbours hang together where one lies in the other's tangent plane to ``step_m``: round an edge one plane still
-    holds, over a jump neither does. So a wall seen through a railing, or round a deep window, stays one patch.
+    holds, over a jump neither does. Where neighbours part, those a little further off are asked too, so that a wall
+    seen through a railing, or round a deep window, stays one patch.
     """
-    a, b = outlines.beside.T
-    step = hits.xyz_site_m[b] - hits.xyz_site_m[a]
-    off = np.minimum(np.abs((step * hits.normal_site[a]).sum(axis=1)), np.abs((step * hits.normal_site[b]).sum(axis=1)))
-    holds = off < step_m  # NaN, a miss, is never below
-    count = len(outlines.detection)
-    graph = coo_array((np.ones(holds.sum()), (a[holds], b[holds])), shape=(count, count))
+    holds = _hold_together(hits, outlines.beside, step_m)
+    parted = np.zeros(len(outlines), dtype=bool)
+    parted[outlines.detection[outlines.beside[~holds, 0]]] = True
+    member: NDArray[np.bool_] = ~parted[outlines.detection] & hits.hit  # without neighbours: one pixel alone
+    own = np.flatnonzero(parted[outlines.detection])
+    if not len(own):
+        return member
+    detection, vote = outlines.detection[own], np.where(hits.hit[own], outlines.vote[own], 0.0)
+    tree = cKDTree(np.column_stack([outlines.xy_img[own] / outlines.pitch_px[detection], _APART * detection]))
+    near = tree.query_pairs(_REACH, output_type="ndarray")
+    beside = outlines.beside[holds & parted[outlines.detection[outlines.beside[:, 0]]]]
+    pairs = np.vstack([near[_hold_together(hits, own[near], step_m)], np.searchsorted(own, beside)])
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(own), len(own)))
     parts, part = connected_components(graph, directed=False)
-    votes = np.bincount(part, weights=np.where(hits.hit, outlines.vote, 0.0), minlength=parts)
-    first = np.full(parts, count)
-    np.minimum.at(first, part, np.arange(count))
+    votes = np.bincount(part, weights=vote, minlength=parts)
+    first = np.full(parts, len(own))
+    np.minimum.at(first, part, np.arange(len(own)))
     # The best part of each detection; of parts with equal votes the one whose first pixel comes first.
-    order = np.lexsort((first, -np.round(votes, 12), outlines.detection[first]))
-    best = order[np.unique(outlines.detection[first][order], return_index=True)[1]]
-    chosen = np.zeros(parts, dtype=bool)
-    chosen[best] = True
-    member: NDArray[np.bool_] = chosen[part] & hits.hit
+    order = np.lexsort((first, -np.round(votes, 12), detection[first]))
+    best = order[np.unique(detection[first][order], return_index=True)[1]]
+    member[own] = np.isin(part, best) & hits.hit[own]
     return member
+
+
+def _hold_together(hits: Hits, pairs: NDArray[np.int64], step_m: float) -> NDArray[np.bool_]:
+    """Which pairs (e, 2) of hits lie on one surface, one in the other's tangent plane."""
+    a, b = pairs.T
+    step = hits.xyz_site_m[b] - hits.xyz_site_m[a]
+    off = np.minimum(
+        np.abs(np.einsum("ij,ij->i", step, hits.normal_site[a])),
+        np.abs(np.einsum("ij,ij->i", step, hits.normal_site[b])),
+    )
+    return np.asarray(off < step_m)  # NaN, a miss, is never below
 
 
 def patches_of(
