@@ -1,5 +1,6 @@
 """Each check of sql/checks finds the fault it is there for."""
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -11,7 +12,7 @@ from facadelake.lake.connect import bare_connection
 from facadelake.lake.expectations import CHECKED, across_tables
 from facadelake.lake.sqlfiles import statements
 from facadelake.tables import table_of_rows
-from tests.unit.lake.small_campaign import rows
+from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, rows
 
 
 def _no_defect(made: dict[str, list[dict[str, Any]]]) -> None:
@@ -31,10 +32,21 @@ def _set(table: str, **values: Any) -> Callable[[dict[str, list[dict[str, Any]]]
     return lambda made: made[table][0].update(values)
 
 
+def _patch_at(north_m: float, up_m: float) -> bytes:
+    """A patch of 20 x 20 cm on a wall that faces south, moved off the first defect of the small campaign."""
+    lon, lat, height = LON, LAT + north_m / 111_320, HEIGHT + 3.0 + up_m
+    east = 0.1 / (111_320 * math.cos(math.radians(LAT)))
+    ring = [(lon - east, lat, height - 0.1), (lon + east, lat, height - 0.1), (lon + east, lat, height + 0.1),
+            (lon - east, lat, height + 0.1)]  # fmt: skip
+    return bytes(shapely.to_wkb(shapely.Polygon(ring)))
+
+
 COUNTEREXAMPLES = {
     "accepted_detections_are_observed_once": lambda made: made["observations"].pop(),
     "accepted_photographs_have_one_pose_row": lambda made: made["poses"].pop(),
     "best_photographs_show_the_defect": _set("defects", best_photo_id="closerange/elsewhere.jpg"),
+    "covariances_of_defects": _set("defects", sigma_up_m=0.02),
+    "covariances_of_observations": _set("observations", covariance_site=[1e-4] * 9),
     "covariances_of_poses": _set("poses", sigma_up_m=0.02),
     "counts_of_the_campaign": _set("campaigns", defects_total=99),
     "defects_are_seen_as_often_as_they_say": _set("defects", sightings=7),
@@ -48,8 +60,13 @@ COUNTEREXAMPLES = {
     "georeference_counts": _set("georeference", points_used=50),
     "integrity_is_of_localised_photographs": _set("poses", pose_source="unlocalised"),
     "map_crs_is_one": _set("georeference", map_crs="EPSG:25833"),
+    "merges_are_of_registered_observations": _set("merges", other_detection_id="stranger"),
+    "merges_say_what_was_done": _set("merges", merge_decision="apart", merge_reason="no_overlap"),
     "normals_of_defects": _set("defects", normal_y=-0.5),
     "normals_of_observations": _set("observations", normal_y=-0.5),
+    "observations_refused_have_a_reason": _set("observations", observation_outcome="masked"),
+    "patches_of_defects": _set("defects", patch=_patch_at(0.0, 1.0)),
+    "patches_of_observations": _set("observations", patch=_patch_at(0.5, 0.0)),
     "photographs_refused_have_a_reason": _set("photos", photo_outcome="duplicate"),
     "poses_are_whole": _set("poses", qw=0.5),
     "registered_observations_are_whole": _set("observations", gsd_mm=None),
@@ -57,6 +74,7 @@ COUNTEREXAMPLES = {
     "run_ends_after_it_began": lambda made: made["runs"][0].update(
         started_at=made["runs"][0]["finished_at"].replace(year=2030)
     ),
+    "triangulated_defects_are_seen_twice": _set("defects", sightings=1),
     "unlocalised_photographs_register_nothing": _set("observations", observation_outcome="unlocalised"),
 }
 
@@ -136,3 +154,87 @@ def test_passports_that_do_not_tell_of_their_points(connection: duckdb.DuckDBPyC
     without["georeference_points"].clear()
     without["georeference"][0].update(check_points=0, check_residual_mean_m=None, check_residual_max_m=None)
     assert _found(connection, "held_out_points_are_counted", without) == 0
+
+
+def _site(place: int, value: float) -> dict[str, Any]:
+    covariance = list(rows()["defects"][0]["covariance_site"])
+    covariance[place] = value
+    return {"covariance_site": covariance}
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"covariance_site": [1e-4] * 6},
+        {"covariance_site": [1e-4, 2e-4, 0, 2e-4, 4e-4, 0, 0, 0, 9e-4]},  # singular: one line alone
+        {"covariance_site": [1e-4, 0, 0, 0, 4e-4, 7e-4, 0, 7e-4, 9e-4]},  # correlation of 1.17
+        {"sigma_north_m": None},
+        _site(0, float("nan")),
+        _site(8, -9e-4),
+        _site(1, 1e-5),  # (0, 1) without (1, 0)
+    ],
+)
+def test_covariances_of_places_that_are_none(connection: duckdb.DuckDBPyConnection, values: dict[str, Any]) -> None:
+    for table in ("defects", "observations"):
+        made = rows()
+        made[table][1].update(values)
+        assert _found(connection, f"covariances_of_{table}", made) == 1, table
+
+
+def test_what_may_be_empty(connection: duckdb.DuckDBPyConnection) -> None:
+    made = rows()
+    for table in ("defects", "observations"):
+        made[table][0].update(covariance_site=None, sigma_east_m=None, patch=None)
+    made["merges"].clear()
+    for name in CHECKS:
+        assert _found(connection, name, made) == 0, name
+
+
+def test_a_deviation_moves_a_defect_off_its_patch(connection: duckdb.DuckDBPyConnection) -> None:
+    made = rows()
+    made["defects"][0].update(patch=_patch_at(0.4, 0.0), deviation_from_model_m=None)
+    assert _found(connection, "patches_of_defects", made) == 1
+    made["defects"][0].update(deviation_from_model_m=-0.4, deviation_sigma_m=0.01)
+    assert _found(connection, "patches_of_defects", made) == 0
+    made["defects"][0].update(deviation_sigma_m=None)
+    assert _found(connection, "triangulated_defects_are_seen_twice", made) == 1
+
+
+def test_outvoted_observation_may_have_another_class_than_its_defect(connection: duckdb.DuckDBPyConnection) -> None:
+    made = rows()
+    made["observations"][0].update(defect_class="moisture")
+    assert _found(connection, "registered_observations_belong_to_a_defect", made) == 1
+    made["merges"][0].update(merge_reason="outvoted")
+    assert _found(connection, "registered_observations_belong_to_a_defect", made) == 0
+
+
+def _merge(first: str, second: str, decision: str, **defects: str) -> dict[str, Any]:
+    reason = "geography" if decision == "joined" else "no_overlap"
+    defect = {"defect_id": "defect-0000", "other_defect_id": "defect-0000"} | defects
+    return {"detection_id": first, "other_detection_id": second, "merge_decision": decision, "merge_reason": reason,
+            "apart_m": 0.01, "apart_sigma": 0.5, **defect}  # fmt: skip
+
+
+def test_pairs_that_say_something_else_than_the_tables(connection: duckdb.DuckDBPyConnection) -> None:
+    one, two, three = (f"closerange/p{photo}.jpg#0" for photo in range(3))
+    other = {"other_defect_id": "defect-0001"}
+    consistent = [
+        [_merge(one, two, "joined"), _merge(two, three, "joined"), _merge(one, three, "apart")],
+        [_merge(one, "closerange/p1.jpg#1", "apart", **other)],
+    ]
+    for merges in consistent:
+        made = rows(sightings=3)
+        made["merges"] = merges
+        assert _found(connection, "merges_say_what_was_done", made) == 0
+        assert _found(connection, "merges_are_of_registered_observations", made) == 0
+    for name, merges in (
+        ("merges_say_what_was_done", [_merge(one, "closerange/p1.jpg#1", "joined", **other)]),
+        ("merges_say_what_was_done", [_merge(one, two, "joined"), _merge(one, three, "apart")]),
+        ("merges_are_of_registered_observations", [_merge(one, two, "joined", **other)]),
+        ("merges_are_of_registered_observations", [_merge(one, one, "joined")]),
+        ("merges_are_of_registered_observations", [_merge(one, two, "joined"), _merge(one, two, "joined")]),
+        ("merges_are_of_registered_observations", [_merge(one, two, "joined"), _merge(two, one, "joined")]),
+    ):
+        made = rows(sightings=3)
+        made["merges"] = merges
+        assert _found(connection, name, made) == 1, (name, merges)

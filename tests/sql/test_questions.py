@@ -46,6 +46,20 @@ def test_answers_are_right(lake: Path) -> None:
     }
     assert ask(lake, "photographs_rejected", here)["reason"].to_pylist() == ["0 bytes"]
     assert len(ask(lake, "worst_defects", {**here, "limit": 2})) == 2
+    (pair,) = ask(lake, "merges_of_defect", {**here, "defect_id": "defect-0000"}).to_pylist()
+    assert (pair["merge_decision"], pair["photo_id"], pair["other_photo_id"]) == (
+        "joined", "closerange/p0.jpg", "closerange/p1.jpg",
+    )  # fmt: skip
+    assert len(ask(lake, "merges_of_defect", {**here, "defect_id": "defect-0001"})) == 0
+    off = ask(lake, "deviations_from_model", here).to_pylist()
+    assert [(r["defect_id"], r["deviation_from_model_m"], r["sigmas"]) for r in off] == [
+        ("defect-0003", -0.13, 16.3), ("defect-0002", -0.08, 10.0), ("defect-0001", -0.03, 3.8),
+        ("defect-0000", 0.02, 2.5),
+    ]  # fmt: skip
+    assert {
+        (r["severity"], r["graded_by"], r["defect_class"], r["defects"])
+        for r in ask(lake, "defects_by_severity", here).to_pylist()
+    } == {("minor", "rules", "crack", 2), ("minor", "rules", "spalling", 1), ("minor", "rules", "moisture", 1)}
     both = ask(lake, "campaigns").to_pylist()
     assert [(r["campaign_id"], r["defects_total"], r["run_id"]) for r in both] == [
         (CAMPAIGN, 4, "run-1"),

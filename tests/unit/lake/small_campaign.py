@@ -134,6 +134,8 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
         "defects": [
             {"defect_id": f"defect-{d:04d}", "defect_class": classes[d % 3], "severity": "minor",
              "severity_rule": "extent_v1", **_position(d), **_patch(d), **size, "spread_m": 0.02,
+             "position_from": "triangulated" if sightings > 1 else "surface",
+             **({"deviation_from_model_m": 0.02 - 0.05 * d, "deviation_sigma_m": 0.008} if sightings > 1 else {}),
              "sightings": sightings, "score": 0.9, "best_photo_id": photos[0], "ifc_class": "IfcWall",
              "material": "brick", **place}
             for d in range(defects)

@@ -1,0 +1,6 @@
+-- table: observations
+-- grain: observation
+-- meaning: an observation that is not registered says why, in words
+SELECT detection_id, observation_outcome, reason
+FROM observations
+WHERE observation_outcome <> 'registered' AND coalesce(trim(reason), '') = ''

@@ -1,0 +1,31 @@
+-- grain: pair of sightings
+-- meaning: why the sightings of a defect are one, and why their neighbours are not: distances, overlap, appearance
+-- $building_id: the building; left out, all of them
+-- $campaign_id: the campaign; left out, all of them
+-- $defect_id: the defect; left out, all of them
+SELECT
+    m.building_id,
+    m.campaign_id,
+    m.defect_id,
+    m.other_defect_id,
+    m.merge_decision,
+    m.merge_reason,
+    round(m.apart_m, 3) AS apart_m,
+    round(m.apart_sigma, 2) AS apart_sigma,
+    round(m.overlap_share, 2) AS overlap_share,
+    round(m.appearance_score, 2) AS appearance_score,
+    a.photo_id,
+    b.photo_id AS other_photo_id,
+    a.defect_class,
+    b.defect_class AS other_class,
+    m.detection_id,
+    m.other_detection_id
+FROM merges AS m
+JOIN observations AS a
+    ON a.building_id = m.building_id AND a.campaign_id = m.campaign_id AND a.detection_id = m.detection_id
+JOIN observations AS b
+    ON b.building_id = m.building_id AND b.campaign_id = m.campaign_id AND b.detection_id = m.other_detection_id
+WHERE ($building_id::VARCHAR IS NULL OR m.building_id = $building_id)
+  AND ($campaign_id::VARCHAR IS NULL OR m.campaign_id = $campaign_id)
+  AND ($defect_id::VARCHAR IS NULL OR $defect_id IN (m.defect_id, m.other_defect_id))
+ORDER BY m.building_id, m.campaign_id, m.defect_id, m.merge_decision DESC, m.apart_sigma, m.detection_id
