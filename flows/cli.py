@@ -253,16 +253,26 @@ def evaluate(
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON, with stable keys.")] = False,
+    plots: Annotated[
+        Path | None, typer.Option(help="Folder for pictures: distribution, vectors, deviation, sigmas, views.")
+    ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
-    """Compare a committed campaign with truth: cameras, rays, positions, merging, elements."""
-    from flows.evaluation import evaluate_campaign
+    """Compare a committed campaign with truth: cameras, rays, positions, sigmas, merging, elements."""
+    from facadelake.evaluate.evaluation import figures_of
+    from flows.evaluation import compare_campaign
     from flows.terminal.answers import show_figures
 
-    figures = evaluate_campaign(
+    compared = compare_campaign(
         _portfolio(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections
     )
+    if plots is not None:
+        from facadelake.evaluate.plots import write_plots
+
+        for path in write_plots(compared, plots, f"{building} {campaign}"):
+            problems.print(f"written: {path}", soft_wrap=True, highlight=False)
+    figures = figures_of(compared)
     if as_json:
         sys.stdout.write(json.dumps(figures.to_json(), indent=2) + "\n")
     else:

@@ -1,0 +1,248 @@
+"""An evaluation as pictures: how large the errors are, where they lie, what they go with, and whether sigmas hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.stats import chi2
+
+from facadelake.evaluate.comparison import Comparison
+from facadelake.evaluate.honesty import CHI_SQUARE_95, normalised_squares
+from facadelake.evaluate.samples import PositionSamples
+from facadelake.frames import Array
+
+_DPI = 130
+_FLOOR_CM = 0.01  # a logarithm has no zero
+# Okabe and Ito 2008, with a marker and a line style each, for prints without colour.
+_STYLE = {
+    "cameras": ("#e69f00", "^", "dotted"),
+    "rays": ("#595959", "x", "dashdot"),
+    "observations": ("#0072b2", ".", "dashed"),
+    "defects": ("#d55e00", "o", "solid"),
+}
+_PLACED = ("observations", "defects")
+_LONGEST = 0.2  # arrows, as a share of the picture's extent
+
+
+def write_plots(compared: Comparison, folder: Path, title: str) -> list[Path]:
+    """Write the pictures as PNG into ``folder`` (made if it is not there); ``title`` names building and campaign.
+
+    ``errors``: distribution. ``vectors``: from above and from two sides. ``deviation``: along the normal, against what
+    triangulation says of the wall. ``sigmas``: normalised errors against chi-square. ``views``: by incidence and
+    distance. A picture without samples is left out.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, draw in (
+        ("errors", _errors),
+        ("vectors", _vectors),
+        ("deviation", _deviation),
+        ("sigmas", _sigmas),
+        ("views", _views),
+    ):
+        figure = Figure(dpi=_DPI, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        if draw(figure, compared):
+            figure.suptitle(f"{title}: {_TITLES[name]}", fontsize=11, ha="left", x=0.01)
+            path = folder / f"{name}.png"
+            figure.savefig(path)
+            written.append(path)
+    return written
+
+
+_TITLES = {
+    "errors": "errors against truth",
+    "vectors": "where the errors lie (found minus true)",
+    "deviation": "errors along the surface's normal",
+    "sigmas": "are the stated sigmas honest?",
+    "views": "single observations by how they were seen",
+}
+
+
+def _dressed(axes: Axes, x: str, y: str) -> None:
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _errors(figure: Figure, compared: Comparison) -> bool:
+    """Share of errors below a size, and the histogram of defects and observations."""
+    sizes = {
+        "cameras": np.linalg.norm(compared.cameras.error_site_m, axis=1),
+        "rays": compared.ray_error_m,
+        "observations": compared.observations.size_m,
+        "defects": compared.defects.size_m,
+    }
+    if not any(len(size) for size in sizes.values()):
+        return False
+    figure.set_size_inches(11, 4.4)
+    shares, counts = figure.subplots(1, 2)
+    for name, size in sizes.items():
+        if not len(size):
+            continue
+        colour, _, line = _STYLE[name]
+        ordered = np.sort(np.maximum(100 * size, _FLOOR_CM))
+        share = np.arange(1, len(ordered) + 1) / len(ordered)
+        p95 = np.percentile(100 * size, 95)
+        shares.step(ordered, share, where="post", color=colour, linestyle=line, label=f"{name} (p95 {p95:.2g} cm)")
+    shares.axhline(0.95, color="#999999", linewidth=0.8)
+    shares.set_xscale("log")
+    shares.set_ylim(0, 1.01)
+    shares.legend(loc="lower right", fontsize=8)
+    _dressed(shares, "error (cm), logarithmic", "share of samples below")
+    widest = max((np.percentile(100 * sizes[name], 95) for name in _PLACED if len(sizes[name])), default=1.0)
+    bins = np.linspace(0, max(widest, _FLOOR_CM), 41)
+    for name in _PLACED:
+        if not len(sizes[name]):
+            continue
+        colour, _, line = _STYLE[name]
+        beyond = int((100 * sizes[name] > bins[-1]).sum())
+        counts.hist(
+            100 * sizes[name], bins=bins, weights=np.full(len(sizes[name]), 1 / len(sizes[name])), histtype="step",
+            color=colour, linestyle=line, linewidth=1.6, label=f"{name}, {len(sizes[name])} ({beyond} beyond)",
+        )  # fmt: skip
+    counts.legend(fontsize=8)
+    _dressed(counts, "3D error (cm)", "share of samples")
+    return True
+
+
+def _vectors(figure: Figure, compared: Comparison) -> bool:
+    """Cameras and defects from above and from two sides, errors enlarged by one factor; longer ones are cut, in red."""
+    defects = compared.defects
+    if not len(defects.ids):
+        return False
+    figure.set_size_inches(13, 5.2)
+    extent = float(np.ptp(defects.xyz_true_site_m, axis=0).max()) or 1.0
+    usual = max(float(np.median(defects.size_m)), 1e-5)
+    enlarged = 10.0 ** np.floor(np.log10(0.1 * extent / usual))
+    for axes, (i, j), view, names in zip(
+        figure.subplots(1, 3),
+        ((0, 1), (0, 2), (1, 2)),
+        ("from above", "seen to the north", "seen to the west"),
+        (("east", "north"), ("east", "up"), ("north", "up")),
+        strict=True,
+    ):
+        for name, at, error in (
+            ("cameras", compared.xyz_camera_m - compared.cameras.error_site_m, compared.cameras.error_site_m),
+            ("defects", defects.xyz_true_site_m, defects.error_site_m),
+        ):
+            colour, marker, _ = _STYLE[name]
+            axes.scatter(at[:, i], at[:, j], s=9, color=colour, marker=marker, label=name)
+            length = enlarged * np.linalg.norm(error, axis=1)
+            cut = length > _LONGEST * extent
+            arrow = enlarged * error * np.where(cut, _LONGEST * extent / np.maximum(length, 1e-12), 1.0)[:, None]
+            axes.quiver(
+                at[:, i], at[:, j], arrow[:, i], arrow[:, j], color=np.where(cut, "#cc0000", "#333333"), angles="xy",
+                scale_units="xy", scale=1.0, width=0.003,
+            )  # fmt: skip
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_title(f"{view}, errors {enlarged:g} times", fontsize=9)
+        _dressed(axes, f"{names[0]} (m)", f"{names[1]} (m)")
+        if (i, j) == (0, 1):
+            axes.legend(fontsize=8)
+    return True
+
+
+def _deviation(figure: Figure, compared: Comparison) -> bool:
+    """Errors along the normal, single and merged, and against the deviation that triangulation measured, if any."""
+    parts = {"observations": compared.observations, "defects": compared.defects}
+    if not any(len(part.ids) for part in parts.values()):
+        return False
+    measured = np.isfinite(compared.defects.deviation_m)
+    figure.set_size_inches(11 if measured.any() else 5.8, 4.4)
+    panels = figure.subplots(1, 2 if measured.any() else 1, squeeze=False)[0]
+    left = panels[0]
+    alongs = {name: 100 * _along(part) for name, part in parts.items()}
+    widest = max(float(np.percentile(np.abs(along), 95)) for along in alongs.values() if len(along)) or 1.0
+    for name, along in alongs.items():
+        if not len(along):
+            continue
+        colour, _, line = _STYLE[name]
+        left.hist(
+            along, bins=np.linspace(-widest, widest, 41), weights=np.full(len(along), 1 / len(along)), histtype="step",
+            color=colour, linestyle=line, linewidth=1.6, label=f"{name}: median {np.median(along):+.2g} cm",
+        )  # fmt: skip
+    left.axvline(0, color="#999999", linewidth=0.8)
+    left.legend(fontsize=8)
+    _dressed(left, "error along the outward normal (cm)", "share of samples")
+    if not measured.any():
+        return True
+    right = panels[1]
+    colour, marker, _ = _STYLE["defects"]
+    right.scatter(
+        100 * compared.defects.deviation_m[measured], alongs["defects"][measured], s=12, color=colour, marker=marker
+    )
+    right.axhline(0, color="#999999", linewidth=0.8)
+    _dressed(right, "measured deviation from the model (cm)", "what is left along the normal (cm)")
+    return True
+
+
+def _along(samples: PositionSamples) -> Array:
+    along: Array = (samples.error_site_m * samples.normal_site).sum(axis=1)
+    return along
+
+
+def _sigmas(figure: Figure, compared: Comparison) -> bool:
+    """Quantiles of the normalised squared errors against chi-square with 3 degrees of freedom."""
+    squares = {
+        "cameras": normalised_squares(compared.cameras.error_site_m, compared.cameras.covariance_m2),
+        "observations": normalised_squares(compared.observations.error_site_m, compared.observations.covariance_m2),
+        "defects": normalised_squares(compared.defects.error_site_m, compared.defects.covariance_m2),
+    }
+    if not any(len(found) for found in squares.values()):
+        return False
+    figure.set_size_inches(6.4, 5.6)
+    axes = figure.subplots()
+    for name, found in squares.items():
+        if not len(found):
+            continue
+        colour, marker, _ = _STYLE[name]
+        expected = chi2.ppf((np.arange(len(found)) + 0.5) / len(found), 3)
+        inside = float(np.mean(found <= CHI_SQUARE_95))
+        axes.plot(
+            expected, np.maximum(np.sort(found), 1e-3), linestyle="none", marker=marker, markersize=4, color=colour,
+            label=f"{name}: {inside:.0%} inside 2 sigma",
+        )  # fmt: skip
+    line = np.array([1e-2, 30.0])
+    axes.plot(line, line, color="#000000", linewidth=1.0, label="honest")
+    axes.axhline(CHI_SQUARE_95, color="#999999", linewidth=0.8)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.legend(fontsize=8, loc="upper left")
+    _dressed(axes, "expected normalised squared error (above the line: too sure)", "found")
+    return True
+
+
+def _views(figure: Figure, compared: Comparison) -> bool:
+    """Errors of observations against incidence and distance, with medians over equal numbers."""
+    observations = compared.observations
+    if not len(observations.ids):
+        return False
+    figure.set_size_inches(11, 4.4)
+    size = np.maximum(100 * observations.size_m, _FLOOR_CM)
+    for axes, values, name in zip(
+        figure.subplots(1, 2),
+        (observations.incidence_deg, observations.distance_m),
+        ("incidence (deg)", "distance (m)"),
+        strict=True,
+    ):
+        known = np.isfinite(values)
+        colour, marker, _ = _STYLE["observations"]
+        axes.scatter(values[known], size[known], s=26, color=colour, marker=marker, alpha=0.35, linewidths=0)
+        order = np.argsort(values[known])
+        parts = [part for part in np.array_split(order, 12) if len(part)]
+        axes.plot(
+            [np.median(values[known][part]) for part in parts], [np.median(size[known][part]) for part in parts],
+            color="#000000", linewidth=1.5, label="median of a twelfth",
+        )  # fmt: skip
+        axes.set_yscale("log")
+        axes.legend(fontsize=8)
+        _dressed(axes, name, "3D error (cm), logarithmic")
+    return True
