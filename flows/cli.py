@@ -241,6 +241,80 @@ def regrade(
 
 
 @app.command()
+def view(
+    building: BuildingId,
+    campaign: CampaignId,
+    photo: Annotated[str, typer.Argument(help="Which photograph: its id, or its file's name.")],
+    output: Annotated[
+        Path | None, typer.Option(help="Picture to write (.png); view_<photo>.png here if left out.")
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(min=0.01, max=1.0, help="Size of the panels to the photograph's; 1000 pixels wide if left out."),
+    ] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Show a photograph beside the virtual view of the model, with depth and elements: is the pose right?
+
+    The images are written beside the picture as a NumPy archive, .npz.
+    """
+    from flows.photo_view import view_photograph
+
+    shown = view_photograph(
+        _portfolio(portfolio).building(building), campaign, photo, lake=lake, output=output, scale=scale
+    )
+    console.print(f"{shown.photo_id} drawn to {shown.path}, its images to {shown.path.with_suffix('.npz')}")
+
+
+@app.command()
+def pictures(
+    building: BuildingId,
+    campaign: CampaignId = "latest",
+    defect: Annotated[
+        list[str] | None,
+        typer.Option(help="A card of this defect: its id, or the number on the elevations. Repeatable."),
+    ] = None,
+    facade: Annotated[
+        list[str] | None, typer.Option(help="The elevation of this facade, such as south or SE. Repeatable.")
+    ] = None,
+    photo: Annotated[
+        list[str] | None, typer.Option(help="This photograph with model edges, boxes and points. Repeatable.")
+    ] = None,
+    all_of_them: Annotated[bool, typer.Option("--all", help="Every defect, facade and photograph.")] = False,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder to write to; without it, one below the lake's 'pictures'.")
+    ] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Draw pictures of a committed campaign: cards of defects, elevations of facades, overlays of photographs.
+
+    Without a name it draws what the report shows: the worst defects, all facades, a few photographs, the distribution.
+    Running it again is safe: files are written over.
+    """
+    from flows.pictures import draw_pictures
+    from flows.precheck import resolved_campaign
+    from flows.terminal.drawing import default_folder, draw_in_terminal
+
+    registered = _portfolio(portfolio).building(building)
+    chosen = resolved_campaign(registered, campaign)
+    draw_in_terminal(
+        console,
+        lambda: draw_pictures(
+            registered,
+            chosen,
+            lake=lake,
+            folder=output or default_folder(lake, building, chosen),
+            defects=tuple(defect or ()),
+            facades=tuple(facade or ()),
+            photos=tuple(photo or ()),
+            all_of_them=all_of_them,
+        ),
+    )
+
+
+@app.command()
 def evaluate(
     building: BuildingId,
     campaign: CampaignId,

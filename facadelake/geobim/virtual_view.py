@@ -56,22 +56,8 @@ def virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: float = 
     """
     camera = posed.camera
     width, height = max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale))
-    surface = Surface(building)
-    along = (building.vertices_site_m - posed.centre_site_m) @ posed.site_from_cam.rotation[:, 2]
-    # Clipping planes hug the scene: the buffer's steps grow with the square of depth over near.
-    near = max(0.05, 0.5 * float(surface.distance_to(posed.centre_site_m[None])[0]))
-    far = max(2 * near, 1.05 * float(along.max()))
     with tempfile.TemporaryDirectory(prefix="facadelake-view-") as folder:
-        np.savez(
-            Path(folder) / "scene.npz",
-            triangles=(building.vertices_site_m[building.triangles] - posed.centre_site_m).astype(np.float32),
-            colours=_colours(building, surface),
-            rotation=posed.site_from_cam.rotation,
-            intrinsics=np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px])
-            * np.array([width / camera.width_px, height / camera.height_px] * 2),
-            size=np.array([width, height]),
-            planes=np.array([near, far]),
-        )
+        near, far = write_scene(Path(folder), building, posed, width, height)
         run = subprocess.run(
             [sys.executable, "-m", "facadelake.geobim.render_worker", folder],
             capture_output=True,
@@ -89,6 +75,28 @@ def virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: float = 
             buffer = view["buffer"].astype(np.float64)
             colour = view["colour"]
     return VirtualView(colour=colour, buffer=buffer, near_m=near, far_m=far)
+
+
+def write_scene(
+    folder: Path, building: BuildingModel, posed: PosedCamera, width_px: int, height_px: int
+) -> tuple[float, float]:
+    """Write ``scene.npz`` for the renderer's process; returns the clipping planes before the camera, metres."""
+    camera, surface = posed.camera, Surface(building)
+    along = (building.vertices_site_m - posed.centre_site_m) @ posed.site_from_cam.rotation[:, 2]
+    # Clipping planes hug the scene: the buffer's steps grow with the square of depth over near.
+    near = max(0.05, 0.5 * float(surface.distance_to(posed.centre_site_m[None])[0]))
+    far = max(2 * near, 1.05 * float(along.max()))
+    np.savez(
+        folder / "scene.npz",
+        triangles=(building.vertices_site_m[building.triangles] - posed.centre_site_m).astype(np.float32),
+        colours=_colours(building, surface),
+        rotation=posed.site_from_cam.rotation,
+        intrinsics=np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px])
+        * np.array([width_px / camera.width_px, height_px / camera.height_px] * 2),
+        size=np.array([width_px, height_px]),
+        planes=np.array([near, far]),
+    )
+    return near, far
 
 
 def virtual_photograph(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:

@@ -17,8 +17,9 @@ from facadelake.frames import Array
 from facadelake.geobim.view_images import ViewImages
 from facadelake.pictures.palette import OTHER_COLOUR, plain
 
-_DPI = 100
 _PANEL_IN = 8.0
+_LEAST_PANEL_PX = 800
+_GAP_IN, _TOP_IN, _FOOT_IN = 0.4, 0.75, 0.8
 _BORDER = 0.92  # of the element's colour, so that neighbours of one class can be told apart
 _SKY = (1.0, 1.0, 1.0)
 _BESIDE = (0.80, 0.80, 0.80)  # in the model, no part of the building
@@ -47,36 +48,47 @@ class Panels:
 
 
 def view_sheet(panels: Panels, *, title: str, note: str) -> Figure:
-    """The finished sheet: four panels, a scale for the depth, a legend for the elements."""
+    """The finished sheet: four panels, a scale for the depth, a legend for the elements.
+
+    A pixel of the images is one of the sheet, or a whole number of them where they are small.
+    """
     height, width = panels.photograph.shape[:2]
+    zoom = max(1, round(_LEAST_PANEL_PX / width))
     panel_in = _PANEL_IN * height / width
-    figure = Figure(figsize=(2 * _PANEL_IN + 1.2, 2 * panel_in + 2.1), dpi=_DPI)
+    sheet_in = np.array([2 * _PANEL_IN + 3 * _GAP_IN, _FOOT_IN + _TOP_IN + _GAP_IN + 2 * panel_in])
+    figure = Figure(figsize=tuple(sheet_in), dpi=width * zoom / _PANEL_IN)
     FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 2).ravel()
-    _panel(axes[0], panels.photograph, "Photograph")
-    _panel(axes[1], panels.virtual, "Virtual view of the model")
-    _draw_depth(axes[2], panels.images.depth_m, figure)
-    _draw_elements(axes[3], panels.images)
-    figure.suptitle(plain(title), fontsize=14, x=0.02, ha="left", y=0.985)
-    figure.text(0.02, 0.012, plain(note), fontsize=10, color="#404040")
-    figure.subplots_adjust(left=0.02, right=0.98, top=0.92, bottom=0.09, wspace=0.06, hspace=0.1)
+
+    def axes_at(left_in: float, bottom_in: float, height_in: float) -> Axes:
+        across, down = sheet_in
+        return figure.add_axes((left_in / across, bottom_in / down, _PANEL_IN / across, height_in / down))
+
+    left, right, low, high = _GAP_IN, 2 * _GAP_IN + _PANEL_IN, _FOOT_IN, _FOOT_IN + panel_in + _GAP_IN
+    _panel(axes_at(left, high, panel_in), panels.photograph, "Photograph")
+    _panel(axes_at(right, high, panel_in), panels.virtual, "Virtual view of the model")
+    bar = axes_at(left, low - 0.25, 0.15)
+    _draw_depth(axes_at(left, low, panel_in), bar, panels.images.depth_m)
+    _draw_elements(axes_at(right, low, panel_in), panels.images)
+    figure.text(_GAP_IN / sheet_in[0], 1 - 0.32 / sheet_in[1], plain(title), fontsize=13)
+    figure.text(_GAP_IN / sheet_in[0], 0.12 / sheet_in[1], plain(note), fontsize=9, color="#404040")
     return figure
 
 
 def _panel(axes: Axes, picture: NDArray[np.uint8] | Array, title: str) -> None:
     axes.imshow(picture, interpolation="nearest")
-    axes.set_title(title, loc="left", fontsize=11)
+    axes.set_title(title, loc="left", fontsize=10)
     axes.set_axis_off()
 
 
-def _draw_depth(axes: Axes, depth_m: NDArray[np.float32], figure: Figure) -> None:
+def _draw_depth(axes: Axes, bar: Axes, depth_m: NDArray[np.float32]) -> None:
     found = np.isfinite(depth_m)
-    axes.set_title("Depth of the model along the camera's axis", loc="left", fontsize=11)
-    axes.set_axis_off()
     shown = axes.imshow(np.where(found, depth_m, np.nan), cmap="viridis_r", interpolation="nearest")
+    axes.set_title("Depth of the model along the camera's axis, m", loc="left", fontsize=10)
+    axes.set_axis_off()
     if found.any():
-        bar = figure.colorbar(shown, ax=axes, orientation="horizontal", fraction=0.045, pad=0.02, aspect=45)
-        bar.set_label("m", fontsize=10)
+        axes.figure.colorbar(shown, cax=bar, orientation="horizontal").ax.tick_params(labelsize=9)
+    else:
+        bar.set_axis_off()
 
 
 def _draw_elements(axes: Axes, images: ViewImages) -> None:
@@ -96,7 +108,7 @@ def _draw_elements(axes: Axes, images: ViewImages) -> None:
         loc="upper center",
         bbox_to_anchor=(0.5, 0.0),
         ncols=6,
-        fontsize=10,
+        fontsize=9,
         frameon=False,
     )
 
