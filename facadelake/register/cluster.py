@@ -35,9 +35,11 @@ class _Links:
         low, high = group[self.low], group[self.high]
         low, high = np.minimum(low, high), np.maximum(low, high)
         kept = np.flatnonzero(low != high)
-        kept = kept[np.lexsort((high[kept], low[kept]))]
+        key = low[kept] * len(group) + high[kept]
+        order = np.argsort(key, kind="stable")
+        kept, key = kept[order], key[order]
         low, high = low[kept], high[kept]
-        starts = np.flatnonzero(np.r_[True, (np.diff(low) != 0) | (np.diff(high) != 0)][: len(low)])
+        starts = np.flatnonzero(np.r_[True, np.diff(key) != 0][: len(key)])
         if len(starts) == 0:
             return _Links(low=low, high=high, squared=np.zeros(0), count=np.zeros(0), barred=np.zeros(0, dtype=bool))
         return _Links(
@@ -91,12 +93,12 @@ def numbered(group: Rows) -> NDArray[np.int64]:
 
 def _mutual(low: Rows, high: Rows, mean: Array, count: int) -> NDArray[np.bool_]:
     """Which links (k,) are the nearest of both their groups; of equally near ones the first by name."""
-    node, other, far = np.r_[low, high], np.r_[high, low], np.r_[mean, mean]
-    order = np.lexsort((other, far, node))
-    ranked = node[order]
-    leads = order[np.r_[True, np.diff(ranked) != 0][: len(ranked)]]
-    best = np.full(count, -1, dtype=np.int64)
-    best[node[leads]] = other[leads]
+    nearest, best = np.full(count, np.inf), np.full(count, count, dtype=np.int64)
+    np.minimum.at(nearest, low, mean)
+    np.minimum.at(nearest, high, mean)
+    for node, other in ((low, high), (high, low)):
+        leads = mean == nearest[node]
+        np.minimum.at(best, node[leads], other[leads])
     mutual: NDArray[np.bool_] = (best[low] == high) & (best[high] == low)
     return mutual
 

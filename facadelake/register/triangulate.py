@@ -103,7 +103,7 @@ def triangulated(rays: Rays, planes: Planes, hold_m: Array | float) -> Places:
     outer = normal[:, :, None] * normal[:, None, :]
     place = rays.middles()
     for _ in range(_ROUNDS):
-        weight = (_FREEDOM + 2) / (_FREEDOM + rays.squares(place))
+        weight: Array = (_FREEDOM + 2) / (_FREEDOM + rays.squares(place))
         off = np.einsum("gi,gi->g", place - planes.xyz_site_m, normal) / hold
         held = (_FREEDOM + 1) / (_FREEDOM + off**2) / hold**2
         weighted = weight[:, None, None] * rays.information
@@ -115,7 +115,7 @@ def triangulated(rays: Rays, planes: Planes, hold_m: Array | float) -> Places:
     # A residual smaller than expected makes no ray better than it is.
     sure = np.minimum(weight, 1.0)[:, None, None] * rays.information
     told = rays.summed(sure)
-    covariance: Array = np.linalg.inv(told + (1 / hold**2)[:, None, None] * outer)
+    covariance: Array = np.linalg.inv(told + (1.0 / hold**2)[:, None, None] * outer)
     # Along the normal by the rays alone: the information left once the other two directions are free.
     loose = np.linalg.inv(told + outer / _LOOSE_M**2)
     variance = np.einsum("gi,gij,gj->g", normal, loose, normal)
