@@ -1,101 +1,136 @@
-"""What the IFC says of an element: name, storey, materials, whether it is external."""
+"""Table ``elements`` of an IFC: what it says of each element, and where the element faces."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import ifcopenshell
 import ifcopenshell.util.element
-import ifcopenshell.util.placement
 import ifcopenshell.util.unit
+import numpy as np
+import pyarrow as pa
+import shapely
+from numpy.typing import NDArray
 
-_RISE_M = 0.1  # an element may begin this far below its storey's level
+from facadelake.frames import Array
+from facadelake.geobim.detail import detail_level
+from facadelake.geobim.facade import LEVEL, open_sides_of
+from facadelake.geobim.facade_directions import directions_of, names_of, turn_deg
+from facadelake.geobim.footprint import in_lon_lat, outline_of
+from facadelake.geobim.hosts import building_of, host_of, label_of
+from facadelake.geobim.levels import Storey, storey_of
+from facadelake.geobim.material_layers import layers_json, layers_of, material_names
+from facadelake.geobim.mesh import ElementMesh
+from facadelake.geobim.properties import as_json, is_external, property_sets
+from facadelake.geobim.surface import Surface
+from facadelake.geodesy import SiteOrigin
+from facadelake.progress import track
+from facadelake.tables import table_of_rows
 
 
 @dataclass(frozen=True, kw_only=True)
-class Attributes:
-    """An element's attributes; an empty text or None where the IFC is silent."""
-
-    guid: str
-    ifc_class: str
-    name: str
-    storey: str
-    material: str
-    is_external: bool | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Storey:
-    """A storey and the level of its floor in the model's axes, metres."""
+class FacadeOf:
+    """An element's facade, and its outward azimuth in degrees; None for "level", "inside" and "around"."""
 
     name: str
-    level_m: float
+    azimuth_deg: float | None
 
 
-def storeys_of(model: ifcopenshell.file) -> list[Storey]:
-    """The model's storeys from the lowest up."""
+def elements_table(
+    model: ifcopenshell.file,
+    meshes: Sequence[ElementMesh],
+    surface: Surface,
+    *,
+    site_from_ifc: Array,
+    origin: SiteOrigin,
+    storeys: Sequence[Storey],
+) -> pa.Table:
+    """One row a mesh, whose triangles follow one another in ``surface``; ``site_from_ifc`` (3, 3) turns directions."""
+    ends = np.cumsum([len(mesh.triangles) for mesh in meshes])
+    owner = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])
+    facades = facades_of(surface, owner, len(meshes))
+    areas = np.bincount(owner, weights=surface.areas_m2, minlength=len(meshes))
     unit_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
-    storeys = []
-    for storey in model.by_type("IfcBuildingStorey"):
-        if storey.ObjectPlacement is not None:
-            level = float(ifcopenshell.util.placement.get_local_placement(storey.ObjectPlacement)[2, 3])
+    rows: list[dict[str, Any]] = []
+    for index, mesh in enumerate(track(meshes, label="Describing elements")):
+        corners = surface.vertices_site_m[surface.triangles[ends[index] - len(mesh.triangles) : ends[index]]]
+        outline = in_lon_lat(outline_of(corners), float(corners[:, :, 2].min()), origin)
+        facade = facades[index]
+        said = _said(model.by_guid(mesh.guid), mesh, storeys, _outward(facade, site_from_ifc), unit_m)
+        seen = {
+            "facade": facade.name,
+            "facade_azimuth_deg": facade.azimuth_deg,
+            "surface_area_m2": float(areas[index]),
+            "geometry": shapely.to_wkb(outline),
+        }
+        rows.append(said | seen)
+    return table_of_rows("elements", rows)
+
+
+def facades_of(surface: Surface, element_of_triangle: NDArray[np.int64], elements: int) -> list[FacadeOf]:
+    """Facade of each element: walls clustered by the way they look, however the compass divides them."""
+    sides = open_sides_of(surface, element_of_triangle, elements)
+    faced = np.isfinite(sides.azimuth_deg)
+    directions = directions_of(sides.azimuth_deg[faced], sides.area_m2[faced])
+    names = names_of(directions)
+    found = []
+    for word, azimuth in zip(sides.words, sides.azimuth_deg, strict=True):
+        if word:
+            found.append(FacadeOf(name=word, azimuth_deg=None))
         else:
-            level = float(storey.Elevation or 0.0)
-        storeys.append(Storey(name=storey.Name or storey.LongName or storey.GlobalId, level_m=level * unit_m))
-    return sorted(storeys, key=lambda storey: (storey.level_m, storey.name))
+            nearest = int(np.argmin(turn_deg(directions, float(azimuth))))
+            found.append(FacadeOf(name=names[nearest], azimuth_deg=round(float(directions[nearest]), 2) % 360.0))
+    return found
 
 
-def attributes_of(element: ifcopenshell.entity_instance, storeys: list[Storey], bottom_ifc_m: float) -> Attributes:
-    """The element's attributes; its storey by containment, else by ``bottom_ifc_m``, its lowest point's level."""
-    return Attributes(
-        guid=element.GlobalId,
-        ifc_class=element.is_a(),
-        name=element.Name or "",
-        storey=_container(element) or _storey_at(storeys, bottom_ifc_m),
-        material="; ".join(dict.fromkeys(_materials(ifcopenshell.util.element.get_material(element)))),
-        is_external=_is_external(element),
-    )
+def _said(
+    element: ifcopenshell.entity_instance,
+    mesh: ElementMesh,
+    storeys: Sequence[Storey],
+    outward_ifc: Array | None,
+    unit_m: float,
+) -> dict[str, Any]:
+    """The columns that the IFC tells; None where it is silent."""
+    storey = storey_of(element, storeys, float(mesh.vertices_ifc_m[:, 2].min()))
+    host, building = host_of(element), building_of(element)
+    sets = property_sets(element)
+    return {
+        "element_guid": element.GlobalId,
+        "ifc_class": element.is_a(),
+        "predefined_type": _predefined_type(element),
+        "element_name": element.Name or None,
+        "host_guid": host.GlobalId if host is not None else None,
+        "ifc_building": label_of(building) if building is not None else None,
+        "storey": storey.name or None,
+        "storey_source": storey.source or None,
+        "material": material_names(element) or None,
+        "material_layers": layers_json(layers_of(element, outward_ifc, unit_m)) or None,
+        "is_external": is_external(sets),
+        "properties": as_json(sets) or None,
+        "detail_level": detail_level(mesh),
+        "triangles": len(mesh.triangles),
+    }
 
 
-def _container(element: ifcopenshell.entity_instance) -> str:
-    """Name of the storey that holds the element, its whole, or the wall its opening is in; empty where none does."""
-    seen: set[int] = set()
-    holder = element
-    while holder is not None and holder.id() not in seen:
-        seen.add(holder.id())
-        if holder.is_a("IfcBuildingStorey"):
-            return str(holder.Name or holder.LongName or holder.GlobalId)
-        holder = ifcopenshell.util.element.get_parent(holder)
-    return ""
-
-
-def _storey_at(storeys: list[Storey], bottom_m: float) -> str:
-    below = [storey for storey in storeys if storey.level_m <= bottom_m + _RISE_M]
-    if below:
-        return below[-1].name
-    return storeys[0].name if storeys else ""
-
-
-def _materials(material: ifcopenshell.entity_instance | None) -> list[str]:
-    """Names in the order the IFC lists them, which for layers is across the element."""
-    if material is None:
-        return []
-    if material.is_a("IfcMaterial"):
-        return [material.Name] if material.Name else []
-    if material.is_a("IfcMaterialLayerSetUsage"):
-        names = _materials(material.ForLayerSet)
-        return names[::-1] if material.DirectionSense == "NEGATIVE" else names
-    if material.is_a("IfcMaterialProfileSetUsage"):
-        return _materials(material.ForProfileSet)
-    parts: list[ifcopenshell.entity_instance] = []
-    for attribute in ("MaterialLayers", "MaterialConstituents", "MaterialProfiles", "Materials"):
-        parts.extend(getattr(material, attribute, None) or ())
-    return [name for part in parts for name in _materials(part if part.is_a("IfcMaterial") else part.Material)]
-
-
-def _is_external(element: ifcopenshell.entity_instance) -> bool | None:
-    """IsExternal of the element's common property set, its own before its type's; None where it is not said."""
-    for name, values in ifcopenshell.util.element.get_psets(element, psets_only=True).items():
-        if name.startswith("Pset_") and name.endswith("Common") and isinstance(values.get("IsExternal"), bool):
-            return bool(values["IsExternal"])
+def _predefined_type(element: ifcopenshell.entity_instance) -> str | None:
+    """PredefinedType of the element, else of its type, or their own word for it; None where there is none."""
+    for holder, own_word in ((element, "ObjectType"), (ifcopenshell.util.element.get_type(element), "ElementType")):
+        found = getattr(holder, "PredefinedType", None)
+        if found == "USERDEFINED":
+            found = getattr(holder, own_word, None)
+        if found and found != "NOTDEFINED":
+            return str(found)
     return None
+
+
+def _outward(facade: FacadeOf, site_from_ifc: Array) -> Array | None:
+    """The facade's outward direction in the model's axes; up for what is level."""
+    if facade.name == LEVEL:
+        return np.array([0.0, 0.0, 1.0])
+    if facade.azimuth_deg is None:
+        return None
+    angle = np.radians(facade.azimuth_deg)
+    outward: Array = site_from_ifc.T @ np.array([np.sin(angle), np.cos(angle), 0.0])
+    return outward

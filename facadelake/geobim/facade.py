@@ -1,6 +1,8 @@
-"""Which facade an element belongs to: the compass direction of the part of its surface that is open to the sky."""
+"""Which way the open sides of a building's elements look, and the names that facades have."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,13 +11,29 @@ from facadelake.frames import Array
 from facadelake.geobim.surface import Surface
 
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
-LEVEL = "level"
-INSIDE = "inside"
+LEVEL = "level"  # open mainly upward or downward: roofs, slabs, soffits
+INSIDE = "inside"  # open nowhere
+AROUND = "around"  # open to many sides: curved walls, columns; the place's own normal decides
 _SKY = [(azimuth, height) for height in (15.0, 40.0, 65.0) for azimuth in (-50.0, 0.0, 50.0)]
 _LIFT_M = 0.01
+_CHUNK = 200_000  # triangles whose openness is found at once: some 100 MB
 _SAME_PLANE_DEG = 2.0
-_MAIN_SHARE = 0.5  # of an element's open area: below it the element is round, and its mean direction counts
+_MAIN_SHARE = 0.55  # of an element's open upright area: a plane that has more is the element's direction
+_WITHIN_DEG = 30.0
+_ROUND_SHARE = 0.75  # without such a plane, the share within 30 degrees that makes a mean direction meaningful
 _ONE_SIDED = 0.3  # net over total open area above which an element has one outward direction
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpenSides:
+    """For n elements: the outward azimuth in degrees (NaN: none), its open upright area in m2, and a word.
+
+    The word is "level", "inside" or "around" where an element has no direction, else empty.
+    """
+
+    azimuth_deg: Array
+    area_m2: Array
+    words: tuple[str, ...]
 
 
 def compass_of(direction_site: Array) -> str:
@@ -26,48 +44,43 @@ def compass_of(direction_site: Array) -> str:
     return COMPASS[round(float(np.degrees(np.arctan2(x, y))) / 45.0) % 8]
 
 
-def facade_seen(element_facade: str, normal_site: Array) -> str:
-    """Facade of a place on an element, seen where its surface has ``normal_site`` (3,).
-
-    It is the element's, so that a reveal counts with its wall, unless the place is on the element's other side or the
-    element has no direction of its own: then it is the direction the place itself faces.
-    """
-    if element_facade not in COMPASS:
-        return compass_of(normal_site)
-    angle = np.radians(45.0 * COMPASS.index(element_facade))
-    flat = float(np.hypot(normal_site[0], normal_site[1]))
-    ahead = float(normal_site[0] * np.sin(angle) + normal_site[1] * np.cos(angle))
-    behind = flat > 0.5 and ahead < flat * np.cos(np.radians(112.5))
-    return compass_of(normal_site) if behind else element_facade
-
-
-def facades_of(surface: Surface, element_of_triangle: NDArray[np.int64], elements: int) -> list[str]:
-    """Facade of each element: "N" .. "NW", "level" where its open area lies mainly flat, "inside" where none is open.
+def open_sides_of(surface: Surface, element_of_triangle: NDArray[np.int64], elements: int) -> OpenSides:
+    """Which way each element's open sides look.
 
     A side counts as far as rays from it reach the sky, so neither the winding of open shells nor the inner faces of
     outer walls matter. A wall with two open sides faces away from the building's middle.
     """
     normals, areas = surface.normals_site, surface.areas_m2
     centres = surface.vertices_site_m[surface.triangles].mean(axis=1)
-    names = []
-    open_front, open_back = openness(surface, centres, normals), openness(surface, centres, -normals)
-    net = normals * (areas * (open_front - open_back))[:, None]
-    total = areas * (open_front + open_back)
-    sides = total * np.hypot(normals[:, 0], normals[:, 1])
-    flat = total * np.abs(normals[:, 2])
+    front, back = np.empty(len(areas)), np.empty(len(areas))
+    for start in range(0, len(areas), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        front[part] = openness(surface, centres[part], normals[part])
+        back[part] = openness(surface, centres[part], -normals[part])
+    upright = np.hypot(normals[:, 0], normals[:, 1])
+    total = areas * (front + back)
+    net = normals * (areas * (front - back))[:, None]
     middle = (centres * areas[:, None]).sum(axis=0) / areas.sum()
+    order = np.argsort(element_of_triangle, kind="stable")
+    ends = np.searchsorted(element_of_triangle[order], np.arange(elements + 1))
+    azimuths, open_areas, words = np.full(elements, np.nan), np.zeros(elements), []
     for element in range(elements):
-        own = element_of_triangle == element
+        own = order[ends[element] : ends[element + 1]]
+        sides = total[own] * upright[own]
         if total[own].sum() < 1e-3 * areas[own].sum():
-            names.append(INSIDE)
-        elif flat[own].sum() > sides[own].sum():
-            names.append(LEVEL)
+            words.append(INSIDE)
+        elif (total[own] * np.abs(normals[own, 2])).sum() > sides.sum():
+            words.append(LEVEL)
         else:
             outward = net[own].sum(axis=0) * [1, 1, 0]
-            if np.linalg.norm(outward) < _ONE_SIDED * sides[own].sum():
-                outward = _two_sided(normals[own], sides[own], centres[own] - middle)
-            names.append(compass_of(_main_side(net[own] * [1, 1, 0], outward)))
-    return names
+            if np.linalg.norm(outward) < _ONE_SIDED * sides.sum():
+                outward = _two_sided(normals[own], sides, centres[own] - middle)
+            main = _main_side(normals[own], sides, outward)
+            words.append(AROUND if main is None else "")
+            if main is not None:
+                azimuths[element] = np.degrees(np.arctan2(main[0], main[1])) % 360.0
+                open_areas[element] = sides.sum()
+    return OpenSides(azimuth_deg=azimuths, area_m2=open_areas, words=tuple(words))
 
 
 def openness(surface: Surface, points_site_m: Array, normals_site: Array) -> Array:
@@ -88,24 +101,29 @@ def openness(surface: Surface, points_site_m: Array, normals_site: Array) -> Arr
     return share
 
 
-def _main_side(net: Array, outward: Array) -> Array:
-    """The direction of the flat face that makes up most of the open area on the ``outward`` side, if one does.
+def _main_side(normals: Array, weights: Array, outward: Array) -> Array | None:
+    """The direction (2,) that most of an element's open area has, on its ``outward`` side; None where none has.
 
-    Elements of one plane then have one direction, however unevenly their reveals lie open.
+    It is that of the largest plane if that makes up most of the area, so that elements of one plane have one direction
+    however unevenly their reveals lie open. Both sides of a wall count for its direction.
     """
-    area = np.linalg.norm(net, axis=1)
-    ahead = (area > 0) & (net @ outward > 0)
-    if not ahead.any():
-        return outward
-    azimuth = np.degrees(np.arctan2(net[ahead, 0], net[ahead, 1]))
-    # Bins begin off the whole degrees that buildings like, and off the jump from 180 to -180.
-    step = np.floor(((azimuth + 0.71) % 360.0) / _SAME_PLANE_DEG).astype(np.int64)
-    _, where = np.unique(step, return_inverse=True)
-    weight = np.bincount(where, weights=area[ahead])
-    if weight.max() < _MAIN_SHARE * weight.sum():
-        return outward
-    main: Array = net[ahead][where == int(np.argmax(weight))].sum(axis=0)
-    return main
+    used = weights > 0
+    flat = normals[used, :2] / np.linalg.norm(normals[used, :2], axis=1, keepdims=True)
+    weight = weights[used]
+    azimuth = np.degrees(np.arctan2(flat[:, 0], flat[:, 1])) % 180.0  # front and back of one plane together
+    # Bins begin off the whole degrees that buildings like; the last one closes the circle.
+    step = np.floor(((azimuth + 0.71) % 180.0) / _SAME_PLANE_DEG).astype(np.int64)
+    share = np.bincount(step, weights=weight) / weight.sum()
+    if share.max() > _MAIN_SHARE:
+        core = step == int(np.argmax(share))
+    else:
+        mean = np.degrees(np.arctan2(outward[0], outward[1]))
+        core = np.abs((azimuth - mean + 90.0) % 180.0 - 90.0) <= _WITHIN_DEG
+        if weight[core].sum() < _ROUND_SHARE * weight.sum():
+            return None
+    turned = np.where(flat[core] @ outward[:2] < 0, -1.0, 1.0)
+    direction: Array = (flat[core] * (weight[core] * turned)[:, None]).sum(axis=0)
+    return direction
 
 
 def _two_sided(normals: Array, weights: Array, from_middle: Array) -> Array:

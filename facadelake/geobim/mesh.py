@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import ifcopenshell
@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from facadelake.errors import ModelError
 from facadelake.frames import Array
+from facadelake.geobim.hosts import building_of
 from facadelake.progress import stage_progress
 
 _log = logging.getLogger(__name__)
@@ -68,19 +69,26 @@ def open_ifc(path: Path) -> ifcopenshell.file:
     return model
 
 
-def meshes_of(model: ifcopenshell.file, *, deflection_m: float, workers: int) -> list[ElementMesh]:
+def meshes_of(
+    model: ifcopenshell.file, *, deflection_m: float, workers: int, building_guid: str = ""
+) -> list[ElementMesh]:
     """Every element's surface in model axes, openings cut out; spaces, sites, openings and annotations are left out.
 
-    An element whose geometry fails is logged by its GlobalId and left out; raises ModelError where none is left.
+    Where ``building_guid`` names an IfcBuilding, elements of the file's other buildings are left out too. An element
+    whose geometry fails is logged by its GlobalId and left out; raises ModelError where none is left.
     """
     wanted = [
         element
         for kind in ("IfcElement", "IfcProxy")
         for element in _by_type(model, kind)
-        if element.Representation is not None and not any(_is(element, name) for name in _LEFT_OUT)
+        if element.Representation is not None
+        and not any(_is(element, name) for name in _LEFT_OUT)
+        and not (building_guid and _is_of_another(element, building_guid))
     ]
     settings = ifcopenshell.geom.settings()
-    settings.set("use-world-coords", True)
+    # Shapes come about their own placement, where coordinates are small, and are moved in float64 afterwards: at map
+    # coordinates of 5e6 m the kernel's tolerances are coarse.
+    settings.set("use-world-coords", False)
     settings.set("weld-vertices", True)
     settings.set("no-normals", True)
     settings.set("mesher-linear-deflection", deflection_m)
@@ -94,9 +102,10 @@ def meshes_of(model: ifcopenshell.file, *, deflection_m: float, workers: int) ->
                 shape = iterator.get()
                 vertices = np.frombuffer(shape.geometry.verts_buffer, dtype=np.float64).reshape(-1, 3)
                 triangles = np.frombuffer(shape.geometry.faces_buffer, dtype=np.int32).reshape(-1, 3).astype(np.int64)
-                mesh = _cleaned(shape.guid, vertices.copy(), triangles)
+                mesh = _cleaned(shape.guid, vertices, triangles)
                 if len(mesh.triangles):
-                    meshes.append(mesh)
+                    ifc_from_own = np.frombuffer(shape.transformation_buffer, dtype=np.float64).reshape(4, 4).T
+                    meshes.append(replace(mesh, vertices_ifc_m=_moved(mesh.vertices_ifc_m, ifc_from_own)))
                 step.advance()
                 more = iterator.next()
     if not meshes:
@@ -111,6 +120,16 @@ def meshes_of(model: ifcopenshell.file, *, deflection_m: float, workers: int) ->
             "%d of %d elements have no surface: %s", len(missing), len(wanted), ", ".join(sorted(missing)[:10])
         )
     return meshes
+
+
+def _moved(points: Array, matrix: Array) -> Array:
+    moved: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved
+
+
+def _is_of_another(element: ifcopenshell.entity_instance, building_guid: str) -> bool:
+    building = building_of(element)
+    return building is not None and building.GlobalId != building_guid
 
 
 def _cleaned(guid: str, vertices: Array, triangles: NDArray[np.int64]) -> ElementMesh:

@@ -30,8 +30,8 @@ class ModelSettings:
 
     ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``placement`` stands in where the IFC
     has no map conversion, and ``control`` before that: pairs of points of the model and of the map. ``accept_level`` is
-    the lowest LoGeoRef to be taken though it is good to metres alone. ``mesh_deflection_m`` bounds how far a flat
-    triangle leaves a curved surface.
+    the lowest LoGeoRef to be taken though it is good to metres alone. ``building`` names the one IfcBuilding to take
+    (name or GlobalId); empty takes all. ``mesh_deflection_m`` bounds how far a flat triangle leaves a curved surface.
     """
 
     map_crs: str | None = None
@@ -39,6 +39,7 @@ class ModelSettings:
     placement: MapPlacement | None = None
     control: tuple[ControlPair, ...] = ()
     accept_level: int | None = None
+    building: str = ""
     origin: SiteOrigin | None = None
     mesh_deflection_m: float = 0.001
     workers: int = 2

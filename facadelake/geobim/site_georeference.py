@@ -121,7 +121,7 @@ def true_north_deg(model: ifcopenshell.file) -> float | None:
         if context.ContextType == "Model" and context.TrueNorth is not None:
             x, y = context.TrueNorth.DirectionRatios[:2]
             if x or y:
-                return float(np.degrees(np.arctan2(-x, y))) + 0.0  # no minus zero
+                return round(float(np.degrees(np.arctan2(-x, y))), 9) + 0.0  # no minus zero
     return None
 
 

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from facadelake.frames import Array
-from facadelake.geobim.facade import facade_seen
+from facadelake.geobim.facade_directions import facades_in
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.storeys import storeys_of_places
 from facadelake.register.attribution import Attribution
@@ -31,6 +31,7 @@ class Places:
         self._building = building
         self._attribution = attribution
         self._extents = building.extents_site_m()
+        self._facade_directions = facades_in(building.elements)
         self._guids, self._storeys, self._facades = (
             building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
         )
@@ -63,7 +64,10 @@ class Places:
             "crack_width_mm": [None if np.isnan(width) else width for width in width_mm.tolist()],
             "element_guid": [self._guids[row] for row in element],
             "storey": storeys_of_places(building.storeys, self._storeys, self._extents, element, xyz[:, 2]),
-            "facade": [facade_seen(self._facades[row], facing) for row, facing in zip(element, normal, strict=True)],
+            "facade": [
+                self._facade_directions.seen(self._facades[row], facing)
+                for row, facing in zip(element, normal, strict=True)
+            ],
             "patch": patches_on_the_globe(patches.polygon_site[kept], building.origin),
             "geometry": shapely.to_wkb(shapely.points(geo), output_dimension=3).tolist(),
         }

@@ -10,7 +10,9 @@ import pytest
 import shapely
 import trimesh
 
-from facadelake.geobim.facade import compass_of, facade_seen, facades_of
+from facadelake.geobim.elements import facades_of
+from facadelake.geobim.facade import COMPASS, compass_of
+from facadelake.geobim.facade_directions import Facades
 from facadelake.geobim.load import load_building
 from facadelake.geobim.mesh import meshes_of, open_ifc
 from facadelake.geobim.model import ModelSettings
@@ -117,7 +119,9 @@ def test_a_return_does_not_turn_its_wall():
         np.vstack([wall, side, turned]), np.vstack([square, square + 4, block.faces + 8]), owner
     )
     assert (compass_of(out), compass_of(out - 0.6 * aside)) == ("SE", "S")
-    assert facades_of(surface, owner, 2)[0] == "SE"
+    facade = facades_of(surface, owner, 2)[0]
+    assert facade.name == "SE"
+    np.testing.assert_allclose(facade.azimuth_deg, 156.0, rtol=0, atol=0.01)  # deg
 
 
 @pytest.mark.parametrize(
@@ -133,4 +137,5 @@ def test_a_return_does_not_turn_its_wall():
     ],
 )
 def test_the_facade_a_place_is_counted_with(element, normal, seen):
-    assert facade_seen(element, np.array(normal, dtype=float)) == seen
+    facades = Facades(names=COMPASS, azimuths_deg=tuple(45.0 * number for number in range(8)))
+    assert facades.seen(element, np.array(normal, dtype=float)) == seen

@@ -1,0 +1,82 @@
+"""What an element is made of: names of its materials, and its layers from the outside in."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import ifcopenshell
+import ifcopenshell.util.element
+import ifcopenshell.util.placement
+import numpy as np
+
+from facadelake.frames import Array
+
+_AXES = {"AXIS1": 0, "AXIS2": 1, "AXIS3": 2}
+_ACROSS = 0.5  # cosine: layers that lie more along the facade than across it have no outermost
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layer:
+    """One layer; the material is empty where the IFC names none, as of an air gap."""
+
+    material: str
+    thickness_m: float
+
+
+def material_names(element: ifcopenshell.entity_instance) -> str:
+    """Names of the element's materials, each once, in the order the IFC lists them; empty without."""
+    material = ifcopenshell.util.element.get_material(element)
+    return "; ".join(dict.fromkeys(_names(material)))
+
+
+def layers_of(element: ifcopenshell.entity_instance, outward_ifc: Array | None, unit_m: float) -> list[Layer]:
+    """The element's layers, outermost first where ``outward_ifc`` (3,), in the model's axes, tells; empty without any.
+
+    ``unit_m``: metres of the model's length unit.
+    """
+    material = ifcopenshell.util.element.get_material(element)
+    if material is None:
+        return []
+    usage = material if material.is_a("IfcMaterialLayerSetUsage") else None
+    layer_set = usage.ForLayerSet if usage else material
+    if not layer_set.is_a("IfcMaterialLayerSet"):
+        return []
+    layers = [
+        Layer(
+            material=(layer.Material.Name or "") if layer.Material else "",
+            thickness_m=round(float(layer.LayerThickness) * unit_m, 6),
+        )
+        for layer in layer_set.MaterialLayers
+    ]
+    flat = element.is_a("IfcSlab") or element.is_a("IfcRoof") or element.is_a("IfcCovering")
+    axis = _AXES[usage.LayerSetDirection] if usage else (2 if flat else 1)
+    sense = -1.0 if usage and usage.DirectionSense == "NEGATIVE" else 1.0
+    if outward_ifc is not None and element.ObjectPlacement is not None:
+        placed = ifcopenshell.util.placement.get_local_placement(element.ObjectPlacement)
+        along = sense * float(np.dot(placed[:3, axis], outward_ifc))
+        if along > _ACROSS:  # the set begins at the inner face
+            return layers[::-1]
+    return layers
+
+
+def layers_json(layers: list[Layer]) -> str:
+    """Layers as JSON, empty without any."""
+    rows = [{"material": layer.material or None, "thickness_m": layer.thickness_m} for layer in layers]
+    return json.dumps(rows, ensure_ascii=False) if rows else ""
+
+
+def _names(material: ifcopenshell.entity_instance | None) -> list[str]:
+    if material is None:
+        return []
+    if material.is_a("IfcMaterial"):
+        return [material.Name] if material.Name else []
+    if material.is_a("IfcMaterialLayerSetUsage"):
+        names = _names(material.ForLayerSet)
+        return names[::-1] if material.DirectionSense == "NEGATIVE" else names
+    if material.is_a("IfcMaterialProfileSetUsage"):
+        return _names(material.ForProfileSet)
+    parts: list[ifcopenshell.entity_instance] = []
+    for attribute in ("MaterialLayers", "MaterialConstituents", "MaterialProfiles", "Materials"):
+        parts.extend(getattr(material, attribute, None) or ())
+    return [name for part in parts for name in _names(part if part.is_a("IfcMaterial") else part.Material)]
