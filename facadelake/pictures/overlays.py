@@ -43,8 +43,8 @@ def photo_overlays(
     photo_ids: Iterable[str],
     folder: Path,
     settings: PictureSettings | None = None,
-) -> list[Path]:
-    """Write ``overlay_<photo>.jpg`` for each photograph asked for, ``overlay_width_px`` wide.
+) -> dict[str, Path]:
+    """Write ``overlay_<photo>.jpg`` for each photograph asked for, ``overlay_width_px`` wide; paths by photo_id.
 
     Drawn: the model's visible edges (lens distortion kept), boxes or masks coloured by outcome, registered points as
     crosses, defects at real size in white where the photograph sees them; a strip above says so. A photograph without
@@ -57,7 +57,7 @@ def photo_overlays(
     boxes: dict[str, list[dict[str, Any]]] = {}
     for row in inspection.detections.to_pylist():
         boxes.setdefault(row["photo_id"], []).append(row)
-    paths = []
+    paths: dict[str, Path] = {}
     for photo_id in track(list(photo_ids), label="Drawing overlays"):
         posed = inspection.posed.get(photo_id)
         path = folder / f"overlay_{photo_id.replace('/', '_').rsplit('.', 1)[0]}.jpg"
@@ -73,7 +73,7 @@ def photo_overlays(
         title = photo_id + ("" if posed is not None else "  (no pose)")
         entries = _legend(posed is not None, boxes.get(photo_id, []), outcome)
         cv2.imwrite(str(path), with_legend(picture, title, entries), _JPEG)
-        paths.append(path)
+        paths[photo_id] = path
     return paths
 
 

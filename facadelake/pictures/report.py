@@ -80,7 +80,7 @@ def write_report(
         ),
         section("plan", "Plan", figure(plan, folder, "plan with cameras and defects", _plan_caption())),
         section("photographs", "Photographs", beside(photograph_counts(inspection)), files_not_used(inspection),
-                *(figure(path, folder, "a photograph with the model's edges", _OVERLAY) for path in overlays)),
+                *(figure(path, folder, "a photograph with the model's edges", _OVERLAY) for path in overlays.values())),
         section("passport", "Passport: its place on the globe", *passport(inspection, folder)),
         section(
             "checks", "Checks before the commit",

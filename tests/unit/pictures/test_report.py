@@ -106,8 +106,8 @@ def test_overlays_show_posed_and_unposed_photographs(
     inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], ["D1"])
     inspection = replace(inspection, posed={"a.png": painted.posed["a.png"]})
     paths = photo_overlays(inspection, painted.surface, ["a.png", "b.png", "gone.png"], tmp_path, COARSE)
-    assert [path.name for path in paths] == ["overlay_a.jpg", "overlay_b.jpg"]
-    sheets = [cv2.imread(str(path)).astype(int) for path in paths]
+    assert {name: path.name for name, path in paths.items()} == {"a.png": "overlay_a.jpg", "b.png": "overlay_b.jpg"}
+    sheets = [cv2.imread(str(path)).astype(int) for path in paths.values()]
     assert [sheet.shape[1:] for sheet in sheets] == [(500, 3)] * 2
     posed, unposed = (sheet[-350:] for sheet in sheets)  # below the legend
     cyan = [((p[..., 0] > 200) & (p[..., 1] > 200) & (p[..., 2] < 90)).sum() for p in (posed, unposed)]
@@ -123,8 +123,9 @@ def test_boxes_have_the_colour_of_their_outcome_where_they_are(painted: Painted,
     inspection = replace(
         inspection, observations=table_of_rows("observations", rows), defects=table_of_rows("defects", [])
     )
-    (path,) = photo_overlays(inspection, painted.surface, ["a.png"], tmp_path, PictureSettings(overlay_width_px=1000))
-    picture = cv2.imread(str(path))[-700:].astype(int)
+    whole = PictureSettings(overlay_width_px=1000)
+    paths = photo_overlays(inspection, painted.surface, ["a.png"], tmp_path, whole)
+    picture = cv2.imread(str(paths["a.png"]))[-700:].astype(int)
     ink = np.array(bgr_of(outcome_colour(outcome)))
     before = cv2.imread(str(painted.root / "a.png")).astype(int)
     changed = (np.abs(picture - ink).max(axis=2) < 60) & (np.abs(before - ink).max(axis=2) > 80)
