@@ -10,9 +10,10 @@ from facadelake.cache import file_hash
 from facadelake.geobim.control_fit import ControlPair
 from facadelake.geobim.georeference import MapPlacement
 from facadelake.geobim.load import load_building
-from facadelake.geobim.mesh_building import BareSettings, NamedFloor, load_mesh_building
+from facadelake.geobim.mesh_building import BareSettings, load_mesh_building
 from facadelake.geobim.mesh_file import MeshAxes
 from facadelake.geobim.model import BuildingModel, ModelSettings
+from facadelake.geobim.storeys import NamedFloor
 from facadelake.geodesy import SiteOrigin
 from facadelake.progress import stage_progress
 from facadelake.registry import Building
@@ -38,7 +39,7 @@ def load_model(job: InspectionJob) -> StageResult:
         "model": file_hash(path),
         "kind": building.surface_kind,
         "offset": file_hash(offset) if offset else None,
-        **building.model_dump(mode="json", include={"crs", "storeys"}),
+        **building.model_dump(mode="json", include={"crs", "storeys", "model_building"}),
     }
     return run_stage(job, "load-model", code=["geobim"], inputs=inputs, make=make)
 
@@ -58,6 +59,8 @@ def model_settings(building: Building) -> ModelSettings:
         placement=_placement(building),
         control=tuple(ControlPair(ifc_m=pair.ifc_m, map_m=pair.map_m) for pair in crs.control),
         accept_level=crs.accept_level,
+        building=building.model_building or "",
+        floors=_floors(building),
         map_crs=crs.map,
         vertical_datum=crs.vertical,
         origin=_origin(building),
@@ -75,8 +78,12 @@ def bare_settings(building: Building) -> BareSettings:
         origin=_origin(building),
         axes=MeshAxes(crs.axes) if crs.axes else None,
         unit_m=UNITS_M[crs.unit or "metre"],
-        storeys=tuple(NamedFloor(name=storey.name, floor_m=storey.floor_m) for storey in building.storeys),
+        storeys=_floors(building),
     )
+
+
+def _floors(building: Building) -> tuple[NamedFloor, ...]:
+    return tuple(NamedFloor(name=storey.name, floor_m=storey.floor_m) for storey in building.storeys)
 
 
 def _placement(building: Building) -> MapPlacement | None:

@@ -17,7 +17,7 @@ from facadelake.geobim.levels import Storey, storeys_of
 from facadelake.geobim.mesh import meshes_of, open_ifc
 from facadelake.geobim.model import BuildingModel, ModelSettings
 from facadelake.geobim.plausible import without_strays
-from facadelake.geobim.storeys import StoreyLevel
+from facadelake.geobim.storeys import NamedFloor, StoreyLevel
 from facadelake.geobim.surface import Surface
 from facadelake.geodesy import SiteOrigin
 
@@ -56,7 +56,7 @@ def load_building(path: Path, *, settings: ModelSettings) -> BuildingModel:
     surface = Surface.from_mesh(vertices, triangles, owner)
     _log.info("%d elements, %d triangles, %s, heights %s", len(meshes), len(triangles), georeference.map_crs,
               georeference.vertical_datum)  # fmt: skip
-    storeys = storeys_of(model, building_guid)
+    storeys = storeys_of(model, building_guid) or _named_floors(settings.floors, georeference)
     elements = elements_table(
         model,
         meshes,
@@ -98,6 +98,13 @@ def _directions(georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Ar
     u, _, vt = np.linalg.svd((at[1:] - at[0]).T)
     turned: Array = u @ vt
     return turned
+
+
+def _named_floors(floors: Sequence[NamedFloor], georeference: Georeference) -> list[Storey]:
+    """The registry's storeys in the model's axes, which stand upright."""
+    place = georeference.placement
+    levels = [Storey(name=floor.name, level_m=(floor.floor_m - place.height_m) / place.scale[2]) for floor in floors]
+    return sorted(levels, key=lambda storey: storey.level_m)
 
 
 def _levels(

@@ -18,7 +18,7 @@ from facadelake.geobim.mesh_offset import MeshOffset, read_mesh_offset
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.placement import Georeference, MapPlacement, geo_from_map
 from facadelake.geobim.site_georeference import utm_of
-from facadelake.geobim.storeys import StoreyLevel
+from facadelake.geobim.storeys import NamedFloor, StoreyLevel
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.vertical import horizontal_and_vertical, vertical_named
 from facadelake.geodesy import SiteOrigin, as_3d
@@ -28,14 +28,6 @@ from schemas.vocabulary import SurfaceKind
 _REGISTRY = "registry"
 _BORDER_DEG = 1.0  # how far outside a CRS's area of use a building may stand
 _ON_THE_MAP = MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class NamedFloor:
-    """A storey and the height of its floor in the building's vertical datum."""
-
-    name: str
-    floor_m: float
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from facadelake.errors import ModelError
 from facadelake.frames import Array
 from facadelake.geobim.control_fit import ControlPair
 from facadelake.geobim.placement import MapPlacement
-from facadelake.geobim.storeys import StoreyLevel
+from facadelake.geobim.storeys import NamedFloor, StoreyLevel
 from facadelake.geobim.vertical import ELLIPSOIDAL
 from facadelake.geodesy import SiteOrigin, as_3d
 from facadelake.tables import read_table, write_table
@@ -31,7 +31,8 @@ class ModelSettings:
     ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``placement`` stands in where the IFC
     has no map conversion, and ``control`` before that: pairs of points of the model and of the map. ``accept_level`` is
     the lowest LoGeoRef to be taken though it is good to metres alone. ``building`` names the one IfcBuilding to take
-    (name or GlobalId); empty takes all. ``mesh_deflection_m`` bounds how far a flat triangle leaves a curved surface.
+    (name or GlobalId); empty takes all. ``floors`` are its storeys where the IFC has none. ``mesh_deflection_m`` bounds
+    how far a flat triangle leaves a curved surface.
     """
 
     map_crs: str | None = None
@@ -40,6 +41,7 @@ class ModelSettings:
     control: tuple[ControlPair, ...] = ()
     accept_level: int | None = None
     building: str = ""
+    floors: tuple[NamedFloor, ...] = ()
     origin: SiteOrigin | None = None
     mesh_deflection_m: float = 0.001
     workers: int = 2

@@ -15,6 +15,14 @@ _PART_OF_NEXT_M = 1.0  # an element that reaches further than this beyond its st
 
 
 @dataclass(frozen=True, kw_only=True)
+class NamedFloor:
+    """A storey and the height of its floor in the building's vertical datum, as the registry tells it."""
+
+    name: str
+    floor_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class StoreyLevel:
     """A storey and the level of its floor in site, metres."""
 

@@ -18,7 +18,8 @@ _FITS = {
     "offset_file": (_MESH,),
     "axes": (_MESH,),
     "unit": (_MESH,),
-    "storeys": (_MESH, _BARE),
+    "storeys": (_IFC, _MESH, _BARE),
+    "model_building": (_IFC,),
 }
 _WORDS = {_IFC: "an IFC", _MESH: "a mesh", _BARE: "'as-built', no model at all"}
 

@@ -111,7 +111,7 @@ class BuildingCrs(_Strict):
 
 
 class StoreySetting(_Strict):
-    """A storey of a building without BIM: the height of its floor in the vertical datum, metres."""
+    """A storey where the model names none: the height of its floor in the vertical datum, metres."""
 
     name: Annotated[str, Field(min_length=1)]
     floor_m: float
@@ -161,11 +161,14 @@ class Building(_Strict):
     """One building of the registry; ``{campaign}`` in a path stands for the campaign's id.
 
     ``model`` is an IFC, a mesh, or the word ``as-built``: the campaign's own surface, where there is no model.
+    ``model_building`` names the one IfcBuilding to take of an IFC with several. ``storeys`` stand in where the model
+    has none.
     """
 
     id: Identifier
     name: Annotated[str, Field(min_length=1)]
     model: str
+    model_building: str | None = None
     photographs: str
     campaigns: tuple[Identifier, ...] = ()
     control_points: str | None = None
@@ -190,7 +193,8 @@ class Building(_Strict):
 
     @model_validator(mode="after")
     def _keys_fit_the_model(self) -> Self:
-        given = {key for key, value in self.crs if value} | ({"storeys"} if self.storeys else set())
+        own = {"storeys": self.storeys, "model_building": self.model_building}
+        given = {key for key, value in (*self.crs, *own.items()) if value}
         require_fitting_keys(self.model, given)
         return self
 

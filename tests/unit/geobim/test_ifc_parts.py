@@ -10,6 +10,7 @@ import pytest
 from facadelake.errors import ModelError
 from facadelake.geobim.load import load_building
 from facadelake.geobim.model import ModelSettings
+from facadelake.geobim.storeys import NamedFloor
 from tests.unit.geobim.conftest import Box, Ifc
 
 SCHEMAS = ("IFC2X3", "IFC4", "IFC4X3")
@@ -217,6 +218,18 @@ def test_a_model_without_storeys_has_none(house, schema):
     row = edit.rows()["wall"]
     assert (row["storey"], row["storey_source"]) == (None, None)
     assert edit.building.storeys == ()
+
+
+def test_the_registrys_storeys_stand_in_for_those_an_ifc_lacks(house):
+    edit = house("IFC4", Box(name="low"), Box(name="high", corner_m=(0.0, 0.0, 3.2)))
+    without_storeys(edit)
+    floors = (NamedFloor(name="Upper", floor_m=181.2), NamedFloor(name="Ground", floor_m=178.0))
+    rows = edit.rows(ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", floors=floors))
+    assert {name: (row["storey"], row["storey_source"]) for name, row in rows.items()} == {
+        "low": ("Ground", "elevation"), "high": ("Upper", "elevation"),
+    }  # fmt: skip
+    rise = edit.building.storeys[1].floor_site_m - edit.building.storeys[0].floor_site_m
+    np.testing.assert_allclose(rise, 3.2, rtol=0, atol=0.001)  # m
 
 
 def test_storeys_left_at_zero_count_by_their_elevation(house):
