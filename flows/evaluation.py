@@ -11,7 +11,9 @@ from facadelake.geobim.surface import Surface
 from facadelake.geodesy import SiteOrigin
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table
+from facadelake.photo.files import find_masks
 from facadelake.posed import pose_covariances, posed_cameras
+from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.merge import merge
 from facadelake.register.observe import observe
 from facadelake.registry import Building, CocoDetector
@@ -58,17 +60,23 @@ def compare_campaign(
             )
         model = read_model(building)
         found = import_coco(file, tables["photos"], class_names=building.detector.classes)
-        settings = merge_settings(tables["georeference"].to_pylist()[0])
-        posed = posed_cameras(tables["poses"])
-        seen = observe(found, posed, model, Surface(model), settings=register_settings(building))
+        passport = tables["georeference"].to_pylist()[0]
+        posed, surface = posed_cameras(tables["poses"]), Surface(model)
+        covariances = pose_covariances(tables["poses"])
+        seen = observe(found, posed, model, surface, settings=register_settings(building), covariances=covariances)
+        scene = Scene(
+            masks=find_masks(building.photographs_of(campaign_id)),
+            placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in ("east", "north", "up")),
+        )
+        seen = exclude(seen, found, posed, model.elements, surface, scene, ExclusionSettings())
         merged = merge(
             seen,
             found,
             model,
             posed,
             prefix=f"{building.id}-{campaign_id}",
-            settings=settings,
-            covariances=pose_covariances(tables["poses"]),
+            settings=merge_settings(passport),
+            covariances=covariances,
         )
         tables |= {"detections": found, "observations": merged.observations, "defects": merged.defects}
     return compare(

@@ -108,7 +108,8 @@ def _errors(figure: Figure, compared: Comparison) -> bool:
             100 * sizes[name], bins=bins, weights=np.full(len(sizes[name]), 1 / len(sizes[name])), histtype="step",
             color=colour, linestyle=line, linewidth=1.6, label=f"{name}, {len(sizes[name])} ({beyond} beyond)",
         )  # fmt: skip
-    counts.legend(fontsize=8)
+    if counts.patches:
+        counts.legend(fontsize=8)
     _dressed(counts, "3D error (cm)", "share of samples")
     return True
 
@@ -223,7 +224,7 @@ def _sigmas(figure: Figure, compared: Comparison) -> bool:
 def _views(figure: Figure, compared: Comparison) -> bool:
     """Errors of observations against incidence and distance, with medians over equal numbers."""
     observations = compared.observations
-    if not len(observations.ids):
+    if not (np.isfinite(observations.incidence_deg) & np.isfinite(observations.distance_m)).any():
         return False
     figure.set_size_inches(11, 4.4)
     size = np.maximum(100 * observations.size_m, _FLOOR_CM)

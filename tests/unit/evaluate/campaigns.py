@@ -111,7 +111,8 @@ def tables(made: Made) -> dict[str, pa.Table]:
         }  # fmt: skip
         if sighting.outcome == "registered":
             observation |= _place(sighting.xyz_site_m)
-            observation |= {"gsd_mm": 5.0, "element_guid": sighting.element, "defect_id": sighting.defect}
+            observation |= {"gsd_mm": 5.0, "incidence_deg": 10.0 + i % 5, "distance_m": 15.0 + i % 7}
+            observation |= {"element_guid": sighting.element, "defect_id": sighting.defect}
             if sighting.covariance_m2 is not None:
                 observation["covariance_site"] = sighting.covariance_m2.ravel().tolist()
         observations.append(observation)

@@ -118,9 +118,7 @@ def test_the_papers_table_contradicts_itself_and_ours_does_not(tmp_path: Path) -
     table = figures_of(made_of({"C1": point}, [seen], {}), tmp_path).table2
     parts = [table.round_trip.horizontal.mean, table.round_trip.vertical.mean, table.round_trip.diagonal.mean]
     assert parts == pytest.approx([-1.5, 2.0, 2.5], rel=0, abs=1e-6)  # cm
-    assert table.observations_3d.mae == pytest.approx(
-        0.0, rel=0, abs=1e-6
-    )  # cm
+    assert table.observations_3d.mae == pytest.approx(0.0, rel=0, abs=1e-6)  # cm
     assert [row[0] for row in table.rows()] == ["horizontal", "vertical", "diagonal", "3D"]
 
 
