@@ -16,10 +16,11 @@ from facadelake.pose.reconstruction import Reconstruction, read_reconstruction
 from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.observe import observe
-from facadelake.register.settings import RegisterSettings
+from facadelake.register.settings import TIE_POINTS_GRAZING_DEG, RegisterSettings
 from facadelake.register.tie_points import Tracks, tie_points
 from facadelake.registry import Building
 from facadelake.tables import read_table, write_table
+from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -82,8 +83,9 @@ def _tracks(block: Reconstruction) -> Tracks:
 def register_settings(building: Building) -> RegisterSettings:
     """The registry's tolerances, as register takes them."""
     limits = building.tolerances
+    on_tie_points = building.surface_kind is SurfaceKind.AS_BUILT
     return RegisterSettings(
-        grazing_above_deg=limits.grazing_above_deg,
+        grazing_above_deg=min(limits.grazing_above_deg, TIE_POINTS_GRAZING_DEG if on_tie_points else 90.0),
         target_share_min=limits.target_share_min,
         model_sigma_m=limits.model_sigma_m,
     )

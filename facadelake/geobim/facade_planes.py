@@ -33,8 +33,8 @@ _ALIKE = 0.5  # cosine between faces that look the same way
 _DIRECTION_DEG = 25.0  # walls that turn by more than this from one another are two facades
 _DIRECTION_SHARE = 0.02  # of all walls: less makes no facade of its own
 _PLANE_M = 1.0  # reveals and cornices stand off their wall by less, setbacks by more
-_PLANE_SHARE = 0.02  # of its facade: less is furniture or noise
-_LEAST_PLANE_M2 = 4.0
+_PLANE_SHARE = 0.01  # of all walls, within the bounds below: less is reveals, furniture or noise
+_PLANE_M2 = (4.0, 10.0)
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -63,10 +63,11 @@ def facade_planes(surface: Surface) -> FacadePlanes:
     keys: list[tuple[str, float, NDArray[np.int64]]] = []
     rows = np.flatnonzero(wall)
     directions = _directions(smooth[rows], surface.areas_m2[rows])
+    least_m2 = float(np.clip(_PLANE_SHARE * surface.areas_m2[rows].sum(), *_PLANE_M2))
     nearest = np.argmax(smooth[rows] @ directions.T, axis=1) if len(directions) else np.zeros(0, dtype=np.int64)
     for number, direction in enumerate(directions):
         own = rows[nearest == number]
-        plane = _planes(centres[own] @ direction, surface.areas_m2[own])
+        plane = _planes(centres[own] @ direction, surface.areas_m2[own], least_m2)
         azimuth = float(np.degrees(np.arctan2(direction[0], direction[1])) % 360.0)
         keys += [(compass_of(direction), azimuth, own[plane == k]) for k in np.unique(plane)]
     if level.any():
@@ -184,13 +185,15 @@ def _directions(normals: Array, areas: Array) -> Array:
     return np.array(found).reshape(-1, 3)
 
 
-def _planes(offset_m: Array, areas: Array) -> NDArray[np.int64]:
-    """Number (n,) of the plane nearest to each triangle of one direction, by its offset along that direction."""
+def _planes(offset_m: Array, areas: Array, least_m2: float) -> NDArray[np.int64]:
+    """Number (n,) of the plane nearest to each triangle of one direction, by its offset along that direction.
+
+    What has less than ``least_m2`` within a metre makes no plane, unless it is the direction's largest.
+    """
     if len(offset_m) == 0:
         return np.zeros(0, dtype=np.int64)
     order = np.argsort(offset_m, kind="stable")
     offset, weight = offset_m[order], areas[order].copy()
-    least = max(_LEAST_PLANE_M2, _PLANE_SHARE * weight.sum())
     found: list[float] = []
     while True:
         summed = np.concatenate([[0.0], np.cumsum(weight)])
@@ -198,13 +201,13 @@ def _planes(offset_m: Array, areas: Array) -> NDArray[np.int64]:
         high = np.searchsorted(offset, offset + _PLANE_M / 2, side="right")
         inside = summed[high] - summed[low]
         best = int(np.argmax(inside))
-        if found and inside[best] < least:
+        if found and inside[best] < least_m2:
             break
         part = slice(int(low[best]), int(high[best]))
         middle = float(np.average(offset[part], weights=np.maximum(weight[part], 1e-12)))
         found.append(middle)
         weight[np.abs(offset - middle) <= _PLANE_M] = 0.0
-        if weight.sum() < least:
+        if weight.sum() < least_m2:
             break
     middles = np.sort(found)
     return np.searchsorted((middles[1:] + middles[:-1]) / 2, offset_m).astype(np.int64)

@@ -10,6 +10,9 @@ from schemas.vocabulary import ControlKind
 
 _CHECK_POINTS_LEAST = 3
 _MEAN_OF_3D = 1.596  # mean length of a vector of three errors of one sigma each
+# Beyond this a place on a surface of tie points slides by twice what the surface is off, and bridges over what was not
+# photographed are met: with them as the only surface, a sighting would be metres off.
+TIE_POINTS_GRAZING_DEG = 60.0
 GPS_OFFSET_M = 2.0  # one sigma of what all positions of an uncorrected receiver share, after tens of minutes
 
 
