@@ -8,10 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from facadelake.camera import PosedCamera
 from facadelake.errors import InputDataError, StoreError
-from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.view_images import ViewImages, view_images
 from facadelake.geobim.virtual_view import virtual_photograph
@@ -22,9 +22,9 @@ from facadelake.pictures.view_sheet import Panels, view_sheet
 from facadelake.posed import posed_cameras
 from facadelake.progress import stage_progress
 from facadelake.registry import Building
+from flows.committed import committed_model
 from flows.precheck import resolved_campaign
 from schemas.vocabulary import PoseSource
-from tasks.load_model import read_model
 
 _USUAL_WIDTH_PX = 1000
 
@@ -43,9 +43,9 @@ def view_photograph(
 ) -> PhotoView:
     """Write the sheet of one photograph as a picture, and its images beside it as ``.npz`` (see ``view_images``).
 
-    ``photo`` is a photo_id or its last part. Without ``output`` the sheet goes to ``view_<photo>.png`` here; without
-    ``scale`` panels are 1000 pixels wide. Raises InputDataError where the photograph has no pose or is not known,
-    StoreError where the lake does not hold the campaign.
+    ``photo`` is a photo_id, or a file name that one photograph alone has. Without ``output`` the sheet goes to
+    ``view_<photo>.png`` here; without ``scale`` panels are 1000 pixels wide. Raises InputDataError where the photograph
+    has no pose or is not known, StoreError where the lake does not hold the campaign.
     """
     campaign = resolved_campaign(building, campaign_id)
     tables = _campaign(lake, building.id, campaign)
@@ -57,9 +57,7 @@ def view_photograph(
             f"{photo_id} has no measured pose in {building.id} {campaign} ({row['reason'] or row['pose_source']}), "
             "so there is no view of the model to show; choose another photograph"
         )
-    with stage_progress("Reading the model"):
-        model = read_model(building)
-    _require_same_place(tables["buildings"].to_pylist()[0], model, building.id, campaign)
+    model = committed_model(building, campaign, tables["buildings"].to_pylist()[0])
     surface = Surface(model)
     scale = scale if scale is not None else min(1.0, _USUAL_WIDTH_PX / posed.camera.width_px)
     with stage_progress("Casting rays and rendering"):
@@ -102,19 +100,7 @@ def _one_of(photo_ids: list[str], wanted: str, building_id: str, campaign: str) 
     )
 
 
-def _require_same_place(committed: dict[str, object], model: BuildingModel, building_id: str, campaign: str) -> None:
-    """The poses are in the site frame of the model that was committed: another origin would shift the view."""
-    origin = model.origin
-    now = (origin.lon_deg, origin.lat_deg, origin.height_ellipsoidal_m)
-    then = tuple(committed[f"origin_{name}"] for name in ("lon_deg", "lat_deg", "height_ellipsoidal_m"))
-    if now != then:
-        raise InputDataError(
-            f"the model of '{building_id}' has its origin at {now} now and had it at {then} when {campaign} was "
-            f"committed; run 'facadelake inspect {building_id} {campaign}' again"
-        )
-
-
-def _reduced(path: Path, posed: PosedCamera, shape: tuple[int, ...]) -> np.typing.NDArray[np.uint8]:
+def _reduced(path: Path, posed: PosedCamera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     reduction = next((n for n in (8, 4, 2) if posed.camera.width_px // n >= shape[1]), 1)
     rgb = read_photograph(path, posed.camera, reduction)
     return np.asarray(cv2.resize(rgb, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), dtype=np.uint8)

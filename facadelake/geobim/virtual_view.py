@@ -27,6 +27,12 @@ _PALETTE = {
     "IfcDoor": (125, 95, 70),
     "IfcSlab": (170, 170, 170),
     "IfcRoof": (150, 90, 75),
+    "IfcRailing": (95, 100, 105),
+    "IfcMember": (190, 178, 160),
+    "IfcColumn": (200, 180, 165),
+    "IfcStair": (165, 160, 155),
+    "IfcStairFlight": (165, 160, 155),
+    "IfcGeographicElement": (150, 165, 120),
 }
 _WALL = (215, 205, 190)
 

@@ -10,9 +10,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import cv2
 import geopandas as gpd
 import pytest
 
+from facadelake.geobim.view_images import read_view_images
 from facadelake.lake.read import read_table, versions
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
 
@@ -90,6 +92,27 @@ def test_the_figures_against_truth_are_those_of_a_good_run(small: SmallPortfolio
     assert figures["merge"]["f1"] > 0.97
     assert figures["element_correct_share"] > 0.97
     assert figures["off_truth"] == 0
+
+
+def test_a_photograph_is_shown_beside_the_model(small: SmallPortfolio, first_run: str, tmp_path: Path) -> None:
+    photo_id = min(row["photo_id"] for row in rows(small, "observations") if row["defect_id"])
+    place = ("--portfolio", str(small.registry), "--lake", str(small.lake))
+    done = run("view", "small", CAMPAIGN, Path(photo_id).name, "--output", str(tmp_path / "view.png"), *place)
+    assert photo_id in done.stdout
+    sheet, images = cv2.imread(str(tmp_path / "view.png")), read_view_images(tmp_path / "view.npz")
+    assert sheet.shape[1] > 2 * images.depth_m.shape[1]
+    # What the run registered lies in these images where the photograph shows it, as deep and on the same element.
+    detections = {row["detection_id"]: row for row in rows(small, "detections")}
+    scale = images.depth_m.shape[1] / 800
+    for row in rows(small, "observations"):
+        if row["photo_id"] == photo_id and row["defect_id"]:
+            box = detections[row["detection_id"]]
+            x = (box["box_x_px"] + box["box_width_px"] / 2) * scale
+            y = (box["box_y_px"] + box["box_height_px"] / 2) * scale
+            assert images.target[int(y), int(x)]
+            assert 0.7 * row["distance_m"] < images.depth_m[int(y), int(x)] < row["distance_m"] + 0.5
+    missing = run("view", "small", CAMPAIGN, "nothing.JPG", *place, expect=1)
+    assert "are called 'nothing.JPG'" in missing.stderr
 
 
 def test_the_same_inputs_make_no_second_copy_and_changed_ones_a_version(small: SmallPortfolio, first_run: str) -> None:

@@ -1,0 +1,48 @@
+"""What a committed campaign rests on and the lake does not hold: the registry's building model, as it was then."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from facadelake.cache import file_hash
+from facadelake.errors import InputDataError
+from facadelake.geobim.model import BuildingModel
+from facadelake.progress import stage_progress
+from facadelake.registry import Building
+from schemas.vocabulary import SurfaceKind
+from tasks.load_model import read_model
+
+log = logging.getLogger("facadelake.flows")
+
+_SAME_PLACE_M = 0.001
+
+
+def committed_model(building: Building, campaign_id: str, committed: Mapping[str, Any]) -> BuildingModel:
+    """The registry's model, which must stand where it stood in ``committed``, the campaign's row of table buildings.
+
+    Raises InputDataError where it does not, or where the building has no model.
+    """
+    if building.surface_kind is SurfaceKind.AS_BUILT:
+        raise InputDataError(
+            f"building '{building.id}' has no model (model: as-built): its surface is the run's own and is not kept in "
+            f"the lake; its pictures are in the release that 'facadelake inspect {building.id} {campaign_id}' published"
+        )
+    path = building.model_path()
+    with stage_progress(f"Reading {path.name}"):
+        model = read_model(building)
+    names = ("origin_lon_deg", "origin_lat_deg", "origin_height_ellipsoidal_m")
+    then = np.array([[committed[name] for name in names]], dtype=np.float64)
+    off_m = float(np.linalg.norm(model.origin.site_from_geo(then)))
+    if off_m > _SAME_PLACE_M:
+        raise InputDataError(
+            f"the model {path} places the site {off_m:.3f} m from where it was when {building.id} {campaign_id} was "
+            f"committed (limit {_SAME_PLACE_M} m), so nothing would fit; inspect the campaign again, or give the "
+            "registry the model of then"
+        )
+    if file_hash(path) != committed["model_sha256"]:
+        log.warning("the model %s was changed since the campaign was committed; edges may not fit", path)
+    return model
