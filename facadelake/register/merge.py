@@ -11,7 +11,11 @@ import pyarrow.compute as pc
 
 from facadelake.camera import PosedCamera
 from facadelake.frames import Array
+from facadelake.geobim.facade_directions import facades_in
 from facadelake.geobim.model import BuildingModel
+from facadelake.geobim.storeys import storeys_of_places
+from facadelake.geobim.surface import Surface
+from facadelake.register.behind import Moved, looked_behind
 from facadelake.register.decisions import merges_table
 from facadelake.register.defects import defects_table
 from facadelake.register.grouping import grouped
@@ -53,6 +57,10 @@ def merge(
     seen = observations.filter(registered).sort_by("detection_id")
     sightings = sightings_of(seen, detections, posed, covariances or {})
     grouping = grouped(sightings, settings)
+    moved = looked_behind(sightings, grouping.group, grouping.noise, settings, Surface(building))
+    if moved is not None:
+        seen, sightings = _on_elements(seen, moved, building), moved.sightings
+        grouping = grouped(sightings, settings)
     group = grouping.group
     positions = positions_of(sightings, group, grouping.noise, settings)
     scores = column(detections, "score")[
@@ -68,3 +76,24 @@ def merge(
         observations=observations.set_column(place, observations.schema.field(place), ids.take(at.combine_chunks())),
         merges=merges_table(seen.column("detection_id").combine_chunks(), ids, sightings, grouping, settings),
     )
+
+
+def _on_elements(seen: pa.Table, moved: Moved, building: BuildingModel) -> pa.Table:
+    """The rows ``seen`` with element, storey and facade of those that were moved to what they look at behind."""
+    guids, storeys, facades = (
+        building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
+    )
+    places, normals = moved.sightings.xyz_site_m[moved.rows], moved.sightings.normal_site[moved.rows]
+    directions = facades_in(building.elements)
+    told = {
+        "element_guid": [guids[row] for row in moved.element],
+        "storey": storeys_of_places(building.storeys, storeys, building.extents_site_m(), moved.element, places[:, 2]),
+        "facade": [directions.seen(facades[row], normal) for row, normal in zip(moved.element, normals, strict=True)],
+    }
+    for name, words in told.items():
+        place = seen.schema.get_field_index(name)
+        values = seen.column(name).to_pylist()
+        for row, word in zip(moved.rows, words, strict=True):
+            values[row] = word
+        seen = seen.set_column(place, seen.schema.field(place), pa.array(values, pa.string()))
+    return seen

@@ -22,6 +22,7 @@ _ROUNDS = 12
 _FREEDOM = 4.0  # of Student's t: one residual in fifty lies beyond 3.5 sigmas instead of one in 2,000
 _CHI2_MEDIAN = (0.4549, 1.3863)  # median of chi-square with one and two degrees of freedom
 _RELIEF_LEAST_M = 0.005  # no wall is flatter than its plaster
+_VARIANCE_LEAST = 1e-4  # of what was known before: nothing is a hundred times better than that
 _LOOSE_M = 10.0  # a surface that holds nothing
 
 Rows = NDArray[np.int64]
@@ -115,7 +116,7 @@ def triangulated(rays: Rays, planes: Planes, hold_m: Array | float) -> Places:
     # A residual smaller than expected makes no ray better than it is.
     sure = np.minimum(weight, 1.0)[:, None, None] * rays.information
     told = rays.summed(sure)
-    covariance: Array = np.linalg.inv(told + (1.0 / hold**2)[:, None, None] * outer)
+    covariance = np.asarray(np.linalg.inv(told + (1.0 / hold**2)[:, None, None] * outer), dtype=np.float64)
     # Along the normal by the rays alone: the information left once the other two directions are free.
     loose = np.linalg.inv(told + outer / _LOOSE_M**2)
     variance = np.einsum("gi,gij,gj->g", normal, loose, normal)
@@ -133,8 +134,12 @@ class Estimate:
     count: int = 0
 
     def blended(self, before: float, worth: float) -> float:
-        """The variance together with one known ``before``, which is worth so many samples."""
-        return (self.value * self.count + before * worth) / (self.count + worth)
+        """The variance together with one known ``before``, which is worth so many samples: their weighted geometric
+        mean, as a variance may be off by any factor."""
+        if self.count == 0:
+            return before
+        share = self.count / (self.count + worth)
+        return float(max(self.value, _VARIANCE_LEAST * before) ** share * before ** (1 - share))
 
 
 def estimated(sightings: Sightings, rays: Rays, relief_m: float) -> tuple[Estimate, Estimate]:
