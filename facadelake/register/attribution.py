@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.frames import Array
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Hits, Surface
 from facadelake.register.outline import Outlines
@@ -50,17 +51,7 @@ class Attribution:
         """Row of the element (n,) that each patch is on; -1 where it has no member."""
         kept = np.flatnonzero(member)
         element = self._element_of_hits(hits, kept)
-        owner = outlines.detection[kept]
-        count = len(self._host)
-        pair, where = np.unique(owner * count + element, return_inverse=True)
-        votes = np.bincount(where, weights=outlines.vote[kept], minlength=len(pair))
-        # Of elements with equal votes, as where a joint runs through a box's middle, the lower row: any rule will do
-        # that does not depend on what else is in the batch.
-        order = np.lexsort((pair, -np.round(votes, 12), pair // count))
-        patch, first = np.unique(pair[order] // count, return_index=True)
-        chosen = np.full(len(outlines), -1, dtype=np.int64)
-        chosen[patch] = pair[order][first] % count
-        return chosen
+        return most_voted(outlines.detection[kept], element, outlines.vote[kept], len(outlines))
 
     def _element_of_hits(self, hits: Hits, kept: NDArray[np.int64]) -> NDArray[np.int64]:
         element = hits.element[kept].copy()
@@ -74,3 +65,22 @@ class Attribution:
             at_wall = (near.distance_m <= self._reach_m) & (near.element == host)
             element[across[at_wall]] = host[at_wall]
         return element
+
+
+def most_voted(
+    detection: NDArray[np.int64], element: NDArray[np.int64], vote: Array, detections: int
+) -> NDArray[np.int64]:
+    """The element (n,) with most of each detection's votes; -1 where there are none.
+
+    ``detection``, ``element`` and ``vote`` (k,) say which of the n ``detections`` votes how much for which element.
+    """
+    elements = int(element.max(initial=0)) + 1
+    pair, where = np.unique(detection * elements + element, return_inverse=True)
+    votes = np.bincount(where, weights=vote, minlength=len(pair))
+    # Of elements with equal votes, as where a joint runs through a box's middle, the lower row: any rule will do that
+    # does not depend on what else is in the batch.
+    order = np.lexsort((pair, -np.round(votes, 12), pair // elements))
+    patch, first = np.unique(pair[order] // elements, return_index=True)
+    chosen = np.full(detections, -1, dtype=np.int64)
+    chosen[patch] = pair[order][first] % elements
+    return chosen

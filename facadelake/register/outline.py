@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from facadelake.frames import Array
 
 _NEIGHBOURS = 1.5  # of a mask's pixels, in pitches of its lattice: the eight around it
-_CANDIDATES_MOST = 40_000  # lattice points about one mask; a mask thinner than this finds is sampled along its outline
+_CANDIDATES_MOST = 10_000  # lattice points about one mask; a mask thinner than this finds is sampled along its outline
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,19 +11,24 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
 
 from facadelake.camera import PosedCamera
 from facadelake.frames import Array
 from facadelake.geobim.surface import Hits
 from facadelake.geodesy import SiteOrigin
+from facadelake.register.attribution import most_voted
 from facadelake.register.outline import Outlines
 from facadelake.register.rays import PixelRays, rays_of
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FLAT_COSINE = np.cos(np.radians(0.2))  # a patch whose normals turn by less is flat: its corners are enough
+_SAME_SIDE_COSINE = np.cos(np.radians(45.0))
 _LEAST_COSINE = 0.02  # a plane seen flatter than this is not prolonged
 _MOST_STRETCH = 2.0  # nor to more than this multiple of the distance at which it was met
 _REACH = 4.1  # pitches over which a surface is found again behind what parts it in a picture
+_CORNER = 1.5  # pitches: the cells around one
+_FEW = 8  # vertices: up to so many, as of boxes, patches are measured together
 _APART = 1e7  # px; keeps detections apart in one search tree
 
 
@@ -31,8 +36,8 @@ _APART = 1e7  # px; keeps detections apart in one search tree
 class Patches:
     """Patches of n detections; NaN, None or -1 where no ray met the building.
 
-    ``member`` (k,): which of the outlines' pixels belong to the patch. ``anchor`` (n,): the pixel whose plane the
-    position lies in. ``ray``: the n rays of the positions ``xyz_site_m`` (n, 3), at ``distance_m`` (n,) from the
+    ``member`` (k,): which of the outlines' pixels belong to the patch. ``anchor`` (n,): the pixel in whose plane the
+    position lies. ``ray``: the n rays of the positions ``xyz_site_m`` (n, 3), at ``distance_m`` (n,) from the
     camera, where the surface has ``normal_site`` (n, 3). ``polygon_site`` (n,): 3D outlines in site. ``width_m`` (n,)
     along the horizontal tangent, ``height_m`` across it, ``length_m`` the longest extent, ``area_m2``.
     ``target_share`` (n,): rays that met the building. ``member_share`` (n,): rays in the patch.
@@ -148,7 +153,7 @@ def patches_of(
         polygons[found] = mapped.polygon_site
         for row in np.flatnonzero(found & outlines.masked):
             middle[row] = _middle_of_mask(outlines, hits, pixel_m2, int(row), polygons[row], cameras[camera_of[row]])
-    anchor = _nearest_member(outlines, member, np.arange(count), middle)
+    anchor = _nearest_member(outlines, _main_side(outlines, hits, member), np.arange(count), middle)
     ray = rays_of(cameras, camera_of, middle)
     xyz, normal = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
     xyz[found] = _on_planes(ray.origin_site_m[found], ray.direction_site[found], hits, anchor[found])
@@ -184,6 +189,24 @@ def patches_in_site(patches: list[bytes], origin: SiteOrigin) -> NDArray[Any]:
     """Column ``patch`` (WKB in EPSG:4979, n) as polygons in site metres."""
     in_site: NDArray[Any] = shapely.transform(shapely.from_wkb(patches), origin.site_from_geo, include_z=True)
     return in_site
+
+
+def _main_side(outlines: Outlines, hits: Hits, member: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Members (k,) on the side of the patch that the defect is on: of the element with most votes, facing as it mainly
+    does. A wall's crack that ends over a deep window's glass lies in the wall's face, not on glass or reveal."""
+    kept = np.flatnonzero(member)
+    owner, count = outlines.detection[kept], len(outlines)
+    of_main = hits.element[kept] == most_voted(owner, hits.element[kept], outlines.vote[kept], count)[owner]
+    kept, owner = kept[of_main], owner[of_main]
+    normal = hits.normal_site[kept]
+    facing = np.zeros((count, 3))
+    np.add.at(facing, owner, normal * outlines.vote[kept, None])
+    facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-12)
+    ahead = np.einsum("ij,ij->i", normal, facing[owner]) > _SAME_SIDE_COSINE
+    without = ~np.isin(owner, owner[ahead])  # an element that faces all ways: any of its sides
+    main = np.zeros_like(member)
+    main[kept[ahead | without]] = True
+    return main
 
 
 def _middle_of_mask(
@@ -283,11 +306,18 @@ def _mapped(
 
 
 def _cut(outlines: Outlines, member: NDArray[np.bool_], row: int) -> Any:
-    """The part of an outline in the cells of its members: to half a pitch, the part on the patch's own surface."""
+    """The part of an outline that lies in the cells of its members: its own surface's, to half a pitch.
+
+    A cell that an outline only cuts a corner off has no pixel of its own; it goes with the pixel next to it.
+    """
     first, last = np.searchsorted(outlines.detection, (row, row + 1))
-    xy, pitch = outlines.xy_img[first:last][member[first:last]], outlines.pitch_px[row]
+    xy, pitch = outlines.xy_img[first:last], outlines.pitch_px[row]
     # Corners are counted from one place, so that cells side by side share theirs to the last bit.
-    cell = np.unique(np.round((xy - xy[0]) / pitch), axis=0)
+    place = np.round((xy - xy[0]) / pitch).astype(np.int64)
+    low, high = place.min(axis=0) - 1, place.max(axis=0) + 1
+    grid = np.stack(np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True))), axis=-1)
+    gap, nearest = cKDTree(place).query(grid.reshape(-1, 2))
+    cell = grid.reshape(-1, 2)[(gap < _CORNER) & member[first:last][nearest]]
     cells = shapely.coverage_union_all(
         shapely.box(*(xy[0] + (cell - 0.5) * pitch).T, *(xy[0] + (cell + 0.5) * pitch).T)
     )
@@ -311,10 +341,10 @@ def _extents(coords: Array, of_vertex: NDArray[np.int64], xyz: Array, normal: Ar
         along = np.einsum("ij,ij->i", away, tangent[of_vertex])
         out[:, axis] = np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
     counts = np.diff(np.append(starts, len(coords)))
-    for count in np.unique(counts):
+    for count in np.unique(counts[counts <= _FEW]):
         rows = np.flatnonzero(counts == count)
-        for some in np.array_split(rows, 1 + len(rows) * int(count) ** 2 // 2_000_000):
-            points = coords[starts[some, None] + np.arange(count)]
-            apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
-            out[some, 2] = apart.max(axis=(1, 2), initial=0.0)
+        points = coords[starts[rows, None] + np.arange(count)]
+        out[rows, 2] = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1).max(axis=(1, 2))
+    for row in np.flatnonzero(counts > _FEW):
+        out[row, 2] = pdist(coords[starts[row] : starts[row] + counts[row]]).max()
     return out

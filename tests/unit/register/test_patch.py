@@ -249,3 +249,39 @@ def test_a_mask_beside_its_box_leaves_the_box(wall, detections_of):
     assert observe(made, {"p": AHEAD}, wall, Surface(wall), SETTINGS).equals(
         observe(plain, {"p": AHEAD}, wall, Surface(wall), SETTINGS)
     )
+
+
+def test_a_mask_that_runs_over_a_jump_has_the_outline_and_area_of_its_part_on_the_wall(wall, detections_of):
+    """The wall ends at x = 0.5; another one begins there 2 m behind, so that no reveal joins them."""
+    building = building_of(
+        wall,
+        ("wall", "IfcWall", None, sheet([0.5, 0, 0], [4.5, 0, 0], [0, 0, 4])),
+        ("behind", "IfcWall", None, sheet([-5, 2, 0], [10, 0, 0], [0, 0, 4])),
+    )
+    crack = np.array([[0.2, 0, 1.3], [1.2, 0, 1.8], [1.2, 0, 1.83], [0.2, 0, 1.33]])  # 0.7 m of it on the wall
+    made = masked(detections_of(("a", "p", "crack", (0, 0, 1, 1))), seen_as(AHEAD, crack))
+    row = only(observe(made, {"p": AHEAD}, building, Surface(building), SETTINGS))
+    assert row["element_guid"] == "wall"
+    assert row["target_share"] == 1.0
+    outline = shapely.Polygon(shapely.get_coordinates(patch_in_site(row, building), include_z=True)[:, [0, 2]])
+    pitch_m = np.sqrt(0.03 / 121)
+    np.testing.assert_allclose(outline.bounds[0], 0.5, rtol=0, atol=1.5 * pitch_m)  # m: a cell and half its neighbour
+    np.testing.assert_allclose(row["area_m2"], 0.7 * 0.03, rtol=0, atol=0.03 * pitch_m)  # m2
+    np.testing.assert_allclose(row["area_m2"], outline.area, rtol=0, atol=0.03 * pitch_m)  # m2
+    np.testing.assert_allclose(xyz(row), [0.85, 0, 1.64], rtol=0, atol=pitch_m)  # m
+
+
+def test_what_is_mostly_on_the_wall_lies_in_its_face_though_its_middle_is_over_the_opening(wall, detections_of):
+    """From the left the reveal is seen, so wall, reveal and glass hang together; the middle ray meets the reveal."""
+    building = deep_window(wall)
+    posed = looking([-3, -9, 1.5], [0.5, 0, 1.5])
+    corners = np.array([[0.15, 0, 1.4], [0.8, 0, 1.4], [0.8, 0, 1.6]])
+    made = detections_of(("a", "p", "crack", box_about(posed, corners)))
+    row = only(observe(made, {"p": posed}, building, Surface(building), SETTINGS))
+    assert (row["observation_outcome"], row["element_guid"]) == ("registered", "wall")
+    np.testing.assert_allclose([row["normal_x"], row["normal_y"]], [0, -1], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(row["y_site_m"], 0.0, rtol=0, atol=1e-6)  # m
+    # The ray itself goes on to the reveal.
+    [[column, line]] = posed.project_site(np.array([xyz(row)]))
+    met = Surface(building).cast(*posed.rays_site(np.array([[column, line]])))
+    assert met.xyz_site_m[0, 1] > 0.01  # m
