@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from facadelake.frames import Array
 
+APART = 1e7  # pitches; keeps the detections of one search tree apart
 _NEIGHBOURS = 1.5  # of a mask's pixels, in pitches of its lattice: the eight around it
 _CANDIDATES_MOST = 10_000  # lattice points about one mask; a mask thinner than this finds is sampled along its outline
 
