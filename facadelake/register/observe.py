@@ -86,7 +86,7 @@ def judged(casts: Casts, settings: RegisterSettings) -> list[Verdict]:
     verdicts = []
     for share, angle in zip(casts.patches.target_share, casts.patches.incidence_deg, strict=True):
         if share < settings.target_share_min or not np.isfinite(angle):
-            reason = f"{share:.0%} of its rays meet the building, the limit is {settings.target_share_min:.0%}"
+            reason = f"{share:.1%} of its rays meet the building, the limit is {settings.target_share_min:.0%}"
             verdicts.append(Verdict(outcome=ObservationOutcome.OFF_TARGET, reason=reason))
         elif angle > settings.grazing_above_deg:
             reason = f"its ray meets the surface at {angle:.1f} deg, the limit is {settings.grazing_above_deg:g} deg"

@@ -98,7 +98,7 @@ def test_every_accepted_detection_has_a_row_with_an_outcome(wall, detections_of)
         None,
         "the photograph has no measured pose; see table poses",
         "its middle at 2040.0, 750.0 px lies outside the photograph of 2000 x 1500 px",
-        "0% of its rays meet the building, the limit is 50%",
+        "0.0% of its rays meet the building, the limit is 50%",
         "its ray meets the surface at 84.3 deg, the limit is 80 deg",
     ]
     assert rows[3]["x_site_m"] is None

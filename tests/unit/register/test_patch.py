@@ -285,3 +285,17 @@ def test_what_is_mostly_on_the_wall_lies_in_its_face_though_its_middle_is_over_t
     [[column, line]] = posed.project_site(np.array([xyz(row)]))
     met = Surface(building).cast(*posed.rays_site(np.array([[column, line]])))
     assert met.xyz_site_m[0, 1] > 0.01  # m
+
+
+def test_through_a_lens_that_bends_a_boxs_area_is_that_of_its_corners(wall, detections_of):
+    bent = replace(OBLIQUE, camera=replace(OBLIQUE.camera, k1=-0.12, k2=0.05, p1=3e-3, p2=-2e-3, fy_px=1470.0))
+    for box in ((250.0, 300.0, 30.0, 20.0), (1000.0, 1000.0, 20.0, 30.0)):
+        row = only(observe(detections_of(("a", "p", "crack", box)), {"p": bent}, wall, Surface(wall), SETTINGS))
+        corners = shapely.get_coordinates(patch_in_site(row, wall), include_z=True)
+        np.testing.assert_allclose(row["area_m2"], shapely.Polygon(corners[:, [0, 2]]).area, rtol=1e-3, atol=0)  # m2
+
+
+def test_no_detections_make_no_observations(wall, detections_of):
+    assert len(observe(detections_of(), {"p": AHEAD}, wall, Surface(wall), SETTINGS)) == 0
+    one = detections_of(("a", "elsewhere", "crack", (0, 0, 10, 10)))
+    assert only(observe(one, {}, wall, Surface(wall), SETTINGS))["observation_outcome"] == "unlocalised"
