@@ -32,6 +32,7 @@ _ROUNDS = 2
 _ALIKE = 0.5  # cosine between faces that look the same way
 _DIRECTION_DEG = 25.0  # walls that turn by more than this from one another are two facades
 _DIRECTION_SHARE = 0.02  # of all walls: less makes no facade of its own
+_WALL_RATIO = 0.01  # of variances: a wall is at least ten times as wide as deep
 _PLANE_M = 1.0  # reveals and cornices stand off their wall by less, setbacks by more
 _PLANE_SHARE = 0.01  # of all walls, within the bounds below: less is reveals, furniture or noise
 _PLANE_M2 = (4.0, 10.0)
@@ -68,8 +69,10 @@ def facade_planes(surface: Surface) -> FacadePlanes:
     for number, direction in enumerate(directions):
         own = rows[nearest == number]
         plane = _planes(centres[own] @ direction, surface.areas_m2[own], least_m2)
-        azimuth = float(np.degrees(np.arctan2(direction[0], direction[1])) % 360.0)
-        keys += [(compass_of(direction), azimuth, own[plane == k]) for k in np.unique(plane)]
+        largest = own[plane == np.argmax(np.bincount(plane, weights=surface.areas_m2[own]))]
+        fitted = _fitted(direction, centres[largest], surface.areas_m2[largest])
+        azimuth = float(np.degrees(np.arctan2(fitted[0], fitted[1])) % 360.0)
+        keys += [(compass_of(fitted), azimuth, own[plane == k]) for k in np.unique(plane)]
     if level.any():
         keys.append((LEVEL, np.nan, np.flatnonzero(level)))
     inside = ~is_open & ~level
@@ -183,6 +186,20 @@ def _directions(normals: Array, areas: Array) -> Array:
             found.append(mean / np.linalg.norm(mean))
         weight = np.where(turn[best] <= _DIRECTION_DEG, 0.0, weight)
     return np.array(found).reshape(-1, 3)
+
+
+def _fitted(direction: Array, places: Array, areas: Array) -> Array:
+    """The horizontal normal (3,) of the wall through ``places`` (n, 3), which rough normals tell to degrees alone.
+
+    ``direction`` stays where the places make no wall: few of them, or as deep as wide.
+    """
+    flat = places[:, :2] - np.average(places[:, :2], axis=0, weights=areas)
+    values, vectors = np.linalg.eigh((flat * areas[:, None]).T @ flat)
+    normal = np.append(vectors[:, 0], 0.0)
+    normal = normal if normal @ direction > 0 else -normal
+    if values[0] > _WALL_RATIO * values[1] or normal @ direction < np.cos(np.radians(_DIRECTION_DEG)):
+        return direction
+    return normal
 
 
 def _planes(offset_m: Array, areas: Array, least_m2: float) -> NDArray[np.int64]:

@@ -87,7 +87,7 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
     if not (area > _FLAT_M2).any():
         raise ModelError(f"{path.name}: all {len(triangles)} triangles are without area; export the mesh anew")
     triangles = triangles[area > _FLAT_M2]
-    _log.info("%s: %d triangles, coordinates to %.1g m", path.name, len(triangles), step_m)
+    _log.info("%s: %d triangles", path.name, len(triangles))
     return MeshFile(vertices_m=vertices, triangles=triangles, step_m=step_m)
 
 
