@@ -30,7 +30,8 @@ class Comparison:
 
     ``ray_error_m`` (n,): of accepted detections that show a check point. ``roundtrip_px``, ``roundtrip_cm`` (m, 2):
     registered position re-projected minus box centre, right and down, in the photograph and by its GSD on the surface.
-    ``members``: registered sightings of defects as (defect, check point). ``element_pairs``: (found, true).
+    ``members``: registered sightings of defects as (defect, check point). ``element_pairs``: (found, true) of
+    observations, and of defects.
     ``shown_by_defect``: each defect's check point. ``detected``: check points of accepted detections. ``off_truth``:
     registered detections that show none; None where the detections name no annotations.
     """
@@ -46,6 +47,7 @@ class Comparison:
     roundtrip_cm: Array
     members: tuple[tuple[str, str], ...]
     element_pairs: tuple[tuple[str | None, str], ...]
+    element_pairs_defects: tuple[tuple[str | None, str], ...]
     shown_by_defect: tuple[str | None, ...]
     detected: frozenset[str]
     xyz_true_site_m: Mapping[str, Array]
@@ -103,6 +105,9 @@ def compare(
         (row, target) for row in campaign.registered if (target := campaign.shown.get(row["detection_id"])) is not None
     ]
     shown_by_defect = _shown_by_defect(campaign)
+    merged = [
+        (row, target) for row, target in zip(campaign.defects, shown_by_defect, strict=True) if target is not None
+    ]
     compared = found_and_true(poses, photo_ids, known, origin, truth)
     imported = any(detector.startswith(_COCO) for detector in detections.column("detector").to_pylist())
     accepted = _accepted(campaign)
@@ -114,23 +119,12 @@ def compare(
         xyz_camera_m=np.array([campaign.cameras[name].centre_site_m for name in compared.photo_ids]).reshape(-1, 3),
         ray_error_m=_ray_error(campaign, accepted),
         observations=position_samples(matched, campaign.xyz_true_site_m, key="detection_id"),
-        defects=position_samples(
-            [
-                (row, target)
-                for row, target in zip(campaign.defects, shown_by_defect, strict=True)
-                if target is not None
-            ],
-            campaign.xyz_true_site_m,
-            key="defect_id",
-        ),
+        defects=position_samples(merged, campaign.xyz_true_site_m, key="defect_id"),
         roundtrip_px=roundtrip_px,
         roundtrip_cm=roundtrip_cm,
         members=tuple((row["defect_id"], target) for row, target in matched if row["defect_id"]),
-        element_pairs=tuple(
-            (row["element_guid"], known.checkpoints[target].element_guid)
-            for row, target in matched
-            if known.checkpoints[target].element_guid
-        ),
+        element_pairs=_element_pairs(matched, known),
+        element_pairs_defects=_element_pairs(merged, known),
         shown_by_defect=tuple(shown_by_defect),
         detected=frozenset(target for _, target in accepted),
         xyz_true_site_m=campaign.xyz_true_site_m,
@@ -140,6 +134,12 @@ def compare(
 
 def _xyz(row: Row) -> Array:
     return np.array([row["x_site_m"], row["y_site_m"], row["z_site_m"]], dtype=np.float64)
+
+
+def _element_pairs(rows: Sequence[tuple[Row, str]], known: Truth) -> tuple[tuple[str | None, str], ...]:
+    """(found, true) elements of rows whose check point has one."""
+    pairs = ((row["element_guid"], known.checkpoints[target].element_guid) for row, target in rows)
+    return tuple((found, true) for found, true in pairs if true)
 
 
 def _check_places(rows: Sequence[Row], origin: SiteOrigin, map_crs: str) -> None:

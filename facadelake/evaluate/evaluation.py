@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,6 @@ def evaluate(
 def figures_of(compared: Comparison) -> Figures:
     """The figures of methods.md."""
     cameras, observations, defects = compared.cameras, compared.observations, compared.defects
-    right = [found == true for found, true in compared.element_pairs]
     return Figures(
         photographs_total=compared.photographs_total,
         photographs_localised=compared.photographs_localised,
@@ -57,7 +57,8 @@ def figures_of(compared: Comparison) -> Figures:
         roundtrip_px=stats_of(np.linalg.norm(compared.roundtrip_px, axis=1)),
         roundtrip_cm=stats_of(np.linalg.norm(compared.roundtrip_cm, axis=1)),
         merge=merging_of(compared.members),
-        element_correct_share=float(np.mean(right)) if right else None,
+        element_correct_share=_right(compared.element_pairs),
+        element_correct_share_defects=_right(compared.element_pairs_defects),
         off_truth=compared.off_truth,
         check_points=check_points_of(
             xyz_true_site_m=compared.xyz_true_site_m,
@@ -70,3 +71,8 @@ def figures_of(compared: Comparison) -> Figures:
         honesty_defects=honesty_of(defects.error_site_m, defects.covariance_m2),
         table2=table2_of(compared.roundtrip_cm, observations, defects),
     )
+
+
+def _right(pairs: Sequence[tuple[str | None, str]]) -> float | None:
+    """Share of (found, true) that are the same; None where there are none."""
+    return float(np.mean([found == true for found, true in pairs])) if pairs else None

@@ -36,6 +36,7 @@ class Figures:
     roundtrip_cm: Stats
     merge: Merging
     element_correct_share: float | None
+    element_correct_share_defects: float | None
     off_truth: int | None
     check_points: CheckPoints
     honesty_cameras: Honesty
@@ -64,6 +65,7 @@ class Figures:
             "coverage_2sigma": self.coverage_2sigma,
             "coverage_2sigma_observations": self.honesty_observations.inside_2sigma,
             "coverage_2sigma_defects": self.honesty_defects.inside_2sigma,
+            "element_correct_share_defects": self.element_correct_share_defects,
             "sigma_honesty": {name: honesty.to_json() for name, honesty in self._honesty()},
             "check_points": self.check_points.to_json(),
             "table2": self.table2.to_json(),
@@ -100,6 +102,7 @@ class Figures:
             ("merge F1", "", _text(self.merge.f1, 3), *_blank(5)),
             ("clusters exactly right", "", _text(self.merge.clusters_exact, 3), *_blank(5)),
             ("element correct", "", _text(self.element_correct_share, 3), *_blank(5)),
+            ("  of defects", "", _text(self.element_correct_share_defects, 3), *_blank(5)),
             ("registered off truth", "-" if self.off_truth is None else str(self.off_truth), *_blank(6)),
             *(
                 (f"{name} inside 2 sigma", str(honesty.n), _text(honesty.inside_2sigma, 3), *_blank(5))

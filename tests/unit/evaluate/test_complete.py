@@ -54,6 +54,7 @@ def test_two_known_errors_by_hand(tmp_path: Path) -> None:
     assert single.nees == pytest.approx((9 + 16) / 6, rel=0, abs=1e-6)
     assert merged.nees == pytest.approx(6.25 / 6, rel=0, abs=1e-6)
     assert merged.median_ratio == pytest.approx(3.125 / 2.366, rel=0, abs=1e-6)
+    assert (figures.element_correct_share, figures.element_correct_share_defects) == (1.0, 1.0)
     content = figures.to_json()
     assert (content["coverage_2sigma_observations"], content["coverage_2sigma_defects"]) == (0.0, 1.0)
     table = figures.table2
