@@ -10,7 +10,7 @@ from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Hits, Surface
 from facadelake.register.outline import Outlines
 
-_FILLINGS = ("IfcWindow", "IfcDoor")
+_FILLINGS = ("IfcWindow", "IfcDoor")  # and their standard cases
 _ACROSS_COSINE = 0.5  # a face turned by more than 60 deg from its window's own plane stands across the opening
 
 
@@ -26,7 +26,8 @@ class Attribution:
         rows = building.elements.select(["element_guid", "ifc_class", "host_guid"]).to_pylist()
         place = {row["element_guid"]: i for i, row in enumerate(rows)}
         self._host = np.array(
-            [place.get(row["host_guid"], -1) if row["ifc_class"] in _FILLINGS else -1 for row in rows], dtype=np.int64
+            [place.get(row["host_guid"], -1) if row["ifc_class"].startswith(_FILLINGS) else -1 for row in rows],
+            dtype=np.int64,
         )
         self._reach_m = reach_m
         self._facing = np.full((len(rows), 3), np.nan)

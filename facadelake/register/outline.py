@@ -17,6 +17,7 @@ from facadelake.frames import Array
 
 APART = 1e7  # pitches; keeps the detections of one search tree apart
 _NEIGHBOURS = 1.5  # of a mask's pixels, in pitches of its lattice: the eight around it
+_FINE_SHARE = 0.002  # of a mask's size: bends of its outline smaller than this are left out
 _CANDIDATES_MOST = 10_000  # lattice points about one mask; a mask thinner than this finds is sampled along its outline
 
 
@@ -120,6 +121,7 @@ def _mask_of(text: str | None, box: Array) -> Any | None:
     if text is None:
         return None
     mask = shapely.make_valid(shapely.from_wkt(text))
+    mask = shapely.simplify(mask, _FINE_SHARE * np.sqrt(mask.area))
     cut = shapely.intersection(mask, shapely.box(box[0], box[1], box[0] + box[2], box[1] + box[3]))
     parts = [part for part in shapely.get_parts(cut) if part.geom_type == "Polygon" and part.area > 0]
     if not parts:
