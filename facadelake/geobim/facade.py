@@ -13,22 +13,27 @@ from facadelake.geobim.surface import Surface
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 LEVEL = "level"  # open mainly upward or downward: roofs, slabs, soffits
 INSIDE = "inside"  # open nowhere
-AROUND = "around"  # open to many sides: curved walls, columns; the place's own normal decides
+AROUND = "around"  # open to several sides: curved walls, returns, columns; the place's own normal decides
 _SKY = [(azimuth, height) for height in (15.0, 40.0, 65.0) for azimuth in (-50.0, 0.0, 50.0)]
 _LIFT_M = 0.01
 _CHUNK = 200_000  # triangles whose openness is found at once: some 100 MB
+_LARGE_M2 = 1.0
 _SAME_PLANE_DEG = 2.0
 _MAIN_SHARE = 0.55  # of an element's open upright area: a plane that has more is the element's direction
 _WITHIN_DEG = 30.0
 _ROUND_SHARE = 0.75  # without such a plane, the share within 30 degrees that makes a mean direction meaningful
+_OPEN_SHARE = 0.15  # of the sky: a side that sees less is a slot
+_RETURN_DEG = 45.0
+_RETURN_M = 1.0  # reveals and the ends of walls are narrower
+_SAME_PLANE_M = 0.05
 _ONE_SIDED = 0.3  # net over total open area above which an element has one outward direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenSides:
-    """For n elements: the outward azimuth in degrees (NaN: none), its open upright area in m2, and a word.
+    """For n elements: the main outward azimuth in degrees (NaN: none), the open upright area in m2, and a word.
 
-    The word is "level", "inside" or "around" where an element has no direction, else empty.
+    The word is "level", "inside" or "around" where no one facade has the whole element, else empty.
     """
 
     azimuth_deg: Array
@@ -52,11 +57,7 @@ def open_sides_of(surface: Surface, element_of_triangle: NDArray[np.int64], elem
     """
     normals, areas = surface.normals_site, surface.areas_m2
     centres = surface.vertices_site_m[surface.triangles].mean(axis=1)
-    front, back = np.empty(len(areas)), np.empty(len(areas))
-    for start in range(0, len(areas), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        front[part] = openness(surface, centres[part], normals[part])
-        back[part] = openness(surface, centres[part], -normals[part])
+    front, back = _open_both_ways(surface)
     upright = np.hypot(normals[:, 0], normals[:, 1])
     total = areas * (front + back)
     net = normals * (areas * (front - back))[:, None]
@@ -76,11 +77,37 @@ def open_sides_of(surface: Surface, element_of_triangle: NDArray[np.int64], elem
             if np.linalg.norm(outward) < _ONE_SIDED * sides.sum():
                 outward = _two_sided(normals[own], sides, centres[own] - middle)
             main = _main_side(normals[own], sides, outward)
-            words.append(AROUND if main is None else "")
             if main is not None:
                 azimuths[element] = np.degrees(np.arctan2(main[0], main[1])) % 360.0
                 open_areas[element] = sides.sum()
+            wide = own[sides > _OPEN_SHARE * areas[own] * upright[own]]
+            turns = main is None or _has_a_return(surface, wide, main)
+            words.append(AROUND if turns else "")
     return OpenSides(azimuth_deg=azimuths, area_m2=open_areas, words=tuple(words))
+
+
+def _open_both_ways(surface: Surface) -> tuple[Array, Array]:
+    """Openness (m,) of each triangle to the side of its normal and to the other.
+
+    A triangle of a square metre or more is asked at four places: its middle alone may lie under a balcony.
+    """
+    rows = np.arange(len(surface.triangles))
+    large = np.flatnonzero(surface.areas_m2 >= _LARGE_M2)
+    owner = np.concatenate([rows, np.repeat(large, 3)])
+    corner = np.concatenate([np.full(len(rows), -1), np.tile(np.arange(3), len(large))])
+    front, back = np.zeros(len(rows)), np.zeros(len(rows))
+    for start in range(0, len(owner), _CHUNK):
+        part = owner[start : start + _CHUNK]
+        corners = surface.vertices_site_m[surface.triangles[part]]
+        at = corners.mean(axis=1)
+        toward = corner[start : start + _CHUNK]
+        own = corners[np.arange(len(part)), np.maximum(toward, 0)]
+        points = np.where((toward < 0)[:, None], at, (at + own) / 2)
+        normals = surface.normals_site[part]
+        np.add.at(front, part, openness(surface, points, normals))
+        np.add.at(back, part, openness(surface, points, -normals))
+    asked = np.bincount(owner, minlength=len(rows))
+    return front / asked, back / asked
 
 
 def openness(surface: Surface, points_site_m: Array, normals_site: Array) -> Array:
@@ -124,6 +151,28 @@ def _main_side(normals: Array, weights: Array, outward: Array) -> Array | None:
     turned = np.where(flat[core] @ outward[:2] < 0, -1.0, 1.0)
     direction: Array = (flat[core] * (weight[core] * turned)[:, None]).sum(axis=0)
     return direction
+
+
+def _has_a_return(surface: Surface, triangles: NDArray[np.int64], main: Array) -> bool:
+    """Whether one of the open ``triangles`` (k,) is of a plane more than 1 m wide that turns from ``main`` (2,)."""
+    normals = surface.normals_site[triangles]
+    upright = np.hypot(normals[:, 0], normals[:, 1])
+    along = np.abs(normals[:, :2] @ main) / np.linalg.norm(main)
+    aside = (upright > np.cos(np.radians(_RETURN_DEG))) & (along < np.cos(np.radians(_RETURN_DEG)) * upright)
+    if not aside.any():
+        return False
+    flat = normals[aside, :2] / upright[aside, None]
+    flat *= np.where((flat[:, 0] < 0) | ((flat[:, 0] == 0) & (flat[:, 1] < 0)), -1.0, 1.0)[:, None]
+    corners = surface.vertices_site_m[surface.triangles[triangles[aside]]][:, :, :2]
+    azimuth = np.degrees(np.arctan2(flat[:, 0], flat[:, 1]))
+    offset = np.einsum("ij,ikj->ik", flat, corners).mean(axis=1)
+    keys = np.column_stack([np.floor((azimuth + 0.71) / _SAME_PLANE_DEG), np.round(offset / _SAME_PLANE_M)])
+    _, plane = np.unique(keys, axis=0, return_inverse=True)
+    across = np.einsum("ij,ikj->ik", np.column_stack([-flat[:, 1], flat[:, 0]]), corners)
+    low, high = np.full(plane.max() + 1, np.inf), np.full(plane.max() + 1, -np.inf)
+    np.minimum.at(low, plane, across.min(axis=1))
+    np.maximum.at(high, plane, across.max(axis=1))
+    return bool((high - low).max() > _RETURN_M)
 
 
 def _two_sided(normals: Array, weights: Array, from_middle: Array) -> Array:

@@ -11,7 +11,7 @@ import shapely
 import trimesh
 
 from facadelake.geobim.elements import facades_of
-from facadelake.geobim.facade import COMPASS, compass_of
+from facadelake.geobim.facade import COMPASS, compass_of, open_sides_of
 from facadelake.geobim.facade_directions import Facades
 from facadelake.geobim.load import load_building
 from facadelake.geobim.mesh import meshes_of, open_ifc
@@ -106,7 +106,10 @@ def test_compass(direction, name):
 
 
 def test_a_return_does_not_turn_its_wall():
-    """A wall of 10 m that faces 156 degrees, with 6 m round the corner that face 246: their mean would look south."""
+    """A wall of 10 m that faces 156 degrees, with 6 m round the corner that face 246: their mean would look south.
+
+    The wall is of two facades, so its places decide, and the facade beside it keeps its direction.
+    """
     a = np.radians(156.0)
     out, aside, up = np.array([np.sin(a), np.cos(a), 0]), np.array([-np.cos(a), np.sin(a), 0]), np.array([0, 0, 4.0])
     block = trimesh.creation.box(extents=[10, 8, 4])
@@ -119,7 +122,11 @@ def test_a_return_does_not_turn_its_wall():
         np.vstack([wall, side, turned]), np.vstack([square, square + 4, block.faces + 8]), owner
     )
     assert (compass_of(out), compass_of(out - 0.6 * aside)) == ("SE", "S")
-    facade = facades_of(surface, owner, 2)[0]
+    sides = open_sides_of(surface, owner, 2)
+    assert sides.words[0] == "around"
+    np.testing.assert_allclose(sides.azimuth_deg[0], 156.0, rtol=0, atol=0.01)  # deg
+    straight = Surface.from_mesh(np.vstack([wall, turned]), np.vstack([square, block.faces + 4]), owner[2:])
+    facade = facades_of(straight, owner[2:], 2)[0]
     assert facade.name == "SE"
     np.testing.assert_allclose(facade.azimuth_deg, 156.0, rtol=0, atol=0.01)  # deg
 
