@@ -23,17 +23,15 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patches:
-    """Patches of n detections; NaN, None or -1 where no ray met the building.
+    """Patches of n detections; NaN or None where no ray met the building.
 
-    ``member`` (k,): which of the outlines' pixels belong to the patch. ``anchor`` (n,): the pixel in whose plane the
-    position lies. ``ray``: the n rays of the positions ``xyz_site_m`` (n, 3), at ``distance_m`` (n,) from the
-    camera, where the surface has ``normal_site`` (n, 3). ``polygon_site`` (n,): 3D outlines in site. ``width_m`` (n,)
-    along the horizontal tangent, ``height_m`` across it, ``length_m`` the longest extent, ``area_m2``.
-    ``target_share`` (n,): rays that met the building. ``member_share`` (n,): rays in the patch.
+    ``member`` (k,): which of the outlines' pixels belong to the patch. ``ray``: the n rays of the positions
+    ``xyz_site_m`` (n, 3), at ``distance_m`` (n,) from the camera, where the surface has ``normal_site`` (n, 3).
+    ``polygon_site`` (n,): 3D outlines in site. ``width_m`` (n,) along the horizontal tangent, ``height_m`` across it,
+    ``length_m`` the longest extent, ``area_m2``. ``target_share`` (n,): rays that met the building.
     """
 
     member: NDArray[np.bool_]
-    anchor: NDArray[np.int64]
     xyz_site_m: Array
     normal_site: Array
     ray: PixelRays
@@ -44,7 +42,6 @@ class Patches:
     length_m: Array
     area_m2: Array
     target_share: Array
-    member_share: Array
 
     @property
     def incidence_deg(self) -> Array:
@@ -110,7 +107,6 @@ def patches_of(
     cosine = np.maximum(-np.einsum("ij,ij->i", rays.direction_site, hits.normal_site), LEAST_COSINE)
     pixel_m2 = np.where(member, hits.distance_m**2 * rays.solid_angle / cosine, 0.0)
     area = np.bincount(owner, weights=pixel_m2, minlength=count) * outlines.area_px2 / sampled
-    members = np.bincount(owner, weights=member, minlength=count)
     target_share = np.bincount(owner, weights=hits.hit, minlength=count) / sampled
 
     kept = np.flatnonzero(member)
@@ -135,7 +131,6 @@ def patches_of(
         sizes[found] = extents(shapes.vertex_site_m, shapes.of_vertex, xyz[found], normal[found])
     return Patches(
         member=member,
-        anchor=anchor,
         xyz_site_m=xyz,
         normal_site=normal,
         ray=ray,
@@ -146,5 +141,4 @@ def patches_of(
         length_m=sizes[:, 2],
         area_m2=np.where(found, area, np.nan),
         target_share=target_share,
-        member_share=members / sampled,
     )

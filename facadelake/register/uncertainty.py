@@ -12,13 +12,15 @@ import numpy as np
 
 from facadelake.frames import Array
 
+_LEAST_COSINE = 0.01  # of a ray flatter than 89.4 deg to the normal nothing finite can be said
+
 
 def surface_covariance(direction_site: Array, normal_site: Array, model_sigma_m: float) -> Array:
     """Covariance (n, 3, 3) in m2 of places by a surface that stands ``model_sigma_m`` (one sigma) off its model.
 
     It has rank 1, along the ray; all sightings of a place share the surface.
     """
-    along = direction_site / np.einsum("ij,ij->i", direction_site, normal_site)[:, None]
+    along = direction_site / _facing(direction_site, normal_site)[:, None]
     covariance: Array = model_sigma_m**2 * along[:, :, None] * along[:, None, :]
     return covariance
 
@@ -38,7 +40,7 @@ def ray_covariance(
     pixel, ``pixel_sigma_px`` (n, 2) in x and y; ``site_from_cam`` (n, 3, 3) rotations; ``pose_covariance`` (n, 6, 6):
     centre (m, site) and attitude (rad, about the camera's own x, y, z).
     """
-    cosine = np.einsum("ij,ij->i", direction_site, normal_site)
+    cosine = _facing(direction_site, normal_site)
     onto_plane = np.eye(3)[None] - direction_site[:, :, None] * normal_site[:, None, :] / cosine[:, None, None]
     by_pixels = distance_m[:, None, None] * by_pixel * pixel_sigma_px[:, None, :]
     # site_from_cam (I + [turn]x) ray_cam: a turn about the camera's axis k moves the ray by (axis k in site) x ray.
@@ -48,3 +50,9 @@ def ray_covariance(
     moved = by_pixels @ by_pixels.transpose(0, 2, 1) + by_pose @ pose_covariance @ by_pose.transpose(0, 2, 1)
     covariance: Array = onto_plane @ moved @ onto_plane.transpose(0, 2, 1)
     return (covariance + covariance.transpose(0, 2, 1)) / 2
+
+
+def _facing(direction_site: Array, normal_site: Array) -> Array:
+    """``normal . direction`` (n,): negative, as normals face the camera, and kept off zero."""
+    cosine: Array = np.minimum(np.einsum("ij,ij->i", direction_site, normal_site), -_LEAST_COSINE)
+    return cosine

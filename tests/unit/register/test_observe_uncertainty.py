@@ -133,3 +133,18 @@ def test_a_measured_surface_stands_off_the_building_by_its_own_sigma(wall, detec
     [one] = observe(made, posed, wall, Surface(wall), declared).to_pylist()
     [other] = observe(made, posed, measured, Surface(wall), declared).to_pylist()
     np.testing.assert_allclose([one["sigma_north_m"], other["sigma_north_m"]], [0.03, 0.007], rtol=0, atol=1e-9)  # m
+
+
+def test_along_the_wall_itself_the_covariance_is_still_a_number(wall, detections_of):
+    posed = looking([-9.9, -1e-3, 2.0], [9.0, 0.0, 2.0])
+    [row] = observe(
+        detections_of(("a", "p", "crack", (995.0, 745.0, 10.0, 10.0))),
+        {"p": posed},
+        wall,
+        Surface(wall),
+        RegisterSettings(target_share_min=0.1),
+        {"p": pose_covariance(0.02, 0.1)},
+    ).to_pylist()
+    assert row["observation_outcome"] == "grazing"
+    assert np.isfinite(row["covariance_site"]).all()
+    assert row["sigma_east_m"] > 1.0  # m
