@@ -20,11 +20,14 @@ from facadelake.pose.gps import GpsPriors, align_to_gps
 from facadelake.pose.gradients import GreyFiles
 from facadelake.pose.model_alignment import ModelAlignment, align_to_model
 from facadelake.pose.reconstruction import Reconstruction
+from schemas.vocabulary import SurfaceKind
 
 # Heights without a datum may be off by the geoid; the search begins at plausible heights and goes this far around.
 _SEARCH_SIGMA_M = 5.0
 # What a similarity to walls leaves of the datum, for the adjustment to better.
 _WALLS_SIGMA_M = 0.05
+# A mesh of more was measured: its creases are its roughness, not the building's edges.
+_ROUGH_TRIANGLES = 50_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +48,7 @@ class ModelControl:
     """What of the model can hold a block.
 
     ``sigma_m``: how far the building may stand off its model; ``ground_site_m``: the model's lowest level, where
-    drones take off; ``edges`` None where no photographs can be looked at.
+    drones take off; ``edges`` None where there are none to look for, as on a mesh that was itself measured.
     """
 
     surface: SurfaceLike
@@ -57,13 +60,18 @@ class ModelControl:
 def model_control(building: BuildingModel, photographs: Sequence[Path], sigma_m: float) -> ModelControl:
     """The control that ``building`` gives to the block of ``photographs`` (in the block's order)."""
     surface = Surface(building)
-    edges = model_edges(building.vertices_site_m, building.triangles, building.element_of_triangle)
+    rough = building.surface_kind is not SurfaceKind.IFC and len(building.triangles) > _ROUGH_TRIANGLES
     return ModelControl(
         surface=surface,
         sigma_m=sigma_m,
         ground_site_m=float(building.vertices_site_m[:, 2].min()),
-        edges=ModelEdgesInPhotographs(edges=edges, surface=surface, photographs=GreyFiles(paths=tuple(photographs))),
+        edges=None if rough else _edges(building, surface, photographs),
     )
+
+
+def _edges(building: BuildingModel, surface: Surface, photographs: Sequence[Path]) -> ModelEdgesInPhotographs:
+    edges = model_edges(building.vertices_site_m, building.triangles, building.element_of_triangle)
+    return ModelEdgesInPhotographs(edges=edges, surface=surface, photographs=GreyFiles(paths=tuple(photographs)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -36,7 +36,7 @@ def mesh(*parts, noise_m=0.0, turn_deg=0.0):
 
 
 def house(step_m=0.5):
-    """20 m by 10 m by 6 m, without a ground; above the southern half of its roof nothing, behind it a storey set back."""
+    """20 m by 10 m by 6 m, without a ground; above its northern half stands a storey that is set back."""
     return (
         grid([0, 0, 0], [20, 0, 0], [0, 0, 6], step_m),  # south
         grid([20, 0, 0], [0, 10, 0], [0, 0, 6], step_m),  # east

@@ -1,0 +1,108 @@
+"""Registry entries of buildings without BIM, and what the flow refuses of them before any work begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from facadelake.errors import InputDataError
+from facadelake.registry import Building, read_portfolio
+from flows.precheck import AUTO, check_control, check_files
+from schemas.vocabulary import SurfaceKind
+from tasks.load_model import bare_settings, read_model
+
+MESH = {"map": "EPSG:25832", "vertical": "ellipsoidal"}
+
+
+def registered(folder: Path, **changes: Any) -> Building:
+    """The registry's building ``hall`` with changed keys."""
+    entry = {
+        "id": "hall",
+        "name": "Town hall",
+        "model": "mesh/hall.obj",
+        "photographs": "photos/{campaign}/images",
+        "crs": MESH,
+        "detector": {"kind": "coco", "file": "photos/{campaign}/boxes.json"},
+        **changes,
+    }
+    path = folder / "portfolio.yaml"
+    path.write_text(yaml.safe_dump({"buildings": [entry]}))
+    return read_portfolio(path).building("hall")
+
+
+@pytest.mark.parametrize(
+    ("model", "kind"),
+    [
+        ("hall.ifc", SurfaceKind.IFC), ("hall.OBJ", SurfaceKind.MESH), ("hall.glb", SurfaceKind.MESH),
+        ("hall.ply", SurfaceKind.MESH), ("as-built", SurfaceKind.AS_BUILT), ("as-built.ifc", SurfaceKind.IFC),
+    ],
+)  # fmt: skip
+def test_the_model_is_known_by_its_word_or_its_ending(tmp_path: Path, model: str, kind: SurfaceKind) -> None:
+    assert registered(tmp_path, model=model).surface_kind is kind
+
+
+def test_what_a_mesh_is_told_reaches_geobim_and_paths_count_from_the_registry(tmp_path: Path) -> None:
+    (tmp_path / "mesh").mkdir()
+    (tmp_path / "mesh" / "coords.txt").write_text("WGS84 UTM 32N\n456600 5421000\n")
+    crs = {**MESH, "offset_file": "mesh/coords.txt", "unit": "foot", "axes": "y-up"}
+    building = registered(tmp_path, crs=crs, storeys=[{"name": "Ground floor", "floor_m": 178.5}])
+    settings = bare_settings(building)
+    assert settings.offset_file == tmp_path / "mesh" / "coords.txt"
+    assert (settings.unit_m, settings.axes, settings.map_crs) == (0.3048, "y-up", "EPSG:25832")
+    assert [(storey.name, storey.floor_m) for storey in settings.storeys] == [("Ground floor", 178.5)]
+    (tmp_path / "mesh" / "hall.obj").write_text("v 0 0 0\nv 30 0 0\nv 30 30 0\nf 1 2 3\n")
+    model = read_model(building)
+    assert model.surface_kind is SurfaceKind.MESH
+    # One triangle of 30 by 30 feet that glTF's axes lay into the plane facing south, at the offset on the map.
+    assert abs(model.elements.column("surface_area_m2")[0].as_py() - (30 * 0.3048) ** 2 / 2) < 0.1  # m2
+    east, north, _ = model.map_from_site(model.vertices_site_m).min(axis=0)
+    assert abs(east - 456600) < 0.001 and abs(north - 5421000) < 0.001  # m
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            {"model": "hall.ifc", "crs": {"axes": "y-up"}},
+            "'axes' is for a building whose model is a mesh; this one's is",
+        ),
+        ({"model_building": "East"}, "'model_building' is for a building whose model is an IFC; this one's is a mesh"),
+        ({"crs": {**MESH, "accept_level": 20}}, "'accept_level' is for a building whose model is an IFC"),
+        ({"model": "as-built", "crs": {"map": "EPSG:25832"}}, "'vertical' is missing in 'crs'"),
+        ({"model": "as-built", "crs": {**MESH, "offset_file": "x.txt"}}, "'offset_file' is for .* a mesh"),
+        (
+            {"crs": {**MESH, "offset_file": "x", "placement": {"east_m": 1, "north_m": 2, "height_m": 3}}},
+            "both 'placement' and 'offset_file'",
+        ),
+        ({"crs": {**MESH, "unit": "inch"}}, "crs.unit.*'inch'"),
+        ({"storeys": [{"name": "a"}]}, "storeys.0.floor_m.*missing"),
+    ],
+)
+def test_keys_that_do_not_fit_the_model_are_mistakes(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputDataError, match=told):
+        registered(tmp_path, **changes)
+
+
+def test_a_building_without_a_model_needs_no_file_but_a_control_that_is_not_the_model(tmp_path: Path) -> None:
+    photographs = tmp_path / "photos" / "2026-04" / "images"
+    photographs.mkdir(parents=True)
+    (photographs.parent / "boxes.json").write_text("{}")
+    building = registered(tmp_path, model="as-built")
+    assert check_files(building, "2026-04", None) == ()
+    for control in (AUTO, "gcp", "gps", "campaign"):
+        check_control(building, "2026-04", control, None)
+    with pytest.raises(InputDataError, match=r"has no model \(model: as-built\).*--georeference model"):
+        check_control(building, "2026-04", "model", None)
+    (tmp_path / "poses.csv").write_text("photo_id\n")
+    with pytest.raises(InputDataError, match="tie points, which imported poses do not bring"):
+        check_control(building, "2026-04", AUTO, str(tmp_path / "poses.csv"))
+    check_control(registered(tmp_path), "2026-04", "model", None)  # a mesh can hold a campaign
+    with pytest.raises(InputDataError, match=r"the model .*hall\.obj of building 'hall' does not exist"):
+        check_files(registered(tmp_path), "2026-04", None)
+    (tmp_path / "mesh").mkdir()
+    (tmp_path / "mesh" / "hall.obj").write_text("")
+    with pytest.raises(InputDataError, match=r"the offset file .*coords\.txt of building 'hall' does not exist"):
+        check_files(registered(tmp_path, crs={**MESH, "offset_file": "mesh/coords.txt"}), "2026-04", None)
