@@ -13,6 +13,7 @@ from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table
 from facadelake.photo.files import find_masks
 from facadelake.posed import pose_covariances, posed_cameras
+from facadelake.register.appearance import Photographs
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.merge import merge
 from facadelake.register.observe import observe
@@ -77,6 +78,7 @@ def compare_campaign(
             prefix=f"{building.id}-{campaign_id}",
             settings=merge_settings(passport),
             covariances=covariances,
+            photographs=Photographs(root=building.photographs_of(campaign_id), posed=posed),
         )
         tables |= {"detections": found, "observations": merged.observations, "defects": merged.defects}
     return compare(

@@ -12,6 +12,7 @@ from facadelake.cache import file_hash
 from facadelake.geobim.model import read_building
 from facadelake.lake.severity import grade, rule_file
 from facadelake.posed import pose_covariances, posed_cameras
+from facadelake.register.appearance import Photographs
 from facadelake.register.merge import merge
 from facadelake.register.settings import MergeSettings
 from facadelake.tables import read_table, write_table
@@ -28,25 +29,30 @@ def merge_duplicates(
     observations: StageResult,
     detections: StageResult,
 ) -> StageResult:
-    """Tables ``defects`` and ``observations`` (each with the defect it shows)."""
+    """Tables ``defects``, ``observations`` (each with the defect it shows) and ``merges``.
+
+    The photographs that doubtful pairs are compared by are in the key through the poses, which rest on them.
+    """
     rules = rule_file(job.building.severity_rules)
 
     def make(folder: Path) -> Counts:
         passport = read_table("georeference", placed.folder).to_pylist()[0]
         poses = read_table("poses", placed.folder)
+        posed = posed_cameras(poses)
         merged = merge(
             read_table("observations", observations.folder),
             read_table("detections", detections.folder),
             read_building(model.folder),
-            posed_cameras(poses),
+            posed,
             prefix=f"{job.building.id}-{job.campaign_id}",
             settings=merge_settings(passport),
             covariances=pose_covariances(poses),
+            photographs=Photographs(root=job.building.photographs_of(job.campaign_id), posed=posed),
         )
         write_table("observations", merged.observations, folder)
         write_table("merges", merged.merges, folder)
         write_table("defects", grade(merged.defects, rules), folder)
-        return {"defects": len(merged.defects)}
+        return {"defects": len(merged.defects), "decisions": len(merged.merges)}
 
     inputs = {
         "observations": observations.key,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from facadelake.register.settings import MergeSettings
 from facadelake.register.sightings import Sightings
 from facadelake.register.strays import with_strays
 from facadelake.register.triangulate import Estimate, Rays, estimated
+from facadelake.register.verify import Compare, Verified, unverified, verified
 
 _log = logging.getLogger(__name__)
 _NEAR_MISS = 1.5  # gates: pairs further apart than that are not worth a word
@@ -24,7 +24,6 @@ _PRIOR_SIGHTINGS = 20.0  # how many sightings the noise in the settings is worth
 _PRIOR_DEFECTS = 10.0  # how many defects the relief in the settings is worth
 
 Rows = NDArray[np.int64]
-Compare = Callable[[Rows, Rows], Array]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,18 +57,34 @@ def grouped(sightings: Sightings, settings: MergeSettings, compare: Compare | No
         near = pairs_of(whole, before, settings, within_sigmas=_NEAR_MISS * settings.gate_sigma)
     else:
         near = found
-    first = _clusters(whole, near, settings)
+    first = _clusters(whole, unverified(near), settings)
     noise, gate = _own_noise(whole, first, settings)
     near = _again(whole, near, gate, settings)
-    group = _clusters(whole, near, settings)
-    score = np.full(len(near), np.nan)
+    seen = unverified(near)
+    group = _clusters(whole, seen, settings)
+    if compare is not None:
+        seen = verified(whole, near, group, gate, settings, compare)
+        group = _clusters(whole, seen, settings)
     group = with_strays(whole, near, group, settings)
+    score, differs = seen.score, seen.differs
     if len(whole) < len(sightings):
-        found, score = _again(sightings, found, gate, settings), np.full(len(found), np.nan)
+        found = _again(sightings, found, gate, settings)
+        score, differs = _of_units(unit, near, found, score), _of_units(unit, near, found, differs) > 0
     else:
         found = near
-    differs = np.zeros(len(found), dtype=bool)
     return Grouping(group=group[unit], unit=unit, pairs=found, score=score, differs=differs, noise=noise)
+
+
+def _of_units(unit: Rows, near: Pairs, found: Pairs, values: Array | NDArray[np.bool_]) -> Array:
+    """What pairs ``near`` of units have, for the pairs ``found`` of their parts; NaN where there is no such pair."""
+    count = int(unit.max()) + 1
+    a, b = unit[found.first], unit[found.second]
+    key, known = np.minimum(a, b) * count + np.maximum(a, b), near.first * count + near.second
+    at = np.minimum(np.searchsorted(known, key), max(len(known) - 1, 0))
+    out = np.full(len(found), np.nan)
+    there = known[at] == key if len(known) else np.zeros(len(found), dtype=bool)
+    out[there] = values[at[there]]
+    return out
 
 
 def _again(sightings: Sightings, pairs: Pairs, noise: Noise, settings: MergeSettings) -> Pairs:
@@ -78,14 +93,16 @@ def _again(sightings: Sightings, pairs: Pairs, noise: Noise, settings: MergeSett
     return measured(sightings, rows, placing, noise, settings)
 
 
-def _clusters(sightings: Sightings, pairs: Pairs, settings: MergeSettings) -> Rows:
+def _clusters(sightings: Sightings, seen: Verified, settings: MergeSettings) -> Rows:
+    pairs = seen.pairs
     alike = sightings.defect_class[pairs.first] == sightings.defect_class[pairs.second]
-    may = pairs.take(alike & pairs.touching & (pairs.sigmas <= settings.gate_sigma))
+    may = alike & pairs.touching & (pairs.sigmas <= settings.gate_sigma)
     group = clusters_of(
-        may.first,
-        may.second,
-        may.sigmas,
+        pairs.first[may],
+        pairs.second[may],
+        pairs.sigmas[may],
         sightings.photo,
+        seen.barred[may],
         agreement=settings.agreement,
         gate_sigma=settings.gate_sigma,
     )

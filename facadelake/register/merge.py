@@ -15,13 +15,14 @@ from facadelake.geobim.facade_directions import facades_in
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.storeys import storeys_of_places
 from facadelake.geobim.surface import Surface
+from facadelake.register.appearance import Photographs
 from facadelake.register.behind import Moved, looked_behind
 from facadelake.register.decisions import merges_table
 from facadelake.register.defects import defects_table
 from facadelake.register.grouping import grouped
 from facadelake.register.position import positions_of
 from facadelake.register.settings import MergeSettings
-from facadelake.register.sightings import column, sightings_of
+from facadelake.register.sightings import codes_of, column, sightings_of
 from schemas.vocabulary import ObservationOutcome
 
 _log = logging.getLogger(__name__)
@@ -45,22 +46,27 @@ def merge(
     prefix: str,
     settings: MergeSettings | None = None,
     covariances: Mapping[str, Array] | None = None,
+    photographs: Photographs | None = None,
 ) -> MergeResult:
     """Defects of the registered ``observations``; boxes and scores come from ``detections``, rays from ``posed``.
 
-    ``covariances`` (6, 6) by photo_id are the poses' (centre in m, attitude in rad). Ids are ``<prefix>-D0001`` on, by
-    facade, storey from the top, and place along the facade. The result does not depend on the order of the rows.
+    ``covariances`` (6, 6) by photo_id are the poses' (centre in m, attitude in rad). With ``photographs``, doubtful
+    pairs are compared by their pictures; without, or where they cannot be read, geography alone decides. Ids are
+    ``<prefix>-D0001`` on, by facade, storey from the top, and place along the facade. The result does not depend on
+    the order of the rows.
     Severity is left to the lake's rules ("ungraded", rule "none").
     """
     settings = settings or MergeSettings()
     registered = pc.equal(observations.column("observation_outcome"), str(ObservationOutcome.REGISTERED))
     seen = observations.filter(registered).sort_by("detection_id")
     sightings = sightings_of(seen, detections, posed, covariances or {})
+    compare = None if photographs is None else photographs.comparison(_words(seen))
     grouping = grouped(sightings, settings)
     moved = looked_behind(sightings, grouping.group, grouping.noise, settings, Surface(building))
     if moved is not None:
         seen, sightings = _on_elements(seen, moved, building), moved.sightings
-        grouping = grouped(sightings, settings)
+    if moved is not None or compare is not None:
+        grouping = grouped(sightings, settings, compare)
     group = grouping.group
     positions = positions_of(sightings, group, grouping.noise, settings)
     scores = column(detections, "score")[
@@ -76,6 +82,10 @@ def merge(
         observations=observations.set_column(place, observations.schema.field(place), ids.take(at.combine_chunks())),
         merges=merges_table(seen.column("detection_id").combine_chunks(), ids, sightings, grouping, settings),
     )
+
+
+def _words(seen: pa.Table) -> list[str]:
+    return [str(name) for name in codes_of(seen, "photo_id")[1]]
 
 
 def _on_elements(seen: pa.Table, moved: Moved, building: BuildingModel) -> pa.Table:
