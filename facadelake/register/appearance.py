@@ -151,7 +151,8 @@ def _rectified(
     sampled = cv2.remap(crop, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
     fine = cv2.GaussianBlur(sampled, (0, 0), _FINE_CELLS)
     detail = fine - cv2.GaussianBlur(sampled, (0, 0), _COARSE_CELLS)
-    return np.clip(np.round(_GREY_STEPS * detail), -127, 127).astype(np.int8)
+    kept: Detail = np.clip(np.round(_GREY_STEPS * detail), -127, 127).astype(np.int8)
+    return kept
 
 
 def _matched(a: Detail, b: Detail, size: NDArray[np.int64], tolerance: float) -> tuple[float, float]:

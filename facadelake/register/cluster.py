@@ -56,7 +56,6 @@ def clusters_of(
     second: Rows,
     sigmas: Array,
     photo: Rows,
-    barred: NDArray[np.bool_],
     *,
     agreement: float,
     gate_sigma: float,
@@ -64,13 +63,12 @@ def clusters_of(
     """Group (n,) of each sighting, named by its first member's row.
 
     ``first``, ``second`` (k,): pairs of sightings that may be one, ``sigmas`` (k,) apart. Two groups join only if they
-    share no photograph (``photo`` (n,)), no pair between them is ``barred`` (k,), and at least ``agreement`` of the
-    pairs between them are among those given, so that a chain of neighbours does not become one defect. A pair that is
-    not given counts as twice the gate apart.
+    share no photograph (``photo`` (n,)) and at least ``agreement`` of the pairs between them are among those given, so
+    that a chain of neighbours does not become one defect. A pair that is not given counts as twice the gate apart.
     """
     group = np.arange(len(photo))
     size = np.ones(len(photo))
-    apart = barred | (photo[first] == photo[second])
+    apart = photo[first] == photo[second]
     links = _Links(low=first, high=second, squared=sigmas**2, count=np.where(apart, 0.0, 1.0), barred=apart).between(
         group
     )

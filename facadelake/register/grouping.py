@@ -102,7 +102,6 @@ def _clusters(sightings: Sightings, seen: Verified, settings: MergeSettings) -> 
         pairs.second[may],
         pairs.sigmas[may],
         sightings.photo,
-        seen.barred[may],
         agreement=settings.agreement,
         gate_sigma=settings.gate_sigma,
     )

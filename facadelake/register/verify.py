@@ -1,7 +1,8 @@
 """The second word on doubtful pairs: what the pictures say where places alone leave it open.
 
 Doubtful are pairs of one defect near the gate's edge, and pairs near one another that the places left apart though no
-photograph shows both. A few of each are compared, for reading photographs is dear, and the majority of them decides.
+photograph shows both. A few of each are compared, for reading photographs is dear, and the majority of them decides:
+pairs that differ count as outside the gate, groups that show the same as well inside it.
 """
 
 from __future__ import annotations
@@ -30,19 +31,18 @@ Compare = Callable[[Sightings, Rows, Rows, Array], Likeness]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verified:
-    """``pairs`` as the pictures have them, and of each its ``score`` (k,), NaN where not compared, whether it
-    ``differs`` (k,), and whether that keeps it from being joined: ``barred`` (k,)."""
+    """``pairs`` as the pictures have them, and of each its ``score`` (k,), NaN where not compared, and whether it
+    ``differs`` (k,)."""
 
     pairs: Pairs
     score: Array
     differs: NDArray[np.bool_]
-    barred: NDArray[np.bool_]
 
 
 def unverified(pairs: Pairs) -> Verified:
     """The pairs by their places alone."""
     no = np.zeros(len(pairs), dtype=bool)
-    return Verified(pairs=pairs, score=np.full(len(pairs), np.nan), differs=no, barred=no)
+    return Verified(pairs=pairs, score=np.full(len(pairs), np.nan), differs=no)
 
 
 def verified(
@@ -72,19 +72,20 @@ def verified(
     _, number = np.unique(case[looked], return_inverse=True)
     same = np.bincount(number, weights=found.same)
     other = np.bincount(number, weights=found.differs)
-    score, differs, barred = out.score.copy(), out.differs.copy(), out.barred.copy()
+    score, differs = out.score.copy(), out.differs.copy()
     score[looked], differs[looked] = found.score, found.differs
-    barred[looked] = found.differs & (other > same)[number]
-    welcome = np.isin(case, np.unique(case[looked[(same > other)[number]]])) & (a != b) & alike & ~barred
+    away = np.zeros(len(pairs), dtype=bool)
+    away[looked] = found.differs & (other > same)[number]
+    welcome = np.isin(case, np.unique(case[looked[(same > other)[number]]])) & (a != b) & alike & ~away
+    sigmas = np.where(away, np.inf, pairs.sigmas)
     return Verified(
         pairs=replace(
             pairs,
-            sigmas=np.where(welcome, np.minimum(pairs.sigmas, _SURE * settings.gate_sigma), pairs.sigmas),
+            sigmas=np.where(welcome, np.minimum(sigmas, _SURE * settings.gate_sigma), sigmas),
             touching=pairs.touching | welcome,
         ),
         score=score,
         differs=differs,
-        barred=barred,
     )
 
 
