@@ -31,9 +31,10 @@ def material_names(element: ifcopenshell.entity_instance) -> str:
 
 
 def layers_of(element: ifcopenshell.entity_instance, outward_ifc: Array | None, unit_m: float) -> list[Layer]:
-    """The element's layers, outermost first where ``outward_ifc`` (3,), in the model's axes, tells; empty without any.
+    """The element's layers; empty without any.
 
-    ``unit_m``: metres of the model's length unit.
+    Outermost first where ``outward_ifc`` (3,), in the model's axes, is known and the IFC says how the layers lie in the
+    element; else as the IFC lists them, which most writers do from the outside. ``unit_m``: metres of its length unit.
     """
     material = ifcopenshell.util.element.get_material(element)
     if material is None:
@@ -49,15 +50,12 @@ def layers_of(element: ifcopenshell.entity_instance, outward_ifc: Array | None, 
         )
         for layer in layer_set.MaterialLayers
     ]
-    flat = element.is_a("IfcSlab") or element.is_a("IfcRoof") or element.is_a("IfcCovering")
-    axis = _AXES[usage.LayerSetDirection] if usage else (2 if flat else 1)
-    sense = -1.0 if usage and usage.DirectionSense == "NEGATIVE" else 1.0
-    if outward_ifc is not None and element.ObjectPlacement is not None:
-        placed = ifcopenshell.util.placement.get_local_placement(element.ObjectPlacement)
-        along = sense * float(np.dot(placed[:3, axis], outward_ifc))
-        if along > _ACROSS:  # the set begins at the inner face
-            return layers[::-1]
-    return layers
+    if usage is None or outward_ifc is None or element.ObjectPlacement is None:
+        return layers
+    placed = ifcopenshell.util.placement.get_local_placement(element.ObjectPlacement)
+    sense = -1.0 if usage.DirectionSense == "NEGATIVE" else 1.0
+    along = sense * float(np.dot(placed[:3, _AXES[usage.LayerSetDirection]], outward_ifc))
+    return layers[::-1] if along > _ACROSS else layers  # the set begins at the inner face
 
 
 def layers_json(layers: list[Layer]) -> str:

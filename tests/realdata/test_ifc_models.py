@@ -195,6 +195,13 @@ def test_models_without_a_georeference_need_the_registrys(shared_data, name, ele
     assert not {row["ifc_class"] for row in rows} & {"IfcSpace", "IfcOpeningElement", "IfcSite", "IfcAnnotation"}
     np.testing.assert_allclose(np.ptp(building.vertices_site_m, axis=0), extent_m, rtol=0, atol=0.1)  # m
     assert {"N", "S", "E", "W"} <= {row["facade"] for row in rows}
+    # The model's axes stand 10 degrees to the left of the grid's, which stands 0.45 to the left of true north.
+    turned = {row["facade"]: row["facade_azimuth_deg"] for row in rows if row["facade_azimuth_deg"] is not None}
+    assert set(turned) == {"N", "S", "E", "W"}
+    for name, azimuth in (("E", 79.55), ("S", 169.55), ("W", 259.55), ("N", 349.55)):
+        np.testing.assert_allclose(turned[name], azimuth, rtol=0, atol=0.05)  # deg
+    assert {row["storey_source"] for row in rows} <= {"containment", "host"}
+    assert all(json.loads(row["properties"]) for row in rows if row["properties"])
 
 
 @pytest.mark.slow
@@ -214,6 +221,20 @@ def test_duplex_by_its_ifc2x3_property_sets(shared_data):
     expected = building.origin.site_from_geo(geo)
     np.testing.assert_allclose(building.vertices_site_m, expected, rtol=0, atol=0.001)  # m
     assert len(building.elements) == 215
+    rows = building.elements.to_pylist()
+    brick = [row for row in rows if (row["element_name"] or "").startswith("Basic Wall:Exterior - Brick on Block")]
+    outside = [json.loads(row["material_layers"])[0] for row in brick if row["facade"] in ("N", "E", "S", "W")]
+    assert len(outside) >= 4
+    assert all(layer == {"material": "Masonry - Brick", "thickness_m": 0.092} for layer in outside)
+    # Half of the western foundation lies under a terrace, and its end does not.
+    concrete = [
+        row for row in rows if (row["element_name"] or "").startswith("Basic Wall:Foundation - Concrete (417mm)")
+    ]
+    assert sorted(row["facade"] for row in concrete) == ["E", "N", "S", "W"]
+    hosts = {row["element_guid"]: row for row in rows}
+    windows = [row for row in rows if row["ifc_class"] == "IfcWindow" and row["host_guid"] in hosts]
+    assert len(windows) >= 10
+    assert all(hosts[row["host_guid"]]["ifc_class"].startswith("IfcWall") for row in windows)
 
 
 def test_the_registrys_vertical_datum_goes_before_the_ifcs(shared_data):

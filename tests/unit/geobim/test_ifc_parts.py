@@ -174,6 +174,23 @@ def test_layers_from_the_outside_in_whichever_way_the_wall_was_drawn(house, sche
 
 
 @pytest.mark.parametrize("schema", SCHEMAS)
+def test_layers_that_no_usage_lays_out_stay_as_listed(house, schema):
+    edit = house(
+        schema, Box(name="south", size_m=(6.0, 0.3, 3.0)), Box(name="north", size_m=(6.0, 0.3, 3.0),
+                                                               corner_m=(0.0, 4.7, 0.0)),
+    )  # fmt: skip
+    model = edit.model
+    materials = [model.create_entity("IfcMaterial", Name=name) for name in ("render", "brick")]
+    layer_set = model.create_entity(
+        "IfcMaterialLayerSet", [model.create_entity("IfcMaterialLayer", m, 0.1) for m in materials]
+    )
+    walls = [edit.one("south"), edit.one("north")]
+    edit.make("IfcRelAssociatesMaterial", RelatedObjects=walls, RelatingMaterial=layer_set)
+    for row in edit.rows().values():
+        assert [layer["material"] for layer in json.loads(row["material_layers"])] == ["render", "brick"]
+
+
+@pytest.mark.parametrize("schema", SCHEMAS)
 def test_properties_of_the_element_and_its_type(house, schema):
     edit = house(schema, Box(name="wall"), Box(name="slab", ifc_class="IfcSlab", corner_m=(0.0, 0.0, 3.0)))
     model = edit.model
