@@ -1,8 +1,9 @@
 """What stands before the building: trees, vehicles, scaffolds, that the photographs saw and the model does not know.
 
-The campaign's own tie points are the evidence. A photograph's tie points are meshed in its picture; where all three
-corners of such a triangle stand in the open, well before the model, the photograph shows something else than the
-building there. One tie point on the wall inside the box is enough to say that the wall is seen.
+The campaign's own tie points are the evidence: those that the photograph itself saw, and those of others that stand in
+its line of sight, for matter hides the wall whether it was matched here or not. They are meshed in the picture; where
+all three corners of a triangle stand in the open, well before the model, the photograph shows something else than the
+building there. A tie point on the wall breaks the triangles about it: there the wall is seen.
 """
 
 from __future__ import annotations
@@ -12,16 +13,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 
 from facadelake.camera import PosedCamera
 from facadelake.errors import InputDataError
 from facadelake.frames import Array
 from facadelake.geobim.surface import Surface
-from facadelake.register.tie_points import Sights, TiePoints
+from facadelake.register.tie_points import TiePoints
 
 _DIRECTIONS = 8  # of walls; what lies level is a ninth
 _LEVEL_DEG = 60.0
+_CONFIRMED_BY = 3  # own sightings that an occluder must have: what others saw may have been there at another time
+_FOLDED = 0.02  # a point this far off the ray of its own pixel, by its distance, was not projected truly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +57,18 @@ class Hidden:
 
     share: Array
     gap_m: Array
+    limit_m: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _InPicture:
+    """Tie points in one photograph: pixels (k, 2), rows of the tie points, whether the photograph itself saw them,
+    whether they stand before the model, and by how much they must."""
+
+    xy_img: Array
+    point: NDArray[np.int64]
+    own: NDArray[np.bool_]
+    standing: NDArray[np.bool_]
     limit_m: Array
 
 
@@ -93,20 +110,18 @@ class Occluders:
         """What stands before the model in the boxes (n, 4; x, y, width, height) of one photograph."""
         n, side = len(boxes_px), self._settings.rays_per_side
         nothing = Hidden(share=np.zeros(n), gap_m=np.full(n, np.nan), limit_m=np.full(n, np.nan))
-        sights = self._points.sights.get(photo_id)
-        if sights is None or len(sights.point) < 3:
-            return nothing
-        standing, limit = self._standing(photo_id, sights)
-        if standing.sum() < 3:
+        seen = self._in_picture(photo_id)
+        if seen is None or seen.standing.sum() < 3:
             return nothing
         try:
-            mesh = Delaunay(sights.xy_img)
+            mesh = Delaunay(seen.xy_img)
         except QhullError:  # all on one line
             return nothing
-        corners = mesh.simplices
-        corners_xyz = self._points.xyz_site_m[sights.point[corners]]
+        corners, standing, limit = mesh.simplices, seen.standing, seen.limit_m
+        corners_xyz = self._points.xyz_site_m[seen.point[corners]]
         longest = np.linalg.norm(corners_xyz - np.roll(corners_xyz, 1, axis=1), axis=2).max(axis=1, initial=0.0)
         solid = standing[corners].all(axis=1) & (longest <= self._settings.hole_max_m)
+        solid[solid] = _confirmed(corners[solid], seen.own)
         if not solid.any():
             return nothing
         share = (np.arange(side) + 0.5) / side
@@ -132,18 +147,41 @@ class Occluders:
             limit_m=_median(wanted, found),
         )
 
-    def _standing(self, photo_id: str, sights: Sights) -> tuple[NDArray[np.bool_], Array]:
-        """Which of a photograph's tie points (k,) stand in the open before the model, and the gap each must have."""
-        origins, directions = self._posed[photo_id].rays_site(sights.xy_img)
+    def _in_picture(self, photo_id: str) -> _InPicture | None:
+        """The photograph's own tie points, and others' that stand before the model in it; None without its own."""
+        sights = self._points.sights.get(photo_id)
+        if sights is None or not len(sights.point):
+            return None
+        posed = self._posed[photo_id]
+        others = np.setdiff1d(np.flatnonzero(self._apart_m > self._settings.gap_min_m), sights.point)
+        pixels = posed.project_site(self._points.xyz_site_m[others])
+        inside = posed.camera.contains(pixels)
+        others, pixels = others[inside], pixels[inside]
+        standing, limit = self._standing(posed, pixels, others)
+        mine, my_limit = self._standing(posed, sights.xy_img, sights.point)
+        kept = np.flatnonzero(standing)
+        return _InPicture(
+            xy_img=np.vstack([sights.xy_img, pixels[kept]]),
+            point=np.concatenate([sights.point, others[kept]]),
+            own=np.arange(len(mine) + len(kept)) < len(mine),
+            standing=np.concatenate([mine, standing[kept]]),
+            limit_m=np.concatenate([my_limit, limit[kept]]),
+        )
+
+    def _standing(self, posed: PosedCamera, xy_img: Array, point: NDArray[np.int64]) -> tuple[NDArray[np.bool_], Array]:
+        """Which tie points (k,) at pixels (k, 2) stand in the open before the model, and the gap each must have."""
+        origins, directions = posed.rays_site(xy_img)
         hits = self._surface.cast(origins, directions)
-        distance = np.linalg.norm(self._points.xyz_site_m[sights.point] - origins, axis=1)
-        variance = np.einsum("ki,kij,kj->k", directions, self._points.covariance_site_m2[sights.point], directions)
+        along = np.einsum("ij,ij->i", self._points.xyz_site_m[point] - origins, directions)
+        across = np.linalg.norm(self._points.xyz_site_m[point] - origins - along[:, None] * directions, axis=1)
+        variance = np.einsum("ki,kij,kj->k", directions, self._points.covariance_site_m2[point], directions)
         offset = np.full(len(directions), self._offsets_m.max())
         offset[hits.hit] = self._offsets_m[_facing(hits.normal_site[hits.hit])]
         limit = np.maximum(self._settings.gap_min_m, self._settings.gap_sigmas * np.sqrt(variance + offset**2))
         # Along a grazing ray a little relief makes a long gap: the point must stand off the model in every direction.
-        standing: NDArray[np.bool_] = (hits.distance_m - distance > limit) & (self._apart_m[sights.point] > limit)
-        return standing, limit
+        standing: NDArray[np.bool_] = (hits.distance_m - along > limit) & (self._apart_m[point] > limit)
+        # Far outside the picture Brown's polynomial folds points back into it.
+        return standing & (across < _FOLDED * along), limit
 
 
 def _facing(normals: Array) -> NDArray[np.int64]:
@@ -151,6 +189,15 @@ def _facing(normals: Array) -> NDArray[np.int64]:
     azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1]))
     group = np.round(azimuth / (360 / _DIRECTIONS)).astype(np.int64) % _DIRECTIONS
     return np.where(np.abs(normals[:, 2]) > np.sin(np.radians(_LEVEL_DEG)), _DIRECTIONS, group)
+
+
+def _confirmed(corners: NDArray[np.int64], own: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which triangles (t, 3) hang together with enough points that the photograph itself saw, (k,)."""
+    edges = np.vstack([corners[:, [0, 1]], corners[:, [1, 2]]]).T
+    graph = coo_array((np.ones(edges.shape[1], dtype=bool), (edges[0], edges[1])), shape=(len(own), len(own)))
+    count, body = connected_components(graph, directed=False)
+    enough = np.bincount(body[own], minlength=count) >= _CONFIRMED_BY
+    return np.asarray(enough[body[corners[:, 0]]])
 
 
 def _along(origins: Array, directions: Array, corners: Array) -> Array:

@@ -151,6 +151,44 @@ def test_a_campaign_that_lies_metres_off_is_not_all_occluded(wall, detections_of
     assert excluded(wall, behind, stated)["behind"]["observation_outcome"] == "registered"
 
 
+@pytest.mark.parametrize(("own", "outcome"), [(4, "occluded"), (2, "registered")])
+def test_what_others_matched_hides_too_where_the_photograph_confirms_it(wall, detections_of, own, outcome):
+    """In p1 but ``own`` points of the board were matched: with too few, it may have stood there at another time."""
+    cameras = {f"p{i}": looking([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-3.0, 0.0, 3.0, 5.0, -5.0))}
+    tracks = tracks_of(np.vstack([WALL, BOARD]), cameras)
+    of_board = tracks.point >= len(WALL)
+    mine = np.flatnonzero((tracks.photo == 1) & of_board)
+    inner = mine[np.abs(BOARD[tracks.point[mine] - len(WALL)] - [0, -BOARD_M, 2]).max(axis=1) < 0.6]
+    kept = np.ones(len(tracks.point), dtype=bool)
+    kept[np.setdiff1d(mine, np.random.default_rng(3).choice(inner, own, replace=False))] = False
+    tracks = replace(tracks, photo=tracks.photo[kept], point=tracks.point[kept], xy_img=tracks.xy_img[kept])
+    made = detections_of(("behind", "p1", "crack", box_at(cameras["p1"], [0.1, -BOARD_M, 2.1])))
+    rows = excluded(wall, made, Scene(points=tie_points(tracks, cameras)), cameras)
+    assert rows["behind"]["observation_outcome"] == outcome
+
+
+def test_what_stands_behind_or_beside_the_camera_hides_nothing(wall, detections_of):
+    """A drone between a tree and the wall: the tree is behind it, however strong the lens's distortion."""
+    camera = replace(CAMERAS["p1"].camera, k1=-0.3, k2=0.05)
+    cameras = {name: replace(posed, camera=camera) for name, posed in CAMERAS.items()}
+    cameras["near"] = replace(looking([0.0, -5.0, 2.0], [0.0, 0.0, 2.0]), camera=camera)
+    tree = grid(np.arange(-1, 1.01, 0.25), -7.0, np.arange(1, 3.01, 0.25))
+    beside = grid(np.arange(6, 9.01, 0.25), -2.0, np.arange(1, 3.01, 0.25))
+    tracks = tracks_of(np.vstack([tree, beside]), {name: cameras[name] for name in ("p0", "p1", "p2")})
+    photo, point = np.append(tracks.photo, [3] * 3), np.append(tracks.point, [len(tree) + 1] * 3)
+    tracks = replace(
+        tracks,
+        photo_ids=[*tracks.photo_ids, "near"],
+        photo=photo,
+        point=point,
+        xy_img=np.vstack([tracks.xy_img, cameras["near"].project_site(beside[1:2]).repeat(3, axis=0)]),
+    )
+    places = [[x, 0.0, z] for x in (-1.0, 0.0, 1.0) for z in (1.5, 2.0, 2.5)]
+    made = detections_of(*[(f"d{i}", "near", "crack", box_at(cameras["near"], p)) for i, p in enumerate(places)])
+    rows = excluded(wall, made, Scene(points=tie_points(tracks, cameras)), cameras)
+    assert {row["observation_outcome"] for row in rows.values()} == {"registered"}
+
+
 def test_few_and_far_tie_points_hide_nothing(wall, detections_of):
     corners = grid([-1, 1], -BOARD_M, [1, 3])  # 2 m apart: one may look between them
     made = detections_of(("between", "p1", "crack", box_at(CAMERAS["p1"], [0.0, -BOARD_M, 2.0])))
