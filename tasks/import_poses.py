@@ -9,6 +9,7 @@ from prefect import task
 from facadelake.cache import hash_of_files
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
+from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported import pose_files
 from facadelake.pose.imported_placing import place_imported
@@ -22,10 +23,15 @@ CODE = ("pose", "geobim", "posed.py", "photo_names.py")
 
 @task(name="import poses")
 def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) -> StageResult:
-    """Tables ``poses``, ``georeference`` and ``georeference_points`` (empty); no reference for later campaigns."""
+    """Tables ``poses``, ``georeference`` and ``georeference_points``; no reference for later campaigns.
+
+    Control and check points of the campaign, where it has any, test the poses and do not move them.
+    """
     assert job.poses is not None
     path = job.poses
     limit_m = job.building.tolerances.placement_sigma_max_m
+    files = (job.building.control_points_of(job.campaign_id), job.building.check_points_of(job.campaign_id))
+    surveyed = [file for file in files if file is not None]
 
     def make(folder: Path) -> Counts:
         building = read_building(model.folder)
@@ -41,6 +47,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
             ),
             surface=Surface(building),
             placement_sigma_max_m=limit_m,
+            surveyed=[read_control_points(file) for file in surveyed],
         )
         write_table("poses", placed.poses, folder)
         write_table("georeference", placed.georeference, folder)
@@ -52,6 +59,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
         "photos": photos.key,
         "poses": hash_of_files(pose_files(path)),
         "name": path.name,
+        "surveyed": hash_of_files(surveyed),
         "placement_sigma_max_m": limit_m,
     }
     return run_stage(job, "import-poses", code=CODE, inputs=inputs, make=make)

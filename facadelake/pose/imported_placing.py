@@ -14,10 +14,12 @@ from facadelake.camera import PosedCamera
 from facadelake.errors import InputDataError
 from facadelake.frames import Array, Similarity
 from facadelake.photo_names import PhotoNames
+from facadelake.pose.control_points import ControlPoints
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported import ImportedPose, ImportedPoses
 from facadelake.pose.imported_checks import SurfaceLike, refuse_impossible
-from facadelake.pose.passport import require_good
+from facadelake.pose.imported_evidence import Evidence, evidence_of
+from facadelake.pose.passport import points_table, require_good
 from facadelake.pose.poses import placed_columns
 from facadelake.tables import table_of_rows
 from schemas.vocabulary import ControlKind, PhotoOutcome, PoseSource
@@ -38,13 +40,20 @@ class PlacedByImport:
 
 
 def place_imported(
-    found: ImportedPoses, photos: pa.Table, *, place: Place, surface: SurfaceLike, placement_sigma_max_m: float
+    found: ImportedPoses,
+    photos: pa.Table,
+    *,
+    place: Place,
+    surface: SurfaceLike,
+    placement_sigma_max_m: float,
+    surveyed: Sequence[ControlPoints] = (),
 ) -> PlacedByImport:
     """One row for each accepted photograph of ``photos``, with its imported pose or with the reason why it has none.
 
+    ``surveyed`` points and the photographs' GPS judge the poses in the passport; they do not move them.
     Raises InputDataError where no pose is of a photograph of this campaign, GeoreferenceError where the poses cannot
-    be right: far from the building, looking away from it or turned against what the photographs state, or known too
-    badly to be of use.
+    be right: far from the building, looking away from it or turned against what the photographs state, known too badly
+    to be of use, or off the surveyed points.
     """
     accepted = [row for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
     own, reasons, strangers = _matched(found, accepted)
@@ -82,10 +91,11 @@ def place_imported(
             reason = reasons.get(photo_id, f"{found.source} has no pose of it")
             rows.append(said | {"pose_source": PoseSource.UNLOCALISED, "reason": reason})
     poses = table_of_rows("poses", rows)
+    evidence = evidence_of(posed, accepted, surveyed, place)
     return PlacedByImport(
         poses=poses,
-        georeference=_passport(found, poses, place, remarks, placement_sigma_max_m),
-        georeference_points=table_of_rows("georeference_points", []),
+        georeference=_passport(found, poses, place, remarks, evidence, placement_sigma_max_m),
+        georeference_points=points_table(evidence.points, place.origin),
         localised=len(posed),
     )
 
@@ -148,7 +158,9 @@ def _posed(
     return posed
 
 
-def _passport(found: ImportedPoses, poses: pa.Table, place: Place, remarks: Sequence[str], limit_m: float) -> pa.Table:
+def _passport(
+    found: ImportedPoses, poses: pa.Table, place: Place, remarks: Sequence[str], evidence: Evidence, limit_m: float
+) -> pa.Table:
     """Table ``georeference``: what an import can say of itself; residuals it has none."""
     known = [row for row in poses.to_pylist() if row["pose_source"] == PoseSource.IMPORTED]
     sigma_m = np.array([np.median([row[f"sigma_{axis}_m"] for row in known]) for axis in ("east", "north", "up")])
@@ -156,7 +168,7 @@ def _passport(found: ImportedPoses, poses: pa.Table, place: Place, remarks: Sequ
         control=ControlKind.IMPORTED,
         sigma_m=sigma_m,
         limit_m=limit_m,
-        held_out_m=np.zeros(0),
+        held_out_m=evidence.held_out_m,
         remedy="import better poses, or leave them out and have the photographs placed by control points or the model",
     )
     return table_of_rows(
@@ -171,9 +183,9 @@ def _passport(found: ImportedPoses, poses: pa.Table, place: Place, remarks: Sequ
                 "points_used": len(known),
                 "points_total": len(found.poses) + len(found.unusable),
                 "scale": 1.0,
-                "check_points": 0,
+                **evidence.columns,
                 **{f"sigma_{axis}_m": float(s) for axis, s in zip(("east", "north", "up"), sigma_m, strict=True)},
-                "remarks": "; ".join([*found.remarks, *found.world.remarks(place), *remarks]),
+                "remarks": "; ".join([*found.remarks, *found.world.remarks(place), *remarks, *evidence.remarks]),
             }
         ],
     )

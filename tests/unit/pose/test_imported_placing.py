@@ -9,10 +9,11 @@ import pyarrow as pa
 import pytest
 
 from facadelake.errors import GeoreferenceError, InputDataError
+from facadelake.pose.control_points import ControlPoint, ControlPoints, Sighting
 from facadelake.pose.imported_placing import SIGMA_POSITION_M, PlacedByImport, place_imported
 from facadelake.pose.imported_reading import read_poses
 from facadelake.posed import posed_cameras
-from tests.unit.pose.imported_wall import CENTRES, NAMES, PLACE, geo_csv, photos, wall, write
+from tests.unit.pose.imported_wall import CENTRES, NAMES, ORIGIN, PLACE, geo, geo_csv, photos, wall, write
 
 
 def placed(path: Path, of: pa.Table | None = None, limit_m: float = 0.5) -> PlacedByImport:
@@ -92,6 +93,56 @@ def test_rotations_against_the_photographs_own_word(tmp_path: Path) -> None:
     upside_down = geo_csv(tmp_path, head="# rotation: cam_from_world\n")
     with pytest.raises(GeoreferenceError, match=r"with the other word for rotation .*4 would"):
         placed(upside_down, photos(**said, prior_roll_deg=0.0))
+
+
+def marked(points_m: dict[str, np.ndarray]) -> ControlPoints:
+    """Points of the wall in EPSG:25832, marked where a pinhole of the wall's lens sees them from the true cameras."""
+    surveyed = []
+    for name, (x, y, z) in points_m.items():
+        east, north, height = ORIGIN.map_from_site(np.array([[x, y, z]]), "EPSG:25832")[0]
+        sightings = tuple(
+            Sighting(
+                photo_name=photo, x_px=2010.5 + 2800 * (x - cx) / (y - cy), y_px=1490.5 - 2810 * (z - cz) / (y - cy)
+            )
+            for photo, (cx, cy, cz) in zip(NAMES, CENTRES, strict=True)
+        )
+        surveyed.append(ControlPoint(name=name, x=east, y=north, z=height, sightings=sightings))
+    return ControlPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(surveyed))
+
+
+def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
+    """Poses 5 cm too high see every point 5 cm too high; GPS 30 m above them asks for the datum."""
+    points = {"P1": np.array([-4.0, 0.0, 1.0]), "P2": np.array([4.0, 0.0, 6.0]), "P3": np.array([0.0, 0.0, 3.0])}
+    path = geo_csv(tmp_path)
+    high = path.read_text()
+    for xyz in CENTRES:
+        high = high.replace(geo(xyz), geo(xyz + np.array([0, 0, 0.05])))
+    path.write_text(high)
+    lon, lat, height = ORIGIN.geo_from_site(CENTRES[1][None])[0]
+    said = {"prior_source": "exif", "prior_lon_deg": lon, "prior_lat_deg": lat, "prior_height_m": height + 30.0}
+    found = place_imported(
+        read_poses(path), photos(**said), place=PLACE, surface=wall(), placement_sigma_max_m=0.5,
+        surveyed=[marked(points)],
+    )  # fmt: skip
+    row = found.georeference.to_pylist()[0]
+    assert (row["check_points"], row["control"]) == (3, "imported")
+    assert row["check_residual_mean_m"] == pytest.approx(0.05, rel=0, abs=5e-4)  # m
+    checks = [point for point in found.georeference_points.to_pylist() if point["point_kind"] == "check"]
+    assert [point["residual_up_m"] for point in checks] == pytest.approx([-0.05] * 3, rel=0, abs=5e-4)  # given - found
+    assert not any(point["point_used"] for point in found.georeference_points.to_pylist())
+    # The cameras stand 3, 4, 3.5 and 5 m high and one GPS place is given for all: the median is 0.25 m beside it.
+    assert row["gps_offset_up_m"] == pytest.approx(30.0 + 4.0 - 3.75 - 0.05, rel=0, abs=5e-4)
+    assert "GPS lies +30 m up of the poses" in row["remarks"]
+    off = {name: point + np.array([0.0, 0.0, 2.0]) for name, point in points.items()}
+    shifted = marked(points)
+    wrong = ControlPoints(source="g", crs=shifted.crs, points=tuple(
+        ControlPoint(name=p.name, x=q.x, y=q.y, z=q.z, sightings=p.sightings)
+        for p, q in zip(shifted.points, marked(off).points, strict=True)
+    ))  # fmt: skip
+    with pytest.raises(GeoreferenceError, match=r"held-out points lie 1\.95 m"):
+        place_imported(
+            read_poses(path), photos(), place=PLACE, surface=wall(), placement_sigma_max_m=0.5, surveyed=[wrong]
+        )
 
 
 def test_metres_are_not_good_enough(tmp_path: Path) -> None:
