@@ -12,7 +12,7 @@ from facadelake.frames import Array
 from facadelake.geobim.model import BuildingModel
 from facadelake.geodesy import SiteOrigin
 
-_MANY = 20_000
+_MANY = 8_000
 _CELL_M = 0.1
 _MOST_CELLS = 4096  # along a side
 
@@ -20,7 +20,7 @@ _MOST_CELLS = 4096  # along a side
 def outline_of(corners_site_m: Array) -> shapely.Geometry:
     """Outline in site x, y of triangles (m, 3, 3) seen from above; of a bare vertical sheet, a strip 1 cm wide.
 
-    Of more than 20,000 triangles, which would take minutes, it is made of the decimetre cells that they touch.
+    Of more than 8,000 triangles, which would take minutes, it is made of the decimetre cells that they touch.
     """
     if len(corners_site_m) > _MANY:
         return _outline_of_many(corners_site_m)

@@ -10,12 +10,12 @@ import pyproj
 import pytest
 
 from facadelake.errors import GeoreferenceError, ModelError
-from facadelake.geobim.mesh_building import BareSettings, NamedFloor, load_mesh_building, place_without_model
+from facadelake.geobim.mesh_building import BareSettings, load_mesh_building, place_without_model
 from facadelake.geobim.mesh_file import MeshAxes, read_mesh_file
 from facadelake.geobim.mesh_offset import read_mesh_offset
 from facadelake.geobim.model import BuildingModel, read_building
 from facadelake.geobim.placement import MapPlacement
-from facadelake.geobim.storeys import storey_at
+from facadelake.geobim.storeys import NamedFloor, storey_at
 from facadelake.geobim.surface import Surface
 from facadelake.geodesy import SiteOrigin
 from schemas.vocabulary import SurfaceKind
