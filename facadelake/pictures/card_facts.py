@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 
 from facadelake.pictures.inspection import Inspection
-from schemas.vocabulary import MergeDecision
+from schemas.vocabulary import MergeDecision, PositionFrom
 
 Fact = tuple[str, str]
 Row = Mapping[str, Any]
@@ -58,20 +58,25 @@ def _element(row: Row) -> str:
 
 
 def _place(row: Row, inspection: Inspection) -> list[Fact]:
+    site = ", ".join(f"{row[axis]:.3f}" for axis in ("x_site_m", "y_site_m", "z_site_m"))
     sigmas = [row[f"sigma_{axis}_m"] for axis in ("east", "north", "up")]
-    axes = ("x_site_m", "y_site_m", "z_site_m")
-    site = [
-        f"{row[axis]:.3f}" + (f" ± {sigma:.3f}" if sigma is not None else "")
-        for axis, sigma in zip(axes, sigmas, strict=True)
-    ]
     building = inspection.building
     facts = [
-        ("site e, n, u (m)", ", ".join(site)),
+        ("site e, n, u (m)", site),
         ("EPSG:4979", f"{row['lon_deg']:.8f}, {row['lat_deg']:.8f}, {row['height_ellipsoidal_m']:.3f} m"),
         (building.map_crs, f"{row['east_map_m']:.3f}, {row['north_map_m']:.3f}, {row['height_map_m']:.3f} m"),
     ]
+    if None not in sigmas:
+        facts.append(("one sigma", f"{', '.join(f'{1000 * sigma:.1f}' for sigma in sigmas)} mm (east, north, up)"))
     if row["position_from"] is not None:
-        facts.append(("position", f"{row['position_from']}; ± is one sigma"))
+        facts.append(
+            (
+                "position from",
+                "the model's surface"
+                if row["position_from"] == PositionFrom.SURFACE
+                else "its sightings' rays (triangulated)",
+            )
+        )
     if row["deviation_from_model_m"] is not None:
         side = "before" if row["deviation_from_model_m"] >= 0 else "behind"
         text = f"{1000 * abs(row['deviation_from_model_m']):.0f} mm {side} the model's surface"

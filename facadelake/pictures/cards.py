@@ -20,7 +20,7 @@ from facadelake.pictures.crops import cut_out, file_word
 from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.marks import Mark, marks_of
 from facadelake.pictures.palette import class_colour
-from facadelake.pictures.patch_view import PatchView, patch_view
+from facadelake.pictures.patch_view import PatchView, patch_side_m, patch_view
 from facadelake.pictures.photofile import read_photograph
 from facadelake.pictures.relief import Picture
 from facadelake.pictures.sightings import Sighting, sightings_of
@@ -30,7 +30,7 @@ from facadelake.progress import track
 log = logging.getLogger(__name__)
 
 _QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 93]
-_PATCH_CELLS = 400
+_LEAST_CELLS, _MOST_CELLS = 120, 400
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,7 @@ def defect_cards(
             backdrop=places.get(card.mark.defect_id),
             storeys=storeys,
         )
-        draw_card(material).savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
+        draw_card(material).savefig(path, dpi=DPI, pil_kwargs={"compress_level": 1})
         paths[card.mark.defect_id] = path
 
     for card in opened:
@@ -152,7 +152,9 @@ def _take(card: _Open, photo_id: str, pixels: Picture, inspection: Inspection, s
         card.best_piece = _packed(cut_out(pixels, card.best.outline, BEST_PX, colour))
         pixel_m = card.best.pixel_mm / 1000
         posed = inspection.posed[photo_id]
-        card.patch = patch_view(card.mark, posed, pixels, surface, _PATCH_CELLS, pixel_m)
+        # Cells of less than half a pixel show nothing more.
+        cells = int(np.clip(2.0 * patch_side_m(card.mark) / pixel_m, _LEAST_CELLS, _MOST_CELLS))
+        card.patch = patch_view(card.mark, posed, pixels, surface, cells, pixel_m)
 
 
 def _packed(bgr: Picture) -> NDArray[np.uint8]:

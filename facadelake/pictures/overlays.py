@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from facadelake.camera import PosedCamera
 from facadelake.errors import InputDataError
-from facadelake.geobim.surface import Surface
+from facadelake.geobim.surface import MISS, Surface
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.legend_strip import Entry, with_legend, write_text
 from facadelake.pictures.marks import Mark, marks_of
@@ -30,6 +30,7 @@ log = logging.getLogger(__name__)
 _EDGE_BGR = (255, 255, 0)
 _DEFECT_BGR = (255, 255, 255)
 _NOT_ACCEPTED = "not accepted"
+_COARSE_PX = 4  # edges closer to one another than this may be missed
 _ROOMY_PX = 20  # a smaller box gets a thin line, which leaves something of what it shows
 # Full colour resolution: lines of one pixel keep their colour.
 _JPEG = [
@@ -119,15 +120,39 @@ def _base(path: Path, posed: PosedCamera | None, width_px: int) -> tuple[Picture
 def _visible_edges(
     posed: PosedCamera, surface: Surface, is_opening: NDArray[np.bool_], shape: tuple[int, int]
 ) -> NDArray[np.bool_]:
-    """Edges of the model as the camera sees them, (h, w) of a reduced photograph."""
-    height, width = shape
-    x = (np.arange(width) + 0.5) * posed.camera.width_px / width
-    y = (np.arange(height) + 0.5) * posed.camera.height_px / height
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    hits = surface.cast(*posed.rays_site(grid))
-    xyz = np.nan_to_num(hits.xyz_site_m - posed.centre_site_m).astype(np.float32).reshape(height, width, 3)
-    normal = np.nan_to_num(hits.normal_site).astype(np.float32).reshape(height, width, 3)
-    return edges_of(xyz, normal, hits.element.astype(np.int32).reshape(height, width), is_opening)
+    """Edges of the model as the camera sees them, (h, w) of a reduced photograph.
+
+    A coarse look finds where edges are, a fine one there alone draws them: most of a picture is none.
+    """
+    coarse = -(-shape[0] // _COARSE_PX), -(-shape[1] // _COARSE_PX)
+    rows, columns = np.indices(coarse).reshape(2, -1) * _COARSE_PX + _COARSE_PX // 2
+    found = edges_of(*_seen(posed, surface, shape, rows, columns, coarse), is_opening).astype(np.uint8)
+    near = cv2.dilate(found, np.ones((3, 3), dtype=np.uint8)).repeat(_COARSE_PX, axis=0).repeat(_COARSE_PX, axis=1)
+    wanted = near[: shape[0], : shape[1]].astype(bool)
+    xyz, normal = np.zeros((*shape, 3), dtype=np.float32), np.zeros((*shape, 3), dtype=np.float32)
+    element = np.full(shape, MISS, dtype=np.int32)
+    rows, columns = np.nonzero(wanted)
+    xyz[wanted], normal[wanted], element[wanted] = _seen(posed, surface, shape, rows, columns, (len(rows),))
+    # An edge is one against the pixel to the right or below: both must have been looked at.
+    inside = wanted.copy()
+    inside[:, :-1] &= wanted[:, 1:]
+    inside[:-1] &= wanted[1:]
+    edges: NDArray[np.bool_] = edges_of(xyz, normal, element, is_opening) & inside
+    return edges
+
+
+def _seen(
+    posed: PosedCamera, surface: Surface, shape: tuple[int, int], rows: NDArray[np.int64], columns: NDArray[np.int64],
+    form: tuple[int, ...],
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:  # fmt: skip
+    """Points from the camera's centre, normals and elements at pixels of a photograph reduced to ``shape``."""
+    camera = posed.camera
+    x = (columns + 0.5) * camera.width_px / shape[1]
+    y = (rows + 0.5) * camera.height_px / shape[0]
+    hits = surface.cast(*posed.rays_site(np.column_stack([x, y])))
+    xyz = np.nan_to_num(hits.xyz_site_m - posed.centre_site_m).astype(np.float32).reshape(*form, 3)
+    normal = np.nan_to_num(hits.normal_site).astype(np.float32).reshape(*form, 3)
+    return xyz, normal, hits.element.astype(np.int32).reshape(form)
 
 
 def _draw_defects(

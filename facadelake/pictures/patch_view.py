@@ -44,6 +44,12 @@ class PatchView:
         return self.cell_m * int(self.picture.shape[1])
 
 
+def patch_side_m(mark: Mark) -> float:
+    """Width and height of a defect's surroundings."""
+    flat = (mark.corners_site_m - mark.centre_site_m) @ surface_axes(mark.normal_site)[:2].T
+    return float(np.clip(2.0 * np.abs(flat).max() * _ROOM, _LEAST_SIDE_M, _LARGEST_SIDE_M))
+
+
 def patch_view(
     mark: Mark, posed: PosedCamera, pixels: Picture, surface: Surface, cells: int, pixel_m: float
 ) -> PatchView:
@@ -55,8 +61,7 @@ def patch_view(
     """
     axes = surface_axes(mark.normal_site)
     rings = tuple((ring - mark.centre_site_m) @ axes[:2].T for ring in mark.outlines_site_m)
-    reach = 2.0 * float(np.abs(np.vstack(rings)).max())
-    cell_m = float(np.clip(reach * _ROOM, _LEAST_SIDE_M, _LARGEST_SIDE_M)) / cells
+    cell_m = patch_side_m(mark) / cells
     xyz, normal, off = _surface_points(mark, axes, surface, cell_m, cells)
     sight = sees(posed, surface, xyz, normal, tolerance_m=_VISIBLE_M, max_incidence_deg=_FLATTEST_DEG)
     xy, inside = pixels_of(posed, xyz + off)

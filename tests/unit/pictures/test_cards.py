@@ -236,7 +236,7 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
     inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], [])
     (row,) = inspection.defects.to_pylist()
     bare = dict(card_facts(row, inspection, []))
-    assert not {"deviation", "joined", "kept apart", "crack width", "position"} & set(bare)
+    assert not {"deviation", "joined", "kept apart", "crack width", "one sigma", "position from"} & set(bare)
     assert "None" not in " ".join(bare.values())
     pairs = [
         {"detection_id": "a", "other_detection_id": "b", "defect_id": "D1", "other_defect_id": "D1",
@@ -256,6 +256,8 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
     assert told["deviation"] == "34 mm behind the model's surface (± 5 mm)"
     assert told["joined"] == "1 pair by geography and image; at most 1.2 sigma apart, likeness 0.71 to 0.71"
     assert told["kept apart"] == "from D9, 20 cm away: looks different"
-    assert told["site e, n, u (m)"] == "2.000 ± 0.010, 0.000 ± 0.020, 1.000 ± 0.030"
+    assert told["site e, n, u (m)"] == "2.000, 0.000, 1.000"
+    assert told["one sigma"] == "10.0, 20.0, 30.0 mm (east, north, up)"
+    assert told["position from"].endswith("(triangulated)")
     assert told["crack width"] == "0.40 mm"
     assert "1.50 m at its longest" in told["size"]
