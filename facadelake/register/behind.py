@@ -16,7 +16,9 @@ from scipy.spatial import cKDTree
 
 from facadelake.frames import Array
 from facadelake.geobim.surface import MISS, Surface
+from facadelake.register.cluster import numbered
 from facadelake.register.gate import Noise, measured, placing_m2
+from facadelake.register.grouping import Grouping
 from facadelake.register.settings import MergeSettings
 from facadelake.register.sightings import Sightings
 from facadelake.register.triangulate import Planes, Rays, planes_of, triangulated
@@ -53,25 +55,31 @@ class _Layers:
     element: Rows
 
 
-def looked_behind(
-    sightings: Sightings, group: Rows, noise: Noise, settings: MergeSettings, surface: Surface
-) -> Moved | None:
-    """The sightings of ``group`` (n,) with those moved that look past the model's first surface; None where none do."""
-    if settings.offset_m > 0 or len(group) == 0:
+def looked_behind(sightings: Sightings, grouping: Grouping, settings: MergeSettings, surface: Surface) -> Moved | None:
+    """The ``sightings`` with those moved that look past the model's first surface; None where none do."""
+    if settings.offset_m > 0 or len(sightings) == 0:
         return None  # rays of a block that may itself stand off tell no depth
-    order = np.argsort(group, kind="stable")
-    rays = Rays(sightings, order, group[order], noise)
+    # Parts of a defect that a seam cut have no ray through its middle.
+    parts = np.bincount(grouping.unit)[grouping.unit] > 1
+    cut = np.zeros(int(grouping.group.max()) + 1, dtype=bool)
+    cut[grouping.group[parts]] = True
+    usable = np.flatnonzero(~cut[grouping.group])
+    usable = usable[np.argsort(grouping.group[usable], kind="stable")]
+    if len(usable) == 0:
+        return None
+    group, noise = numbered(grouping.group[usable]), grouping.noise
+    rays = Rays(sightings, usable, group, noise)
     planes = planes_of(sightings, rays)
     first = rays.rows[rays.nearest(rays.middles())]
     layers = _behind(sightings, first, surface)
     crossing = _crossing(rays, planes, layers, noise)
     meeting = _meeting(sightings, rays, planes, layers, first, noise, settings)
-    depth = np.where(np.isfinite(crossing), crossing, meeting)
-    rows = rays.rows[np.isfinite(depth)[rays.group]]
+    depth = np.where(np.isfinite(crossing), crossing, meeting)[group]
+    rows, depth = usable[np.isfinite(depth)], depth[np.isfinite(depth)]
     if len(rows) == 0:
         return None
     own = _behind(sightings, rows, surface)
-    nearest = np.argmin(np.abs(own.behind_m - depth[group[rows]][:, None]), axis=1)
+    nearest = np.argmin(np.abs(own.behind_m - depth[:, None]), axis=1)
     kept = np.flatnonzero(np.isfinite(own.behind_m[np.arange(len(rows)), nearest]))
     _log.info("%d sightings look past the model's first surface", len(kept))
     return _moved(sightings, rows[kept], _chosen(own, kept, nearest[kept]))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from facadelake.frames import Array
+from facadelake.register.gate import joined_pairs, measured, placing_m2
 from facadelake.register.grouping import Grouping
 from facadelake.register.settings import MergeSettings
 from facadelake.register.sightings import Sightings
+from facadelake.register.votes import commonest
 from facadelake.tables import check_table, stage_schema
 from schemas.vocabulary import MergeDecision, MergeReason
 
@@ -27,6 +31,7 @@ def merges_table(
     ``detection_ids`` and ``defect_ids`` (n,) are the sightings'. Not every pair, of which there are many more than
     sightings. A pair of one defect that lies outside the gate is there by its group.
     """
+    grouping = _with_lone(sightings, grouping, settings)
     pairs = grouping.pairs
     joined = grouping.group[pairs.first] == grouping.group[pairs.second]
     kept = np.flatnonzero(_nearest(pairs.first, pairs.second, pairs.sigmas, joined))
@@ -55,15 +60,35 @@ def merges_table(
 def _nearest(first: Rows, second: Rows, sigmas: Array, joined: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which pairs (k,) are among the nearest of one of their sightings."""
     kept = np.zeros(len(first), dtype=bool)
-    finite = np.isfinite(sigmas)
     for kind, each in ((joined, _JOINED_EACH), (~joined, _APART_EACH)):
-        rows = np.flatnonzero(kind & finite)
+        rows = np.flatnonzero(kind & np.isfinite(sigmas) | kind & joined)
         node = np.r_[first[rows], second[rows]]
         order = np.lexsort((np.r_[rows, rows], np.r_[sigmas[rows], sigmas[rows]], node))
         starts = np.flatnonzero(np.r_[True, np.diff(node[order]) != 0][: len(order)])
         rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
         kept[np.r_[rows, rows][order[rank < each]]] = True
     return kept
+
+
+def _with_lone(sightings: Sightings, grouping: Grouping, settings: MergeSettings) -> Grouping:
+    """The grouping with a pair for each sighting that its group alone, and no pair, brought into its defect."""
+    pairs, group = grouping.pairs, grouping.group
+    joined = group[pairs.first] == group[pairs.second]
+    paired = np.zeros(len(group), dtype=bool)
+    paired[pairs.first[joined]] = paired[pairs.second[joined]] = True
+    order = np.lexsort((np.arange(len(group)), ~paired, group))
+    leads = order[np.r_[True, np.diff(group[order]) != 0][: len(order)]]
+    lone = np.flatnonzero(~paired & (leads[group] != np.arange(len(group))))
+    if len(lone) == 0:
+        return grouping
+    rows = np.sort(np.column_stack([leads[group[lone]], lone]), axis=1)
+    added = measured(sightings, rows, placing_m2(sightings, grouping.gate), grouping.gate, settings)
+    return replace(
+        grouping,
+        pairs=joined_pairs([pairs, added]),
+        score=np.r_[grouping.score, np.full(len(lone), np.nan)],
+        differs=np.r_[grouping.differs, np.zeros(len(lone), dtype=bool)],
+    )
 
 
 def _reasons(sightings: Sightings, grouping: Grouping, settings: MergeSettings) -> Rows:
@@ -85,6 +110,8 @@ def _reasons(sightings: Sightings, grouping: Grouping, settings: MergeSettings) 
         reason[held & ~joined] = place[word]
     reason[joined] = place[MergeReason.GEOGRAPHY]
     reason[joined & compared & ~grouping.differs] = place[MergeReason.GEOGRAPHY_AND_IMAGE]
-    reason[joined & ~alike] = place[MergeReason.OUTVOTED]
+    group, kind = grouping.group, sightings.defect_class
+    wrong = kind != commonest(group, kind, np.ones(len(kind)), int(group.max(initial=-1)) + 1)[group]
+    reason[joined & (wrong[first] | wrong[second])] = place[MergeReason.OUTVOTED]
     reason[joined & (grouping.unit[first] == grouping.unit[second])] = place[MergeReason.CUT_BY_SEAM]
     return reason

@@ -91,7 +91,8 @@ def pairs_of(sightings: Sightings, noise: Noise, settings: MergeSettings, *, wit
         for start in range(0, len(near), _PAIRS_AT_ONCE):
             pairs = measured(sightings, near[start : start + _PAIRS_AT_ONCE], placing, noise, settings)
             found.append(pairs.take(pairs.sigmas <= within_sigmas))
-    return _joined(found)
+    whole = joined_pairs(found)
+    return whole.take(np.lexsort((whole.second, whole.first)))
 
 
 def measured(
@@ -184,12 +185,13 @@ def _near(sightings: Sightings, settings: MergeSettings) -> Iterator[NDArray[np.
         yield np.sort(np.column_stack([mine[kept], other[kept]]), axis=1)
 
 
-def _joined(parts: list[Pairs]) -> Pairs:
+def joined_pairs(parts: list[Pairs]) -> Pairs:
+    """Pairs one after the other."""
     none = np.zeros(0)
     rows = np.zeros(0, dtype=np.int64)
     empty = Pairs(first=rows, second=rows, apart_m=none, sigmas=none, overlap=none, touching=np.zeros(0, dtype=bool))
     whole = [empty, *parts]
-    joined = Pairs(
+    return Pairs(
         first=np.concatenate([p.first for p in whole]),
         second=np.concatenate([p.second for p in whole]),
         apart_m=np.concatenate([p.apart_m for p in whole]),
@@ -197,4 +199,3 @@ def _joined(parts: list[Pairs]) -> Pairs:
         overlap=np.concatenate([p.overlap for p in whole]),
         touching=np.concatenate([p.touching for p in whole]),
     )
-    return joined.take(np.lexsort((joined.second, joined.first)))

@@ -30,16 +30,20 @@ Rows = NDArray[np.int64]
 class Grouping:
     """``group`` (n,) of each sighting, 0 on; ``unit`` (n,): detections of one photograph that a seam cut have one.
 
-    ``pairs`` that were looked at (of sightings, all classes), with the ``score`` (k,) of their pictures, NaN where
-    they were not compared, and ``differs`` (k,): they look different; ``noise`` of the sightings' rays.
+    ``whole`` are the units as sightings, ``whole_group`` their groups. ``pairs`` that were looked at (of sightings, all
+    classes), with the ``score`` (k,) of their pictures, NaN where they were not compared, and ``differs`` (k,): they
+    look different. ``noise`` of the rays, ``gate`` of the gate.
     """
 
     group: Rows
     unit: Rows
+    whole: Sightings
+    whole_group: Rows
     pairs: Pairs
     score: Array
     differs: NDArray[np.bool_]
     noise: Noise
+    gate: Noise
 
 
 def grouped(sightings: Sightings, settings: MergeSettings, compare: Compare | None = None) -> Grouping:
@@ -72,7 +76,17 @@ def grouped(sightings: Sightings, settings: MergeSettings, compare: Compare | No
         score, differs = _of_units(unit, near, found, score), _of_units(unit, near, found, differs) > 0
     else:
         found = near
-    return Grouping(group=group[unit], unit=unit, pairs=found, score=score, differs=differs, noise=noise)
+    return Grouping(
+        group=group[unit],
+        unit=unit,
+        whole=whole,
+        whole_group=group,
+        pairs=found,
+        score=score,
+        differs=differs,
+        noise=noise,
+        gate=gate,
+    )
 
 
 def _of_units(unit: Rows, near: Pairs, found: Pairs, values: Array | NDArray[np.bool_]) -> Array:

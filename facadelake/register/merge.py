@@ -6,8 +6,10 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import shapely
 
 from facadelake.camera import PosedCamera
 from facadelake.frames import Array
@@ -20,6 +22,7 @@ from facadelake.register.behind import Moved, looked_behind
 from facadelake.register.decisions import merges_table
 from facadelake.register.defects import defects_table
 from facadelake.register.grouping import grouped
+from facadelake.register.patch import tangents_of
 from facadelake.register.position import positions_of
 from facadelake.register.settings import MergeSettings
 from facadelake.register.sightings import codes_of, column, sightings_of
@@ -62,13 +65,13 @@ def merge(
     sightings = sightings_of(seen, detections, posed, covariances or {})
     compare = None if photographs is None else photographs.comparison(_words(seen))
     grouping = grouped(sightings, settings)
-    moved = looked_behind(sightings, grouping.group, grouping.noise, settings, Surface(building))
+    moved = looked_behind(sightings, grouping, settings, Surface(building))
     if moved is not None:
         seen, sightings = _on_elements(seen, moved, building), moved.sightings
     if moved is not None or compare is not None:
         grouping = grouped(sightings, settings, compare)
     group = grouping.group
-    positions = positions_of(sightings, group, grouping.noise, settings)
+    positions = positions_of(grouping.whole, grouping.whole_group, grouping.noise, settings)
     scores = column(detections, "score")[
         pc.index_in(seen.column("detection_id"), detections.column("detection_id").combine_chunks()).to_numpy()
     ]
@@ -89,21 +92,28 @@ def _words(seen: pa.Table) -> list[str]:
 
 
 def _on_elements(seen: pa.Table, moved: Moved, building: BuildingModel) -> pa.Table:
-    """The rows ``seen`` with element, storey and facade of those that were moved to what they look at behind."""
+    """The rows ``seen`` with element, storey, facade and outline of those moved to what they look at behind."""
     guids, storeys, facades = (
         building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
     )
-    places, normals = moved.sightings.xyz_site_m[moved.rows], moved.sightings.normal_site[moved.rows]
+    sightings, rows = moved.sightings, moved.rows
+    places, normals = sightings.xyz_site_m[rows], sightings.normal_site[rows]
     directions = facades_in(building.elements)
+    across, upward = tangents_of(normals)
+    wide, high = across * sightings.width_m[rows, None] / 2, upward * sightings.height_m[rows, None] / 2
+    corners = np.stack([places - wide - high, places + wide - high, places + wide + high, places - wide + high], axis=1)
+    outlines = shapely.polygons(building.origin.geo_from_site(corners.reshape(-1, 3)).reshape(-1, 4, 3))
     told = {
         "element_guid": [guids[row] for row in moved.element],
         "storey": storeys_of_places(building.storeys, storeys, building.extents_site_m(), moved.element, places[:, 2]),
         "facade": [directions.seen(facades[row], normal) for row, normal in zip(moved.element, normals, strict=True)],
+        "patch": shapely.to_wkb(outlines, output_dimension=3).tolist(),
     }
-    for name, words in told.items():
+    for name, values in told.items():
         place = seen.schema.get_field_index(name)
-        values = seen.column(name).to_pylist()
-        for row, word in zip(moved.rows, words, strict=True):
-            values[row] = word
-        seen = seen.set_column(place, seen.schema.field(place), pa.array(values, pa.string()))
+        column_ = seen.column(name).combine_chunks()
+        mask = np.zeros(len(seen), dtype=bool)
+        mask[rows] = True
+        ordered = pa.array([values[i] for i in np.argsort(rows)], column_.type)
+        seen = seen.set_column(place, seen.schema.field(place), pc.replace_with_mask(column_, pa.array(mask), ordered))
     return seen

@@ -46,6 +46,11 @@ def with_strays(sightings: Sightings, pairs: Pairs, group: Rows, settings: Merge
     seat = host[free] * several + sightings.photo[stray[free]]
     order = np.lexsort((stray[free], mean[free], seat))
     free = free[order[np.r_[True, np.diff(seat[order]) != 0][: len(order)]]]
+    # Those who agree stay the majority, however many strays there are.
+    free = free[np.lexsort((stray[free], mean[free], host[free]))]
+    starts = np.flatnonzero(np.r_[True, np.diff(host[free]) != 0][: len(free)])
+    rank = np.arange(len(free)) - np.repeat(starts, np.diff(np.r_[starts, len(free)]))
+    free = free[rank < size[host[free]] - 1]
     out = group.copy()
     out[stray[free]] = host[free]
     return numbered(out)
