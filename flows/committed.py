@@ -1,16 +1,20 @@
-"""What a committed campaign rests on and the lake does not hold: the registry's building model, as it was then."""
+"""A committed campaign for those who look at it again: its tables, and the registry's model as it was then."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from facadelake.cache import file_hash
-from facadelake.errors import InputDataError
+from facadelake.errors import InputDataError, StoreError
 from facadelake.geobim.model import BuildingModel
+from facadelake.lake.connect import exists
+from facadelake.lake.read import read_tables
 from facadelake.progress import stage_progress
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
@@ -19,6 +23,23 @@ from tasks.load_model import read_model
 log = logging.getLogger("facadelake.flows")
 
 _SAME_PLACE_M = 0.001
+
+
+def committed_tables(building: Building, campaign_id: str, names: Sequence[str], *, lake: Path) -> dict[str, pa.Table]:
+    """The campaign's rows of table ``buildings`` and of those in ``names``, all of one version.
+
+    Raises StoreError where the lake does not hold the campaign.
+    """
+    if not exists(lake):
+        raise StoreError(f"there is no lake at {lake}; run 'facadelake inspect {building.id} {campaign_id}' first")
+    with stage_progress("Reading the lake"):
+        tables = read_tables(lake, ["buildings", *names], building_id=building.id, campaign_id=campaign_id)
+    if not len(tables["buildings"]):
+        raise StoreError(
+            f"the lake {lake} does not hold {building.id} {campaign_id}; "
+            f"run 'facadelake inspect {building.id} {campaign_id}' first, or see 'facadelake campaigns'"
+        )
+    return tables
 
 
 def committed_model(building: Building, campaign_id: str, committed: Mapping[str, Any]) -> BuildingModel:

@@ -7,22 +7,19 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError, StoreError
+from facadelake.errors import InputDataError
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.view_images import ViewImages, view_images
 from facadelake.geobim.virtual_view import virtual_photograph
-from facadelake.lake.connect import exists
-from facadelake.lake.read import read_tables
 from facadelake.pictures.photofile import read_photograph
 from facadelake.pictures.view_sheet import Panels, view_sheet
 from facadelake.posed import posed_cameras
 from facadelake.progress import stage_progress
 from facadelake.registry import Building
-from flows.committed import committed_model
+from flows.committed import committed_model, committed_tables
 from flows.precheck import resolved_campaign
 from schemas.vocabulary import PoseSource
 
@@ -48,7 +45,7 @@ def view_photograph(
     has no pose or is not known, StoreError where the lake does not hold the campaign.
     """
     campaign = resolved_campaign(building, campaign_id)
-    tables = _campaign(lake, building.id, campaign)
+    tables = committed_tables(building, campaign, ["poses"], lake=lake)
     photo_id = _one_of([row["photo_id"] for row in tables["poses"].to_pylist()], photo, building.id, campaign)
     row = next(row for row in tables["poses"].to_pylist() if row["photo_id"] == photo_id)
     posed = posed_cameras(tables["poses"]).get(photo_id)
@@ -74,17 +71,6 @@ def view_photograph(
     figure.savefig(path)
     images.save(path.with_suffix(".npz"))
     return PhotoView(photo_id=photo_id, path=path, images=images)
-
-
-def _campaign(lake: Path, building_id: str, campaign: str) -> dict[str, pa.Table]:
-    if exists(lake):
-        tables = read_tables(lake, ["buildings", "poses"], building_id=building_id, campaign_id=campaign)
-        if len(tables["buildings"]):
-            return tables
-    raise StoreError(
-        f"the lake {lake} does not hold {building_id} {campaign}; run 'facadelake inspect {building_id} {campaign}' "
-        "first, or see 'facadelake campaigns'"
-    )
 
 
 def _one_of(photo_ids: list[str], wanted: str, building_id: str, campaign: str) -> str:
