@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
+from scipy.signal import find_peaks, peak_prominences
 from scipy.spatial import cKDTree
 
 from facadelake.frames import Array
@@ -34,6 +35,7 @@ _DIRECTION_DEG = 25.0  # walls that turn by more than this from one another are 
 _DIRECTION_SHARE = 0.02  # of all walls: less makes no facade of its own
 _WALL_RATIO = 0.01  # of variances: a wall is at least ten times as wide as deep
 _PLANE_M = 1.0  # reveals and cornices stand off their wall by less, setbacks by more
+_GRID_M = 0.1
 _PLANE_SHARE = 0.01  # of all walls, within the bounds below: less is reveals, furniture or noise
 _PLANE_M2 = (4.0, 10.0)
 _UP = np.array([0.0, 0.0, 1.0])
@@ -205,26 +207,19 @@ def _fitted(direction: Array, places: Array, areas: Array) -> Array:
 def _planes(offset_m: Array, areas: Array, least_m2: float) -> NDArray[np.int64]:
     """Number (n,) of the plane nearest to each triangle of one direction, by its offset along that direction.
 
-    What has less than ``least_m2`` within a metre makes no plane, unless it is the direction's largest.
+    A plane is a peak of the area within half a metre, of ``least_m2`` or more (the largest peak of any), that falls to
+    half of it before the next: the offsets of a curved wall have none but one.
     """
     if len(offset_m) == 0:
         return np.zeros(0, dtype=np.int64)
     order = np.argsort(offset_m, kind="stable")
-    offset, weight = offset_m[order], areas[order].copy()
-    found: list[float] = []
-    while True:
-        summed = np.concatenate([[0.0], np.cumsum(weight)])
-        low = np.searchsorted(offset, offset - _PLANE_M / 2)
-        high = np.searchsorted(offset, offset + _PLANE_M / 2, side="right")
-        inside = summed[high] - summed[low]
-        best = int(np.argmax(inside))
-        if found and inside[best] < least_m2:
-            break
-        part = slice(int(low[best]), int(high[best]))
-        middle = float(np.average(offset[part], weights=np.maximum(weight[part], 1e-12)))
-        found.append(middle)
-        weight[np.abs(offset - middle) <= _PLANE_M] = 0.0
-        if weight.sum() < least_m2:
-            break
-    middles = np.sort(found)
+    offset, summed = offset_m[order], np.concatenate([[0.0], np.cumsum(areas[order])])
+    places = np.arange(offset[0] - _PLANE_M, offset[-1] + _PLANE_M + _GRID_M, _GRID_M)
+    low = np.searchsorted(offset, places - _PLANE_M / 2)
+    high = np.searchsorted(offset, places + _PLANE_M / 2, side="right")
+    area = summed[high] - summed[low]
+    peaks, _ = find_peaks(area)
+    depth = peak_prominences(area, peaks)[0]
+    kept = ((area[peaks] >= least_m2) & (depth >= 0.5 * area[peaks])) | (area[peaks] == area.max())
+    middles = places[peaks[kept]]
     return np.searchsorted((middles[1:] + middles[:-1]) / 2, offset_m).astype(np.int64)
