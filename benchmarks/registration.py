@@ -36,10 +36,12 @@ from facadelake.geobim.footprint import horizontal_distance
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.photo.ingest import ingest_photographs
+from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported_placing import PlacedByImport, place_imported
 from facadelake.pose.imported_reading import read_poses
 from facadelake.posed import pose_covariances, posed_cameras
+from facadelake.register.appearance import Photographs
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.merge import merge
 from facadelake.register.observe import observe
@@ -86,8 +88,16 @@ def _registered(scene: Scenery, placed: PlacedByImport, boxes: str) -> dict[str,
     )
     around = Scene(placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in ("east", "north", "up")))
     seen = exclude(seen, found, posed, scene.model.elements, scene.surface, around, ExclusionSettings())
+    root = scene.building.photographs_of(scene.campaign_id)
     merged = merge(
-        seen, found, scene.model, posed, prefix=scene.name, settings=merge_settings(passport), covariances=covariances
+        seen,
+        found,
+        scene.model,
+        posed,
+        prefix=scene.name,
+        settings=merge_settings(passport),
+        covariances=covariances,
+        photographs=Photographs(root=root, posed=posed),
     )
     return figures_of(
         compare(
@@ -112,6 +122,8 @@ def imported(report: Report, work: Path) -> None:
             vertical_datum=scene.model.vertical_datum,
             georeference_level=scene.model.georeference_level,
         )
+        control = scene.building.control_points_of(scene.campaign_id)
+        surveyed = [read_control_points(control)] if control else []
         for words, noise, files in (
             ("published cameras", None, ("exact", "noisy")),
             ("published cameras with noise", np.random.default_rng(SEED), ("exact",)),
@@ -119,7 +131,12 @@ def imported(report: Report, work: Path) -> None:
             begin = time.perf_counter()
             path = write_published(scene.truth, work / f"{scene.name} {words}.csv".replace(" ", "-"), noise=noise)
             placed = place_imported(
-                read_poses(path), scene.photos, place=place, surface=scene.surface, placement_sigma_max_m=0.5
+                read_poses(path),
+                scene.photos,
+                place=place,
+                surface=scene.surface,
+                placement_sigma_max_m=0.5,
+                surveyed=surveyed,
             )
             for boxes in files:
                 figures = _registered(scene, placed, boxes)
