@@ -136,22 +136,29 @@ def _meeting(
     near = cKDTree(whole.xyz_site_m).query_pairs(settings.ceiling_m, output_type="ndarray")
     near = near[(group[near[:, 0]] != group[near[:, 1]]) & (behind[near].max(axis=1) > 0)]
     near = near[whole.defect_class[near[:, 0]] == whole.defect_class[near[:, 1]]]
-    near = near[rays.count[group[near]].sum(axis=1) >= _TOGETHER_LEAST]
     pairs = measured(whole, near, placing_m2(whole, noise), noise, settings)
     at_first = measured(here, group[near], placing_m2(here, noise), noise, settings)
-    apart = at_first.sigmas > _NEAR_MISS * settings.gate_sigma
-    photos = {}
-    for place in np.flatnonzero((pairs.sigmas <= settings.gate_sigma) & pairs.touching & apart)[
-        np.argsort(pairs.sigmas[(pairs.sigmas <= settings.gate_sigma) & pairs.touching & apart], kind="stable")
-    ]:
-        a, b = (int(member) for member in near[place])
-        for number in (group[a], group[b]):
-            if number not in photos:
-                own = rays.rows[rays.starts[number] : rays.starts[number] + rays.count[number]]
-                photos[number] = set(sightings.photo[own].tolist())
-        if np.isfinite(out[[group[a], group[b]]]).any() or photos[group[a]] & photos[group[b]]:
+    met = (pairs.sigmas <= settings.gate_sigma) & pairs.touching
+    met &= at_first.sigmas > _NEAR_MISS * settings.gate_sigma
+    near, sigmas = near[met], pairs.sigmas[met]
+    ends = near.ravel()
+    support = rays.count[group] + np.bincount(
+        ends, weights=rays.count[group[near[:, ::-1].ravel()]], minlength=len(group)
+    )
+    strong = support[near].max(axis=1) >= _TOGETHER_LEAST
+    near = near[strong][np.argsort(sigmas[strong], kind="stable")]
+    photos = {
+        number: set(sightings.photo[rays.rows[rays.starts[number] :][: rays.count[number]]].tolist())
+        for number in np.unique(group[near]).tolist()
+    }
+    for a, b in near.tolist():
+        one, other = int(group[a]), int(group[b])
+        settled = any(np.isfinite(out[group[c]]) and out[group[c]] != behind[c] for c in (a, b))
+        if settled or photos[one] & photos[other]:
             continue
+        together = photos[one] | photos[other]
         for member in (a, b):
+            photos[int(group[member])] = together
             if behind[member] > 0:
                 out[group[member]] = behind[member]
     return out

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from facadelake.frames import Array
 from facadelake.register.cluster import numbered
@@ -34,14 +35,11 @@ def units_of(sightings: Sightings, pairs: Pairs) -> Rows:
     photographs show both as one than as two; or where they meet at a line, their sides go on beyond it, and no other
     photograph shows two. Neighbours that merely touch, as the arms of a cracked corner do, are two.
     """
-    same = (sightings.photo[pairs.first] == sightings.photo[pairs.second]) & (
-        sightings.defect_class[pairs.first] == sightings.defect_class[pairs.second]
-    )
-    i, j = pairs.first[same], pairs.second[same]
+    i, j = _side_by_side(sightings)
     gap, common, level, length = _along_the_line(sightings.box_img[i], sightings.box_img[j])
     line = np.flatnonzero((common >= _COLLINEAR) & (gap >= -_SEAM_PX) & (gap <= _GAP_SHARE * length))
+    as_one, as_two = _elsewhere(sightings, pairs, i, j, line)
     i, j = i[line], j[line]
-    as_one, as_two = _elsewhere(sightings, pairs, i, j)
     cut = (as_one > as_two) | ((np.abs(gap[line]) <= _SEAM_PX) & (level[line] >= _LEVEL) & (as_two == 0))
     count = len(sightings)
     graph = coo_array((np.ones(int(cut.sum())), (i[cut], j[cut])), shape=(count, count))
@@ -74,6 +72,26 @@ def united(sightings: Sightings, unit: Rows) -> Sightings:
     return Sightings(**values)
 
 
+def _side_by_side(sightings: Sightings) -> tuple[Rows, Rows]:
+    """Pairs (k,) of one photograph and class whose boxes lie no further apart than an occluder may part them."""
+    none = np.zeros(0, dtype=np.int64)
+    box = sightings.box_img
+    rows = np.flatnonzero(np.isfinite(box).all(axis=1))
+    if len(rows) < 2:
+        return none, none
+    sheet = (sightings.photo[rows] * (int(sightings.defect_class.max()) + 1) + sightings.defect_class[rows]) * 1e7
+    points = np.column_stack([box[rows, :2] + box[rows, 2:] / 2, sheet])
+    reach = (1 + 2 * _GAP_SHARE) * box[rows, 2:].max(axis=1)  # the longer of two boxes reaches the other's centre
+    tree = cKDTree(points)
+    nearest = tree.query(points, k=2)[0][:, 1]
+    near = np.flatnonzero(nearest <= reach)
+    lists = tree.query_ball_point(points[near], reach[near])
+    mine = np.repeat(near, [len(found) for found in lists])
+    other = np.concatenate([none, *(np.asarray(found, dtype=np.int64) for found in lists)])
+    pairs = np.unique(np.sort(np.column_stack([mine, other])[mine != other], axis=1), axis=0)
+    return rows[pairs[:, 0]], rows[pairs[:, 1]]
+
+
 def _along_the_line(a: Array, b: Array) -> tuple[Array, Array, Array, Array]:
     """Gap (k,) between boxes (k, 4) along the side on which they part; across it, what both have in common as a share
     of the narrower one and of both; and both lengths along it together. Without boxes the shares are 0."""
@@ -87,10 +105,11 @@ def _along_the_line(a: Array, b: Array) -> tuple[Array, Array, Array, Array]:
     return gap[rows, axis], common, level, (a[:, 2:] + b[:, 2:])[rows, axis]
 
 
-def _elsewhere(sightings: Sightings, pairs: Pairs, i: Rows, j: Rows) -> tuple[Array, Array]:
-    """How many sightings of other photographs cover both of each pair (k,), and how many pairs show them as two."""
+def _elsewhere(sightings: Sightings, pairs: Pairs, i: Rows, j: Rows, line: Rows) -> tuple[Array, Array]:
+    """How many sightings of other photographs cover both of the pairs ``line`` (k,) of ``i``, ``j``, and how many pairs
+    show them as two."""
     count = len(sightings)
-    if len(i) == 0:
+    if len(line) == 0:
         return np.zeros(0), np.zeros(0)
 
     def table(first: Rows, second: Rows) -> csr_array:
@@ -100,10 +119,11 @@ def _elsewhere(sightings: Sightings, pairs: Pairs, i: Rows, j: Rows) -> tuple[Ar
     same = sightings.photo[pairs.first] == sightings.photo[pairs.second]
     cover = alike & ~same & (pairs.overlap >= _COVERED)
     covered = table(pairs.first[cover], pairs.second[cover])
+    beside = table(i, j)
+    i, j = i[line], j[line]
     row, whole = covered[i].multiply(covered[j]).tocoo().coords
     large = _as_large(sightings, i[row], j[row], whole)
     as_one = np.bincount(row[large], minlength=len(i)).astype(np.float64)
-    beside = table(pairs.first[alike & same], pairs.second[alike & same])
     as_two: Array = np.asarray((covered[i] @ beside).multiply(covered[j]).sum(axis=1), dtype=np.float64).ravel()
     return as_one, as_two
 

@@ -158,7 +158,7 @@ def estimated(sightings: Sightings, rays: Rays, relief_m: float) -> tuple[Estima
     used = squares[np.repeat(enough, rays.count)]
     factor = Estimate(value=float(np.median(used)) / _CHI2_MEDIAN[1], count=len(used))
     off = np.einsum("gi,gi->g", free.xyz_site_m - planes.xyz_site_m, planes.normal_site)
-    variance = factor.value * free.normal_sigma_m**2
+    variance = max(factor.value, _VARIANCE_LEAST) * free.normal_sigma_m**2
     sure = enough & (variance < relief_m**2)
     if not sure.any():
         return factor, Estimate()
