@@ -83,15 +83,20 @@ def _intersections(
     origins: Array, directions: Array, focal_px: Array, point: NDArray[np.int64], count: int
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Points (count, 3), their covariance (count, 3, 3) and which are to be believed."""
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     along = np.zeros(len(origins))
     weight = np.ones(len(origins))
     enough = np.bincount(point, minlength=count) >= _LEAST_SIGHTS
     xyz: Array = np.zeros((count, 3))
     information: Array = np.zeros((count, 3, 3))
+    foot = origins - np.einsum("ki,ki->k", origins, directions)[:, None] * directions
     for _ in range(2):
-        information = _summed(weight[:, None, None] * across, point, count)
-        right = _summed(weight[:, None] * np.einsum("kij,kj->ki", across, origins), point, count)
+        right = np.zeros((count, 3))
+        # Column by column: a matrix (3, 3) for each of ten million sightings would take 0.7 GB.
+        for i in range(3):
+            right[:, i] = np.bincount(point, weights=weight * foot[:, i], minlength=count)
+            for j in range(3):
+                across = float(i == j) - directions[:, i] * directions[:, j]
+                information[:, i, j] = np.bincount(point, weights=weight * across, minlength=count)
         values = np.linalg.eigvalsh(information)
         enough = enough & (values[:, 0] > _FLAT * values[:, 2])
         information[~enough] = np.eye(3)
@@ -99,7 +104,7 @@ def _intersections(
         along = np.einsum("ki,ki->k", xyz[point] - origins, directions)
         weight = (focal_px / np.maximum(along, 0.1)) ** 2
     behind = np.bincount(point, weights=along <= 0, minlength=count) > 0
-    off = np.einsum("kij,kj->ki", across, xyz[point] - origins)
+    off = xyz[point] - origins - along[:, None] * directions
     off_px2 = weight * np.einsum("ki,ki->k", off, off)
     sights = np.maximum(np.bincount(point, minlength=count), 1)
     # A sighting has two residuals, a point takes three of them.
@@ -110,12 +115,3 @@ def _intersections(
     covariance = np.zeros((count, 3, 3))
     covariance[good] = sigma_px**2 * np.linalg.inv(information[good])
     return xyz, covariance, good
-
-
-def _summed(values: Array, point: NDArray[np.int64], count: int) -> Array:
-    """Sums of ``values`` (k, ...) over the sightings of each point (count, ...)."""
-    flat = values.reshape(len(values), -1)
-    summed: Array = np.stack(
-        [np.bincount(point, weights=flat[:, i], minlength=count) for i in range(flat.shape[1])], axis=-1
-    )
-    return np.asarray(summed.reshape(count, *values.shape[1:]), dtype=np.float64)
