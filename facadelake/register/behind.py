@@ -72,7 +72,7 @@ def looked_behind(sightings: Sightings, grouping: Grouping, settings: MergeSetti
     planes = planes_of(sightings, rays)
     first = rays.rows[rays.nearest(rays.middles())]
     layers = _behind(sightings, first, surface)
-    crossing = _crossing(rays, planes, layers, noise)
+    crossing = _crossing(sightings, rays, planes, layers, noise)
     meeting = _meeting(sightings, rays, planes, layers, first, noise, settings)
     depth = np.where(np.isfinite(crossing), crossing, meeting)[group]
     rows, depth = usable[np.isfinite(depth)], depth[np.isfinite(depth)]
@@ -85,24 +85,30 @@ def looked_behind(sightings: Sightings, grouping: Grouping, settings: MergeSetti
     return _moved(sightings, rows[kept], _chosen(own, kept, nearest[kept]))
 
 
-def _crossing(rays: Rays, planes: Planes, layers: _Layers, noise: Noise) -> Array:
+def _crossing(sightings: Sightings, rays: Rays, planes: Planes, layers: _Layers, noise: Noise) -> Array:
     """How far (g,) behind their first surface the rays of each group cross at another; NaN where they do not."""
     held = triangulated(rays, planes, noise.relief_m)
     off = np.einsum("gi,gi->g", held.xyz_site_m - planes.xyz_site_m, planes.normal_site)
-    suspect = (rays.count >= 2) & (off < -_APART_SIGMAS * noise.relief_m)
-    depth, least = np.full(len(off), np.nan), held.cost - _STRANGE
-    for number in range(_LAYERS if suspect.any() else 0):
-        met = suspect & np.isfinite(layers.behind_m[:, number])
+    out = np.full(len(off), np.nan)
+    suspects = np.flatnonzero((rays.count >= 2) & (off < -_APART_SIGMAS * noise.relief_m))
+    if len(suspects) == 0:
+        return out
+    rows = np.flatnonzero(np.isin(rays.group, suspects))
+    own = Rays(sightings, rays.rows[rows], np.searchsorted(suspects, rays.group[rows]), noise)
+    depth, least = out[suspects], held.cost[suspects] - _STRANGE
+    for number in range(_LAYERS):
+        met = np.isfinite(layers.behind_m[suspects, number])
         plane = Planes(
-            xyz_site_m=np.where(met[:, None], layers.xyz_site_m[:, number], planes.xyz_site_m),
-            normal_site=np.where(met[:, None], layers.normal_site[:, number], planes.normal_site),
+            xyz_site_m=np.where(met[:, None], layers.xyz_site_m[suspects, number], planes.xyz_site_m[suspects]),
+            normal_site=np.where(met[:, None], layers.normal_site[suspects, number], planes.normal_site[suspects]),
         )
-        found = triangulated(rays, plane, noise.relief_m)
+        found = triangulated(own, plane, noise.relief_m)
         off = np.einsum("gi,gi->g", found.xyz_site_m - plane.xyz_site_m, plane.normal_site)
         better = met & (found.cost < least) & (np.abs(off) < _APART_SIGMAS * noise.relief_m)
-        depth = np.where(better, layers.behind_m[:, number], depth)
+        depth = np.where(better, layers.behind_m[suspects, number], depth)
         least = np.where(better, found.cost, least)
-    return depth
+    out[suspects] = depth
+    return out
 
 
 def _meeting(

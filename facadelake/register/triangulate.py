@@ -60,6 +60,7 @@ class Rays:
         spread = basis.transpose(0, 2, 1) @ placing_m2(sightings, noise)[rows] @ basis
         # What a ray says of the place: nothing along itself.
         self.information: Array = basis @ np.linalg.inv(spread) @ basis.transpose(0, 2, 1)
+        self.pull: Array = (self.information @ self.hit[:, :, None])[:, :, 0]
 
     def summed(self, values: Array) -> Array:
         """Sums (g, ...) over the rays of each group."""
@@ -69,7 +70,7 @@ class Rays:
     def squares(self, xyz_site_m: Array) -> Array:
         """Squared residuals (n,) in sigmas of the rays from places (g, 3)."""
         gap = np.repeat(xyz_site_m, self.count, axis=0) - self.hit
-        squares: Array = np.einsum("ni,nij,nj->n", gap, self.information, gap)
+        squares: Array = (gap * (self.information @ gap[:, :, None])[:, :, 0]).sum(axis=1)
         return squares
 
     def nearest(self, xyz_site_m: Array) -> Rows:
@@ -107,9 +108,8 @@ def triangulated(rays: Rays, planes: Planes, hold_m: Array | float) -> Places:
         weight: Array = (_FREEDOM + 2) / (_FREEDOM + rays.squares(place))
         off = np.einsum("gi,gi->g", place - planes.xyz_site_m, normal) / hold
         held = (_FREEDOM + 1) / (_FREEDOM + off**2) / hold**2
-        weighted = weight[:, None, None] * rays.information
-        told = rays.summed(weighted)
-        right = rays.summed(np.einsum("nij,nj->ni", weighted, rays.hit))
+        told = rays.summed(weight[:, None, None] * rays.information)
+        right = rays.summed(weight[:, None] * rays.pull)
         system = told + held[:, None, None] * outer
         right += (held * np.einsum("gi,gi->g", planes.xyz_site_m, normal))[:, None] * normal
         place = np.linalg.solve(system, right[:, :, None])[:, :, 0]
