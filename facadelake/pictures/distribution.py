@@ -15,12 +15,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from facadelake.pictures.inspection import Inspection
-from facadelake.pictures.outward import told_directions
+from facadelake.pictures.outward import COMPASS_DEG, told_directions
 from facadelake.pictures.palette import class_colour, class_hatch, plain
 from facadelake.pictures.storeys import storey_levels
 
 _DPI = 150
 NO_STOREY = "no storey"
+_LAST_DEG = 999.0
 _A_ROW = 6  # facades side by side
 _PANEL_IN, _STOREY_IN, _LINE_IN = 1.75, 0.34, 0.2
 
@@ -59,7 +60,7 @@ def distribution_of(inspection: Inspection) -> Distribution:
 
 
 def _clockwise(names: set[str], inspection: Inspection) -> list[str]:
-    """Names by the mean direction of their elements."""
+    """Names by the mean direction of their elements; by their own word where no element has it."""
     vectors: dict[str, complex] = {}
     elements = inspection.building.elements
     areas = elements.column("surface_area_m2").to_pylist()
@@ -68,8 +69,9 @@ def _clockwise(names: set[str], inspection: Inspection) -> list[str]:
     ):
         if told is not None:
             vectors[name] = vectors.get(name, 0j) + area * complex(np.exp(1j * np.radians(told)))
-    azimuth = {name: float(np.degrees(np.angle(vector))) % 360.0 for name, vector in vectors.items()}
-    return sorted(names, key=lambda name: (round(azimuth.get(name, 999.0), 3) % 1000.0, name))
+    azimuth = dict(COMPASS_DEG)
+    azimuth |= {name: float(np.degrees(np.angle(vector))) % 360.0 for name, vector in vectors.items()}
+    return sorted(names, key=lambda name: (round(azimuth.get(name, _LAST_DEG), 3), name))
 
 
 def write_distribution(distribution: Distribution, path: Path) -> Path:

@@ -14,7 +14,7 @@ from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.sight import sees
 
-_COMPASS_DEG = {"N": 0.0, "NE": 45.0, "E": 90.0, "SE": 135.0, "S": 180.0, "SW": 225.0, "W": 270.0, "NW": 315.0}
+COMPASS_DEG = {"N": 0.0, "NE": 45.0, "E": 90.0, "SE": 135.0, "S": 180.0, "SW": 225.0, "W": 270.0, "NW": 315.0}
 _MAX_JUDGED_TRIANGLES = 20_000
 _MAX_JUDGING_CAMERAS = 150
 
@@ -54,7 +54,7 @@ def told_directions(building: BuildingModel) -> list[float | None]:
     words = building.elements.column("facade").to_pylist()
     measured = building.elements.column("facade_azimuth_deg").to_pylist()
     return [
-        _COMPASS_DEG.get(word) if azimuth is None else float(azimuth)
+        COMPASS_DEG.get(word) if azimuth is None else float(azimuth)
         for word, azimuth in zip(words, measured, strict=True)
     ]
 
