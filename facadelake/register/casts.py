@@ -13,8 +13,9 @@ from facadelake.camera import PosedCamera
 from facadelake.frames import Array
 from facadelake.geobim.surface import Hits, Surface
 from facadelake.register.continuity import main_side, members_of
+from facadelake.register.middle import middle_of_mask, middles_of_boxes
 from facadelake.register.outline import Outlines, outlines_of
-from facadelake.register.patch import LEAST_COSINE, extents, mapped, middle_of_mask, nearest_member, on_planes
+from facadelake.register.patch import LEAST_COSINE, extents, mapped, nearest_member, on_planes
 from facadelake.register.rays import PixelRays, rays_of
 from facadelake.register.settings import RegisterSettings
 
@@ -121,6 +122,8 @@ def patches_of(
         polygons[found] = shapes.polygon_site
         for row in np.flatnonzero(found & outlines.masked):
             middle[row] = middle_of_mask(outlines, hits, pixel_m2, int(row), polygons[row], cameras[camera_of[row]])
+        boxes = np.flatnonzero(found & ~outlines.masked)
+        middle[boxes] = middles_of_boxes(outlines, hits.distance_m * rays.forward, member, boxes)
     anchor = nearest_member(outlines, main_side(outlines, hits, member), np.arange(count), middle)
     ray = rays_of(cameras, camera_of, middle)
     xyz, normal = np.full((count, 3), np.nan), np.full((count, 3), np.nan)

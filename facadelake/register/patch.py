@@ -1,4 +1,4 @@
-"""The outline of a detection on the surface: each vertex in the plane of what is next to it; its middle and extents."""
+"""The outline of a detection on the surface: each vertex in the plane of what is next to it; its extents."""
 
 from __future__ import annotations
 
@@ -50,27 +50,6 @@ def patches_in_site(patches: list[bytes], origin: SiteOrigin) -> NDArray[Any]:
     """Column ``patch`` (WKB in EPSG:4979, n) as polygons in site metres."""
     in_site: NDArray[Any] = shapely.transform(shapely.from_wkb(patches), origin.site_from_geo, include_z=True)
     return in_site
-
-
-def middle_of_mask(
-    outlines: Outlines, hits: Hits, pixel_m2: Array, row: int, polygon_site: Any, camera: PosedCamera
-) -> Array:
-    """The pixel (2,) of a mask's middle: the centroid of its area on the surface.
-
-    Other than the centroid of its pixels, it is one place for all photographs. Round a corner, where the outline is not
-    flat, it is that of the pixels' areas.
-    """
-    first, last = np.searchsorted(outlines.detection, (row, row + 1))
-    own = slice(first, last)
-    weight, normals = pixel_m2[own], hits.normal_site[own]
-    heaviest = normals[np.argmax(weight)]
-    middle = np.average(hits.xyz_site_m[own][weight > 0], axis=0, weights=weight[weight > 0])
-    if np.all(normals[weight > 0] @ heaviest > _FLAT_COSINE):
-        axes = np.vstack([*(tangent[0] for tangent in tangents_of(heaviest[None])), heaviest])
-        flat = shapely.transform(polygon_site, lambda xyz: (xyz - middle) @ axes.T, include_z=True)
-        middle = middle + shapely.get_coordinates(shapely.centroid(flat))[0] @ axes[:2]
-    pixel: Array = camera.project_site(middle[None])[0]
-    return pixel
 
 
 def nearest_member(
