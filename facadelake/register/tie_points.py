@@ -61,7 +61,8 @@ def tie_points(tracks: Tracks, posed: Mapping[str, PosedCamera]) -> TiePoints:
     renumbered = np.cumsum(good) - 1
     sights = {}
     for index in np.unique(photo):
-        mine = np.flatnonzero((photo == index) & good[point])
+        start, stop = np.searchsorted(photo, [index, index + 1])
+        mine = start + np.flatnonzero(good[point[start:stop]])
         sights[names[index]] = Sights(xy_img=xy[mine], point=renumbered[point[mine]])
     return TiePoints(xyz_site_m=xyz[good], covariance_site_m2=covariance[good], sights=sights)
 
