@@ -51,10 +51,15 @@ def read_mesh(folder: Path) -> tuple[Array, NDArray[np.int64]]:
         raise InputDataError(f"{folder} holds no as-built mesh ({error}); remove the folder and run again") from error
 
 
-def mesh_of(reconstruction: Reconstruction, *, seed: int = 1) -> tuple[Array, NDArray[np.int64]]:
-    """The surface between free space and matter: vertices (n, 3) in sfm, triangles (m, 3)."""
+def mesh_of(
+    reconstruction: Reconstruction, *, seed: int = 1, most_points: int = _MOST_POINTS
+) -> tuple[Array, NDArray[np.int64]]:
+    """The surface between free space and matter: vertices (n, 3) in sfm, triangles (m, 3).
+
+    Of more than ``most_points`` well-observed tie points that many are drawn by ``seed``.
+    """
     with stage_progress("Meshing the tie points", 4) as step:
-        point, photo = _sightings(reconstruction, seed)
+        point, photo = _sightings(reconstruction, seed, most_points)
         kept, vertex = np.unique(point, return_inverse=True)
         if len(kept) < _LEAST_POINTS:
             raise InputDataError(
@@ -77,13 +82,15 @@ def mesh_of(reconstruction: Reconstruction, *, seed: int = 1) -> tuple[Array, ND
     return xyz[used], renumbered.reshape(-1, 3).astype(np.int64)
 
 
-def _sightings(reconstruction: Reconstruction, seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _sightings(
+    reconstruction: Reconstruction, seed: int, most_points: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Points and photographs of the rays to walk: points seen three times or more, a few views of each."""
     rng = np.random.default_rng(seed)
     seen = np.bincount(reconstruction.track_point, minlength=len(reconstruction.xyz_sfm))
     chosen = np.flatnonzero(seen >= 3)
-    if len(chosen) > _MOST_POINTS:
-        chosen = rng.choice(chosen, _MOST_POINTS, replace=False)
+    if len(chosen) > most_points:
+        chosen = rng.choice(chosen, most_points, replace=False)
     rows = np.flatnonzero(np.isin(reconstruction.track_point, chosen))
     rows = rng.permutation(rows)
     rows = rows[np.argsort(reconstruction.track_point[rows], kind="stable")]
