@@ -11,6 +11,7 @@ import pyarrow as pa
 from facadelake.frames import Array
 from facadelake.geobim.facade import COMPASS, INSIDE, LEVEL, compass_of
 
+_BIN_DEG = 0.5
 _CORE_DEG = 10.0  # walls within this of a direction make its mean
 _ONE_FACADE_DEG = 20.0  # walls that turn by more than this from one another are two facades
 _SMALL_SHARE = 0.02  # of all walls: less beside a larger facade is a return of it
@@ -72,7 +73,7 @@ def directions_of(azimuth_deg: Array, area_m2: Array) -> Array:
     Walls up to 20 degrees from a direction belong to it, so noise and small turns do not split a facade, wherever the
     compass's own sectors end. Directions that few walls have fall to a larger one within 45 degrees.
     """
-    rest = np.asarray(area_m2, dtype=np.float64).copy()
+    azimuth_deg, rest = _binned(azimuth_deg, area_m2)
     total = rest.sum()
     found: list[float] = []
     while rest.sum() > 1e-9 * total:
@@ -107,6 +108,17 @@ def turn_deg(a_deg: Array | float, b_deg: Array | float) -> Array:
     """Smallest angle between azimuths, degrees."""
     turned: Array = np.abs((np.asarray(a_deg, dtype=np.float64) - b_deg + 180.0) % 360.0 - 180.0)
     return turned
+
+
+def _binned(azimuth_deg: Array, area_m2: Array) -> tuple[Array, Array]:
+    """Mean azimuth and area of the walls in each half degree that has any, so that many walls cost no more than few."""
+    turned = np.asarray(azimuth_deg, dtype=np.float64) % 360.0
+    count = int(360.0 / _BIN_DEG)
+    step = np.floor(turned / _BIN_DEG).astype(np.int64) % count
+    area: Array = np.bincount(step, weights=area_m2, minlength=count).astype(np.float64)
+    mean: Array = np.bincount(step, weights=area_m2 * turned, minlength=count).astype(np.float64)
+    used = area > 0
+    return mean[used] / area[used], area[used]
 
 
 def _direction(azimuth_deg: float) -> Array:

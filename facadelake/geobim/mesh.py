@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from facadelake.geobim.hosts import building_of
 from facadelake.progress import stage_progress
 
 _log = logging.getLogger(__name__)
+_AT_ONCE = 500  # elements an iterator is given: it holds all its shapes until it goes
 _HEAD, _TAIL = b"ISO-10303-21;", b"END-ISO-10303-21;"
 # Holes, virtual boundaries, terrain and trees are elements of IFC but no part of the building's surface.
 _LEFT_OUT = ("IfcFeatureElement", "IfcVirtualElement", "IfcGeographicElement", "IfcOpeningElement")
@@ -94,20 +96,12 @@ def meshes_of(
     settings.set("mesher-linear-deflection", deflection_m)
     settings.set("mesher-angular-deflection", 0.35)
     meshes: list[ElementMesh] = []
-    if wanted:
-        iterator = ifcopenshell.geom.iterator(settings, model, workers, include=wanted)
-        with stage_progress("Meshing elements", len(wanted)) as step:
-            more = iterator.initialize()
-            while more:
-                shape = iterator.get()
-                vertices = np.frombuffer(shape.geometry.verts_buffer, dtype=np.float64).reshape(-1, 3)
-                triangles = np.frombuffer(shape.geometry.faces_buffer, dtype=np.int32).reshape(-1, 3).astype(np.int64)
-                mesh = _cleaned(shape.guid, vertices, triangles)
+    with stage_progress("Meshing elements", len(wanted)) as step:
+        for start in range(0, len(wanted), _AT_ONCE):
+            for mesh in _shapes(model, settings, workers, wanted[start : start + _AT_ONCE]):
                 if len(mesh.triangles):
-                    ifc_from_own = np.frombuffer(shape.transformation_buffer, dtype=np.float64).reshape(4, 4).T
-                    meshes.append(replace(mesh, vertices_ifc_m=_moved(mesh.vertices_ifc_m, ifc_from_own)))
+                    meshes.append(mesh)
                 step.advance()
-                more = iterator.next()
     if not meshes:
         raise ModelError(
             f"the building model has {len(wanted)} elements with a body and none gave a surface; "
@@ -120,6 +114,25 @@ def meshes_of(
             "%d of %d elements have no surface: %s", len(missing), len(wanted), ", ".join(sorted(missing)[:10])
         )
     return meshes
+
+
+def _shapes(
+    model: ifcopenshell.file,
+    settings: ifcopenshell.geom.settings,
+    workers: int,
+    wanted: list[ifcopenshell.entity_instance],
+) -> Iterator[ElementMesh]:
+    """Surfaces of the elements in the model's axes; those whose geometry fails are missing."""
+    iterator = ifcopenshell.geom.iterator(settings, model, workers, include=wanted)
+    more = iterator.initialize()
+    while more:
+        shape = iterator.get()
+        vertices = np.frombuffer(shape.geometry.verts_buffer, dtype=np.float64).reshape(-1, 3)
+        triangles = np.frombuffer(shape.geometry.faces_buffer, dtype=np.int32).reshape(-1, 3).astype(np.int64)
+        mesh = _cleaned(shape.guid, vertices, triangles)
+        ifc_from_own = np.frombuffer(shape.transformation_buffer, dtype=np.float64).reshape(4, 4).T
+        yield replace(mesh, vertices_ifc_m=_moved(mesh.vertices_ifc_m, ifc_from_own))
+        more = iterator.next()
 
 
 def _moved(points: Array, matrix: Array) -> Array:
