@@ -95,6 +95,16 @@ def pairs_of(sightings: Sightings, noise: Noise, settings: MergeSettings, *, wit
     return whole.take(np.lexsort((whole.second, whole.first)))
 
 
+def measured_again(sightings: Sightings, pairs: Pairs, noise: Noise, settings: MergeSettings) -> Pairs:
+    """The same pairs by another noise."""
+    placing = placing_m2(sightings, noise)
+    rows = np.column_stack([pairs.first, pairs.second])
+    starts = range(0, len(rows), _PAIRS_AT_ONCE)
+    return joined_pairs(
+        [measured(sightings, rows[start : start + _PAIRS_AT_ONCE], placing, noise, settings) for start in starts]
+    )
+
+
 def measured(
     sightings: Sightings, pairs: NDArray[np.int64], placing: Array, noise: Noise, settings: MergeSettings
 ) -> Pairs:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from facadelake.frames import Array
 from facadelake.register.cluster import clusters_of, numbered
-from facadelake.register.gate import Noise, Pairs, measured, pairs_of, placing_m2
+from facadelake.register.gate import Noise, Pairs, measured_again, pairs_of
 from facadelake.register.seams import united, units_of
 from facadelake.register.settings import MergeSettings
 from facadelake.register.sightings import Sightings
@@ -63,7 +63,7 @@ def grouped(sightings: Sightings, settings: MergeSettings, compare: Compare | No
         near = found
     first = _clusters(whole, unverified(near), settings)
     noise, gate = _own_noise(whole, first, settings)
-    near = _again(whole, near, gate, settings)
+    near = measured_again(whole, near, gate, settings)
     seen = unverified(near)
     group = _clusters(whole, seen, settings)
     if compare is not None:
@@ -72,7 +72,7 @@ def grouped(sightings: Sightings, settings: MergeSettings, compare: Compare | No
     group = with_strays(whole, near, group, settings)
     score, differs = seen.score, seen.differs
     if len(whole) < len(sightings):
-        found = _again(sightings, found, gate, settings)
+        found = measured_again(sightings, found, gate, settings)
         score, differs = _of_units(unit, near, found, score), _of_units(unit, near, found, differs) > 0
     else:
         found = near
@@ -99,12 +99,6 @@ def _of_units(unit: Rows, near: Pairs, found: Pairs, values: Array | NDArray[np.
     there = known[at] == key if len(known) else np.zeros(len(found), dtype=bool)
     out[there] = values[at[there]]
     return out
-
-
-def _again(sightings: Sightings, pairs: Pairs, noise: Noise, settings: MergeSettings) -> Pairs:
-    rows = np.column_stack([pairs.first, pairs.second])
-    placing = placing_m2(sightings, noise)
-    return measured(sightings, rows, placing, noise, settings)
 
 
 def _clusters(sightings: Sightings, seen: Verified, settings: MergeSettings) -> Rows:
@@ -146,4 +140,9 @@ def _own_noise(sightings: Sightings, group: Rows, settings: MergeSettings) -> tu
         1000 * noise.floor_m,
         100 * noise.relief_m,
     )
-    return noise, replace(gate, size_share=float(np.clip(share**0.5, settings.centre_share, settings.size_share)))
+    gate = replace(
+        gate,
+        size_share=float(np.clip(share**0.5, settings.centre_share, settings.size_share)),
+        floor_m=max(settings.floor_m, noise.floor_m),
+    )
+    return noise, gate

@@ -1,5 +1,7 @@
 """Where defects are: rays that cross against the surface that the model has, and how well that is known."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -106,14 +108,15 @@ def test_what_the_poses_share_does_not_average_out():
 def test_the_covariance_holds_what_is_off(views):
     """Noise of known size in 400 defects: 95 % of the errors lie in the ellipsoid, neither fewer nor all."""
     rng = np.random.default_rng(views)
-    inside = []
-    for _ in range(400):
-        place = np.array([0.3, rng.normal(0, 0.05), 1.2])
-        # Boxes vary along the wall by a share of their size, poses in all directions.
-        along = np.hypot(0.02 * 0.2, 0.003)
-        across = rng.normal(0, 1, (views, 3)) * [along, 0.003, along]
-        sightings = sightings_of_place(place, EYES[:views], aside=across)
-        found = one(sightings)
-        error = found.xyz_site_m[0] - place
-        inside.append(error @ np.linalg.solve(found.covariance_m2[0], error) < 7.815)
-    assert 0.90 < np.mean(inside) < 0.985
+    # Boxes vary along the wall by a share of their size, poses in all directions.
+    along = np.hypot(0.02 * 0.2, 0.003)
+    places = [np.array([0.3, offset, 1.2]) for offset in rng.normal(0, 0.05, 400)]
+    made = [
+        sightings_of_place(place, EYES[:views], aside=rng.normal(0, 1, (views, 3)) * [along, 0.003, along])
+        for place in places
+    ]
+    whole = Sightings(**{f.name: np.concatenate([getattr(one, f.name) for one in made]) for f in fields(Sightings)})
+    found = positions_of(whole, np.repeat(np.arange(400), views), NOISE, MergeSettings())
+    error = found.xyz_site_m - np.array(places)
+    squared = np.einsum("gi,gij,gj->g", error, np.linalg.inv(found.covariance_m2), error)
+    assert 0.90 < np.mean(squared < 7.815) < 0.985  # chi-square with 3 degrees of freedom
