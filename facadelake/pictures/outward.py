@@ -15,6 +15,7 @@ from facadelake.geobim.surface import Surface
 from facadelake.pictures.sight import sees
 
 COMPASS_DEG = {"N": 0.0, "NE": 45.0, "E": 90.0, "SE": 135.0, "S": 180.0, "SW": 225.0, "W": 270.0, "NW": 315.0}
+_ONE_SIDED = 0.3  # net over total area below which sides cancel one another
 _MAX_JUDGED_TRIANGLES = 20_000
 _MAX_JUDGING_CAMERAS = 150
 
@@ -76,6 +77,14 @@ def _seen_area(walls: Walls, surface: Surface, posed: Mapping[str, PosedCamera],
     return np.where(seen, walls.area, 0.0)
 
 
+def _main_direction(normal: Array, area: Array) -> float:
+    """Azimuth that triangles (n, 3), (n,) look in the mean, as on a curved wall; the largest's where they cancel."""
+    mean = (normal * area[:, None]).sum(axis=0)
+    if np.linalg.norm(mean) < _ONE_SIDED * area.sum():
+        mean = normal[np.argmax(area)]
+    return azimuth_of(mean)
+
+
 def element_azimuths(
     building: BuildingModel, walls: Walls, surface: Surface, posed: Mapping[str, PosedCamera], tolerance_m: float
 ) -> tuple[Array, Array]:
@@ -100,7 +109,7 @@ def element_azimuths(
         told = directions[row]
         seen = seen_area[mine]
         if seen.any() and (told is None or seen[turn_deg(side[mine], told) <= 60].sum() < 0.25 * seen.sum()):
-            told_deg = float(side[mine][np.argmax(seen)])
+            told_deg = _main_direction(walls.normal[mine], seen)
         elif told is None:
             continue
         else:

@@ -114,6 +114,30 @@ def test_cameras_decide_which_side_of_a_wall_is_outside(painted: Painted) -> Non
     assert [facade.name for facade in alone] == ["North"]
 
 
+def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: Painted) -> None:
+    """Part of a cylinder that bulges south: drawn from the south, whole."""
+    turn = np.radians(np.linspace(-75, 75, 13))
+    foot = np.column_stack([4 + 3 * np.sin(turn), 1 - 3 * np.cos(turn)])
+    low, high = np.column_stack([foot, np.zeros(13)]), np.column_stack([foot, np.full(13, 4.0)])
+    rows = np.arange(12)
+    arc = np.vstack([np.column_stack([rows, rows + 1, rows + 14]), np.column_stack([rows, rows + 14, rows + 13])])
+    element = {**painted.building.elements.to_pylist()[0], "facade": "around", "facade_azimuth_deg": None}
+    building = replace(
+        painted.building,
+        vertices_site_m=np.vstack([low, high]),
+        triangles=arc,
+        element_of_triangle=np.zeros(len(arc), dtype=np.int64),
+        elements=table_of_rows("elements", [element]),
+    )
+    camera = painted.posed["a.png"].camera
+    posed = {str(x): looking(np.array([x, -9.0, 1.5]), np.array([4.0, 0.0, 2.0]), camera) for x in (-1.0, 4.0, 9.0)}
+    (facade,) = find_facades(building, Surface(building), posed, frozenset(["wall"]), SETTINGS)
+    assert facade.name == "South"
+    np.testing.assert_allclose(facade.azimuth_deg, 180.0, rtol=0, atol=2.0)  # deg
+    reach = 3 * np.sin(np.radians(75)) + 0.5
+    np.testing.assert_allclose([facade.u_min_m, facade.u_max_m], [4 - reach, 4 + reach], rtol=0, atol=0.1)  # m
+
+
 def test_a_photograph_that_is_gone_is_left_out(painted: Painted, caplog: pytest.LogCaptureFixture) -> None:
     whole = rectified(painted)
     relief = look_square_on(front(painted), painted.surface, SETTINGS.cell_m)
