@@ -29,7 +29,9 @@ class Comparison:
     """What figures and plots are made of.
 
     ``ray_error_m`` (n,): of accepted detections that show a check point. ``roundtrip_px``, ``roundtrip_cm`` (m, 2):
-    registered position re-projected minus box centre, right and down, in the photograph and by its GSD on the surface.
+    registered position re-projected minus box centre, right and down, in the photograph and by its GSD on the surface;
+    nought by construction where a box is registered by its centre's ray. ``roundtrip_defects_*``: the same of the
+    merged position, in every photograph that shows it.
     ``members``: registered sightings of defects as (defect, check point). ``element_pairs``: (found, true) of
     observations, and of defects.
     ``shown_by_defect``: each defect's check point. ``detected``: check points of accepted detections. ``off_truth``:
@@ -45,6 +47,8 @@ class Comparison:
     defects: PositionSamples
     roundtrip_px: Array
     roundtrip_cm: Array
+    roundtrip_defects_px: Array
+    roundtrip_defects_cm: Array
     members: tuple[tuple[str, str], ...]
     element_pairs: tuple[tuple[str | None, str], ...]
     element_pairs_defects: tuple[tuple[str | None, str], ...]
@@ -111,7 +115,16 @@ def compare(
     compared = found_and_true(poses, photo_ids, known, origin, truth)
     imported = any(detector.startswith(_COCO) for detector in detections.column("detector").to_pylist())
     accepted = _accepted(campaign)
-    roundtrip_px, roundtrip_cm = _roundtrip(campaign)
+    roundtrip_px, roundtrip_cm = _roundtrip(campaign, {row["detection_id"]: row for row in campaign.registered})
+    defect_of = {row["defect_id"]: row for row in campaign.defects}
+    merged_px, merged_cm = _roundtrip(
+        campaign,
+        {
+            row["detection_id"]: defect_of[row["defect_id"]]
+            for row in campaign.registered
+            if row["defect_id"] in defect_of
+        },
+    )
     return Comparison(
         photographs_total=len(photo_ids),
         photographs_localised=len(campaign.cameras),
@@ -122,6 +135,8 @@ def compare(
         defects=position_samples(merged, campaign.xyz_true_site_m, key="defect_id"),
         roundtrip_px=roundtrip_px,
         roundtrip_cm=roundtrip_cm,
+        roundtrip_defects_px=merged_px,
+        roundtrip_defects_cm=merged_cm,
         members=tuple((row["defect_id"], target) for row, target in matched if row["defect_id"]),
         element_pairs=_element_pairs(matched, known),
         element_pairs_defects=_element_pairs(merged, known),
@@ -226,11 +241,15 @@ def _shown_by_defect(campaign: _Campaign) -> list[str | None]:
     return shown
 
 
-def _roundtrip(campaign: _Campaign) -> tuple[Array, Array]:
-    """Registered points re-projected against their boxes' centres (n, 2), in pixels and in cm on the surface."""
+def _roundtrip(campaign: _Campaign, places: Mapping[str, Row]) -> tuple[Array, Array]:
+    """``places`` (by detection_id) re-projected against their boxes' centres (n, 2), in pixels and in cm on the
+    surface."""
     pixels, centimetres = [], []
     for row in campaign.registered:
-        projected = campaign.cameras[row["photo_id"]].project_site(_xyz(row)[None])
+        place = places.get(row["detection_id"])
+        if place is None:
+            continue
+        projected = campaign.cameras[row["photo_id"]].project_site(_xyz(place)[None])
         apart_px = (projected - _centre_img(campaign.detections[row["detection_id"]]))[0]
         if not np.isfinite(apart_px).all():
             raise SchemaError(

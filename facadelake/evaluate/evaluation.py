@@ -56,6 +56,8 @@ def figures_of(compared: Comparison) -> Figures:
         defect_error=surface_stats(defects.error_site_m, defects.normal_site),
         roundtrip_px=stats_of(np.linalg.norm(compared.roundtrip_px, axis=1)),
         roundtrip_cm=stats_of(np.linalg.norm(compared.roundtrip_cm, axis=1)),
+        roundtrip_defects_px=stats_of(np.linalg.norm(compared.roundtrip_defects_px, axis=1)),
+        roundtrip_defects_cm=stats_of(np.linalg.norm(compared.roundtrip_defects_cm, axis=1)),
         merge=merging_of(compared.members),
         element_correct_share=_right(compared.element_pairs),
         element_correct_share_defects=_right(compared.element_pairs_defects),
@@ -69,7 +71,7 @@ def figures_of(compared: Comparison) -> Figures:
         honesty_cameras=honesty_of(cameras.error_site_m, cameras.covariance_m2),
         honesty_observations=honesty_of(observations.error_site_m, observations.covariance_m2),
         honesty_defects=honesty_of(defects.error_site_m, defects.covariance_m2),
-        table2=table2_of(compared.roundtrip_cm, observations, defects),
+        table2=table2_of(compared.roundtrip_cm, compared.roundtrip_defects_cm, observations, defects),
     )
 
 

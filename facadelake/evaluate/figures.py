@@ -19,7 +19,8 @@ class Figures:
     ``camera_error``: distance of camera centres to the published ones, nothing aligned, and their mean signed offset.
     ``ray_error``: distance of a check point from the ray of its box's centre. ``observation_error``, ``defect_error``:
     position found minus check point. ``roundtrip_px``, ``roundtrip_cm``: registered point re-projected against its
-    box's centre (the paper's Table 2). ``off_truth``: registered detections that show no check point. ``honesty_*``:
+    box's centre (the paper's Table 2), ``roundtrip_defects_*`` a defect's position in every photograph that shows it.
+    ``off_truth``: registered detections that show no check point. ``honesty_*``:
     share of the cameras, observations and defects whose true place lies inside the 95 % ellipsoid that they state (0.95
     is good, 1 is too cautious), and how large their errors are against it. None: not available.
     """
@@ -34,6 +35,8 @@ class Figures:
     defect_error: SurfaceStats
     roundtrip_px: Stats
     roundtrip_cm: Stats
+    roundtrip_defects_px: Stats
+    roundtrip_defects_cm: Stats
     merge: Merging
     element_correct_share: float | None
     element_correct_share_defects: float | None
@@ -65,6 +68,8 @@ class Figures:
             "coverage_2sigma": self.coverage_2sigma,
             "coverage_2sigma_observations": self.honesty_observations.inside_2sigma,
             "coverage_2sigma_defects": self.honesty_defects.inside_2sigma,
+            "roundtrip_defects_px": self.roundtrip_defects_px.mean,
+            "roundtrip_defects_cm": self.roundtrip_defects_cm.mean,
             "element_correct_share_defects": self.element_correct_share_defects,
             "sigma_honesty": {name: honesty.to_json() for name, honesty in self._honesty()},
             "check_points": self.check_points.to_json(),
@@ -97,6 +102,8 @@ class Figures:
             _row("  vertical", defect.vertical, 3),
             _row("round trip (px)", self.roundtrip_px, 3),
             _row("round trip (cm)", self.roundtrip_cm, 3),
+            _row("  of defects (px)", self.roundtrip_defects_px, 3),
+            _row("  of defects (cm)", self.roundtrip_defects_cm, 3),
             ("merge precision", "", _text(self.merge.precision, 3), *_blank(5)),
             ("merge recall", "", _text(self.merge.recall, 3), *_blank(5)),
             ("merge F1", "", _text(self.merge.f1, 3), *_blank(5)),

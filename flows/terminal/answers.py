@@ -98,7 +98,7 @@ def show_figures(console: Console, figures: Figures) -> None:
         caption=PAPER_REMARK,
         caption_justify="left",
     )
-    for name in ("axis", "paper: round trip", "round trip", "observations", "defects"):
+    for name in ("axis", "paper: round trip", "round trip", "of defects", "observations", "defects"):
         beside.add_column(name, justify="left" if name == "axis" else "right")
     for row in figures.table2.rows():
         beside.add_row(*row)

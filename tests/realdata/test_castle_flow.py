@@ -25,7 +25,8 @@ CLI = [sys.executable, "-c", "from flows.cli import main; main()"]
 KEYS = {
     "photographs", "camera_error_m", "ray_error_m", "observation_error_m", "defect_error_m", "roundtrip_px",
     "roundtrip_cm", "merge", "element_correct_share", "off_truth", "coverage_2sigma",
-    "coverage_2sigma_observations", "coverage_2sigma_defects", "element_correct_share_defects",
+    "coverage_2sigma_observations", "coverage_2sigma_defects", "roundtrip_defects_px", "roundtrip_defects_cm",
+    "element_correct_share_defects",
     "sigma_honesty", "check_points", "table2",
 }  # fmt: skip
 

@@ -115,8 +115,14 @@ def test_the_papers_table_contradicts_itself_and_ours_does_not(tmp_path: Path) -
     assert abs(PAPER_RMSE[2] - np.hypot(PAPER_RMSE[0], PAPER_RMSE[1])) > 1
     point = np.array([1.0, 0.0, 2.0])
     right = pixel(CAMERA, point)
-    seen = Sighting(photo="a.jpg", shows="C1", xyz_site_m=point, box_centre_px=(right[0] + 3, right[1] - 4))
-    table = figures_of(made_of({"C1": point}, [seen], {}), tmp_path).table2
+    seen = Sighting(
+        photo="a.jpg", shows="C1", xyz_site_m=point, box_centre_px=(right[0] + 3, right[1] - 4), defect="D1"
+    )
+    figures = figures_of(made_of({"C1": point}, [seen], {"D1": point + np.array([0.03, 0.0, 0.0])}), tmp_path)
+    table = figures.table2
+    # The defect was merged to 3 cm right of it: 5.6 px of 2800 px at 15 m, so 2.6 px right of its box and 4 px below.
+    assert figures.roundtrip_defects_px.mean == pytest.approx(np.hypot(2.6, 4.0), rel=0, abs=1e-6)  # px
+    assert table.round_trip_defects.horizontal.mean == pytest.approx(1.3, rel=0, abs=1e-6)  # cm
     parts = [table.round_trip.horizontal.mean, table.round_trip.vertical.mean, table.round_trip.diagonal.mean]
     assert parts == pytest.approx([-1.5, 2.0, 2.5], rel=0, abs=1e-6)  # cm
     assert table.observations_3d.mae == pytest.approx(0.0, rel=0, abs=1e-6)  # cm
