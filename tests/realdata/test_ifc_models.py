@@ -205,6 +205,23 @@ def test_models_without_a_georeference_need_the_registrys(shared_data, name, ele
 
 
 @pytest.mark.slow
+def test_fzk_house_by_latitude_longitude_and_true_north(shared_data):
+    """49 6 1.566 N, 8 26 11.5404 E, true north 50 degrees clockwise of the model's y axis: refused unless accepted."""
+    path = shared_data / "ifc" / "AC20-FZK-Haus" / "AC20-FZK-Haus.ifc"
+    with pytest.raises(GeoreferenceError, match=r"LoGeoRef 20.*accept_level: 20"):
+        load_building(path, settings=ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal"))
+    building = load_building(path, settings=ModelSettings(vertical_datum="ellipsoidal", accept_level=20))
+    assert (building.georeference_level, building.map_crs) == ("20", "EPSG:32632")
+    assert "good to about 10 m, one sigma" in building.remarks
+    zero = building.origin.site_from_geo(np.array([[8 + 26 / 60 + 11.5404 / 3600, 49 + 6 / 60 + 1.566 / 3600, 110.0]]))
+    low, high = building.vertices_site_m.min(axis=0), building.vertices_site_m.max(axis=0)
+    assert (zero[0, :2] > low[:2] - 1).all()  # m: the house stands at its zero
+    assert (zero[0, :2] < high[:2] + 1).all()
+    azimuths = {row["facade_azimuth_deg"] for row in building.elements.to_pylist()} - {None}
+    np.testing.assert_allclose(sorted(azimuths), [40.0, 130.0, 220.0, 310.0], rtol=0, atol=0.05)  # deg
+
+
+@pytest.mark.slow
 def test_duplex_by_its_ifc2x3_property_sets(shared_data):
     """The user guide's sets stand at the site; the conversion by hand, then pyproj, gives the same places."""
     path = shared_data / "ifc" / "Duplex_A_georef" / "Duplex_A_georef.ifc"
