@@ -38,7 +38,6 @@ _PLANE_M = 1.0  # reveals and cornices stand off their wall by less, setbacks by
 _GRID_M = 0.1
 _PLANE_SHARE = 0.01  # of all walls, within the bounds below: less is reveals, furniture or noise
 _PLANE_M2 = (4.0, 10.0)
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,6 +69,8 @@ def facade_planes(surface: Surface) -> FacadePlanes:
     nearest = np.argmax(smooth[rows] @ directions.T, axis=1) if len(directions) else np.zeros(0, dtype=np.int64)
     for number, direction in enumerate(directions):
         own = rows[nearest == number]
+        if len(own) == 0:
+            continue
         plane = _planes(centres[own] @ direction, surface.areas_m2[own], least_m2)
         largest = own[plane == np.argmax(np.bincount(plane, weights=surface.areas_m2[own]))]
         fitted = _fitted(direction, centres[largest], surface.areas_m2[largest])
@@ -210,8 +211,6 @@ def _planes(offset_m: Array, areas: Array, least_m2: float) -> NDArray[np.int64]
     A plane is a peak of the area within half a metre, of ``least_m2`` or more (the largest peak of any), that falls to
     half of it before the next: the offsets of a curved wall have none but one.
     """
-    if len(offset_m) == 0:
-        return np.zeros(0, dtype=np.int64)
     order = np.argsort(offset_m, kind="stable")
     offset, summed = offset_m[order], np.concatenate([[0.0], np.cumsum(areas[order])])
     places = np.arange(offset[0] - _PLANE_M, offset[-1] + _PLANE_M + _GRID_M, _GRID_M)
