@@ -262,7 +262,9 @@ _ALL = [
     _text("detail_level", "how much the element's body shows: 'box', 'body' or 'detailed'"),
     _flag("is_external", "whether the model calls the element external"),
     _text(
-        "facade", "compass name of the outward direction (N, NE, ...), 'level' where it has none, 'inside' under no sky"
+        "facade",
+        "outward side, one name a cluster of directions: N, NE, ..., with degrees (N-350) where two have one name; "
+        "'level' up or down, 'inside' under no sky, 'around' where an element faces several",
     ),
     _real("surface_area_m2", "m2", "area of the element's triangles", 0),
     _count("triangles", "triangles of the element's surface"),

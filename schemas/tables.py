@@ -135,8 +135,8 @@ _LIST = [
         "IFC element with a surface, or facade plane",
         "the building's components",
         "building_id campaign_id element_guid",
-        "element_guid ifc_class predefined_type? element_name? host_guid? ifc_building? storey? storey_source? material? "
-        "material_layers? is_external? properties? detail_level? facade facade_azimuth_deg? "
+        "element_guid ifc_class predefined_type? element_name? host_guid? ifc_building? storey? storey_source? "
+        "material? material_layers? is_external? properties? detail_level? facade facade_azimuth_deg? "
         "surface_area_m2 triangles geometry?",
     ),
     _table(

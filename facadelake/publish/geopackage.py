@@ -51,8 +51,14 @@ def right_of(facade: str) -> tuple[float, float]:
     """East and north part of the direction to the right for someone outside who looks at the facade."""
     if facade == LEVEL:
         return 1.0, 0.0
-    bearing = math.radians(45 * _COMPASS.index(facade))  # of the outward normal, clockwise from north
+    bearing = math.radians(_bearing_deg(facade))
     return -math.cos(bearing), math.sin(bearing)
+
+
+def _bearing_deg(facade: str) -> float:
+    """Of the outward normal, clockwise from north, as the name tells: "E", or "E-075" where two facades look east."""
+    point, _, degrees = facade.partition("-")
+    return float(degrees) if degrees else 45.0 * _COMPASS.index(point)
 
 
 def geo_layers(table: pa.Table, name: str) -> Iterator[Layer]:
@@ -79,7 +85,8 @@ def _flat_and_3d(rows: pa.Table, name: str, column: str) -> Iterator[Layer]:
 def facade_layers(defects: pa.Table) -> Iterator[Layer]:
     """For each facade the defects (of one building) in the facade's plane (u, v in metres): the patch, else a box."""
     # A facade "inside" the building has no outside to look at it from.
-    for facade in sorted({*_COMPASS, LEVEL} & set(defects.column("facade").to_pylist())):
+    named = set(defects.column("facade").to_pylist())
+    for facade in sorted(name for name in named if name == LEVEL or name.partition("-")[0] in _COMPASS):
         rows = defects.filter(pc.equal(defects.column("facade"), facade))
         outlines = _outlines(rows, facade)
         drawn = np.where(shapely.is_missing(outlines), _boxes(rows, facade), outlines)

@@ -161,6 +161,17 @@ def test_right_as_seen_from_outside_is_the_view_direction_times_up(facade: str) 
     np.testing.assert_allclose([*right_of(facade), 0], right, rtol=0, atol=1e-12)
 
 
+def test_two_facades_of_one_compass_point_are_two_layers_each_seen_from_its_own_side() -> None:
+    table = lake_tables()["defects"]
+    place = table.schema.get_field_index("facade")
+    named = table.set_column(place, table.schema.field(place), [["N-350", "N-016", "inside"]])
+    assert [layer.name for layer in facade_layers(named)] == ["facade_N-016", "facade_N-350"]
+    # Who looks at a facade that faces 16 degrees east of north has west-northwest to the right.
+    bearing = np.radians(16.0)
+    right = np.cross([-np.sin(bearing), -np.cos(bearing), 0], [0, 0, 1])
+    np.testing.assert_allclose([*right_of("N-016"), 0], right, rtol=0, atol=1e-12)
+
+
 def test_readme_names_crs_datum_version_and_columns(release: Path) -> None:
     text = (release / "README.txt").read_text("utf-8")
     for words in (
