@@ -19,11 +19,12 @@ from facadelake.frames import Array
 from facadelake.register.patch import tangents_of
 from facadelake.register.settings import MergeSettings
 from facadelake.register.sightings import Sightings
+from facadelake.register.threads import side_by_side
 
 _GRAZING_COSINE = 0.15  # a ray flatter than this says nothing more of relief
 _FACING_MIN = -0.2  # surfaces that turn further from one another do not show one defect
 _SLAB = 40_000  # sightings whose pairs are found at a time
-_PAIRS_AT_ONCE = 500_000  # pairs measured at a time: about 200 MB
+_PAIRS_AT_ONCE = 20_000  # pairs measured at a time: what fits the processor's cache
 _LARGE_AT_ONCE = 2_000
 
 Rows = NDArray[np.int64]
@@ -86,11 +87,12 @@ def placing_m2(sightings: Sightings, noise: Noise) -> Array:
 def pairs_of(sightings: Sightings, noise: Noise, settings: MergeSettings, *, within_sigmas: float) -> Pairs:
     """Every pair of sightings within ``within_sigmas``, whatever their class or photograph; nearly linear in n."""
     placing = placing_m2(sightings, noise)
-    found = []
-    for near in _near(sightings, settings):
-        for start in range(0, len(near), _PAIRS_AT_ONCE):
-            pairs = measured(sightings, near[start : start + _PAIRS_AT_ONCE], placing, noise, settings)
-            found.append(pairs.take(pairs.sigmas <= within_sigmas))
+
+    def near(rows: NDArray[np.int64]) -> Pairs:
+        pairs = measured(sightings, rows, placing, noise, settings)
+        return pairs.take(pairs.sigmas <= within_sigmas)
+
+    found = [part for rows in _near(sightings, settings) for part in side_by_side(near, _parts(rows))]
     whole = joined_pairs(found)
     return whole.take(np.lexsort((whole.second, whole.first)))
 
@@ -99,10 +101,12 @@ def measured_again(sightings: Sightings, pairs: Pairs, noise: Noise, settings: M
     """The same pairs by another noise."""
     placing = placing_m2(sightings, noise)
     rows = np.column_stack([pairs.first, pairs.second])
-    starts = range(0, len(rows), _PAIRS_AT_ONCE)
-    return joined_pairs(
-        [measured(sightings, rows[start : start + _PAIRS_AT_ONCE], placing, noise, settings) for start in starts]
-    )
+    parts = side_by_side(lambda part: measured(sightings, part, placing, noise, settings), _parts(rows))
+    return joined_pairs(parts)
+
+
+def _parts(pairs: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    return [pairs[start : start + _PAIRS_AT_ONCE] for start in range(0, len(pairs), _PAIRS_AT_ONCE)]
 
 
 def measured(

@@ -68,7 +68,7 @@ def positions_of(
     normal = planes.normal_site
     outer = normal[:, :, None] * normal[:, None, :]
     hold = noise.relief_m**2 + settings.offset_m**2
-    found = triangulated(rays, planes, np.sqrt(hold))
+    found = triangulated(rays, planes, hold**0.5)
     gain = settings.offset_m**2 / hold
     back = np.eye(3)[None] - gain * outer
     off = np.einsum("gi,gi->g", found.xyz_site_m - planes.xyz_site_m, normal)

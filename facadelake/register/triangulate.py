@@ -17,12 +17,14 @@ from facadelake.frames import Array
 from facadelake.register.gate import Noise, placing_m2
 from facadelake.register.patch import tangents_of
 from facadelake.register.sightings import Sightings
+from facadelake.register.threads import side_by_side
 
 _ROUNDS = 12
 _FREEDOM = 4.0  # of Student's t: one residual in fifty lies beyond 3.5 sigmas instead of one in 2,000
 _CHI2_MEDIAN = (0.4549, 1.3863)  # median of chi-square with one and two degrees of freedom
 _RELIEF_LEAST_M = 0.005  # no wall is flatter than its plaster
 _VARIANCE_LEAST = 1e-4  # of what was known before: nothing is a hundred times better than that
+_GROUPS_AT_ONCE = 4000
 _LOOSE_M = 10.0  # a surface that holds nothing
 
 Rows = NDArray[np.int64]
@@ -48,7 +50,8 @@ class Places:
 
 
 class Rays:
-    """The rays of sightings in groups: ``rows`` (n,) of the sightings, group after group; ``group`` (n,) ascending."""
+    """The rays of sightings in groups: ``rows`` (n,) of the sightings, group after group; ``group`` (n,) ascending from
+    0 without gaps."""
 
     def __init__(self, sightings: Sightings, rows: Rows, group: Rows, noise: Noise) -> None:
         self.rows, self.group = rows, group
@@ -61,6 +64,16 @@ class Rays:
         # What a ray says of the place: nothing along itself.
         self.information: Array = basis @ np.linalg.inv(spread) @ basis.transpose(0, 2, 1)
         self.pull: Array = (self.information @ self.hit[:, :, None])[:, :, 0]
+
+    def part(self, groups: slice) -> Rays:
+        """The rays of some groups that follow one another."""
+        own = object.__new__(Rays)
+        start = int(self.starts[groups.start])
+        stop = int(self.starts[groups.stop]) if groups.stop < len(self.starts) else len(self.group)
+        own.rows, own.group = self.rows[start:stop], self.group[start:stop] - groups.start
+        own.starts, own.count = self.starts[groups] - start, self.count[groups]
+        own.hit, own.information, own.pull = self.hit[start:stop], self.information[start:stop], self.pull[start:stop]
+        return own
 
     def summed(self, values: Array) -> Array:
         """Sums (g, ...) over the rays of each group."""
@@ -95,12 +108,29 @@ def planes_of(sightings: Sightings, rays: Rays) -> Planes:
     return Planes(xyz_site_m=sightings.xyz_site_m[rows], normal_site=sightings.normal_site[rows])
 
 
-def triangulated(rays: Rays, planes: Planes, hold_m: Array | float) -> Places:
-    """The places nearest to all rays of each group, held to the plane to ``hold_m`` (one sigma, (g,) or one for all).
+def triangulated(rays: Rays, planes: Planes, hold_m: float) -> Places:
+    """The places nearest to all rays of each group, held to the plane to ``hold_m`` (one sigma).
 
-    Weighted least squares, repeated with the weights of Student's t for the rays and for the surface.
+    Weighted least squares, repeated with the weights of Student's t for the rays and for the surface. Groups are taken
+    some thousands at a time: what is repeated then stays in the processor's cache, and several processors share it.
     """
-    hold = np.broadcast_to(np.asarray(hold_m, dtype=np.float64), (len(rays.starts),))
+    count = len(rays.starts)
+    parts = [slice(start, min(start + _GROUPS_AT_ONCE, count)) for start in range(0, count, _GROUPS_AT_ONCE)]
+
+    def part(groups: slice) -> Places:
+        own = Planes(xyz_site_m=planes.xyz_site_m[groups], normal_site=planes.normal_site[groups])
+        return _triangulated(rays.part(groups), own, hold_m)
+
+    found = side_by_side(part, parts)
+    return Places(
+        xyz_site_m=np.concatenate([f.xyz_site_m for f in found]),
+        covariance_m2=np.concatenate([f.covariance_m2 for f in found]),
+        cost=np.concatenate([f.cost for f in found]),
+        normal_sigma_m=np.concatenate([f.normal_sigma_m for f in found]),
+    )
+
+
+def _triangulated(rays: Rays, planes: Planes, hold: float) -> Places:
     normal = planes.normal_site
     outer = normal[:, :, None] * normal[:, None, :]
     place = rays.middles()
@@ -116,7 +146,7 @@ def triangulated(rays: Rays, planes: Planes, hold_m: Array | float) -> Places:
     # A residual smaller than expected makes no ray better than it is.
     sure = np.minimum(weight, 1.0)[:, None, None] * rays.information
     told = rays.summed(sure)
-    covariance = np.asarray(np.linalg.inv(told + (1.0 / hold**2)[:, None, None] * outer), dtype=np.float64)
+    covariance = np.asarray(np.linalg.inv(told + outer / hold**2), dtype=np.float64)
     # Along the normal by the rays alone: the information left once the other two directions are free.
     loose = np.linalg.inv(told + outer / _LOOSE_M**2)
     variance = np.einsum("gi,gij,gj->g", normal, loose, normal)
