@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,11 +14,14 @@ from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.page import Html, html_of, link_of, paragraph, table
 from facadelake.pictures.palette import class_colour, short_ids
 
-# Grades of every rule pack that ships, worst first; an unknown grade stands behind them, before "none".
+# Grades of every rule pack that ships (data/severity/), worst first; an unknown grade stands behind them, before those
+# that say that there is no grade.
 _WORST_FIRST = (
+    "very_severe",
     "unsafe",
     "critical",
     "severe",
+    "over_limit",
     "high",
     "swarmp",
     "moderate",
@@ -27,8 +29,12 @@ _WORST_FIRST = (
     "slight",
     "low",
     "minor",
+    "very_slight",
+    "negligible",
+    "within_limit",
     "safe",
 )
+_NO_GRADE = ("not_measured", "not_covered", "ungraded", "none", "")
 
 
 def counts_by_facade(distribution: Distribution) -> Html:
@@ -47,9 +53,9 @@ def counts_by_facade(distribution: Distribution) -> Html:
 
 
 def _severity_rank(severity: str) -> int:
-    word = re.split(r"[^a-z]", severity.lower(), maxsplit=1)[0]
-    if word in ("none", "ungraded", ""):
-        return len(_WORST_FIRST) + 1
+    word = severity.lower()
+    if word in _NO_GRADE:
+        return len(_WORST_FIRST) + 1 + _NO_GRADE.index(word)
     return _WORST_FIRST.index(word) if word in _WORST_FIRST else len(_WORST_FIRST)
 
 

@@ -8,13 +8,16 @@ from urllib.parse import unquote
 
 import cv2
 import numpy as np
+import pyarrow as pa
 import pytest
 
+from facadelake.lake.severity import rule_file, rule_packs, severities
 from facadelake.pictures.crops import defect_crops
 from facadelake.pictures.inspection import PictureSettings
 from facadelake.pictures.overlays import photo_overlays, telling_photographs
 from facadelake.pictures.palette import bgr_of, outcome_colour, short_ids
 from facadelake.pictures.report import write_report
+from facadelake.pictures.report_defects import worst_first
 from facadelake.tables import table_of_rows
 from tests.unit.pictures.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
 
@@ -79,6 +82,14 @@ def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, 
     assert re.findall(r'<b title="(D\d)">', table) == ["D2", "D3", "D1"]
     assert table.count('class="crop"') == 2
     assert table.count("no picture") == 1
+
+
+@pytest.mark.parametrize("pack", rule_packs())
+def test_the_words_of_every_rule_pack_stand_worst_first(pack: str) -> None:
+    words = severities(rule_file(pack))
+    rows = [{"severity": word, "area_m2": float(place), "defect_id": word} for place, word in enumerate(words)]
+    found = worst_first(pa.Table.from_pylist(rows[::-1]))
+    assert [row["severity"] for row in found] == list(words)
 
 
 def test_a_campaign_without_defects_has_a_report(painted: Painted, tmp_path: Path) -> None:
