@@ -108,6 +108,8 @@ def georeferences_of(
         found = [_on_globe(in_degrees, as_it_is, north, "50")]
     else:
         found = _by_the_ifc(model, as_it_is, site, north)
+    if world_matrix(model) is not None:
+        found = [reading if reading.level == "40" else _beside_world(reading) for reading in found]
     _in_use(found[0] if found else as_it_is, np.zeros(3))  # raises where a grid is missing, before the long meshing
     return Readings(
         found=tuple(found), as_it_is=as_it_is, accept_level=accept_level, true_north_deg=north, there_is=there_is
@@ -178,9 +180,14 @@ def _by_the_ifc(
     found = [as_it_is]
     if world is not None and np.hypot(*world[:2, 3]) > _FAR_M:
         found.insert(0, _by_world(world, as_it_is, north_deg))
-    if site is not None:
+    if site is not None and _holds(as_it_is.map_crs, site.lon_deg, site.lat_deg, _BORDER_DEG):
         found.append(_on_globe(site, as_it_is, north_deg, "20"))
     return found
+
+
+def _beside_world(reading: Georeference) -> Georeference:
+    unused = "the IFC's WorldCoordinateSystem is shifted or turned and was not used"
+    return replace(reading, remarks="; ".join(filter(None, [reading.remarks, unused])))
 
 
 def _by_world(world: Array, as_it_is: Georeference, north_deg: float | None) -> Georeference:
@@ -281,10 +288,14 @@ def _in_use(georeference: Georeference, centre_ifc_m: Array, *, border_deg: floa
         if "domain" in str(error):
             return False
         raise
-    area = pyproj.CRS.from_user_input(georeference.map_crs).area_of_use
+    return _holds(georeference.map_crs, float(lon), float(lat), border_deg)
+
+
+def _holds(map_crs: str, lon: float, lat: float, b: float) -> bool:
+    """Whether a place lies in the CRS's area of use, or up to ``b`` degrees beside it."""
+    area = pyproj.CRS.from_user_input(map_crs).area_of_use
     if area is None:
         return True
-    b = border_deg
     crosses = area.west > area.east  # the date line runs through the area
     in_lon = (lon >= area.west - b or lon <= area.east + b) if crosses else area.west - b <= lon <= area.east + b
     return bool(in_lon and area.south - b <= lat <= area.north + b)

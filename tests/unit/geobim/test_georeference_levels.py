@@ -235,6 +235,24 @@ def test_level_20_south_west_and_what_rounding_leaves(write_ifc, latitude, longi
     assert_same_places(building, geo_of_east_north_up(lon, lat, 12.5, turned_corners(Box(), -35.0)))
 
 
+def test_a_site_on_another_continent_is_not_forced_into_the_registrys_crs(write_ifc):
+    """An authoring tool's own default, Boston, beside a registry that says UTM zone 32."""
+    path = edited(write_ifc(Ifc()), site_at((42, 21, 31, 181945), (-71, -3, -24, -263305), 0.0))
+    with pytest.raises(GeoreferenceError, match=r"is not georeferenced.*latitude and longitude alone, LoGeoRef 20"):
+        load_building(path, settings=REGISTRY)
+
+
+def test_a_world_coordinate_system_beside_the_registrys_placement_is_said(write_ifc):
+    def edit(model):
+        context_of(model).WorldCoordinateSystem = axes(model, (100.0, 0.0, 0.0))
+
+    placement = MapPlacement(east_m=EAST, north_m=NORTH, height_m=HEIGHT, rotation_deg=30.0)
+    settings = ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", placement=placement)
+    building = load_building(edited(write_ifc(Ifc()), edit), settings=settings)
+    assert "WorldCoordinateSystem is shifted or turned and was not used" in building.remarks
+    assert_same_places(building, expected_geo(corners_of(Box())))
+
+
 def test_an_address_is_no_place(write_ifc):
     def edit(model):
         model.by_type("IfcBuilding")[0].BuildingAddress = model.create_entity("IfcPostalAddress", Town="Ettlingen")
