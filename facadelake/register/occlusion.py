@@ -12,10 +12,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
+from shapely import STRtree
 
 from facadelake.camera import PosedCamera
 from facadelake.errors import InputDataError
@@ -117,32 +119,33 @@ class Occluders:
             mesh = Delaunay(seen.xy_img)
         except QhullError:  # all on one line
             return nothing
-        corners, standing, limit = mesh.simplices, seen.standing, seen.limit_m
+        corners = mesh.simplices[seen.standing[mesh.simplices].all(axis=1)]
         corners_xyz = self._points.xyz_site_m[seen.point[corners]]
         longest = np.linalg.norm(corners_xyz - np.roll(corners_xyz, 1, axis=1), axis=2).max(axis=1, initial=0.0)
-        solid = standing[corners].all(axis=1) & (longest <= self._settings.hole_max_m)
-        solid[solid] = _confirmed(corners[solid], seen.own)
-        if not solid.any():
+        corners = corners[longest <= self._settings.hole_max_m]
+        corners = corners[_confirmed(corners, seen.own)]
+        if not len(corners):
             return nothing
         share = (np.arange(side) + 0.5) / side
         grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
         pixels = (boxes_px[:, None, :2] + grid[None] * boxes_px[:, None, 2:]).reshape(-1, 2)
-        triangle = mesh.find_simplex(pixels)
+        # Not by Delaunay.find_simplex, which sets LAPACK on each triangle by itself, and its threads on one another.
+        inside, facet = STRtree(shapely.polygons(seen.xy_img[corners])).query(shapely.points(pixels), "intersects")
+        inside, first = np.unique(inside, return_index=True)
         origins, directions = self._posed[photo_id].rays_site(pixels)
         hits = self._surface.cast(origins, directions)
-        covered = np.flatnonzero((triangle >= 0) & hits.hit)
-        covered = covered[solid[triangle[covered]]]
-        gap = np.full(len(pixels), np.nan)
-        wanted = np.full(len(pixels), np.nan)
-        facet = triangle[covered]
-        gap[covered] = hits.distance_m[covered] - _along(origins[covered], directions[covered], corners_xyz[facet])
-        wanted[covered] = limit[corners[facet]].max(axis=1)
+        gap, wanted = np.full(len(pixels), np.nan), np.full(len(pixels), np.nan)
+        met = hits.hit[inside]
+        covered, triangle = inside[met], corners[facet[first[met]]]
+        xyz = self._points.xyz_site_m[seen.point[triangle]]
+        gap[covered] = hits.distance_m[covered] - _along(origins[covered], directions[covered], xyz)
+        wanted[covered] = seen.limit_m[triangle].max(axis=1)
         hidden = (np.nan_to_num(gap, nan=-np.inf) > np.nan_to_num(wanted, nan=np.inf)).reshape(n, -1)
-        met = hits.hit.reshape(n, -1).sum(axis=1)
+        on_model = hits.hit.reshape(n, -1).sum(axis=1)
         found = hidden.any(axis=1)
         gap, wanted = (np.where(hidden, values.reshape(n, -1), np.nan) for values in (gap, wanted))
         return Hidden(
-            share=hidden.sum(axis=1) / np.maximum(met, 1),
+            share=hidden.sum(axis=1) / np.maximum(on_model, 1),
             gap_m=_median(gap, found),
             limit_m=_median(wanted, found),
         )
