@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.frames import Array
 from facadelake.register.cluster import numbered
 from facadelake.register.gate import Pairs
 from facadelake.register.settings import MergeSettings
@@ -30,7 +31,8 @@ def with_strays(sightings: Sightings, pairs: Pairs, group: Rows, settings: Merge
     stray = np.r_[near.first, near.second]
     host = group[np.r_[near.second, near.first]]
     squared = np.r_[near.sigmas, near.sigmas] ** 2
-    kept = alone[stray] & (size[host] >= _HOST_LEAST)
+    twin = size[group] == 2
+    kept = (alone[stray] & (size[host] >= _HOST_LEAST)) | (twin[stray] & (size[host] > _HOST_LEAST))
     stray, host, squared = stray[kept], host[kept], squared[kept]
     if len(stray) == 0:
         return group
@@ -40,9 +42,10 @@ def with_strays(sightings: Sightings, pairs: Pairs, group: Rows, settings: Merge
     several = int(sightings.photo.max()) + 1
     shown = np.isin(host * several + sightings.photo[stray], group * several + sightings.photo)
     free = np.flatnonzero((count >= settings.agreement * size[host]) & ~shown)
-    # The nearest host of each stray, then the nearest stray of each host and photograph.
+    # The nearest host of each stray, less twins that belong together; then the nearest stray of a host and photograph.
     free = free[np.lexsort((host[free], mean[free], stray[free]))]
     free = free[np.r_[True, np.diff(stray[free]) != 0][: len(free)]]
+    free = free[~twin[stray[free]] | _parted(pairs, group, stray[free], host[free], mean[free])]
     seat = host[free] * several + sightings.photo[stray[free]]
     order = np.lexsort((stray[free], mean[free], seat))
     free = free[order[np.r_[True, np.diff(seat[order]) != 0][: len(order)]]]
@@ -54,3 +57,19 @@ def with_strays(sightings: Sightings, pairs: Pairs, group: Rows, settings: Merge
     out = group.copy()
     out[stray[free]] = host[free]
     return numbered(out)
+
+
+def _parted(pairs: Pairs, group: Rows, stray: Rows, host: Rows, mean: Array) -> NDArray[np.bool_]:
+    """Which strays (k,) are of a group of two that are nearer to two different hosts than to one another: neighbours
+    of one class that were wrongly named alike."""
+    count = int(group.max()) + 1
+    inside = group[pairs.first] == group[pairs.second]
+    apart = np.bincount(group[pairs.first[inside]], weights=pairs.sigmas[inside] ** 2, minlength=count)
+    own = group[stray]
+    nearer = mean < apart[own]
+    low, high = np.full(count, count), np.full(count, -1)
+    np.minimum.at(low, own[nearer], host[nearer])
+    np.maximum.at(high, own[nearer], host[nearer])
+    both = np.bincount(own[nearer], minlength=count) == 2
+    parted: NDArray[np.bool_] = both[own] & (low[own] != high[own])
+    return parted

@@ -69,6 +69,15 @@ def test_a_stray_beside_the_defect_is_not_drawn_in():
     assert groups(sightings_on_wall([(0, 1), (0.01, 1), (0.2, 1)], [0, 1, 2], kinds=[0, 0, 1])) == [0, 0, 1]
 
 
+def test_strays_of_two_neighbours_are_not_a_third_defect():
+    """Each of two neighbours was called by the same wrong name once, from different photographs."""
+    places = [(0, 1)] * 4 + [(0.14, 1)] * 4
+    sightings = sightings_on_wall(places, [0, 1, 2, 3, 1, 2, 3, 4], kinds=[1, 0, 0, 0, 0, 0, 0, 1])
+    alone = sightings_on_wall([places[0], places[7]], [0, 4], kinds=[1, 1])
+    assert groups(alone) == [0, 0]  # without their companions they would be one
+    assert groups(sightings) == [0, 0, 0, 0, 1, 1, 1, 1]
+
+
 # A crack 1 m long; in photograph 0 a drain pipe hides its middle, or a tile ends there.
 HALVES = [(-0.28, 2.0), (0.28, 2.0)]
 HALF_SIZE = (0.44, 0.1)
