@@ -38,8 +38,8 @@ from facadelake.geobim.surface import Surface
 from facadelake.photo.ingest import ingest_photographs
 from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Place
-from facadelake.pose.imported_placing import PlacedByImport, place_imported
-from facadelake.pose.imported_reading import read_poses
+from facadelake.pose.imported.placing import PlacedByImport, place_imported
+from facadelake.pose.imported.reading import read_poses
 from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.appearance import Photographs
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from facadelake.errors import InputDataError
 from facadelake.lake.severity import rule_file
-from facadelake.pose.imported import pose_files
+from facadelake.pose.imported.records import pose_files
 from facadelake.registry import Building, CocoDetector
 from schemas.vocabulary import ControlKind, SurfaceKind
 

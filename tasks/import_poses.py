@@ -11,9 +11,9 @@ from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Place
-from facadelake.pose.imported import pose_files
-from facadelake.pose.imported_placing import place_imported
-from facadelake.pose.imported_reading import read_poses
+from facadelake.pose.imported.placing import place_imported
+from facadelake.pose.imported.reading import read_poses
+from facadelake.pose.imported.records import pose_files
 from facadelake.tables import read_table, write_table
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

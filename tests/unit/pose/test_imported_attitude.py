@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from facadelake.errors import InputDataError
-from facadelake.pose.imported_attitude import (
+from facadelake.pose.imported.attitude import (
     CameraAxes,
     Direction,
     PitchZero,

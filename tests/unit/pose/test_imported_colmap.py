@@ -9,8 +9,8 @@ import pyproj
 import pytest
 
 from facadelake.errors import InputDataError
-from facadelake.pose.imported_colmap import read_colmap_text
-from facadelake.pose.imported_reading import read_poses
+from facadelake.pose.imported.colmap import read_colmap_text
+from facadelake.pose.imported.reading import read_poses
 from tests.unit.pose.imported_wall import CENTRES, LOOKS_NORTH, NAMES, ORIGIN, PLACE, write
 
 CAMERAS = """# Camera list with one line of data per camera:

@@ -9,8 +9,8 @@ import pyproj
 import pytest
 
 from facadelake.errors import InputDataError
-from facadelake.pose.imported_csv import read_poses_csv
-from facadelake.pose.imported_reading import read_poses
+from facadelake.pose.imported.reading import read_poses
+from facadelake.pose.imported.table import read_poses_csv
 from tests.unit.pose.imported_wall import CENTRES, LENS, LOOKS_NORTH, ORIGIN, PLACE, geo, geo_csv, quaternion, write
 
 LENS_COLUMNS = "fx_px,fy_px,cx_px,cy_px"

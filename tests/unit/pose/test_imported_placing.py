@@ -10,8 +10,8 @@ import pytest
 
 from facadelake.errors import GeoreferenceError, InputDataError
 from facadelake.pose.control_points import ControlPoint, ControlPoints, Sighting
-from facadelake.pose.imported_placing import SIGMA_POSITION_M, PlacedByImport, place_imported
-from facadelake.pose.imported_reading import read_poses
+from facadelake.pose.imported.placing import SIGMA_POSITION_M, PlacedByImport, place_imported
+from facadelake.pose.imported.reading import read_poses
 from facadelake.posed import posed_cameras
 from tests.unit.pose.imported_wall import CENTRES, NAMES, ORIGIN, PLACE, geo, geo_csv, photos, wall, write
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from facadelake.pose.imported import ImportedPoses, pose_files
-from facadelake.pose.imported_colmap import read_colmap_text
-from facadelake.pose.imported_csv import read_poses_csv
+from facadelake.pose.imported.colmap import read_colmap_text
+from facadelake.pose.imported.records import ImportedPoses, pose_files
+from facadelake.pose.imported.table import read_poses_csv
 
 
 def read_poses(path: Path) -> ImportedPoses:

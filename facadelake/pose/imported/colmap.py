@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from facadelake.errors import InputDataError
 from facadelake.frames import Array, Similarity
 from facadelake.geodesy import SiteOrigin
-from facadelake.pose.imported import ImportedLens, ImportedPose, ImportedPoses, UnusablePose
-from facadelake.pose.imported_attitude import CameraAxes, Direction, from_quaternion
-from facadelake.pose.imported_head import read_head
-from facadelake.pose.imported_world import SITE, North, PoseWorld
+from facadelake.pose.imported.attitude import CameraAxes, Direction, from_quaternion
+from facadelake.pose.imported.head import read_head
+from facadelake.pose.imported.records import ImportedLens, ImportedPose, ImportedPoses, UnusablePose
+from facadelake.pose.imported.world import SITE, North, PoseWorld
 
 GEOREFERENCE = "georeference.txt"
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")

@@ -13,7 +13,7 @@ from facadelake.frames import Array, Similarity
 from facadelake.geobim.surface import Hits
 from facadelake.pose.georeference import Place
 from facadelake.pose.gps import rotation_of_attitude
-from facadelake.pose.imported_attitude import other_readings
+from facadelake.pose.imported.attitude import other_readings
 from schemas.vocabulary import PositionSource
 
 # Facades are photographed from tens of metres; a pose a kilometre off is of another CRS, unit or building.

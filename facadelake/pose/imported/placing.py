@@ -16,9 +16,9 @@ from facadelake.frames import Array, Similarity
 from facadelake.photo_names import PhotoNames
 from facadelake.pose.control_points import ControlPoints
 from facadelake.pose.georeference import Place
-from facadelake.pose.imported import ImportedPose, ImportedPoses
-from facadelake.pose.imported_checks import SurfaceLike, refuse_impossible
-from facadelake.pose.imported_evidence import Evidence, evidence_of
+from facadelake.pose.imported.checks import SurfaceLike, refuse_impossible
+from facadelake.pose.imported.evidence import Evidence, evidence_of
+from facadelake.pose.imported.records import ImportedPose, ImportedPoses
 from facadelake.pose.passport import points_table, require_good
 from facadelake.pose.poses import placed_columns
 from facadelake.tables import table_of_rows

@@ -15,8 +15,7 @@ import numpy as np
 from facadelake.errors import InputDataError
 from facadelake.frames import Array
 from facadelake.geodesy import GEO, SiteOrigin
-from facadelake.pose.imported import ImportedLens, ImportedPose, ImportedPoses, UnusablePose
-from facadelake.pose.imported_attitude import (
+from facadelake.pose.imported.attitude import (
     CameraAxes,
     Direction,
     PitchZero,
@@ -25,8 +24,9 @@ from facadelake.pose.imported_attitude import (
     from_quaternion,
     from_yaw_pitch_roll,
 )
-from facadelake.pose.imported_head import read_head
-from facadelake.pose.imported_world import SITE, North, PoseWorld
+from facadelake.pose.imported.head import read_head
+from facadelake.pose.imported.records import ImportedLens, ImportedPose, ImportedPoses, UnusablePose
+from facadelake.pose.imported.world import SITE, North, PoseWorld
 
 _GEO = ("lon_deg", "lat_deg", "height_ellipsoidal_m")
 _SITE_COLUMNS = ("x_site_m", "y_site_m", "z_site_m")

@@ -8,7 +8,7 @@ from pathlib import Path
 from facadelake.camera import Camera
 from facadelake.errors import InputDataError
 from facadelake.frames import Array
-from facadelake.pose.imported_world import PoseWorld
+from facadelake.pose.imported.world import PoseWorld
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,1 @@
+"""Poses that another program found: read, brought into site, judged."""
