@@ -117,7 +117,7 @@ def _mark_report(report: Path, version: int) -> None:
     if _DRAWN in text:
         return
     note = (
-        f'<p {_DRAWN}><b>Drawn for version {version} of the lake; the defects were graded anew since. '
+        f"<p {_DRAWN}><b>Drawn for version {version} of the lake; the defects were graded anew since. "
         "The tables beside this page have the grades that hold.</b></p>"
     )
     report.chmod(0o644)  # the release it comes from is read-only
