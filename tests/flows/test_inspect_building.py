@@ -115,6 +115,22 @@ def test_a_photograph_is_shown_beside_the_model(small: SmallPortfolio, first_run
     assert "are called 'nothing.JPG'" in missing.stderr
 
 
+def test_pictures_are_drawn_from_the_lake_by_name(small: SmallPortfolio, first_run: str, tmp_path: Path) -> None:
+    place = ("--portfolio", str(small.registry), "--lake", str(small.lake))
+    seen = next(row for row in rows(small, "defects") if row["sightings"] > 1)
+    photo = Path(seen["best_photo_id"])
+    done = run(
+        "pictures", "small", CAMPAIGN, "--defect", seen["defect_id"], "--photo", photo.name, "--output", str(tmp_path),
+        *place,
+    )  # fmt: skip
+    assert "card_" in done.stdout
+    (card,), (overlay,) = tmp_path.glob("cards/*.png"), tmp_path.glob("overlays/*.jpg")
+    assert photo.stem in overlay.name
+    assert cv2.imread(str(card)).shape[1] == 1980
+    unknown = run("pictures", "small", CAMPAIGN, "--defect", "D9999", *place, expect=1)
+    assert "there is no defect 'D9999' in this campaign; near it:" in " ".join(unknown.stderr.split())
+
+
 def test_the_same_inputs_make_no_second_copy_and_changed_ones_a_version(small: SmallPortfolio, first_run: str) -> None:
     before = versions(small.lake).to_pylist()
     again = inspect(small)
