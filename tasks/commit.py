@@ -6,7 +6,7 @@ from prefect import task
 
 from facadelake.campaign import lake_tables
 from facadelake.lake.commit import Committed, commit_campaign
-from facadelake.pose.references import REFERENCE, keep_reference
+from facadelake.pose.references import REFERENCE, drop_reference, keep_reference
 from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
 from tasks.record import StageFolders, whole_campaign
@@ -28,4 +28,6 @@ def commit(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Co
     reference = folders.placed.folder / REFERENCE
     if reference.is_file():
         keep_reference(reference, job.lake, job.building.id, job.campaign_id)
+    else:
+        drop_reference(job.lake, job.building.id, job.campaign_id)
     return committed

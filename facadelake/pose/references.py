@@ -32,3 +32,8 @@ def keep_reference(made: Path, lake: Path, building_id: str, campaign_id: str) -
     finally:
         part.unlink(missing_ok=True)
     return kept
+
+
+def drop_reference(lake: Path, building_id: str, campaign_id: str) -> None:
+    """Forget the reference of a campaign that was committed anew without one: its frame is no longer that one."""
+    (_kept(lake, building_id) / f"{campaign_id}.npz").unlink(missing_ok=True)

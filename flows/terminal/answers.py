@@ -42,7 +42,8 @@ def ask(
 ) -> None:
     """Answer a stored question or a SELECT statement."""
     from facadelake.lake.questions import ask as ask_stored
-    from facadelake.lake.questions import list_questions, query
+    from facadelake.lake.questions import list_questions
+    from facadelake.lake.read import query
 
     given: dict[str, str] = {}
     for text in parameters:
