@@ -30,7 +30,8 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
 
     def rows(name: str) -> list[dict[str, Any]]:
         table = read_table(lake, name, building_id=result.building_id, campaign_id=result.campaign_id)
-        return table.to_pylist()
+        found: list[dict[str, Any]] = table.to_pylist()
+        return found
 
     photos, poses, passport = rows("photos"), rows("poses"), rows("georeference")[0]
     detections, observations, defects, checks = (

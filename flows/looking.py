@@ -1,0 +1,212 @@
+"""Commands that look at what is committed: listings, SQL, files, pictures, figures. Nothing in the lake changes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from facadelake.errors import InputDataError
+from flows.options import (
+    DEFAULT_LAKE,
+    DEFAULT_PORTFOLIO,
+    AnyPortfolioPath,
+    BuildingId,
+    CampaignId,
+    LakePath,
+    PortfolioPath,
+    console,
+    portfolio_at,
+    problems,
+)
+
+
+def campaigns(
+    building: Annotated[str | None, typer.Argument(help="Only this building.")] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """List what is registered and what the lake holds, with each campaign's version."""
+    from flows.terminal.listings import show_campaigns
+
+    show_campaigns(console, portfolio_at(portfolio), lake, building)
+
+
+def defects(
+    building: BuildingId,
+    campaign: Annotated[str | None, typer.Argument(help="Only this campaign.")] = None,
+    defect_class: Annotated[str | None, typer.Option("--class", help="Only crack, spalling or moisture.")] = None,
+    limit: Annotated[int, typer.Option(min=1, help="At most so many rows.")] = 40,
+    as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Show the defects of a building: what, where, how large, how often seen."""
+    from flows.terminal.listings import require_known, show_defects
+
+    require_known(lake, portfolio, building)
+    show_defects(console, lake, building, campaign, defect_class, limit, as_of)
+
+
+def sql(
+    question: Annotated[
+        str | None, typer.Argument(help="A SELECT statement, or the name of a stored question (see --list).")
+    ] = None,
+    parameter: Annotated[
+        list[str] | None, typer.Argument(help="Parameters of a stored question, as name=value.")
+    ] = None,
+    list_questions: Annotated[bool, typer.Option("--list", help="List the stored questions.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
+    as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    portfolio: AnyPortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Ask the lake in SQL; nothing can be changed that way.
+
+    Example: facadelake sql "SELECT facade, count(*) AS n FROM defects GROUP BY facade ORDER BY n DESC"
+    """
+    from flows.terminal.answers import ask, show_questions
+
+    if list_questions or question is None:
+        show_questions(console)
+        return
+    ask(console, lake, question, parameter or [], as_of=as_of, as_json=as_json)
+
+
+def export(
+    building: BuildingId,
+    file: Annotated[Path, typer.Argument(help="File to write; its suffix chooses: .gpkg .parquet .geojson .csv")],
+    campaign: Annotated[str | None, typer.Option(help="Only this campaign.")] = None,
+    table: Annotated[str, typer.Option(help="Which table.")] = "defects",
+    as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
+    from facadelake.lake.read import read_table
+    from facadelake.publish.releases import export as export_table
+    from flows.terminal.listings import require_known
+
+    require_known(lake, portfolio, building)
+    rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=as_of)
+    if not len(rows):
+        raise InputDataError(
+            f"the lake {lake} has no rows of '{table}' for building '{building}'"
+            + (f", campaign '{campaign}'" if campaign else "")
+            + "; 'facadelake campaigns' lists what it holds"
+        )
+    export_table(table, rows, file)
+    console.print(f"{len(rows)} rows of {table} written to {file}")
+
+
+def view(
+    building: BuildingId,
+    campaign: CampaignId,
+    photo: Annotated[str, typer.Argument(help="Which photograph: its id, or its file's name.")],
+    output: Annotated[
+        Path | None, typer.Option(help="Picture to write (.png); view_<photo>.png here if left out.")
+    ] = None,
+    scale: Annotated[
+        float | None,
+        typer.Option(min=0.01, max=1.0, help="Size of the panels to the photograph's; 1000 pixels wide if left out."),
+    ] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Show a photograph beside the virtual view of the model, with depth and elements: is the pose right?
+
+    The images are written beside the picture as a NumPy archive, .npz.
+    """
+    from flows.photo_view import view_photograph
+
+    shown = view_photograph(
+        portfolio_at(portfolio).building(building), campaign, photo, lake=lake, output=output, scale=scale
+    )
+    console.print(f"{shown.photo_id} drawn to {shown.path}, its images to {shown.path.with_suffix('.npz')}")
+
+
+def pictures(
+    building: BuildingId,
+    campaign: CampaignId = "latest",
+    defect: Annotated[
+        list[str] | None,
+        typer.Option(help="A card of this defect: its id, or the number on the elevations. Repeatable."),
+    ] = None,
+    facade: Annotated[
+        list[str] | None, typer.Option(help="The elevation of this facade, such as south or SE. Repeatable.")
+    ] = None,
+    photo: Annotated[
+        list[str] | None, typer.Option(help="This photograph with model edges, boxes and points. Repeatable.")
+    ] = None,
+    all_of_them: Annotated[bool, typer.Option("--all", help="Every defect, facade and photograph.")] = False,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder to write to; without it, one below the lake's 'pictures'.")
+    ] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Draw pictures of a committed campaign: cards of defects, elevations of facades, overlays of photographs.
+
+    Without a name it draws what the report shows: the worst defects, all facades, a few photographs, the distribution.
+    Running it again is safe: files are written over.
+    """
+    from flows.pictures import draw_pictures
+    from flows.precheck import resolved_campaign
+    from flows.terminal.drawing import default_folder, draw_in_terminal
+
+    registered = portfolio_at(portfolio).building(building)
+    chosen = resolved_campaign(registered, campaign)
+    draw_in_terminal(
+        console,
+        lambda: draw_pictures(
+            registered,
+            chosen,
+            lake=lake,
+            folder=output or default_folder(lake, building, chosen),
+            defects=tuple(defect or ()),
+            facades=tuple(facade or ()),
+            photos=tuple(photo or ()),
+            all_of_them=all_of_them,
+        ),
+    )
+
+
+def evaluate(
+    building: BuildingId,
+    campaign: CampaignId,
+    truth: Annotated[Path, typer.Option(help="Folder with cameras.csv, checkpoints.csv and detections.csv.")],
+    detections: Annotated[
+        str | None,
+        typer.Option(
+            help="Judge another detections file (a name of the registry's alternatives, or a path) on the committed "
+            "poses; the lake is not changed."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON, with stable keys.")] = False,
+    plots: Annotated[
+        Path | None, typer.Option(help="Folder for pictures: distribution, vectors, deviation, sigmas, views.")
+    ] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Compare a committed campaign with truth: cameras, rays, positions, sigmas, merging, elements."""
+    from facadelake.evaluate.evaluation import figures_of
+    from flows.evaluation import compare_campaign
+    from flows.terminal.answers import show_figures
+
+    compared = compare_campaign(
+        portfolio_at(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections
+    )
+    if plots is not None:
+        from facadelake.evaluate.plots import write_plots
+
+        for path in write_plots(compared, plots, f"{building} {campaign}"):
+            problems.print(f"written: {path}", soft_wrap=True, highlight=False)
+    figures = figures_of(compared)
+    if as_json:
+        sys.stdout.write(json.dumps(figures.to_json(), indent=2) + "\n")
+    else:
+        show_figures(console, figures)
