@@ -28,12 +28,15 @@ def tie_point_covariance(
     """Covariance (m, 3, 3) of points ``xyz`` (m, 3) from their sightings in ``cameras``, one for each photograph.
 
     Cameras and points are in one frame, ``site`` or any other; the covariance is in its units. It is conditional: what
-    the cameras themselves are wrong by is not in it. NaN where the sightings leave a direction open (one photograph).
+    the cameras themselves are wrong by is not in it. NaN where the sightings leave a direction open (one photograph),
+    and for points that are NaN.
     Source: Foerstner and Wrobel 2016, Photogrammetric Computer Vision, section 13.4.
     """
     information = np.zeros((len(xyz), 3, 3))
+    known = np.isfinite(xyz).all(axis=1)
     for k, posed in enumerate(cameras):
         rows = reconstruction.track_point[reconstruction.track_photo == k]
+        rows = rows[known[rows]]
         cam_from_frame = posed.site_from_cam.inverse()
         x, y, z = cam_from_frame.apply(xyz[rows]).T
         # Distortion stretches a pixel by a few per cent: nothing to a covariance.

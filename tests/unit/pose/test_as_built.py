@@ -104,6 +104,24 @@ def test_a_photograph_without_pose_is_left_out(corner) -> None:
     assert np.abs(again - found.track_xy_img[rows]).max() < 6 * NOISE_PX  # px: sightings kept their photographs
 
 
+def test_a_point_that_but_one_posed_photograph_saw_is_left_out(corner) -> None:
+    """As where the other photographs were not localised: the ray alone leaves its distance open."""
+    reconstruction, posed, _ = corner
+    lonely = int(reconstruction.track_point[reconstruction.track_photo == 0][0])
+    rows = (reconstruction.track_point != lonely) | (reconstruction.track_photo == 0)
+    lost = replace(
+        reconstruction,
+        track_photo=reconstruction.track_photo[rows],
+        track_point=reconstruction.track_point[rows],
+        track_xy_img=reconstruction.track_xy_img[rows],
+    )
+    found = block_in_site(lost, posed)
+    kept = np.isin(found.track_point, lonely)
+    assert not kept.any() and len(found.track_point) == len(block_in_site(reconstruction, posed).track_point) - (
+        (reconstruction.track_point == lonely).sum()
+    )
+
+
 def test_the_surface_is_the_building_cut_into_facades(corner) -> None:
     reconstruction, posed, _ = corner
     place = place_without_model(
