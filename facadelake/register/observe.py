@@ -101,6 +101,9 @@ def _without_a_ray(row: Row, posed: Mapping[str, PosedCamera]) -> Verdict | None
     if camera is None:
         reason = "the photograph has no measured pose; see table poses"
         return Verdict(outcome=ObservationOutcome.UNLOCALISED, reason=reason)
+    if not (row["box_width_px"] > 0 and row["box_height_px"] > 0):
+        reason = f"its box of {row['box_width_px']:g} x {row['box_height_px']:g} px has no area, so it shows nothing"
+        return Verdict(outcome=ObservationOutcome.OUTSIDE, reason=reason)
     x, y = row["box_x_px"] + row["box_width_px"] / 2, row["box_y_px"] + row["box_height_px"] / 2
     if camera.camera.contains(np.array([[x, y]]))[0]:
         return None

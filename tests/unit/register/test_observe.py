@@ -170,3 +170,12 @@ def test_a_surface_nearer_than_anyone_flies_is_not_what_the_photograph_shows(wal
     allowed = one(detections_of(("a", "p", "crack", box)), {"p": near}, wall, RegisterSettings(near_m=0.0))
     assert allowed["observation_outcome"] == "registered"
     np.testing.assert_allclose(allowed["distance_m"], 0.3, rtol=0, atol=1e-6)  # m
+
+
+@pytest.mark.parametrize("size", [(0.0, 20.0), (20.0, 0.0), (-5.0, 20.0), (np.nan, 20.0)])
+def test_a_box_without_area_is_a_row_and_the_rest_goes_on(wall, detections_of, size):
+    """As a detector may make them: a COCO file's are refused on import."""
+    made = detections_of(("a", "p", "crack", (990, 740, *size)), ("b", "p", "crack", (990, 740, 20, 20)))
+    rows = observe(made, {"p": AHEAD}, wall, Surface(wall), SETTINGS).to_pylist()
+    assert [row["observation_outcome"] for row in rows] == ["outside", "registered"]
+    assert "no area" in rows[0]["reason"]
