@@ -3,7 +3,8 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 PYTHON3 ?= python3
-PYTEST_ARGS ?=
+# Two at a time, a file at a time: files share what is dear to make (a campaign, a lake).
+PYTEST_ARGS ?= -n 2 --dist loadfile
 BIN := .venv/bin
 STAMP := .venv/.setup-done
 
