@@ -17,7 +17,7 @@ from facadelake.geobim.storeys import NamedFloor
 from facadelake.geodesy import SiteOrigin
 from facadelake.progress import stage_progress
 from facadelake.registry import Building
-from facadelake.registry.bare import UNITS_M
+from facadelake.registry.bare import UNITS_M, files_beside
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -37,6 +37,7 @@ def load_model(job: InspectionJob) -> StageResult:
 
     inputs = {
         "model": file_hash(path),
+        **{f"beside {file.name}": file_hash(file) for file in files_beside(path)},
         "kind": building.surface_kind,
         "offset": file_hash(offset) if offset else None,
         **building.model_dump(mode="json", include={"crs", "storeys", "model_building"}),

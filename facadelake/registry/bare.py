@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection
-from pathlib import PurePath
+from pathlib import Path, PurePath
+from urllib.parse import unquote
 
 from schemas.vocabulary import SurfaceKind
 
@@ -29,6 +31,18 @@ def surface_kind_of(model: str) -> SurfaceKind:
     if model == AS_BUILT:
         return SurfaceKind.AS_BUILT
     return SurfaceKind.MESH if PurePath(model).suffix.lower() in _MESHES else SurfaceKind.IFC
+
+
+def files_beside(model: Path) -> tuple[Path, ...]:
+    """The files that hold a model's coordinates beside it: the buffers that a glTF in text names, if they are there."""
+    if model.suffix.lower() != ".gltf":
+        return ()
+    try:
+        names = [buffer.get("uri", "") for buffer in json.loads(model.read_text(encoding="utf-8"))["buffers"]]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return ()  # the mesh's reader says what is wrong with it
+    beside = [model.parent / unquote(name) for name in names if name and not name.startswith("data:")]
+    return tuple(path for path in beside if path.is_file())
 
 
 def require_fitting_keys(model: str, given: Collection[str]) -> None:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import trimesh
 import yaml
 
 from facadelake.errors import InputDataError
+from facadelake.geobim.model import read_building
 from facadelake.registry import Building, read_portfolio
 from flows.precheck import AUTO, check_control, check_files
 from schemas.vocabulary import SurfaceKind
-from tasks.load_model import bare_settings, read_model
+from tasks.job import InspectionJob
+from tasks.load_model import bare_settings, load_model, read_model
 
 MESH = {"map": "EPSG:25832", "vertical": "ellipsoidal"}
 
@@ -106,3 +111,33 @@ def test_a_building_without_a_model_needs_no_file_but_a_control_that_is_not_the_
     (tmp_path / "mesh" / "hall.obj").write_text("")
     with pytest.raises(InputDataError, match=r"the offset file .*coords\.txt of building 'hall' does not exist"):
         check_files(registered(tmp_path, crs={**MESH, "offset_file": "mesh/coords.txt"}), "2026-04", None)
+
+
+def test_coordinates_beside_a_gltf_are_part_of_its_cache_key(tmp_path: Path) -> None:
+    """A glTF in text names its buffers: the same text with moved coordinates is another model."""
+
+    def export(height_m: float) -> None:
+        (tmp_path / "mesh").mkdir(exist_ok=True)
+        box = trimesh.creation.box((12.0, height_m, 8.0))
+        for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(box)).items():
+            if name != "model.gltf":
+                (tmp_path / "mesh" / name).write_bytes(content)
+            elif not (tmp_path / "mesh" / "hall.gltf").exists():
+                (tmp_path / "mesh" / "hall.gltf").write_bytes(content)
+
+    place = {"placement": {"east_m": 456600.0, "north_m": 5421000.0, "height_m": 180.0}}
+    export(6.0)
+    job = InspectionJob(
+        building=registered(tmp_path, model="mesh/hall.gltf", crs={**MESH, **place}),
+        campaign_id="2026-04",
+        run_id="run",
+        started_at=datetime(2026, 4, 1, tzinfo=UTC),
+        lake=tmp_path / "lake",
+    )
+    first = load_model.fn(job)
+    assert load_model.fn(job).hit
+    export(9.0)
+    again = load_model.fn(job)
+    assert not again.hit
+    heights = [float(np.ptp(read_building(stage.folder).vertices_site_m[:, 2])) for stage in (first, again)]
+    assert heights == pytest.approx([6.0, 9.0], rel=0, abs=0.01)  # m
