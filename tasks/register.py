@@ -8,7 +8,7 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.cache import hash_of_files
+from facadelake.cache import file_hash
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.photo.files import find_masks
@@ -63,8 +63,7 @@ def register(
         "poses": placed.key,
         "detections": detections.key,
         "block": block.key if block else None,
-        "masks": sorted(masks),
-        "masks_bytes": hash_of_files(list(masks.values())),
+        "masks": {photo_id: [mask.name, file_hash(mask)] for photo_id, mask in masks.items()},
         "limits": asdict(settings),
         "exclusion": asdict(exclusion),
     }

@@ -12,6 +12,8 @@ from facadelake.registry import read_portfolio
 from facadelake.tables import read_table, table_of_rows, write_table
 from tasks.import_poses import import_poses
 from tasks.job import InspectionJob, StageResult
+from tasks.merge import merge_duplicates
+from tasks.register import register
 from tasks.verify_model import verify_model
 from tests.unit.pose.imported_wall import NAMES, ORIGIN, geo_csv, photos, wall
 
@@ -70,3 +72,25 @@ def test_tables_cache_and_the_stages_after(stages: tuple[InspectionJob, StageRes
     assert (again.hit, dict(again.counts)) == (False, {"localised": 3, "not localised": 1})
     views = read_table("integrity_views", verify_model.fn(job, model, None, again).folder).to_pylist()
     assert len(views) == 3 and all("poses were imported" in view["reason"] for view in views)
+
+
+def test_masks_that_change_places_register_anew_and_nothing_detected_is_no_error(
+    stages: tuple[InspectionJob, StageResult, StageResult], tmp_path: Path
+) -> None:
+    """Two masks of the same bytes, each of the other photograph: the same bytes in the same order of paths."""
+    job, model, ingested = stages
+    found = stage(tmp_path / "detections", "detections")
+    write_table("detections", table_of_rows("detections", []), found.folder)
+    folder = tmp_path / "2026-04"
+    (folder / "masks").mkdir(parents=True)
+    for name in ("a.jpg", "b.jpg", "a_mask.png", "masks/b.png"):
+        (folder / name).write_bytes(b"black" if name == "a_mask.png" else b"white")
+    placed = import_poses.fn(job, model, ingested)
+    first = register.fn(job, model, placed, found, None)
+    assert not first.hit and register.fn(job, model, placed, found, None).hit
+    (folder / "a_mask.png").rename(folder / "b_mask.png")
+    (folder / "masks" / "b.png").rename(folder / "masks" / "a.png")
+    again = register.fn(job, model, placed, found, None)
+    assert not again.hit
+    merged = merge_duplicates.fn(job, model, placed, again, found)
+    assert dict(merged.counts) == {"defects": 0, "decisions": 0}
