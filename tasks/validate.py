@@ -27,7 +27,11 @@ def validate_tables(job: InspectionJob, folders: StageFolders) -> StageResult:
         return {"checks": len(checks), "failed": len(failures(checks))}
 
     result = run_stage(
-        job, "validate", code=["lake"], inputs={"tables": folders.keys(), "checks": checks_sha256()}, make=make
+        job,
+        "validate",
+        code=["lake", "campaign.py"],
+        inputs={"tables": folders.keys(), "checks": checks_sha256()},
+        make=make,
     )
     checks = read_table("checks", result.folder)
     failed = len(failures(checks))
