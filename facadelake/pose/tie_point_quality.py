@@ -33,7 +33,7 @@ def tie_point_covariance(
     Source: Foerstner and Wrobel 2016, Photogrammetric Computer Vision, section 13.4.
     """
     information = np.zeros((len(xyz), 3, 3))
-    known: NDArray[np.bool_] = np.isfinite(xyz).all(axis=1)
+    known = np.asarray(np.isfinite(xyz).all(axis=1))
     for k, posed in enumerate(cameras):
         rows = reconstruction.track_point[reconstruction.track_photo == k]
         rows = rows[known[rows]]
