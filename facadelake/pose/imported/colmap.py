@@ -71,11 +71,14 @@ def read_colmap_text(folder: Path) -> ImportedPoses:
 
 def _lines(path: Path) -> list[tuple[int, str]]:
     """The file's lines with their numbers, comments left out, empty ones kept."""
+    return [(i, line.strip()) for i, line in enumerate(_text(path).splitlines(), start=1) if not line.startswith("#")]
+
+
+def _text(path: Path) -> str:
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputDataError(f"COLMAP's {path} cannot be read as text: {error}") from error
-    return [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1) if not line.startswith("#")]
 
 
 def _image_lines(path: Path) -> list[tuple[int, str]]:
@@ -140,7 +143,8 @@ def _world(path: Path) -> PoseWorld:
     """Where the world lies, by ``georeference.txt``: crs, and an offset or a similarity into it."""
     if not path.is_file():
         return PoseWorld(crs=None, north=North.GRID)
-    said, rest = read_head(path, "\n".join(f"# {line.lstrip('# ')}" for line in path.read_text().splitlines()), _KEYS)
+    lines = "\n".join(f"# {line.lstrip('# ')}" for line in _text(path).splitlines())
+    said, rest = read_head(path, lines, _KEYS)
     if rest.strip() or "crs" not in said or ("offset" in said and "transform" in said):
         raise InputDataError(
             f"{path}: give crs (an EPSG code or 'site') and at most one of offset (x y z) and transform (scale qw qx "
@@ -156,6 +160,8 @@ def _world(path: Path) -> PoseWorld:
         crs_from_world = Similarity(rotation=np.eye(3), translation=_exactly(path, said, "offset", 3))
     elif "transform" in said:
         scale, w, x, y, z, *shift = _exactly(path, said, "transform", 8)
+        if not (scale > 0 and np.linalg.norm([w, x, y, z]) > 0):
+            raise InputDataError(f"{path}, transform: {said['transform']}: the scale or the quaternion is not above 0")
         crs_from_world = Similarity(
             rotation=Rotation.from_quat([x, y, z, w]).as_matrix(), translation=np.array(shift), scale=float(scale)
         )

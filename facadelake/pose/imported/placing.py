@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError
+from facadelake.errors import GeoreferenceError, InputDataError
 from facadelake.frames import Array, Similarity
 from facadelake.photo_names import PhotoNames
 from facadelake.pose.control_points import ControlPoints
@@ -139,16 +139,14 @@ def _posed(
     found: ImportedPoses,
     place: Place,
 ) -> dict[str, PosedCamera]:
-    """The cameras in site; a lens that does not fit its photograph becomes a reason."""
-    if not own:
-        return {}
-    poses = list(own.values())
-    centres, rotations = found.world.in_site(
-        np.array([pose.xyz_world for pose in poses]), np.array([pose.world_from_cam for pose in poses]), place
-    )
+    """The cameras in site; a lens that does not fit its photograph, or a place off the map, becomes a reason."""
     posed = {}
-    for (photo_id, pose), centre, rotation in zip(own.items(), centres, rotations, strict=True):
+    for (photo_id, pose), at in zip(own.items(), _in_site(list(own.values()), found, place), strict=True):
         row = row_of[photo_id]
+        if isinstance(at, GeoreferenceError):
+            reasons[photo_id] = f"{found.source}: {at}"
+            continue
+        centre, rotation = at
         try:
             camera = pose.lens.for_photograph(row["image_width_px"], row["image_height_px"])
         except InputDataError as error:
@@ -156,6 +154,28 @@ def _posed(
             continue
         posed[photo_id] = PosedCamera(camera=camera, site_from_cam=Similarity(rotation=rotation, translation=centre))
     return posed
+
+
+def _in_site(
+    poses: Sequence[ImportedPose], found: ImportedPoses, place: Place
+) -> list[tuple[Array, Array] | GeoreferenceError]:
+    """Centre and rotation of each pose in site, or why it has none. Raises GeoreferenceError where none has."""
+    if not poses:
+        return []
+    centres, rotations = np.array([pose.xyz_world for pose in poses]), np.array([pose.world_from_cam for pose in poses])
+    try:
+        return list(zip(*found.world.in_site(centres, rotations, place), strict=True))
+    except GeoreferenceError as whole:
+        placed: list[tuple[Array, Array] | GeoreferenceError] = []
+        for row in range(len(poses)):
+            try:
+                centre, rotation = found.world.in_site(centres[row : row + 1], rotations[row : row + 1], place)
+                placed.append((centre[0], rotation[0]))
+            except GeoreferenceError as error:
+                placed.append(error)
+        if all(isinstance(one, GeoreferenceError) for one in placed):
+            raise whole
+        return placed
 
 
 def _passport(

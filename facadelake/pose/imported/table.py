@@ -232,6 +232,8 @@ def _covariance(row: Mapping[str, str], layout: _Layout) -> Array | None:
         if numbers.size != 36:
             raise InputDataError(f"column covariance: {numbers.size} numbers, 36 are needed (6 x 6, row by row)")
         whole = numbers.reshape(6, 6)
+        if not np.isfinite(whole).all():
+            raise InputDataError("column covariance: a value is not finite")
         if np.linalg.eigvalsh((whole + whole.T) / 2)[0] <= 0 or not np.allclose(whole, whole.T, rtol=1e-6, atol=1e-18):
             raise InputDataError("column covariance: not symmetric with positive variances")
         symmetric: Array = (whole + whole.T) / 2

@@ -125,8 +125,12 @@ def test_worlds(tmp_path: Path, georeference: str, from_map: tuple[float, float,
 
 
 @pytest.mark.parametrize(
-    "text", ["offset: 1 2 3\n", "crs: EPSG:25832\noffset: 1 2\n", "crs: EPSG:25832\nshift: 1 2 3\n"]
-)
+    "text",
+    [
+        "offset: 1 2 3\n", "crs: EPSG:25832\noffset: 1 2\n", "crs: EPSG:25832\nshift: 1 2 3\n",
+        "crs: EPSG:25832\ntransform: 1 0 0 0 0 1 2 3\n", "crs: EPSG:25832\ntransform: 0 1 0 0 0 1 2 3\n",
+    ],
+)  # fmt: skip
 def test_a_georeference_that_cannot_be_read(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputDataError, match=r"georeference\.txt"):
         read_colmap_text(colmap_of_the_wall(tmp_path, text, np.zeros(3)))

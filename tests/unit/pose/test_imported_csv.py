@@ -166,3 +166,12 @@ def test_comments_other_delimiters_and_the_folder(tmp_path: Path) -> None:
     assert len(read_poses(tmp_path).poses) == 4
     with pytest.raises(InputDataError, match=r"no poses at .*docs/poses-csv\.md"):
         read_poses(tmp_path / "nothing")
+
+
+def test_a_covariance_beyond_all_numbers_is_one_bad_line(tmp_path: Path) -> None:
+    lines = geo_csv(tmp_path).read_text().splitlines()
+    whole = " ".join("1e999" if row == column else "0" for row in range(6) for column in range(6))
+    lines[1] += ",covariance"
+    lines[2] += f",{whole}"
+    found = read_poses_csv(write(tmp_path / "poses.csv", "\n".join([*lines[:3], *(f"{line}," for line in lines[3:])])))
+    assert len(found.poses) == 3 and "not finite" in found.unusable[0].reason

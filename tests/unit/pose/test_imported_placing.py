@@ -53,6 +53,26 @@ def test_names_that_fail(tmp_path: Path) -> None:
     assert "1 poses are of no photograph of this campaign" in remarks and "IMG_9" in remarks
 
 
+def test_one_pose_off_the_globe_is_its_own_reason(tmp_path: Path) -> None:
+    path = geo_csv(tmp_path)
+    lines = path.read_text().splitlines()
+    name, lon, _, *rest = lines[3].split(",")
+    path.write_text("\n".join([*lines[:3], ",".join([name, lon, "1e9", *rest]), *lines[4:]]))
+    found = placed(path)
+    rows = {row["photo_id"]: row for row in found.poses.to_pylist()}
+    assert found.localised == 3 and rows[NAMES[1]]["pose_source"] == "unlocalised"
+    assert "outside the domain" in rows[NAMES[1]]["reason"]
+
+
+def test_poses_that_are_all_off_the_globe_are_refused(tmp_path: Path) -> None:
+    path = geo_csv(tmp_path)
+    head, *lines = path.read_text().splitlines()[1:]
+    off = [",".join([name, lon, "1e9", *rest]) for name, lon, _, *rest in (line.split(",") for line in lines)]
+    path.write_text("\n".join([head, *off]))
+    with pytest.raises(GeoreferenceError, match="outside the domain"):
+        placed(path)
+
+
 def test_poses_of_another_campaign_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"none of the 4 poses of poses\.csv .*not among"):
         placed(geo_csv(tmp_path), photos(["other/a.jpg"]))
