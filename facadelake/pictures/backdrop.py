@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
-from numpy.typing import NDArray
 
+from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.facades import Facade
 from facadelake.pictures.marks import Mark
@@ -41,12 +41,12 @@ class Backdrop:
         return cls(facade=facade, picture=small, width_m=columns * cell_m, height_m=rows * cell_m)
 
 
-def model_backdrop(facade: Facade, surface: Surface, is_opening: NDArray[np.bool_]) -> Backdrop:
+def model_backdrop(facade: Facade, surface: Surface, building: BuildingModel) -> Backdrop:
     """The facade as a grey drawing of the model, where its elevation is not drawn."""
     cell_m = max((facade.u_max_m - facade.u_min_m) / _WIDTH_PX, _FINEST_M)
     relief = look_square_on(facade, surface, cell_m)
-    picture = grey_drawing(relief, is_opening)
-    picture[relief_edges(relief, is_opening)] = 110
+    picture = grey_drawing(relief, building)
+    picture[relief_edges(relief, building)] = 110
     return Backdrop.of(facade, picture, cell_m)
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from facadelake.errors import InputDataError
+from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.backdrop import Backdrop
 from facadelake.pictures.elevation_figure import DPI, Scene, draw_elevation
@@ -19,7 +19,7 @@ from facadelake.pictures.facades import Facade, find_facades
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.marks import Mark, marks_also_seen, marks_of, marks_per_facade
 from facadelake.pictures.rectify import RectifiedElevation, rectify
-from facadelake.pictures.relief import Picture, cell_size_m, grey_drawing, look_square_on, openings_of, relief_edges
+from facadelake.pictures.relief import Picture, cell_size_m, grey_drawing, look_square_on, relief_edges
 from facadelake.pictures.storeys import storey_levels
 
 log = logging.getLogger(__name__)
@@ -71,12 +71,11 @@ def facade_elevations(
     )
     reliefs = [look_square_on(facade, surface, cell_size_m(facade, settings)) for facade in facades]
     photographs = {photo_id: inspection.photograph(photo_id) for photo_id in inspection.posed}
-    is_opening = openings_of(building)
     elevations = []
     for rectified, own in zip(rectify(reliefs, surface, inspection.posed, photographs, settings), shown, strict=True):
         facade = rectified.relief.facade
         path = folder / f"elevation_{facade.name.lower().replace(' ', '_')}.png"
-        background = compose(rectified, is_opening)
+        background = compose(rectified, building)
         met = rectified.relief.element >= 0
         covered = float((rectified.covered & met).sum() / max(int(met.sum()), 1))
         others = marks_also_seen(rectified.relief, marks, own)
@@ -113,15 +112,15 @@ def _thumbnail(source: Path, path: Path) -> None:
     cv2.imwrite(str(path), small, [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
-def compose(rectified: RectifiedElevation, is_opening: NDArray[np.bool_]) -> Picture:
+def compose(rectified: RectifiedElevation, building: BuildingModel) -> Picture:
     """Photographs over the grey model, brightened as a whole where they are dark, the model's edges drawn thin."""
-    picture = grey_drawing(rectified.relief, is_opening)
+    picture = grey_drawing(rectified.relief, building)
     covered = rectified.covered
     if covered.any():
         light = float(np.quantile(rectified.picture[covered].max(axis=1), 0.98))
         gain = min(max(245.0 / max(light, 1.0), 1.0), _BRIGHTEST)
         picture[covered] = np.clip(rectified.picture[covered].astype(np.float32) * gain, 0, 255).astype(np.uint8)
-    edges = relief_edges(rectified.relief, is_opening)
+    edges = relief_edges(rectified.relief, building)
     over_photo, over_grey = edges & covered, edges & ~covered
     picture[over_photo] = (0.45 * picture[over_photo]).astype(np.uint8)
     picture[over_grey] = 110

@@ -20,7 +20,7 @@ from facadelake.pictures.legend_strip import Entry, with_legend, write_text
 from facadelake.pictures.marks import Mark, marks_of
 from facadelake.pictures.palette import OTHER_COLOUR, OUTCOME_COLOURS, bgr_of, outcome_colour
 from facadelake.pictures.photofile import decoded, read_photograph
-from facadelake.pictures.relief import Picture, edges_of, openings_of
+from facadelake.pictures.relief import Picture, edges_of, edges_tell, openings_of
 from facadelake.pictures.sight import pixels_of, sees
 from facadelake.pictures.sightings import outline_of
 from facadelake.progress import track
@@ -47,12 +47,12 @@ def photo_overlays(
 ) -> dict[str, Path]:
     """Write ``overlay_<photo>.jpg`` for each photograph asked for, ``overlay_width_px`` wide; paths by photo_id.
 
-    Drawn: the model's visible edges (lens distortion kept), boxes or masks coloured by outcome, registered points as
-    crosses, defects at real size in white where the photograph sees them; a strip above says so. A photograph without
-    a pose shows its boxes alone; one that cannot be read is left out with a warning.
+    Drawn: the model's visible edges (lens distortion kept; none of a surface of tie points), boxes or masks coloured by
+    outcome, registered points as crosses, defects at real size in white where the photograph sees them; a strip above
+    says so. A photograph without a pose shows its boxes alone; one that cannot be read is left out with a warning.
     """
     settings = settings or PictureSettings()
-    is_opening = openings_of(inspection.building)
+    is_opening, has_edges = openings_of(inspection.building), edges_tell(inspection.building)
     marks = marks_of(inspection.defects, inspection.building.origin)
     outcome = {row["detection_id"]: row for row in inspection.observations.to_pylist()}
     boxes: dict[str, list[dict[str, Any]]] = {}
@@ -68,11 +68,12 @@ def photo_overlays(
             log.warning("no overlay: %s", error)
             continue
         if posed is not None:
-            picture[_visible_edges(posed, surface, is_opening, picture.shape[:2])] = _EDGE_BGR
+            if has_edges:
+                picture[_visible_edges(posed, surface, is_opening, picture.shape[:2])] = _EDGE_BGR
             _draw_defects(picture, scale, posed, surface, marks, settings)
         _draw_boxes(picture, scale, boxes.get(photo_id, []), outcome, posed)
         title = photo_id + ("" if posed is not None else "  (no pose)")
-        entries = _legend(posed is not None, boxes.get(photo_id, []), outcome)
+        entries = _legend(posed is not None, has_edges, boxes.get(photo_id, []), outcome)
         cv2.imwrite(str(path), with_legend(picture, title, entries), _JPEG)
         paths[photo_id] = path
     return paths
@@ -210,13 +211,15 @@ def _draw_boxes(
                 cv2.drawMarker(picture, at, colour, cv2.MARKER_CROSS, 9, 1, cv2.LINE_AA)
 
 
-def _legend(has_pose: bool, boxes: Sequence[dict[str, Any]], outcome: dict[str, dict[str, Any]]) -> list[Entry]:
+def _legend(
+    has_pose: bool, has_edges: bool, boxes: Sequence[dict[str, Any]], outcome: dict[str, dict[str, Any]]
+) -> list[Entry]:
     """What the colours mean, and how many boxes met each outcome."""
     words = Counter(
         outcome[box["detection_id"]]["observation_outcome"] if box["detection_id"] in outcome else _NOT_ACCEPTED
         for box in boxes
     )
-    entries = [Entry(colour_bgr=_EDGE_BGR, text="model edges")] if has_pose else []
+    entries = [Entry(colour_bgr=_EDGE_BGR, text="model edges")] if has_pose and has_edges else []
     entries += [Entry(colour_bgr=_DEFECT_BGR, text="defect, real size")] if has_pose else []
     order = [*OUTCOME_COLOURS, _NOT_ACCEPTED]
     for word, count in sorted(words.items(), key=lambda item: order.index(item[0])):

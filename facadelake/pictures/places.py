@@ -10,7 +10,6 @@ from facadelake.pictures.elevations import Elevation
 from facadelake.pictures.facades import Facade
 from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.marks import marks_of, marks_per_facade
-from facadelake.pictures.relief import openings_of
 
 
 def places_on_elevations(elevations: Sequence[Elevation]) -> dict[str, Backdrop]:
@@ -25,10 +24,9 @@ def places_on_model(
     building = inspection.building
     marks = [mark for mark in marks_of(inspection.defects, building.origin) if mark.defect_id in defect_ids]
     shown, _ = marks_per_facade(facades, marks, building)
-    is_opening = openings_of(building)
     places: dict[str, Backdrop] = {}
     for facade, own in zip(facades, shown, strict=True):
         if own:
-            backdrop = model_backdrop(facade, surface, is_opening)
+            backdrop = model_backdrop(facade, surface, building)
             places |= {mark.defect_id: backdrop for mark in own}
     return places

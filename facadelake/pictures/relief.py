@@ -12,6 +12,7 @@ from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import MISS, Surface
 from facadelake.pictures.facades import Facade
 from facadelake.pictures.inspection import PictureSettings
+from schemas.vocabulary import SurfaceKind
 
 Picture = NDArray[np.uint8]
 
@@ -118,18 +119,25 @@ def edges_of(
     return edges
 
 
-def relief_edges(relief: Relief, is_opening: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The edges of an elevation (rows, columns)."""
+def edges_tell(building: BuildingModel) -> bool:
+    """Whether the surface's edges are the building's: noise makes those of tie points, which look like cracks."""
+    return building.surface_kind is not SurfaceKind.AS_BUILT
+
+
+def relief_edges(relief: Relief, building: BuildingModel) -> NDArray[np.bool_]:
+    """The building's edges in an elevation (rows, columns), none where they would tell nothing."""
     rows, columns = relief.shape
+    if not edges_tell(building):
+        return np.zeros((rows, columns), dtype=bool)
     u = (np.arange(columns, dtype=np.float32) + np.float32(0.5)) * np.float32(relief.cell_m)
     v = -(np.arange(rows, dtype=np.float32) + np.float32(0.5)) * np.float32(relief.cell_m)
     w = np.nan_to_num(relief.w_m - np.float32(relief.facade.far_w_m))
     uvw = np.stack(np.broadcast_arrays(u[None, :], v[:, None], w), axis=-1)
     in_axes = relief.normal @ relief.facade.axes_site.T.astype(np.float32)
-    return edges_of(uvw, in_axes, relief.element, is_opening)
+    return edges_of(uvw, in_axes, relief.element, openings_of(building))
 
 
-def grey_drawing(relief: Relief, is_opening: NDArray[np.bool_]) -> Picture:
+def grey_drawing(relief: Relief, building: BuildingModel) -> Picture:
     """The model as a light grey drawing (rows, columns, RGB): lit from the upper left, openings bluish, sky white."""
     axes = relief.facade.axes_site
     light = np.array([-0.45, 0.55, 0.70]) @ axes
@@ -137,7 +145,7 @@ def grey_drawing(relief: Relief, is_opening: NDArray[np.bool_]) -> Picture:
     picture = np.full((*relief.shape, 3), 255, dtype=np.uint8)
     value = (196 + 44 * shade)[..., None]
     met = relief.element != MISS
-    opening = np.append(is_opening, False)[relief.element]
+    opening = np.append(openings_of(building), False)[relief.element]
     tint = np.where(opening[..., None], np.array([0.90, 0.95, 1.0]), np.array([1.0, 1.0, 0.985])).astype(np.float32)
     picture[met] = (value * tint)[met].astype(np.uint8)
     return picture

@@ -21,6 +21,7 @@ from facadelake.pictures.page import Html, beside, figure, html_of, page, paragr
 from facadelake.pictures.passport_facts import AXES, length_text
 from facadelake.pictures.places import places_on_elevations
 from facadelake.pictures.plan import draw_plan
+from facadelake.pictures.relief import edges_tell
 from facadelake.pictures.report_campaign import (
     checks_met,
     files_not_used,
@@ -35,6 +36,7 @@ _OVERLAY = (
     "The model's edges as this photograph should show them, what the detector saw, and the defects at their real size: "
     "where edges and building part, its pose or the model is off."
 )
+_OVERLAY_WITHOUT_EDGES = "What the detector saw, and the defects at their real size."
 
 
 def write_report(
@@ -67,6 +69,7 @@ def write_report(
         inspection, surface, telling_photographs(inspection, settings.report_overlays), folder, settings
     )
     title = f"{inspection.building_name} — {inspection.campaign_id}"
+    of_overlays = _OVERLAY if edges_tell(inspection.building) else _OVERLAY_WITHOUT_EDGES
     body = [
         Html(f"<h1>{html_of(title)}</h1>"),
         paragraph(_subtitle(inspection), "under"),
@@ -80,7 +83,8 @@ def write_report(
         ),
         section("plan", "Plan", figure(plan, folder, "plan with cameras and defects", _plan_caption())),
         section("photographs", "Photographs", beside(photograph_counts(inspection)), files_not_used(inspection),
-                *(figure(path, folder, "a photograph with the model's edges", _OVERLAY) for path in overlays.values())),
+                *(figure(path, folder, "a photograph with what was found in it", of_overlays)
+                  for path in overlays.values())),
         section("passport", "Passport: its place on the globe", *passport(inspection, folder)),
         section(
             "checks", "Checks before the commit",

@@ -9,7 +9,7 @@ import pytest
 
 from facadelake.frames import Array
 from facadelake.geobim.surface import Surface
-from facadelake.pictures.elevations import facade_elevations
+from facadelake.pictures.elevations import compose, facade_elevations
 from facadelake.pictures.facades import Facade, find_facades
 from facadelake.pictures.inspection import PictureSettings
 from facadelake.pictures.marks import marks_also_seen, marks_of, marks_per_facade
@@ -17,6 +17,7 @@ from facadelake.pictures.rectify import RectifiedElevation, rectify
 from facadelake.pictures.relief import look_square_on
 from facadelake.pictures.storeys import storey_levels
 from facadelake.tables import table_of_rows
+from schemas.vocabulary import SurfaceKind
 from tests.unit.pictures.painted_wall import (
     PAINT_PX_PER_M,
     WALL_HEIGHT_M,
@@ -54,6 +55,20 @@ def expected(result: RectifiedElevation, painted: Painted) -> tuple[Array, Array
     paint = cv2.remap(painted.paint, at_x.astype(np.float32), at_y.astype(np.float32), cv2.INTER_CUBIC)
     on_wall = (x > 0.1) & (x < WALL_WIDTH_M - 0.1), (z > 0.1) & (z < WALL_HEIGHT_M - 0.1)
     return np.asarray(paint), on_wall[1][:, None] & on_wall[0][None, :]
+
+
+def test_a_surface_of_tie_points_gets_no_edges_that_would_look_like_cracks(painted: Painted) -> None:
+    result = rectified(painted)
+    rough = replace(
+        result,
+        relief=replace(result.relief, w_m=result.relief.w_m - 0.1 * (np.arange(result.relief.shape[1]) % 50 < 25)),
+    )
+    as_built = replace(painted.building, surface_kind=SurfaceKind.AS_BUILT)
+    smooth, drawn = compose(rough, as_built), compose(rough, painted.building)
+    np.testing.assert_array_equal(smooth, compose(result, as_built))  # steps of 10 cm leave no line
+    changed = (smooth != drawn).any(axis=2).sum()
+    height = round(WALL_HEIGHT_M / result.relief.cell_m)
+    assert changed > 20 * height  # cells: of a wall of 800 cells, with a step every 25
 
 
 def test_a_painted_wall_rectifies_to_its_painting(painted: Painted) -> None:
