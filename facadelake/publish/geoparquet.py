@@ -7,6 +7,7 @@ from pathlib import Path
 import geopandas as gpd
 import pandas as pd
 import pyarrow as pa
+import pyarrow.parquet as pq
 import shapely
 
 from facadelake.publish.columns import GEOMETRIES, GEOMETRY, ordered, shapes
@@ -40,12 +41,18 @@ def flat(rows: gpd.GeoDataFrame) -> gpd.GeoDataFrame:
 
 
 def write_geoparquet(rows: gpd.GeoDataFrame, path: Path) -> None:
-    """GeoParquet 1.1 with the CRS as PROJJSON and a bbox column, compressed by Snappy, which every reader knows."""
+    """GeoParquet 1.1 with the CRS as PROJJSON and a bbox column, compressed by Snappy, which every reader knows.
+
+    What pandas notes beside the columns is left out: it names Arrow's list types in a way that neither pandas nor
+    GeoPandas can read back (pandas 3.1).
+    """
     rows.to_parquet(
         path,
         index=False,
-        compression="snappy",
         schema_version="1.1.0",
         write_covering_bbox=True,
         geometry_encoding="WKB",
     )
+    table = pq.ParquetFile(path).read()
+    noted = {key: value for key, value in (table.schema.metadata or {}).items() if key != b"pandas"}
+    pq.write_table(table.replace_schema_metadata(noted), path, compression="snappy")

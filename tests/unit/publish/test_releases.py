@@ -4,7 +4,9 @@ import json
 import shutil
 from pathlib import Path
 
+import geopandas as gpd
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pyogrio
@@ -82,6 +84,20 @@ def test_another_reader_finds_the_points_where_they_are(release: Path) -> None:
         assert "4979" in kind
         assert east == pytest.approx(500000 + 0.5 * index, rel=0, abs=1e-6)  # m
         assert material == "brick"
+
+
+def test_pandas_and_geopandas_read_every_file_with_its_lists(release: Path) -> None:
+    for name in ("defects", "defects_2d", "observations"):
+        path = release / f"{name}.parquet"
+        assert b"pandas" not in pq.read_schema(path).metadata
+        there = gpd.read_parquet(path)
+        assert len(there) == len(pd.read_parquet(path)) > 0
+        assert there["patch"].dtype == "geometry"
+    assert list(gpd.read_parquet(release / "defects.parquet")["covariance_site"].iloc[0]) == pytest.approx(
+        pq.read_table(release / "defects.parquet")["covariance_site"][0].as_py(),
+        rel=0,
+        abs=1e-15,  # m2
+    )
 
 
 def test_attribute_table_begins_with_what_it_is_and_keeps_nulls(release: Path) -> None:
