@@ -76,6 +76,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         "model": model.key,
         "photos": photos.key,
         "block": block.key,
+        "named": [building.id, job.campaign_id],  # in the reference, by which later campaigns name it
         "control": job.control,
         "control_points": file_hash(gcp_file) if gcp_file else None,
         "check_points": file_hash(check_file) if check_file else None,
