@@ -25,6 +25,7 @@ DATA = "tables"
 LOCK = ".lock"
 LOCK_TIMEOUT_S = 600.0
 BUSY_TIMEOUT_MS = 30_000  # SQLite's own wait, for a reader that meets a commit and the other way round
+_OPENING = "'facadelake sql history' lists its versions; check that its files are whole"
 LAKE_EXTENSIONS = ("sqlite_scanner", "ducklake")  # GEOMETRY is DuckDB's own; spatial is only for questions
 
 
@@ -108,13 +109,11 @@ def reading(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.DuckDB
         raise StoreError(f"there is no lake in {folder} (no {CATALOG}); inspect a campaign first, or name another lake")
     snapshot = "" if as_of is None else f", SNAPSHOT_VERSION {int(as_of)}"
     version = "" if as_of is None else f" at version {as_of}"
-    with store_errors(f"opening the lake {folder}{version}", "list its versions, and check that its files are whole"):
+    with store_errors(f"opening the lake {folder}{version}", _OPENING):
         recover(folder)
         connection = bare_connection(*LAKE_EXTENSIONS)
     with closing(connection):
-        with store_errors(
-            f"opening the lake {folder}{version}", "list its versions, and check that its files are whole"
-        ):
+        with store_errors(f"opening the lake {folder}{version}", _OPENING):
             _attach(connection, folder, f", READ_ONLY{snapshot}")
         yield connection
 

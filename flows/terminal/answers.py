@@ -14,6 +14,8 @@ from rich.table import Table as RichTable
 
 from facadelake.errors import InputDataError
 
+_READABLE = 24  # a longer text may be wrapped in a cell
+
 if TYPE_CHECKING:
     import pyarrow as pa
 
@@ -63,10 +65,12 @@ def ask(
     if as_json:
         sys.stdout.write(json.dumps(answer.to_pylist(), default=str, indent=2) + "\n")
     else:
-        console.print(_as_rich(answer))
+        _show(console, answer)
 
 
-def _cell(value: Any) -> str:
+def _cell(name: str, value: Any) -> str:
+    if isinstance(value, float) and name.endswith(("lon_deg", "lat_deg")):
+        return f"{value:.8f}"  # a millimetre
     if isinstance(value, float):
         return f"{value:.6g}" if abs(value) < 1000 else f"{value:.3f}"
     if isinstance(value, bytes):
@@ -74,13 +78,33 @@ def _cell(value: Any) -> str:
     return "" if value is None else escape(str(value))
 
 
-def _as_rich(answer: pa.Table) -> RichTable:
-    table = RichTable(caption=f"{len(answer)} rows", caption_justify="left")
-    for name in answer.column_names:
-        table.add_column(name)
-    for row in answer.to_pylist():
-        table.add_row(*(_cell(value) for value in row.values()))
-    return table
+def _show(console: Console, answer: pa.Table) -> None:
+    """A table, or, where the terminal is too narrow for its columns, row after row with a line for each column."""
+    rows = [{name: _cell(name, value) for name, value in row.items()} for row in answer.to_pylist()]
+    count = f"{len(rows)} row{'s' if len(rows) != 1 else ''}"
+    needed = sum(
+        3 + min(_READABLE, max(len(text) for text in (name, *(row[name] for row in rows))))
+        for name in answer.column_names
+    )
+    if not rows or needed + 1 <= console.width:
+        table = RichTable(caption=count, caption_justify="left")
+        for name in answer.column_names:
+            table.add_column(name)
+        for row in rows:
+            table.add_row(*row.values())
+        console.print(table)
+        return
+    names = max(len(name) for name in answer.column_names)
+    for number, row in enumerate(rows, start=1):
+        console.rule(f"row {number} of {len(rows)}", align="left")
+        record = RichTable.grid(padding=(0, 2))
+        record.add_column(no_wrap=True, min_width=names)
+        record.add_column(overflow="fold")
+        for name, text in row.items():
+            if text:
+                record.add_row(f"[bold]{name}[/bold]", text)
+        console.print(record)
+    console.print(count)
 
 
 def show_figures(console: Console, figures: Figures) -> None:

@@ -10,7 +10,7 @@ from rich.table import Table as RichTable
 
 from facadelake.errors import InputDataError
 from facadelake.lake.connect import exists
-from facadelake.lake.read import read_table
+from facadelake.lake.read import read_table, versions
 from facadelake.registry import Portfolio, read_portfolio
 from schemas.vocabulary import DefectClass
 
@@ -23,18 +23,30 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
         portfolio.building(only)
     held = read_table(lake, "campaigns", building_id=only).to_pylist() if exists(lake) else []
     runs = {(r["building_id"], r["campaign_id"]): r for r in read_table(lake, "runs").to_pylist()} if held else {}
+    newest = (
+        {(v["building_id"], v["campaign_id"]): str(v["version"]) for v in versions(lake).to_pylist()} if held else {}
+    )
     table = RichTable(title=f"Campaigns (lake {lake})", title_justify="left")
-    for column in ("building", "campaign", "photographs", "localised", "detections", "defects", "inspected (UTC)"):
+    for column in (
+        "building",
+        "campaign",
+        "photographs",
+        "localised",
+        "detections",
+        "defects",
+        "inspected (UTC)",
+        "version",
+    ):
         table.add_column(column)
     lines: dict[tuple[str, str], tuple[str, ...]] = {}
     for building in portfolio.buildings:
         if only in (None, building.id):
             for campaign in building.known_campaigns():
-                lines[building.id, campaign] = ("", "", "", "", "not yet inspected")
+                lines[building.id, campaign] = ("", "", "", "", "not yet inspected", "")
     for row in held:
         key = (row["building_id"], row["campaign_id"])
         counts = (row["photos_total"], row["photos_localised"], row["detections_total"], row["defects_total"])
-        lines[key] = (*map(str, counts), f"{runs[key]['finished_at']:%Y-%m-%d %H:%M}")
+        lines[key] = (*map(str, counts), f"{runs[key]['finished_at']:%Y-%m-%d %H:%M}", newest.get(key, ""))
     for key in sorted(lines):
         table.add_row(*key, *lines[key])
     console.print(table)
