@@ -26,6 +26,8 @@ DPI = 150
 _MAX_WIDTH_PX, _MIN_HEIGHT_PX, _MAX_HEIGHT_PX = 2400, 820, 1800
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.75, 1.35, 0.8, 0.95
 _MIN_AXES_IN = 4.6  # narrower facades leave no room for the title
+_SIDE_BY_SIDE_IN = 10.5  # in a narrower sheet the classes stand in a row of their own, below the bars
+_ROW_IN = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,13 +53,16 @@ def draw_elevation(
     scale = min(_MAX_WIDTH_PX / columns, _MAX_HEIGHT_PX / rows, max(1.0, _MIN_HEIGHT_PX / rows))
     width_in, height_in = columns * scale / DPI, rows * scale / DPI
     spare_in = max(0.0, _MIN_AXES_IN - width_in)
-    total_in = (_LEFT_IN + width_in + spare_in + _RIGHT_IN, _TOP_IN + height_in + _BOTTOM_IN)
+    wide_in = _LEFT_IN + width_in + spare_in + _RIGHT_IN
+    bars_in = 0.32 if wide_in >= _SIDE_BY_SIDE_IN else 0.32 + _ROW_IN * (2 if others else 1)  # above the lower edge
+    bottom_in = _BOTTOM_IN + bars_in - 0.32
+    total_in = (wide_in, _TOP_IN + height_in + bottom_in)
     figure = Figure(figsize=total_in, dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     axes = figure.add_axes(
         (
             (_LEFT_IN + spare_in / 2) / total_in[0],
-            _BOTTOM_IN / total_in[1],
+            bottom_in / total_in[1],
             width_in / total_in[0],
             height_in / total_in[1],
         )
@@ -80,8 +85,8 @@ def draw_elevation(
     axes.set_ylabel(f"metres above {scene.storeys[0].name if scene.storeys else 'the lowest point'}", fontsize=8)
     _storey_lines(axes, scene, zero, width_m)
     _defects(axes, facade, marks, others, zero, px_per_m=scale / rectified.relief.cell_m)
-    _deviations(figure, axes, facade, [*marks, *others], zero, total_in)
-    _scale_bar(figure, axes, width_m, total_in)
+    _deviations(figure, axes, facade, [*marks, *others], zero, total_in, bars_in)
+    _scale_bar(figure, axes, width_m, total_in, bars_in)
     _title(figure, scene, facade, marks, len(others), covered, rectified.relief.cell_m, total_in)
     return figure
 
@@ -133,8 +138,9 @@ def _defects(
 
 
 def _deviations(
-    figure: Figure, axes: Axes, facade: Facade, marks: Sequence[Mark], zero: float, total_in: tuple[float, float]
-) -> None:
+    figure: Figure, axes: Axes, facade: Facade, marks: Sequence[Mark], zero: float, total_in: tuple[float, float],
+    bars_in: float,
+) -> None:  # fmt: skip
     """A dot where a defect's place was measured off the model, its colour how far; the colours' bar under the axes."""
     measured = [(mark, mark.deviation_m) for mark in marks if mark.deviation_m is not None]
     if not measured:
@@ -148,21 +154,27 @@ def _deviations(
     )  # fmt: skip
     box = axes.get_position()
     width = 1.7 / total_in[0]
-    middle = (box.x0 + box.x1) / 2
-    bar = figure.add_axes((middle - width / 2, 0.32 / total_in[1], width, 0.07 / total_in[1]))
+    # The middle, but left of the scale bar and its number where the facade is narrow.
+    middle = min((box.x0 + box.x1) / 2, box.x1 - max(box.width / 4, 0.4 / total_in[0]) - 1.35 / total_in[0])
+    bar = figure.add_axes((middle - width / 2, bars_in / total_in[1], width, 0.07 / total_in[1]))
     figure.colorbar(dots, cax=bar, orientation="horizontal", ticks=[-reach, 0, reach])
     bar.tick_params(labelsize=7, length=2, pad=1)
     figure.text(
-        middle, 0.42 / total_in[1], "dots: mm behind (-), before (+) the model", fontsize=7, ha="center", va="bottom"
+        middle,
+        (bars_in + 0.1) / total_in[1],
+        "dots: mm behind (-), before (+) the model",
+        fontsize=7,
+        ha="center",
+        va="bottom",
     )
 
 
-def _scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float, float]) -> None:
+def _scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float, float], bars_in: float) -> None:
     """A bar of two halves under the axes, about a sixth of the facade long."""
     length = next((n for n in (50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5) if n <= width_m / 4), 0.2)
     box = axes.get_position()
     per_m = box.width / width_m
-    right, y = box.x1, 0.32 / total_in[1]
+    right, y = box.x1, bars_in / total_in[1]
     for i, colour in enumerate(("#202020", "white")):
         figure.add_artist(
             Rectangle(
@@ -187,7 +199,7 @@ def _title(
     count = "no defects" if not marks else f"{len(marks)} defect{'s' if len(marks) != 1 else ''}"
     figure.text(
         left, 1 - 0.47 / height,
-        f"campaign {plain(scene.campaign_id)} · control: {scene.control} · {count} · {1000 * cell_m:.0f} mm a cell · "
+        f"campaign {plain(scene.campaign_id)} · placed by {scene.control} · {count} · {1000 * cell_m:.0f} mm a cell · "
         f"photographs show {100 * covered:.0f} %",
         fontsize=8.5, va="top", color="#303030",
     )  # fmt: skip

@@ -43,8 +43,8 @@ class Inspection:
 
     @property
     def control(self) -> str:
-        """What placed the campaign on the globe, in a word; "unknown" where the passport is empty."""
-        return str(self.georeference.column("control")[0]) if len(self.georeference) else "unknown"
+        """What placed the campaign on the globe, in words; "unknown" where the passport is empty."""
+        return str(self.georeference.column("method")[0]) if len(self.georeference) else "unknown"
 
 
 @dataclass(frozen=True, kw_only=True)

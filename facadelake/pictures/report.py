@@ -101,7 +101,7 @@ def _subtitle(inspection: Inspection) -> str:
     when = f"photographed {min(times):%Y-%m-%d}" if times else "time of the photographs unknown"
     if times and max(times).date() != min(times).date():
         when += f" to {max(times):%Y-%m-%d}"
-    return f"Facade inspection · {when} · control: {inspection.control}"
+    return f"Facade inspection · {when} · placed by {inspection.control}"
 
 
 def _contents() -> Html:

@@ -134,7 +134,7 @@ def _defect_row(row: Mapping[str, Any], label: str, crop: Path | None, card: Pat
         element,
         f"{row['sightings']} photograph{'s' if row['sightings'] != 1 else ''}",
         row["best_photo_id"],
-        f"{row['lat_deg']:.6f}, {row['lon_deg']:.6f}; {row['height_map_m']:.1f} m",
+        f"{row['lat_deg']:.7f}, {row['lon_deg']:.7f}; {row['height_map_m']:.2f} m",
     ]
 
 

@@ -56,7 +56,7 @@ a person. These are graded by: {_graders(tables["defects"])}.
 
 def _placed(place: Mapping[str, Any]) -> str:
     """By what the campaign was placed, and what is left there; imported poses leave nothing to be told."""
-    used = f"placed by {place['control']}: {place['points_used']} of {place['points_total']}"
+    used = f"placed by {place['method']}: {place['points_used']} of {place['points_total']}"
     if place["residual_mean_m"] is None:
         return f"{used} poses"
     return (
@@ -68,7 +68,7 @@ def _placed(place: Mapping[str, Any]) -> str:
 def _known(place: Mapping[str, Any]) -> str:
     """How well the campaign's place is known: its own sigma, what held-out points say, and the earlier frame."""
     lines = [
-        f"method: {place['method']}; known to {place['sigma_east_m']:.3f} m east, "
+        f"known to {place['sigma_east_m']:.3f} m east, "
         f"{place['sigma_north_m']:.3f} m north, {place['sigma_up_m']:.3f} m up (one sigma)"
     ]
     if place["check_points"]:
@@ -99,5 +99,5 @@ def _columns(table: pa.Table) -> str:
     for name in ordered(table).column_names:
         column = columns[name]
         unit = f" [{column.unit}]" if column.unit else ""
-        lines.append(f"{name:<22}{column.meaning}{unit}")
+        lines.append(f"{name:<24}{column.meaning}{unit}")
     return "\n".join(lines)

@@ -194,10 +194,11 @@ def test_readme_names_crs_datum_version_and_columns(release: Path) -> None:
         "EPSG:4979",
         "EPSG:25832; heights: ellipsoidal",
         f"version {int(release.name[1:])} of the lake",
-        "placed by gps: 2 of 2 points",
+        "placed by GPS: 2 of 2 points",
         "severity_rule",
         "Run run-1",
-        "width_m               horizontal extent",
+        "width_m                 horizontal extent",
+        "deviation_from_model_m  how far",
     ):
         assert words in text, words
 
