@@ -150,20 +150,30 @@ def _stable_order(
     if len(xyz_site_m) == 0:
         return np.zeros(0, dtype=np.int64)
     facade_text, storey_text = pa.array(values["facade"]), pa.array(values["storey"])
-    words = pc.unique(facade_text).to_pylist()
-    ranked = [*COMPASS, *sorted(set(words) - set(COMPASS))]
     encoded = pc.dictionary_encode(facade_text)
-    number = np.array([ranked.index(word) for word in encoded.dictionary.to_pylist()], dtype=np.int64)[
-        encoded.indices.to_numpy()
-    ]
+    indices, words = encoded.indices.to_numpy(), encoded.dictionary.to_pylist()
+    place = {word: number for number, word in enumerate(sorted(words, key=_clockwise))}
+    number = np.array([place[word] for word in words], dtype=np.int64)[indices]
     storey, names = codes_of(pa.table({"storey": storey_text}), "storey")
     level = weighted_median(storey, xyz_site_m[:, 2], np.ones(len(storey)), len(names))
     # Who stands before a wall that faces north has west to the right.
-    angle = np.where(number < len(COMPASS), np.radians(45.0 * number), 0.0)
+    angle = np.radians([_clockwise(word)[1] for word in words])[indices]
     along = -np.cos(angle) * xyz_site_m[:, 0] + np.sin(angle) * xyz_site_m[:, 1]
     height = -np.round(xyz_site_m[:, 2], 3)
     order: NDArray[np.int64] = np.lexsort((photo, classes, height, np.round(along, 3), storey, -level[storey], number))
     return order
+
+
+def _clockwise(facade: str) -> tuple[int, float, str]:
+    """What puts facades in order, "N" first and "level" and the like last: compass point, bearing in degrees, name.
+
+    Where two facades look to one point their names tell the bearing ("E-075").
+    """
+    point, _, degrees = facade.partition("-")
+    if point not in COMPASS:
+        return len(COMPASS), 0.0, facade
+    sector = COMPASS.index(point)
+    return sector, float(degrees) if degrees else 45.0 * sector, facade
 
 
 def _same(word: str, count: int) -> pa.Array:

@@ -182,6 +182,21 @@ def test_defects_have_their_place_their_element_and_a_stable_name(wall, inspecte
     assert of_defect["B-p2"] == "tower-2026-04-D0002"
 
 
+def test_a_facade_named_by_its_degrees_is_walked_along_from_its_own_left(wall, inspected):
+    """Where two facades look south their names tell the bearing; west is to the left as for any south facade."""
+    detections, _, cameras = inspected
+    elements = wall.elements
+    for name, values in (("facade", ["S-170", "S-170"]), ("facade_azimuth_deg", [170.0, 170.0])):
+        place = elements.schema.get_field_index(name)
+        field = elements.schema.field(place)
+        elements = elements.set_column(place, field, pa.array(values, field.type))
+    turned = replace(wall, elements=elements)
+    seen = observe(detections, cameras, turned, Surface(turned), RegisterSettings())
+    rows = merge(seen, detections, turned, cameras, prefix="x").defects.to_pylist()
+    assert {row["facade"] for row in rows} == {"S-170"}
+    assert [round(row["x_site_m"], 1) for row in rows] == [-2.0, -1.8, 1.0, 0.0]  # m
+
+
 def test_shuffled_rows_give_the_same_tables(wall, inspected):
     detections, observations, cameras = inspected
     order = pa.array(np.random.default_rng(0).permutation(len(observations)))
