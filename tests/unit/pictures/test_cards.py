@@ -156,7 +156,7 @@ def test_the_marker_is_at_the_defects_pixel(painted: Painted) -> None:
 def test_the_backdrop_shows_the_wall_where_it_is(painted: Painted) -> None:
     inspection = inspection_of(painted, [], [])
     (facade,) = facades_of(inspection, painted.surface, SETTINGS)
-    backdrop = model_backdrop(facade, painted.surface, np.array([False]))
+    backdrop = model_backdrop(facade, painted.surface, painted.building)
     per_m = backdrop.picture.shape[1] / backdrop.width_m
     columns = np.flatnonzero((backdrop.picture < 250).all(axis=2).any(axis=0))
     np.testing.assert_allclose(np.array([columns.min(), columns.max() + 1]) / per_m, [0.5, 8.5], rtol=0, atol=0.04)  # m
