@@ -130,6 +130,7 @@ def _vectors(figure: Figure, compared: Comparison) -> bool:
         (("east", "north"), ("east", "up"), ("north", "up")),
         strict=True,
     ):
+        shortened = False
         for name, at, error in (
             ("cameras", compared.xyz_camera_m - compared.cameras.error_site_m, compared.cameras.error_site_m),
             ("defects", defects.xyz_true_site_m, defects.error_site_m),
@@ -138,13 +139,16 @@ def _vectors(figure: Figure, compared: Comparison) -> bool:
             axes.scatter(at[:, i], at[:, j], s=9, color=colour, marker=marker, label=name)
             length = enlarged * np.linalg.norm(error, axis=1)
             cut = length > _LONGEST * extent
+            shortened = shortened or bool(cut.any())
             arrow = enlarged * error * np.where(cut, _LONGEST * extent / np.maximum(length, 1e-12), 1.0)[:, None]
             axes.quiver(
                 at[:, i], at[:, j], arrow[:, i], arrow[:, j], color=np.where(cut, "#cc0000", "#333333"), angles="xy",
                 scale_units="xy", scale=1.0, width=0.003,
             )  # fmt: skip
         axes.set_aspect("equal", adjustable="datalim")
-        axes.set_title(f"{view}, errors {enlarged:g} times", fontsize=9)
+        axes.set_title(
+            f"{view}, errors {enlarged:g} times{'; red: longer than drawn' if shortened else ''}", fontsize=9
+        )
         _dressed(axes, f"{names[0]} (m)", f"{names[1]} (m)")
         if (i, j) == (0, 1):
             axes.legend(fontsize=8)

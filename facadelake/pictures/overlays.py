@@ -220,7 +220,7 @@ def _legend(
         for box in boxes
     )
     entries = [Entry(colour_bgr=_EDGE_BGR, text="model edges")] if has_pose and has_edges else []
-    entries += [Entry(colour_bgr=_DEFECT_BGR, text="defect, real size")] if has_pose else []
+    entries += [Entry(colour_bgr=_DEFECT_BGR, text="defect where it was placed, real size")] if has_pose else []
     order = [*OUTCOME_COLOURS, _NOT_ACCEPTED]
     for word, count in sorted(words.items(), key=lambda item: order.index(item[0])):
         entries.append(Entry(colour_bgr=bgr_of(outcome_colour(word)), text=f"{count} {word.replace('_', ' ')}"))

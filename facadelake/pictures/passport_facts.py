@@ -101,7 +101,8 @@ def _sigma(row: Row, limit_m: float) -> Fact:
     return Fact(
         name="known to (one sigma)",
         value=_by_axis(_sigmas(row)),
-        meaning="how far the whole campaign may lie off its place, by its own account; twice this holds 95 % of cases",
+        meaning="how far the cameras' middle may lie off its place, by its own account; twice this holds 95 % of "
+        "cases; walls near control points are known better: each defect has its own",
         limit=length_text(limit_m) + (" (waived: GPS alone)" if waived else ""),
         verdict=Verdict.GOOD if max(_sigmas(row)) <= limit_m else Verdict.POOR,
     )
