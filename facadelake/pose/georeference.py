@@ -251,6 +251,8 @@ def _described(
     lean: Lean | None,
 ) -> Georeferenced:
     frame = adjusted.datum_covariance_m2 + start.frame_covariance_m2
+    leaning = np.zeros((1, 6, 6)) if lean is None else lean.covariance(adjusted)
+    frame += leaning[:, :3, :3].mean(axis=0)  # what a lean does to a camera of the block, on average
     sigma_m = np.sqrt(np.diag(frame))
     points = [*control_points(start, adjusted), *gps_points(reconstruction, priors, adjusted, start)]
     held_out_m = np.array(
@@ -270,8 +272,7 @@ def _described(
     ids = [photo.photo_id for photo in reconstruction.photos]
     covariance = adjusted.covariance.copy()
     covariance[:, :3, :3] += start.frame_covariance_m2
-    if lean is not None:
-        covariance += lean.covariance(adjusted)
+    covariance += leaning
     left_m = start.residual_m(adjusted)
     row: dict[str, Any] = {
         "control": start.kind,
