@@ -2,7 +2,7 @@
 -- meaning: why the sightings of a defect are one, and why their neighbours are not: distances, overlap, appearance
 -- $building_id: the building; left out, all of them
 -- $campaign_id: the campaign; left out, all of them
--- $defect_id: the defect; left out, all of them
+-- $defect_id: the defect's id, or its number on the elevations; left out, all of them
 SELECT
     m.building_id,
     m.campaign_id,
@@ -27,5 +27,12 @@ JOIN observations AS b
     ON b.building_id = m.building_id AND b.campaign_id = m.campaign_id AND b.detection_id = m.other_detection_id
 WHERE ($building_id::VARCHAR IS NULL OR m.building_id = $building_id)
   AND ($campaign_id::VARCHAR IS NULL OR m.campaign_id = $campaign_id)
-  AND ($defect_id::VARCHAR IS NULL OR $defect_id IN (m.defect_id, m.other_defect_id))
+  AND (
+      $defect_id::VARCHAR IS NULL
+      OR $defect_id IN (m.defect_id, m.other_defect_id)
+      OR ltrim($defect_id, '0') IN (
+          ltrim(regexp_extract(m.defect_id, '[0-9]+$'), '0'),
+          ltrim(regexp_extract(m.other_defect_id, '[0-9]+$'), '0')
+      )
+  )
 ORDER BY m.building_id, m.campaign_id, m.defect_id, m.merge_decision DESC, m.apart_sigma, m.detection_id
