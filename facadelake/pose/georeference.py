@@ -304,7 +304,7 @@ def _described(
         row |= {f"gps_offset_{axis}_m": float(v) for axis, v in zip(("east", "north", "up"), offset, strict=True)}
         row["gps_offset_sigma_m"] = float(adjusted.gps_offset_sigma_m.max())
         if priors.datum_unknown and start.kind is not ControlKind.GPS:
-            remarks.append("GPS heights do not name their datum; gps_offset_up_m says how far they are off")
+            remarks.append("GPS heights do not name their datum, and gps_offset_up_m says how far they are off")
     fit = model_fit(adjusted, control.model.surface) if control.model is not None else None
     if fit is not None:
         row["model_residual_m"] = fit.residual_m
