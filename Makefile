@@ -3,8 +3,8 @@
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 PYTHON3 ?= python3
-# Two at a time, a file at a time: files share what is dear to make (a campaign, a lake).
-PYTEST_ARGS ?= -n 2 --dist loadfile
+# Two at a time, a file at a time (files share what is dear to make), in their order: the dear ones come early.
+PYTEST_ARGS ?= -n 2 --dist loadfile --no-loadscope-reorder
 BIN := .venv/bin
 STAMP := .venv/.setup-done
 

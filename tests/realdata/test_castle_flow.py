@@ -1,6 +1,6 @@
 """The whole castle campaign by the command line: 29 real photographs, its model, its boxes, two kinds of control.
 
-The registry's own entry, but features are looked for in photographs of half the default's size: benchmarks/ measures
+The registry's own entry, but features are looked for in photographs of a third of the default's size: benchmarks/ measures
 the default.
 """
 
@@ -39,7 +39,7 @@ class Castle:
         entries = yaml.safe_load(REGISTRY.read_text())["buildings"]
         castle = next(entry for entry in entries if entry["id"] == "castle")
         self._registry = root / "portfolio.yaml"
-        halved = {**castle, "tolerances": {"features_max_image_px": 1600}}
+        halved = {**castle, "tolerances": {"features_max_image_px": 1200}}
         self._registry.write_text(yaml.safe_dump({"buildings": [halved]}))
         self._environment = {**os.environ, "FACADELAKE_SHARED_DATA": str(data)}
 
@@ -102,7 +102,8 @@ def test_noisy_boxes_cost_accuracy_but_not_the_campaign(castle: Castle, exact: d
     noisy = castle.figures("--detections", "noisy")
     assert noisy["camera_error_m"] == exact["camera_error_m"]
     assert exact["ray_error_m"]["mean"] < noisy["ray_error_m"]["mean"] < 0.05  # m
-    assert 0.85 < noisy["merge"]["f1"] < exact["merge"]["f1"]
+    assert 0.97 < noisy["merge"]["f1"] <= exact["merge"]["f1"]
+    assert noisy["defect_error_m"]["mae"] > 1.5 * exact["defect_error_m"]["mae"]  # too good would be wrong, too
     assert noisy["off_truth"] <= 3
 
 
