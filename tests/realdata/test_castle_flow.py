@@ -1,7 +1,7 @@
 """The whole castle campaign by the command line: 29 real photographs, its model, its boxes, two kinds of control.
 
-The registry's own entry, but features are looked for in photographs of a third of the default's size: benchmarks/ measures
-the default.
+The registry's own entry, but features are looked for in photographs of a third of the default's size: benchmarks/
+measures the default.
 """
 
 from __future__ import annotations
