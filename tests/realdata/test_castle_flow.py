@@ -1,4 +1,4 @@
-"""The whole castle campaign by the command line: 29 real photographs, its model, its boxes, two kinds of control.
+"""The whole castle campaign by the command line: 29 real photographs, its model, its boxes, its control points.
 
 The registry's own entry, but features are looked for in photographs of a third of the default's size: benchmarks/
 measures the default.
@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import yaml
 
-from facadelake.lake.read import read_table, versions
+from facadelake.lake.read import read_table
 
 pytestmark = [pytest.mark.realdata, pytest.mark.slow]
 
@@ -32,7 +32,7 @@ KEYS = {
 
 
 class Castle:
-    """A lake with the castle in it; each control is inspected once, the reconstruction is shared by the cache."""
+    """A lake with the castle in it."""
 
     def __init__(self, data: Path, root: Path) -> None:
         self.lake, self.truth = root / "lake", data / "castle" / "truth"
@@ -105,16 +105,3 @@ def test_noisy_boxes_cost_accuracy_but_not_the_campaign(castle: Castle, exact: d
     assert 0.97 < noisy["merge"]["f1"] <= exact["merge"]["f1"]
     assert noisy["defect_error_m"]["mae"] > 1.5 * exact["defect_error_m"]["mae"]  # too good would be wrong, too
     assert noisy["off_truth"] <= 3
-
-
-def test_without_control_points_the_gps_bias_stays_and_the_way_back_is_cached(castle: Castle) -> None:
-    before = versions(castle.lake).to_pylist()[-1]["version"]
-    castle.inspect("--georeference", "gps")
-    # The tags are biased by 1.3, -0.8 and 2.1 m, 2.6 m in all; nothing without control can see that.
-    assert 1.5 < castle.figures()["camera_error_m"]["mean"] < 4.0  # m
-    assert "10 of 10 stages from the cache" in castle.inspect()
-    now, then = (
-        read_table(castle.lake, "poses", as_of=as_of).drop_columns(["run_id"]).sort_by("photo_id")
-        for as_of in (None, before)
-    )
-    assert now.equals(then)  # the control points' campaign is back
