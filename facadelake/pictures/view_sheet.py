@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -116,7 +117,7 @@ def _draw_elements(axes: Axes, images: ViewImages) -> None:
 def _legend(classes: Sequence[str], beside: bool) -> list[Patch]:
     handles = [
         Patch(facecolor=_class_colour(name), edgecolor="#404040", label=f"{name.removeprefix('Ifc')} ({number})")
-        for name, number in sorted(((name, classes.count(name)) for name in set(classes)), key=lambda pair: -pair[1])
+        for name, number in sorted(Counter(classes).items(), key=lambda pair: (-pair[1], pair[0]))
     ]
     if beside:
         handles.append(Patch(facecolor=_BESIDE, edgecolor="#404040", label="no part of the building"))
