@@ -23,7 +23,7 @@ from facadelake.pose.adjustment.evidence import Evidence
 from facadelake.pose.control_points import ControlPoints
 from facadelake.pose.gps import GpsPriors, check_against_gps, gps_priors
 from facadelake.pose.gps_terms import anchored_terms, attitude_terms, position_terms
-from facadelake.pose.lean import Lean, lean_of, upright
+from facadelake.pose.lean import Lean, lean_of, upright, upright_words
 from facadelake.pose.model_control import ModelControl
 from facadelake.pose.passport import (
     PassportPoint,
@@ -35,7 +35,7 @@ from facadelake.pose.passport import (
     require_one_frame,
 )
 from facadelake.pose.placement import LEAST_CONTROL_POINTS, marks_of
-from facadelake.pose.plumb_lines import Vertical, vertical_of
+from facadelake.pose.plumb_lines import vertical_of
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.reference import ReferencePoints, reference_of
 from facadelake.pose.starts import Start, start_by
@@ -212,7 +212,7 @@ def _placed(
     vertical = vertical_of(adjusted.cameras, edges.photographs) if edges is not None else None
     lean = lean_of(adjusted, start.model.sigma_m, vertical)
     if vertical is not None:
-        start = start.with_remarks((_upright_words(vertical, lean),))
+        start = start.with_remarks((upright_words(vertical, lean),))
     return _described(reconstruction, priors, place, control, start, upright(adjusted, lean), lean)
 
 
@@ -327,15 +327,6 @@ def _described(
         frame_covariance_m2=frame,
         points=tuple(points),
         row=row,
-    )
-
-
-def _upright_words(vertical: Vertical, lean: Lean) -> str:
-    off = float(np.degrees(np.linalg.norm(vertical.up_site[:2])))
-    turned = float(np.degrees(np.linalg.norm(lean.turn_rad)))
-    return (
-        f"{vertical.lines} upright lines in {vertical.photographs} photographs lean by {off:.2f} deg against the "
-        f"model's walls: turned by {turned:.2f} deg, sigma {np.degrees(lean.sigma_rad):.2f} deg"
     )
 
 

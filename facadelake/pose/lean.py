@@ -87,3 +87,13 @@ def upright(adjusted: Adjusted, lean: Lean) -> Adjusted:
         node_m=turned(state.node_m),
     )
     return replace(adjusted, solution=replace(adjusted.solution, state=moved))
+
+
+def upright_words(vertical: Vertical, lean: Lean) -> str:
+    """What upright lines said of the block, for the passport."""
+    off = float(np.degrees(np.linalg.norm(vertical.up_site[:2])))
+    turned = float(np.degrees(np.linalg.norm(lean.turn_rad)))
+    return (
+        f"{vertical.lines} upright lines in {vertical.photographs} photographs lean by {off:.2f} deg against the "
+        f"model's walls: turned by {turned:.2f} deg, sigma {np.degrees(lean.sigma_rad):.2f} deg"
+    )
