@@ -25,7 +25,7 @@ class Layer:
 
 
 def material_names(element: ifcopenshell.entity_instance) -> str:
-    """Names of the element's materials, each once, in the order the IFC lists them; empty without."""
+    """Names of the element's materials, each once, outermost first where a usage says so; empty without."""
     material = ifcopenshell.util.element.get_material(element)
     return "; ".join(dict.fromkeys(_names(material)))
 
