@@ -6,7 +6,7 @@ of all migrations with schemas/.
 
 from __future__ import annotations
 
-from schemas.columns import GEO_CRS
+from schemas.column import GEO_CRS
 from schemas.tables import TABLES, Table
 
 HEADER = """-- The first tables, made from schemas/ by `python -m schemas.ddl`.

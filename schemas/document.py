@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from schemas.columns import Column
+from schemas.column import Column
 from schemas.tables import RUN_KEYS, SCHEMA_VERSION, TABLES, Table
 
 HEADER = f"""# Tables

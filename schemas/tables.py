@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
-from schemas.columns import COLUMNS, Column, Kind
+from schemas.column import Column, Kind
+from schemas.columns import COLUMNS
 
 SCHEMA_VERSION = 1
 RUN_KEYS = ("building_id", "campaign_id", "run_id")

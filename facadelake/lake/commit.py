@@ -14,7 +14,7 @@ import pyarrow as pa
 from facadelake.errors import SchemaError, StoreError
 from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, quoted, store_errors, writing
 from facadelake.lake.migrate import migrate, roll_back
-from schemas.columns import Kind
+from schemas.column import Kind
 from schemas.tables import RUN_KEYS, TABLES, Table
 
 logger = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ from facadelake.lake.connect import DATA, extension_file, quoted, reading, store
 from facadelake.lake.guard import refuse_unless_plain_select
 from facadelake.lake.migrate import refuse_newer, schema_version
 from facadelake.lake.sqlfiles import statements
-from schemas.columns import Kind
+from schemas.column import Kind
 from schemas.tables import SCHEMA_VERSION, TABLES
 
 Value = str | int | float | bool | None

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from facadelake.tables import stage_schema
-from schemas.columns import COLUMNS, Kind
+from schemas.column import Kind
+from schemas.columns import COLUMNS
 from schemas.document import document
 from schemas.expectations import expectations
 from schemas.tables import RUN_KEYS, TABLES
