@@ -5,6 +5,7 @@ from __future__ import annotations
 from schemas.column import GEO_CRS, Column, Kind, count, flag, real, text, time
 from schemas.vocabulary import (
     ControlKind,
+    CrackWidthOutcome,
     DefectClass,
     DetectionOutcome,
     HeightDatum,
@@ -199,6 +200,12 @@ _ALL = [
     real("box_height_px", "px", "height of the box"),
     text("mask", "outline of the detection's mask in pixels, as WKT (POLYGON or MULTIPOLYGON); empty for a box"),
     real("crack_width_px", "px", "mean width of the crack in the photograph, measured across it", 0),
+    real("crack_width_max_px", "px", "largest width of the crack in the photograph, measured across it", 0),
+    real("crack_width_sigma_px", "px", "one sigma of the mean width: scatter along the crack, and the blur", 0),
+    real("crack_width_limit_px", "px", "narrowest mean width that the photograph can tell at this crack", 0),
+    real("crack_length_px", "px", "length of the crack in the photograph, along its main line", 0),
+    text("crack_line", "the crack's line in pixels, as WKT (LINESTRING); empty where none was traced"),
+    text("crack_width_outcome", "what is known of the crack's width; empty for other classes", CrackWidthOutcome),
     text("detector", "the detector: 'coco:<file>' or 'onnx:<model>'"),
     text("detector_sha256", "hash of the detections file or the model"),
     # observations, defects
@@ -224,6 +231,15 @@ _ALL = [
     real("target_share", "", "share of the detection's rays that meet the building", 0, 1),
     real("length_m", "m", "longest extent on the surface, in any direction", 0),
     real("crack_width_mm", "mm", "mean width of the crack on the surface, where it was measured", 0),
+    real("crack_width_max_mm", "mm", "largest width of the crack on the surface, where it was measured", 0),
+    real("crack_width_sigma_mm", "mm", "one sigma of the mean width, with the scale's own", 0),
+    real(
+        "crack_width_limit_mm",
+        "mm",
+        "narrowest mean width the photographs could tell: the width's upper bound where the outcome is below_limit",
+        0,
+    ),
+    real("crack_length_m", "m", "length of the crack on the surface, along its main line", 0),
     Column(name="patch", kind=Kind.GEOMETRY, unit=GEO_CRS, meaning="outline on the surface (3D polygon)"),
     Column(name="covariance_site", kind=Kind.REALS, meaning="covariance of the position (m2, site), 3 x 3 row by row"),
     real(

@@ -147,7 +147,8 @@ _LIST = [
         "building_id campaign_id detection_id",
         "detection_id photo_id source_annotation? detection_outcome reason? defect_class? source_class score "
         "box_x_px? box_y_px? "
-        "box_width_px? box_height_px? mask? crack_width_px? detector detector_sha256",
+        "box_width_px? box_height_px? mask? crack_width_px? crack_width_max_px? crack_width_sigma_px? "
+        "crack_width_limit_px? crack_length_px? crack_line? crack_width_outcome? detector detector_sha256",
         may_be_empty=True,
     ),
     _table(
@@ -157,7 +158,8 @@ _LIST = [
         "building_id campaign_id detection_id",
         f"detection_id photo_id observation_outcome reason? defect_class defect_id? {_optional(_POSITION)} "
         "sigma_east_m? sigma_north_m? sigma_up_m? covariance_site? incidence_deg? distance_m? "
-        "gsd_mm? width_m? height_m? length_m? area_m2? crack_width_mm? target_share occluder_gap_m? element_guid? "
+        "gsd_mm? width_m? height_m? length_m? area_m2? crack_width_mm? crack_width_max_mm? crack_width_sigma_mm? "
+        "crack_width_limit_mm? crack_length_m? crack_width_outcome? target_share occluder_gap_m? element_guid? "
         "storey? facade? patch? geometry?",
         may_be_empty=True,
     ),
@@ -168,7 +170,8 @@ _LIST = [
         "building_id campaign_id defect_id",
         f"defect_id defect_class severity severity_rule graded_by? {_POSITION} sigma_east_m? sigma_north_m? "
         "sigma_up_m? covariance_site? position_from? deviation_from_model_m? deviation_sigma_m? "
-        "width_m height_m length_m? area_m2 crack_width_mm? spread_m sightings score best_photo_id "
+        "width_m height_m length_m? area_m2 crack_width_mm? crack_width_max_mm? crack_width_sigma_mm? "
+        "crack_width_limit_mm? crack_length_m? crack_width_outcome? spread_m sightings score best_photo_id "
         "element_guid ifc_class element_name? material? storey? facade patch? geometry",
         may_be_empty=True,
     ),

@@ -88,6 +88,20 @@ class DetectionOutcome(StrEnum):
     BAD_BOX = "bad_box"
 
 
+class CrackWidthOutcome(StrEnum):
+    """What is known of a crack's width: stated by a person, measured, or why not.
+
+    ``below_limit``: there is a line, but it is narrower than the photograph can tell; the limit is an upper bound.
+    ``no_line``: nothing in the box or mask stands out as a line. ``not_readable``: the photograph cannot be opened.
+    """
+
+    STATED = "stated"
+    MEASURED = "measured"
+    BELOW_LIMIT = "below_limit"
+    NO_LINE = "no_line"
+    NOT_READABLE = "not_readable"
+
+
 class ObservationOutcome(StrEnum):
     """What became of a detection on its way to the surface."""
 
