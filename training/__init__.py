@@ -1,0 +1,1 @@
+"""How the shipped detector is made; a package of its own that nobody imports (README.md)."""
