@@ -29,8 +29,8 @@ class Split(StrEnum):
 class Sample:
     """A picture on disk and the boxes drawn in it.
 
-    `boxes_px` is (N, 4) x_min, y_min, x_max, y_max in pixels, (0, 0) the outer corner of the first pixel; `classes` (N,)
-    indexes `CLASSES`. No boxes: the picture is free of defects. `site` is `set/site`.
+    `boxes_px` is (N, 4) x_min, y_min, x_max, y_max in pixels, (0, 0) the outer corner of the first pixel; `classes`
+    (N,) indexes `CLASSES`. No boxes: the picture is free of defects. `site` is `set/site`.
     """
 
     path: Path
@@ -42,7 +42,7 @@ class Sample:
     def __post_init__(self) -> None:
         if self.boxes_px.shape != (len(self.classes), 4):
             raise FacadelakeError(
-                f"{self.path}: {self.boxes_px.shape} boxes do not go with {len(self.classes)} classes; (N, 4) and (N,) do"
+                f"{self.path}: boxes {self.boxes_px.shape} and {len(self.classes)} classes; they must be (N, 4), (N,)"
             )
 
     def read(self) -> NDArray[np.uint8]:

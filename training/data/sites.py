@@ -17,7 +17,7 @@ SITES_PATH = Path(__file__).with_name("sites.yaml")
 
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """One place (or one series that cannot be told apart further) of one set, and the names of its pictures without ending."""
+    """One place, or one series that cannot be told apart further, of one set; `stems` are its pictures' names."""
 
     name: str
     split: Split
