@@ -42,7 +42,11 @@ def regrade_campaigns(
     campaign is unknown, or the lake cannot be written.
     """
     done = regrade(lake, building_id=building_id, campaign_id=campaign_id, rule_file=rule_file(rules))
-    newest = {row["campaign_id"]: row for row in versions(lake).to_pylist() if row["building_id"] == building_id}
+    newest = {
+        row["campaign_id"]: row
+        for row in versions(lake).to_pylist()
+        if row["building_id"] == building_id and row["reviewed_by"] is None  # a review changes nothing published
+    }
     releases = [
         publish_regraded(lake, building_id=building_id, campaign_id=campaign, version=row["version"])
         for campaign, row in sorted(newest.items())

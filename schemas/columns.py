@@ -20,13 +20,14 @@ from schemas.vocabulary import (
     PositionFrom,
     PositionSource,
     SurfaceKind,
+    Verdict,
 )
 
 _ALL = [
     # keys
     text("building_id", "the building, as in the registry"),
     text("campaign_id", "one inspection of the building, such as 2026-04"),
-    text("run_id", "the run that made the row"),
+    text("run_id", "the run that made the row; of a review, the run whose results were looked at"),
     text("photo_id", "path of the photograph below the campaign's folder, with forward slashes"),
     text("detection_id", "one box or mask in one photograph"),
     text("defect_id", "one real defect in one campaign"),
@@ -275,6 +276,18 @@ _ALL = [
     real("compared_share", "", "share of the model's pixels that the as-built surface covers too", 0, 1),
     real("depth_difference_median_m", "m", "median of as-built minus model depth"),
     real("depth_difference_p95_m", "m", "95th percentile of its absolute value", 0),
+    # reviews
+    text("review_id", "one word of one person"),
+    text("subject", "the place spoken of: photograph and box; of two words on one subject the later counts"),
+    text("verdict", "what the person says of the detection", Verdict),
+    text("judged_class", "the class that the detector gave; empty for a missed defect", DefectClass),
+    real("judged_box_x_px", "px", "left edge of the box that was judged; empty for a missed defect"),
+    real("judged_box_y_px", "px", "its top edge"),
+    real("judged_box_width_px", "px", "its width"),
+    real("judged_box_height_px", "px", "its height"),
+    text("reviewer", "who said it"),
+    time("reviewed_at", "when it was written to the lake"),
+    text("note", "what the person remarked"),
     # checks
     text("table_name", "table the check looked at"),
     text("expectation", "the expectation, as Great Expectations names it"),

@@ -7,7 +7,7 @@ of all migrations with schemas/.
 from __future__ import annotations
 
 from schemas.column import GEO_CRS
-from schemas.tables import TABLES, Table
+from schemas.tables import LAKE_TABLES, Table
 
 HEADER = """-- The first tables, made from schemas/ by `python -m schemas.ddl`.
 -- Never edit a migration that a lake outside has seen: add the next one.
@@ -31,7 +31,7 @@ def create_table(table: Table) -> str:
 
 def main() -> None:
     """Print the SQL of all tables."""
-    print("\n".join([HEADER, *(create_table(table) for table in TABLES.values())]), end="")
+    print("\n".join([HEADER, *(create_table(table) for table in LAKE_TABLES.values())]), end="")
 
 
 if __name__ == "__main__":

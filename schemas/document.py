@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from schemas.column import Column
-from schemas.tables import RUN_KEYS, SCHEMA_VERSION, TABLES, Table
+from schemas.tables import LAKE_TABLES, RUN_KEYS, SCHEMA_VERSION, Table
 
 HEADER = f"""# Tables
 
@@ -14,15 +14,16 @@ Made from `schemas/` by `python -m schemas.document`; do not edit. Schema versio
 Every table begins with `building_id`, `campaign_id` and `run_id`, which are not repeated below. A campaign is
 committed whole, under one version of the lake. A geometry is WKB whose CRS is named in the unit column: longitude,
 latitude, ellipsoidal height, in that order. Times are UTC. "May be empty" says when a value may be missing; all other
-columns have one in every row. Checks across tables are in `sql/checks/`, questions to ask in `sql/questions/`.
+columns have one in every row. Table `reviews` belongs to no run: rows are added to it and never changed. Checks across
+tables are in `sql/checks/`, questions to ask in `sql/questions/`.
 """
 
 
 def document() -> str:
     """The whole text."""
     index = ["| table | a row is a | says |", "|---|---|---|"]
-    index += [f"| [{table.name}](#{table.name}) | {table.grain} | {table.meaning} |" for table in TABLES.values()]
-    return "\n".join([HEADER, *index, "", *(line for table in TABLES.values() for line in _table(table))])
+    index += [f"| [{table.name}](#{table.name}) | {table.grain} | {table.meaning} |" for table in LAKE_TABLES.values()]
+    return "\n".join([HEADER, *index, "", *(line for table in LAKE_TABLES.values() for line in _table(table))])
 
 
 def _table(table: Table) -> Iterator[str]:

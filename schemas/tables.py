@@ -201,4 +201,22 @@ _LIST = [
     ),
 ]
 
+_BOX = "box_x_px? box_y_px? box_width_px? box_height_px?"
+_WORDS = [
+    _table(
+        "reviews",
+        "word of a person on a place of a photograph",
+        "whether detections are defects, and which defects were missed: box and class as the person says, beside those "
+        "that were judged; the last word on a subject counts",
+        "building_id campaign_id review_id",
+        f"review_id subject photo_id detection_id? defect_id? verdict defect_class? {_BOX} mask? judged_class? "
+        f"{_BOX.replace('box_', 'judged_box_')} detector_sha256? reviewer reviewed_at note?",
+        may_be_empty=True,
+    ),
+]
+
+# What a run commits, whole or not at all.
 TABLES: dict[str, Table] = {table.name: table for table in _LIST}
+# What persons write: rows are added and never changed, and no run replaces them.
+WORD_TABLES: dict[str, Table] = {table.name: table for table in _WORDS}
+LAKE_TABLES: dict[str, Table] = {**TABLES, **WORD_TABLES}

@@ -102,6 +102,16 @@ class CrackWidthOutcome(StrEnum):
     NOT_READABLE = "not_readable"
 
 
+class Verdict(StrEnum):
+    """A person's word on a detection: it is a defect, it is none, it is another or lies otherwise; or none was found
+    where a defect is."""
+
+    CONFIRMED = "confirmed"
+    REJECTED = "rejected"
+    CORRECTED = "corrected"
+    MISSED = "missed"
+
+
 class ObservationOutcome(StrEnum):
     """What became of a detection on its way to the surface."""
 

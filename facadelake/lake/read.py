@@ -15,7 +15,7 @@ from facadelake.lake.guard import refuse_unless_plain_select
 from facadelake.lake.migrate import refuse_newer, schema_version
 from facadelake.lake.sqlfiles import statements
 from schemas.column import Kind
-from schemas.tables import SCHEMA_VERSION, TABLES
+from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 
 Value = str | int | float | bool | None
 
@@ -57,9 +57,9 @@ def read_tables(
     as_of: int | None = None,
 ) -> dict[str, pa.Table]:
     """Several tables as ``read_table`` reads one, all of the same version, by name."""
-    unknown = [name for name in names if name not in TABLES]
+    unknown = [name for name in names if name not in LAKE_TABLES]
     if unknown:
-        raise SchemaError(f"there is no table {', '.join(unknown)}; the tables are {', '.join(TABLES)}")
+        raise SchemaError(f"there is no table {', '.join(unknown)}; the tables are {', '.join(LAKE_TABLES)}")
     wanted = {"building_id": building_id, "campaign_id": campaign_id}
     given = {key: value for key, value in wanted.items() if value is not None}
     where = f"WHERE {' AND '.join(f'{key} = ?' for key in given)}" if given else ""
@@ -69,7 +69,7 @@ def read_tables(
         with store_errors(f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole"):
             connection.execute("BEGIN")  # one transaction sees one version
             for name in names:
-                kind = TABLES[name]
+                kind = LAKE_TABLES[name]
                 columns = [
                     f"ST_AsWKB({c.name}) AS {c.name}" if c.kind is Kind.GEOMETRY else c.name for c in kind.columns
                 ]
@@ -83,7 +83,7 @@ def read_tables(
 
 def versions(lake: Path) -> pa.Table:
     """One row per commit and campaign: version, committed_at (UTC), building_id, campaign_id, run_id (null where a
-    regrading made the version) and regraded_by (null where a run did); the oldest first."""
+    regrading or a review made the version), regraded_by and reviewed_by (null where they did not); the oldest first."""
     with reading(lake) as connection:
         check_version(connection, lake)
         with store_errors(f"reading the versions of the lake {lake}", "check that the lake's files are whole"):
@@ -98,6 +98,7 @@ def versions(lake: Path) -> pa.Table:
                 ("campaign_id", pa.string()),
                 ("run_id", pa.string()),
                 ("regraded_by", pa.string()),
+                ("reviewed_by", pa.string()),
             ]
         )
     )
@@ -111,7 +112,7 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
     """
     with sealed(lake, as_of) as connection:
         views = {view.name for view in statements("views")}
-        refuse_unless_plain_select(connection, sql, frozenset(TABLES) | views)
+        refuse_unless_plain_select(connection, sql, frozenset(LAKE_TABLES) | views)
         try:
             rows = connection.execute(sql, dict(parameters) if parameters else None).to_arrow_table()
         except (duckdb.IOException, duckdb.InternalException, duckdb.FatalException) as error:

@@ -394,3 +394,31 @@ CREATE TABLE checks (
     unexpected  BIGINT NOT NULL,
     detail      VARCHAR NOT NULL
 );
+
+-- reviews: one row per word of a person on a place of a photograph
+CREATE TABLE reviews (
+    building_id          VARCHAR NOT NULL,
+    campaign_id          VARCHAR NOT NULL,
+    run_id               VARCHAR NOT NULL,
+    review_id            VARCHAR NOT NULL,
+    subject              VARCHAR NOT NULL,
+    photo_id             VARCHAR NOT NULL,
+    detection_id         VARCHAR,
+    defect_id            VARCHAR,
+    verdict              VARCHAR NOT NULL,
+    defect_class         VARCHAR,
+    box_x_px             DOUBLE,
+    box_y_px             DOUBLE,
+    box_width_px         DOUBLE,
+    box_height_px        DOUBLE,
+    mask                 VARCHAR,
+    judged_class         VARCHAR,
+    judged_box_x_px      DOUBLE,
+    judged_box_y_px      DOUBLE,
+    judged_box_width_px  DOUBLE,
+    judged_box_height_px DOUBLE,
+    detector_sha256      VARCHAR,
+    reviewer             VARCHAR NOT NULL,
+    reviewed_at          TIMESTAMP WITH TIME ZONE NOT NULL,
+    note                 VARCHAR
+);

@@ -14,7 +14,7 @@ from facadelake.lake.connect import bare_connection, locked, writing
 from facadelake.lake.migrate import migrate, migrations, schema_version
 from facadelake.lake.read import read_table, versions
 from schemas.ddl import create_table
-from schemas.tables import SCHEMA_VERSION, TABLES
+from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 from tests.unit.lake.small_campaign import REPOSITORY, commit, in_process
 
 
@@ -101,10 +101,10 @@ def test_migrated_lake_has_the_tables_of_the_schemas(tmp_path: Path) -> None:
         migrate(connection)
         made = connection.execute(query, ["lake"]).fetchall()
     plain = bare_connection()
-    for table in TABLES.values():
+    for table in LAKE_TABLES.values():
         plain.execute(create_table(table))
     assert made == plain.execute(query, ["memory"]).fetchall()
-    assert len(made) == sum(len(table.columns) for table in TABLES.values())
+    assert len(made) == sum(len(table.columns) for table in LAKE_TABLES.values())
 
 
 def test_first_migration_is_what_the_schemas_write() -> None:

@@ -7,7 +7,7 @@ from schemas.column import Kind
 from schemas.columns import COLUMNS
 from schemas.document import document
 from schemas.expectations import expectations
-from schemas.tables import RUN_KEYS, TABLES
+from schemas.tables import LAKE_TABLES, RUN_KEYS, TABLES
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 
@@ -18,7 +18,7 @@ def test_document_is_current() -> None:
 
 
 def test_every_column_is_used_by_a_table_and_says_its_unit() -> None:
-    used = {column.name for table in TABLES.values() for column in table.columns}
+    used = {column.name for table in LAKE_TABLES.values() for column in table.columns}
     assert used == set(COLUMNS)
     for name in used:
         for suffix, unit in (("_m", "m"), ("_mm", "mm"), ("_deg", "deg"), ("_px", "px"), ("_m2", "m2")):
@@ -27,7 +27,7 @@ def test_every_column_is_used_by_a_table_and_says_its_unit() -> None:
 
 
 def test_keys_are_columns_that_are_never_empty() -> None:
-    for table in TABLES.values():
+    for table in LAKE_TABLES.values():
         names = {column.name for column in table.required()}
         assert set(table.key) <= names, table.name
         assert set(RUN_KEYS) <= names, table.name

@@ -1,0 +1,29 @@
+-- grain: defect and model
+-- meaning: which model, by name and hash, found each defect, in how many photographs, and what persons said of them
+-- $building_id: the building; left out, all of them
+-- $campaign_id: the campaign; left out, all of them
+-- $defect_id: the defect; left out, all of them
+SELECT
+    o.building_id,
+    o.campaign_id,
+    o.defect_id,
+    o.defect_class,
+    d.detector,
+    d.detector_sha256,
+    count(*) AS sightings,
+    max(d.score) AS best_score,
+    count(*) FILTER (r.verdict IN ('confirmed', 'corrected')) AS confirmed,
+    count(*) FILTER (r.verdict = 'rejected') AS rejected
+FROM observations AS o
+JOIN detections AS d USING (building_id, campaign_id, detection_id)
+LEFT JOIN standing_reviews AS r
+    ON r.building_id = d.building_id
+    AND r.campaign_id = d.campaign_id
+    AND r.detection_id = d.detection_id
+    AND r.detector_sha256 = d.detector_sha256
+WHERE o.defect_id IS NOT NULL
+  AND ($building_id::VARCHAR IS NULL OR o.building_id = $building_id)
+  AND ($campaign_id::VARCHAR IS NULL OR o.campaign_id = $campaign_id)
+  AND ($defect_id::VARCHAR IS NULL OR o.defect_id = $defect_id)
+GROUP BY ALL
+ORDER BY o.building_id, o.campaign_id, o.defect_id, d.detector
