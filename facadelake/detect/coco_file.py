@@ -37,6 +37,7 @@ class CocoAnnotation:
     score: Any
     segmentation: Any = None
     crack_width_px: Any = None
+    is_crowd: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +95,7 @@ def read_coco(path: Path) -> CocoFile:
             score=entry.get("score"),
             segmentation=entry.get("segmentation"),
             crack_width_px=_own_or_attribute(entry, "crack_width_px"),
+            is_crowd=entry.get("iscrowd") == 1,
         )
         for i, entry in enumerate(_entries(content, "annotations", path))
     )

@@ -1,0 +1,76 @@
+"""Whether a score of 0.7 is right seven times in ten."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from facadelake.evaluate.detector.matching import Matches
+
+BINS = 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bin:
+    """Predictions with a score from ``low`` to ``high``: how many, their mean score, the share that hit."""
+
+    low: float
+    high: float
+    count: int
+    mean_score: float
+    precision: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibration:
+    """Scores against hits at an IoU of 0.5, on these photographs: where defects are rarer, precision is lower.
+
+    ``ece``: expected calibration error (Guo et al., ICML 2017), the mean distance of score and precision over
+    ``BINS`` equal bins, weighted by count, of all predictions; ``ece_shown`` of those from the threshold up, whose
+    mean score is ``expected_precision`` and whose share of hits ``precision_shown``. None where there are none.
+    """
+
+    count: int
+    ece: float | None
+    count_shown: int
+    ece_shown: float | None
+    expected_precision: float | None
+    precision_shown: float | None
+    bins: tuple[Bin, ...]
+
+
+def calibration_of(matches: Matches, threshold: float) -> Calibration:
+    """The calibration of one class's scores."""
+    counted = ~matches.ignored[0]
+    score, hit = matches.score[counted], matches.hit[0][counted]
+    shown = score >= threshold
+    return Calibration(
+        count=len(score),
+        ece=_error(_bins(score, hit)),
+        count_shown=int(shown.sum()),
+        ece_shown=_error(_bins(score[shown], hit[shown])),
+        expected_precision=float(score[shown].mean()) if shown.any() else None,
+        precision_shown=float(hit[shown].mean()) if shown.any() else None,
+        bins=_bins(score, hit),
+    )
+
+
+def _bins(score: np.ndarray, hit: np.ndarray) -> tuple[Bin, ...]:
+    index = np.minimum((score * BINS).astype(np.int64), BINS - 1)
+    return tuple(
+        Bin(
+            low=i / BINS,
+            high=(i + 1) / BINS,
+            count=int((index == i).sum()),
+            mean_score=float(score[index == i].mean()),
+            precision=float(hit[index == i].mean()),
+        )
+        for i in range(BINS)
+        if (index == i).any()
+    )
+
+
+def _error(bins: tuple[Bin, ...]) -> float | None:
+    total = sum(one.count for one in bins)
+    return sum(one.count * abs(one.mean_score - one.precision) for one in bins) / total if total else None

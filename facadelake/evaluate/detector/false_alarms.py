@@ -1,0 +1,121 @@
+"""How often a detector sees a defect where there is none: for each square metre of facade, and each photograph."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from facadelake.evaluate.detector.labels import LabelledImage
+from facadelake.evaluate.detector.looking import Prediction
+from facadelake.evaluate.detector.resampling import interval_of
+from schemas.vocabulary import DefectClass
+
+TEN_M2 = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rate:
+    """False alarms of one class (None: of all) on ``area_m2`` of facade (None: unknown) in ``photographs``.
+
+    ``low`` and ``high`` hold the rate per 10 m2 with 95 %: the wider of the exact Poisson interval (Garwood 1936) and
+    of photographs drawn again, because false alarms come in clusters.
+    """
+
+    defect_class: DefectClass | None
+    count: int
+    photographs: int
+    with_one: int
+    area_m2: float | None
+    per_10_m2: float | None
+    low_per_10_m2: float | None
+    high_per_10_m2: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Threshold:
+    """False alarms per 10 m2 and per photograph if only boxes from ``score`` up were shown."""
+
+    score: float
+    count: int
+    per_10_m2: float | None
+    per_photograph: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseAlarms:
+    """Photographs without defects: rates at the card's threshold (all first, then by class), and by threshold.
+
+    Facade that several photographs show counts as often, and so does what is seen on it; it is what a detector does
+    before observations are merged. Where the photographs have no known scale, only counts are given.
+    """
+
+    name: str
+    rates: tuple[Rate, ...]
+    by_threshold: tuple[Threshold, ...]
+
+
+def false_alarms_of(
+    name: str,
+    images: Sequence[LabelledImage],
+    shown: Mapping[str, tuple[Prediction, ...]],
+    down_to_floor: Mapping[str, tuple[Prediction, ...]],
+) -> FalseAlarms:
+    """Every box in these photographs is a false alarm; areas count where all photographs have one."""
+    areas = [image.area_m2 for image in images]
+    known = [area for area in areas if area is not None]
+    total = sum(known) if known and len(known) == len(images) else None
+    scores = np.array([one.score for image in images for one in down_to_floor[image.key]])
+    by_threshold = []
+    for score in np.round(np.arange(0.05, 1.0, 0.05), 2).tolist():
+        count = int((scores >= score).sum())
+        by_threshold.append(
+            Threshold(
+                score=score,
+                count=count,
+                per_10_m2=TEN_M2 * count / total if total else None,
+                per_photograph=count / len(images),
+            )
+        )
+    classes: list[DefectClass | None] = [None, *DefectClass]
+    rates = tuple(_rate(images, shown, one, total) for one in classes)
+    return FalseAlarms(name=name, rates=rates, by_threshold=tuple(by_threshold))
+
+
+def _rate(
+    images: Sequence[LabelledImage],
+    shown: Mapping[str, tuple[Prediction, ...]],
+    defect_class: DefectClass | None,
+    total_m2: float | None,
+) -> Rate:
+    of_image: Counter[str] = Counter(
+        image.key
+        for image in images
+        for one in shown[image.key]
+        if defect_class is None or one.defect_class is defect_class
+    )
+    count = sum(of_image.values())
+    low = high = None
+    if total_m2:
+        low = TEN_M2 * (float(chi2.ppf(0.025, 2 * count)) / 2 if count else 0.0) / total_m2
+        high = TEN_M2 * float(chi2.ppf(0.975, 2 * (count + 1))) / 2 / total_m2
+        counts = np.array([of_image[image.key] for image in images], dtype=np.float64)
+        areas = np.array([image.area_m2 for image in images], dtype=np.float64)
+        drawn = interval_of(
+            images, lambda weight: TEN_M2 * float(weight @ counts) / float(weight @ areas), by_site=True
+        )
+        if drawn is not None:
+            low, high = min(low, drawn.low), max(high, drawn.high)
+    return Rate(
+        defect_class=defect_class,
+        count=count,
+        photographs=len(images),
+        with_one=len(of_image),
+        area_m2=total_m2,
+        per_10_m2=TEN_M2 * count / total_m2 if total_m2 else None,
+        low_per_10_m2=low,
+        high_per_10_m2=high,
+    )

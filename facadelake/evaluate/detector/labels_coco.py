@@ -1,0 +1,90 @@
+"""Labels in COCO form: a file with images, annotations and categories, photographs beside it or in a folder."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+from facadelake.detect.boxes import Box
+from facadelake.detect.coco_file import CocoAnnotation, CocoImage, number, read_coco
+from facadelake.detect.coco_mask import box_about
+from facadelake.detect.crosswalk import Crosswalk
+from facadelake.evaluate.detector.labels import Gathering, LabelledSet, TrueBox, photographs_below
+
+
+def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:
+    """Photographs and boxes of a COCO file; every category that stands for a defect class is labelled everywhere.
+
+    Photographs are looked for by the file's ``file_name`` beside it, in ``images`` there or one folder up, and by name
+    alone where the name is the only one. A crowd (``iscrowd``) is ignored.
+    """
+    coco = read_coco(file)
+    root = file.parent.parent if file.parent.name.lower() == "annotations" else file.parent
+    gathered = Gathering(root)
+    classes = {key: crosswalk.defect_class(name) for key, name in coco.categories.items()}
+    labelled = frozenset(one for one in classes.values() if one is not None)
+    by_image: dict[int | str, list[CocoAnnotation]] = defaultdict(list)
+    for annotation in coco.annotations:
+        if annotation.image_id not in coco.images:
+            gathered.left_out["boxes of an image that the file does not list"] += 1
+        by_image[annotation.image_id].append(annotation)
+    places = _Places(root, file.parent)
+    for image_id, image in coco.images.items():
+        path = places.find(image.file_name)
+        if path is None:
+            gathered.left_out["photographs that are not there"] += 1
+            continue
+        size = gathered.size_of(path)
+        if size is None:
+            continue
+        if not _same_size(image, size):
+            gathered.left_out["photographs of another size than the file says (turned or resized after labelling)"] += 1
+            continue
+        boxes = []
+        for annotation in by_image[image_id]:
+            defect_class = classes.get(annotation.category_id)
+            box = _box(annotation, size)
+            if box is None:
+                gathered.left_out["boxes that are not four numbers"] += 1
+            elif defect_class is None:
+                name = coco.categories.get(annotation.category_id, f"category {annotation.category_id}")
+                gathered.left_out[f"boxes of class '{name}', which stands for no defect class"] += 1
+            else:
+                boxes.append(TrueBox(box=box, defect_class=defect_class, ignored=annotation.is_crowd))
+        gathered.add(path, size, boxes, labelled)
+    return gathered.finished("coco")
+
+
+class _Places:
+    """Where the photographs of a file lie."""
+
+    def __init__(self, root: Path, beside: Path) -> None:
+        self._folders = list(dict.fromkeys([beside, beside / "images", root, root / "images"]))
+        self._by_name: dict[str, list[Path]] = defaultdict(list)
+        for path in photographs_below(root):
+            self._by_name[path.name].append(path)
+
+    def find(self, file_name: str) -> Path | None:
+        name = file_name.replace("\\", "/")
+        for folder in self._folders:
+            if (folder / name).is_file():
+                return folder / name
+        alike = self._by_name.get(name.rsplit("/", 1)[-1], [])
+        return alike[0] if len(alike) == 1 else None
+
+
+def _same_size(image: CocoImage, size: tuple[int, int]) -> bool:
+    stated = (image.width_px, image.height_px)
+    return None in stated or stated == size
+
+
+def _box(annotation: CocoAnnotation, size: tuple[int, int]) -> Box | None:
+    bbox = annotation.bbox
+    if bbox is None:
+        bbox = box_about(annotation.segmentation, *size)
+    values = [number(value) for value in bbox] if isinstance(bbox, list) else []
+    numbers = [value for value in values if value is not None]
+    if len(values) != 4 or len(numbers) != 4:
+        return None
+    x, y, width, height = numbers
+    return Box(x_px=x, y_px=y, width_px=width, height_px=height)

@@ -1,0 +1,117 @@
+"""Labelled photographs of whatever form, opened by what lies there."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from enum import StrEnum
+from itertools import islice
+from pathlib import Path
+
+from facadelake.detect.crosswalk import Crosswalk
+from facadelake.errors import InputDataError
+from facadelake.evaluate.detector.labels import PHOTOGRAPHS, LabelledSet
+from facadelake.evaluate.detector.labels_coco import read_coco_labels
+from facadelake.evaluate.detector.labels_voc import read_voc_labels
+from facadelake.evaluate.detector.labels_yolo import read_yolo_labels
+
+
+class Form(StrEnum):
+    """How labels are written."""
+
+    AUTO = "auto"
+    COCO = "coco"
+    YOLO = "yolo"
+    VOC = "voc"
+
+
+def open_labels(
+    data: Path,
+    crosswalk: Crosswalk,
+    *,
+    form: Form = Form.AUTO,
+    class_names: Sequence[str] = (),
+    split: str | None = None,
+) -> LabelledSet:
+    """Read ``data``, a COCO file or a folder of COCO, YOLO or VOC labels.
+
+    ``class_names`` name YOLO's numbers; ``split`` (train, val, test) chooses among a folder's parts.
+    Raises InputDataError where there is nothing of the form, or labels of several forms and nobody chose.
+    """
+    if not data.exists():
+        raise InputDataError(f"labelled data {data} does not exist; give a COCO file or a folder of labels")
+    if data.is_file():
+        if data.suffix.lower() != ".json" or form not in (Form.AUTO, Form.COCO):
+            raise InputDataError(
+                f"{data} is a file, which only COCO labels (.json) are; give the folder of YOLO or VOC"
+            )
+        return read_coco_labels(data, crosswalk)
+    coco_files = _coco_files(data) if form in (Form.AUTO, Form.COCO) else []
+    if form is Form.AUTO:
+        form = _form_of(data, coco_files)
+    if form is Form.COCO:
+        return read_coco_labels(_chosen(data, coco_files, split), crosswalk)
+    if form is Form.VOC:
+        return read_voc_labels(data, crosswalk)
+    return read_yolo_labels(data, crosswalk, class_names, split)
+
+
+def _form_of(folder: Path, coco_files: list[Path]) -> Form:
+    found = [Form.COCO] if coco_files else []
+    if any(_is_voc(path) for path in islice(folder.rglob("*.xml"), 20)):
+        found.append(Form.VOC)
+    if any(path.name != "classes.txt" and _is_yolo(path) for path in islice(folder.rglob("*.txt"), 200)):
+        found.append(Form.YOLO)
+    if len(found) != 1:
+        names = " and ".join(found) or "neither COCO nor YOLO nor VOC"
+        raise InputDataError(
+            f"{folder} holds labels of {names}; choose with --format coco, yolo or voc, or give the COCO file itself"
+        )
+    return found[0]
+
+
+def _coco_files(folder: Path) -> list[Path]:
+    places = [*folder.glob("*.json"), *folder.glob("annotations/*.json")]
+    return sorted(path for path in places if _is_coco(path))
+
+
+def _chosen(folder: Path, files: list[Path], split: str | None) -> Path:
+    if len(files) > 1 and split is not None:
+        files = [path for path in files if split in path.stem.replace("-", "_").split("_")] or files
+    if len(files) != 1:
+        names = ", ".join(path.name for path in files) or "none"
+        raise InputDataError(
+            f"{folder} holds {len(files)} COCO files ({names}); name one with --data, or choose with --split"
+        )
+    return files[0]
+
+
+def _is_coco(path: Path) -> bool:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError):
+        return False
+    return isinstance(content, dict) and {"images", "annotations", "categories"} <= content.keys()
+
+
+def _is_voc(path: Path) -> bool:
+    try:
+        return "<annotation" in path.read_text(encoding="utf-8-sig")[:2000]
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _is_yolo(path: Path) -> bool:
+    """A text file named as a photograph is, in YOLO's places, whose first line is numbers (or which is empty)."""
+    try:
+        text = path.read_text(encoding="utf-8-sig").strip()
+    except (OSError, UnicodeDecodeError):
+        return False
+    if not text:
+        return any(path.with_suffix(ending).is_file() for ending in PHOTOGRAPHS)
+    words = text.splitlines()[0].split()
+    try:
+        [float(word) for word in words]
+    except ValueError:
+        return False
+    return len(words) >= 5

@@ -1,0 +1,156 @@
+"""What is told of labelled photographs beside their labels: site, split, GSD, area."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from facadelake.errors import InputDataError
+from facadelake.evaluate.detector.labels import LabelledImage, LabelledSet
+
+_MANY = frozenset("*?[")
+
+
+def with_sites(labelled: LabelledSet, file: Path | None, split: str | None = None) -> LabelledSet:
+    """The photographs with their sites, of one ``split`` where it is given.
+
+    ``file`` is a CSV with columns ``image`` (path below the data folder, its end, or a pattern such as ``k1/*``) and
+    ``site``, and ``split`` where there are splits; or a YAML: data folder's name, site, then ``split`` and
+    ``pictures`` (training/data/sites.yaml). Without a file the folders are the sites, where there are several.
+    A photograph that the file does not list keeps no site; with ``split`` it is left out and counted.
+    Raises InputDataError for a file that lacks a column, or where nothing is left.
+    """
+    if file is None:
+        return replace(labelled, images=tuple(_sited_by_folder(labelled.images)))
+    is_yaml = file.suffix.lower() in {".yaml", ".yml"}
+    rows = _yaml_rows(file, labelled.name) if is_yaml else _csv_rows(file, ("image", "site"))
+    if split is not None and "split" not in rows.columns:
+        raise InputDataError(
+            f"{file} has no column 'split' (it has {sorted(rows.columns)}), but --split {split} is asked"
+        )
+    left_out = Counter(labelled.left_out)
+    images = []
+    for image in labelled.images:
+        row = rows.of(image)
+        if split is not None and row is None:
+            left_out["photographs that the sites' file does not list"] += 1
+        if split is not None and (row is None or row["split"] != split):
+            continue
+        images.append(replace(image, site=(row["site"] or None) if row else None))
+    if not images:
+        raise InputDataError(
+            f"{file} puts none of the {len(labelled.images)} photographs of {labelled.name} "
+            + ("into its sites; " if split is None else f"into split '{split}'; ")
+            + f"its column 'image' must hold names such as '{labelled.images[0].key}'"
+        )
+    return replace(labelled, images=tuple(images), left_out=dict(left_out))
+
+
+def with_scale(images: tuple[LabelledImage, ...], file: Path) -> tuple[LabelledImage, ...]:
+    """The photographs with GSD and area of facade from a CSV with columns ``image`` (as for sites; ``*`` for all) and
+    ``gsd_mm`` (mm a pixel) or ``area_m2`` (of facade to be seen in it), or both.
+
+    A GSD alone gives the whole photograph's area; an area alone gives the GSD at which the whole photograph has it.
+    Raises InputDataError for values that are not positive numbers, and where no photograph is listed.
+    """
+    rows = _csv_rows(file, ("image",))
+    if not rows.columns & {"gsd_mm", "area_m2"}:
+        raise InputDataError(f"{file} has neither a column gsd_mm nor area_m2 (it has {sorted(rows.columns)})")
+    scaled = []
+    for image in images:
+        row = rows.of(image)
+        gsd, area = (rows.positive(row, name) for name in ("gsd_mm", "area_m2"))
+        pixels = image.width_px * image.height_px
+        if gsd is not None and area is None:
+            area = pixels * (gsd / 1000) ** 2
+        elif area is not None and gsd is None:
+            gsd = 1000 * (area / pixels) ** 0.5
+        scaled.append(replace(image, gsd_mm=gsd, area_m2=area))
+    if all(image.area_m2 is None for image in scaled):
+        raise InputDataError(f"{file} lists none of the photographs, such as '{images[0].key}'; correct column 'image'")
+    return tuple(scaled)
+
+
+def _sited_by_folder(images: tuple[LabelledImage, ...]) -> list[LabelledImage]:
+    folders = [image.key.rpartition("/")[0] for image in images]
+    of_form = {"images", "train", "val", "valid", "test", "jpegimages", "labels"}
+    sites = ["/".join(part for part in folder.split("/") if part.lower() not in of_form) for folder in folders]
+    if len(set(sites)) < 2:
+        return list(images)
+    return [replace(image, site=site or "(top folder)") for image, site in zip(images, sites, strict=True)]
+
+
+class _Rows:
+    """What a file tells of photographs, by their path or its end, with ending or without; then by pattern."""
+
+    def __init__(self, file: Path, rows: list[dict[str, str]], columns: frozenset[str]) -> None:
+        self._file = file
+        self.columns = columns
+        named = {row["image"].strip(): row for row in rows}
+        self._exact = {name: row for name, row in named.items() if not _MANY & set(name)}
+        self._patterns = [(name, row) for name, row in named.items() if _MANY & set(name)]
+
+    def of(self, image: LabelledImage) -> Mapping[str, str] | None:
+        """The line of a photograph, or None."""
+        parts = image.key.split("/")
+        for i in range(len(parts)):
+            name = "/".join(parts[i:])
+            for form in (name, name.rpartition(".")[0]):
+                if form in self._exact:
+                    return self._exact[form]
+        return next((row for pattern, row in self._patterns if fnmatchcase(image.key, pattern)), None)
+
+    def positive(self, row: Mapping[str, str] | None, column: str) -> float | None:
+        """A line's number, None where the line or the value is not there."""
+        text = (row or {}).get(column) or ""
+        if not text.strip():
+            return None
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not 0 < value < 1e6:
+            raise InputDataError(f"{self._file}, column {column}: '{text}' is not a positive number")
+        return value
+
+
+def _csv_rows(file: Path, needed: tuple[str, ...]) -> _Rows:
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(stream)
+            rows = [{name: value or "" for name, value in row.items() if name} for row in reader]
+            columns = frozenset(reader.fieldnames or ())
+    except OSError as error:
+        raise InputDataError(f"{file} cannot be read ({error.strerror}); give a CSV file") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputDataError(f"{file} is not a CSV file in UTF-8: {error}") from error
+    missing = sorted(set(needed) - columns)
+    if missing:
+        raise InputDataError(f"{file} has no column {', '.join(missing)} (it has {sorted(columns)})")
+    return _Rows(file, rows, columns)
+
+
+def _yaml_rows(file: Path, set_name: str) -> _Rows:
+    try:
+        content: Any = yaml.safe_load(file.read_text(encoding="utf-8"))
+        listed = content[set_name]
+        rows = [
+            {"image": str(picture), "site": str(site), "split": str(entry["split"])}
+            for site, entry in listed.items()
+            for picture in entry["pictures"]
+        ]
+    except OSError as error:
+        raise InputDataError(f"{file} cannot be read ({error.strerror}); give a CSV or YAML file") from error
+    except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        raise InputDataError(
+            f"{file} does not hold, for the data folder's name '{set_name}', sites with 'split' and 'pictures' "
+            f"({type(error).__name__}: {error}); training/data/sites.yaml shows the form, or give a CSV file"
+        ) from error
+    return _Rows(file, rows, frozenset({"image", "site", "split"}))
