@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,12 +19,20 @@ Triple = tuple[float, float, float]
 
 
 class Layout(StrEnum):
-    """How a detector's output is arranged; ``nc`` classes, ``N`` candidates."""
+    """How a detector's outputs are arranged; ``nc`` classes, ``N`` candidates, ``Q`` queries (layouts/ has details)."""
 
     YOLOX = "yolox"  # (1, N, 5+nc): raw offsets in grid cells, log sizes, objectness, class scores
     YOLOV5 = "yolov5"  # (1, N, 5+nc): centre and size in pixels of the input, objectness, class scores
     YOLOV8 = "yolov8"  # (1, 4+nc, N): centre and size in pixels of the input, class scores
     NMS6 = "nms6"  # (1, N, 6): corners in pixels of the input, score, class; suppression done inside
+    YOLOV5_SEG = "yolov5_seg"  # yolov5 with k mask coefficients, and prototypes (1, k, h, w)
+    YOLOV8_SEG = "yolov8_seg"  # yolov8 with k mask coefficients, and prototypes (1, k, h, w)
+    NMS6_SEG = "nms6_seg"  # nms6 with k mask coefficients, and prototypes (1, k, h, w)
+    RTDETR = "rtdetr"  # boxes (1, Q, 4): centre and size from 0 to 1; logits (1, Q, nc)
+    RTDETR_TRIPLE = "rtdetr_triple"  # labels (1, Q), boxes (1, Q, 4): corners, scores (1, Q); a second input of sizes
+    RTDETR_ROWS = "rtdetr_rows"  # (1, N, 6): centre and size from 0 to 1, score, class
+    RFDETR = "rfdetr"  # dets (1, Q, 4): centre and size from 0 to 1; labels (1, Q, nc or nc+1): logits
+    RFDETR_SEG = "rfdetr_seg"  # rfdetr with mask logits (1, Q, h, w)
 
 
 class Resize(StrEnum):
@@ -63,11 +72,27 @@ class CardInput(_Part):
 
 
 class CardOutput(_Part):
-    """What the model gives: its first output, unless ``name`` says another; ``strides`` for layout yolox alone."""
+    """What the model gives. ``names`` are its outputs in the order of the layout, ``name`` the one of a single output.
+
+    They may be left out: a single output is the first, several are told apart by usual names and by shape.
+    ``strides`` are for layout yolox alone.
+    """
 
     layout: Layout
     name: str | None = None
+    names: tuple[str, ...] = ()
     strides: Annotated[tuple[Positive, ...], Field(min_length=1)] = (8, 16, 32)
+
+    @model_validator(mode="after")
+    def _one_way_of_naming(self) -> CardOutput:
+        if self.name is not None and self.names:
+            raise ValueError(f"name ({self.name}) and names ({', '.join(self.names)}) are both given; keep one of them")
+        return self
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The outputs that the card names; empty where it names none."""
+        return self.names if self.name is None else (self.name,)
 
 
 class ScoreCalibration(_Part):
@@ -116,17 +141,27 @@ def card_path(model: Path) -> Path:
 
 
 def read_card(path: Path) -> ModelCard:
-    """Read and check a card. Raises ModelError that names file, key, value and what is allowed."""
+    """Read and check a card in YAML or JSON. Raises ModelError that names file, key, value and what is allowed."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise ModelError(
             f"model card {path} does not exist; every detector needs one beside it (docs/model-card.md shows one)"
         ) from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ModelError(f"model card {path} cannot be read as YAML: {error}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"model card {path} cannot be read: {error}") from error
+    return parse_card(text, f"model card {path}")
+
+
+def parse_card(text: str, where: str) -> ModelCard:
+    """A card from its text in YAML or JSON. Raises ModelError that begins with ``where``."""
+    try:
+        # YAML 1.1 takes JSON's 1e-3 for a text, so JSON is read as such.
+        content = json.loads(text) if text.lstrip().startswith("{") else yaml.safe_load(text)
+    except (json.JSONDecodeError, yaml.YAMLError) as error:
+        raise ModelError(f"{where} cannot be read as YAML or JSON: {error}") from error
     if not isinstance(content, dict):
-        raise ModelError(f"model card {path} holds no keys; docs/model-card.md shows what it must say")
+        raise ModelError(f"{where} holds no keys; docs/model-card.md shows what it must say")
     try:
         return ModelCard.model_validate(content)
     except ValidationError as error:
@@ -135,4 +170,11 @@ def read_card(path: Path) -> ModelCard:
             key = ".".join(str(part) for part in fault["loc"]) or "card"
             value = "" if fault["type"] == "missing" or not fault["loc"] else f" is {fault['input']!r}"
             faults.append(f"{key}{value}: {fault['msg'].removeprefix('Value error, ')}")
-        raise ModelError(f"model card {path}: {'; '.join(faults)} (docs/model-card.md says what is allowed)") from error
+        raise ModelError(f"{where}: {'; '.join(faults)} (docs/model-card.md says what is allowed)") from error
+
+
+def card_text(card: ModelCard) -> str:
+    """The card as YAML, keys in the order of its declaration; what stands at its default is left out."""
+    content = card.model_dump(mode="json", exclude_defaults=True)
+    text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
+    return text

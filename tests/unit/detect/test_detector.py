@@ -90,7 +90,7 @@ def test_the_refusal_says_expected_and_found_shape(tmp_path: Path) -> None:
     message = str(raised.value)
     count = len(cells()[0])
     assert f"its output has shape (1, 6, {count}), layout yolov5 with 2 classes at 96 x 64 px has (1, N, 7)" in message
-    assert "the shape fits layout yolov8; correct output.layout or class_names in the card" in message
+    assert "shape and values fit layout yolov8; correct output.layout or class_names in the card" in message
     with pytest.raises(ModelError, match=r"layout yolox with 3 classes at 96 x 64 px has \(1, 126, 8\)"):
         detector(tmp_path, "yolox", answer("yolox", [CRACK]), class_names=["a", "b", "c"])
 
@@ -102,7 +102,7 @@ def test_logits_and_normalised_boxes_are_refused(tmp_path: Path) -> None:
         detector(tmp_path, "yolov8", logits)
     normalised = answer("yolov8", [CRACK])
     normalised[:, :4] /= 96
-    with pytest.raises(ModelError, match=r"reach 0.0\d+ times the input's size .* normalised to 0..1"):
+    with pytest.raises(ModelError, match=r"reach 0.0\d+ times the input's size .*normalised to 0..1"):
         detector(tmp_path, "yolov8", normalised)
 
 

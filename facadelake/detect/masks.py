@@ -1,0 +1,68 @@
+"""Masks as a model gives them: logits on a coarse grid over the model's input, asked for box by box."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Masks(ABC):
+    """Logits of masks, one for each candidate; above 0 is inside. The grid covers the whole input."""
+
+    @property
+    @abstractmethod
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns."""
+
+    @abstractmethod
+    def logits(self, candidate: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+        """A part of one candidate's grid."""
+
+    @abstractmethod
+    def take(self, candidates: NDArray[np.int64]) -> Masks:
+        """The masks of these candidates."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PrototypeMasks(Masks):
+    """``coefficients`` (n, k) are each mask's weights of the ``prototypes`` (k, rows, columns) (YOLACT, Bolya 2019)."""
+
+    coefficients: NDArray[np.float32]
+    prototypes: NDArray[np.float32]
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.prototypes.shape[1], self.prototypes.shape[2]
+
+    def logits(self, candidate: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+        """A part of one candidate's grid."""
+        return np.asarray(np.tensordot(self.coefficients[candidate], self.prototypes[:, rows, columns], axes=1))
+
+    def take(self, candidates: NDArray[np.int64]) -> PrototypeMasks:
+        """The masks of these candidates."""
+        return PrototypeMasks(coefficients=self.coefficients[candidates], prototypes=self.prototypes)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class QueryMasks(Masks):
+    """A whole mask (rows, columns) for each query of a transformer; ``queries`` (n) says which is a candidate's."""
+
+    all_logits: NDArray[np.float32]
+    queries: NDArray[np.int64]
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.all_logits.shape[1], self.all_logits.shape[2]
+
+    def logits(self, candidate: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+        """A part of one candidate's grid."""
+        return self.all_logits[self.queries[candidate], rows, columns]
+
+    def take(self, candidates: NDArray[np.int64]) -> QueryMasks:
+        """The masks of these candidates."""
+        return QueryMasks(all_logits=self.all_logits, queries=self.queries[candidates])
