@@ -1,0 +1,173 @@
+"""Words out of a corrected COCO file: what was kept, moved, deleted and drawn anew, beside what had been shown.
+
+Annotation tools number annotations anew and drop attributes they do not know, so that a box's place and class say what
+became of it; an attribute ``subject`` that came back decides where it is there.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import shapely
+
+from facadelake.detect.boxes import Box, clip_box, describe
+from facadelake.detect.coco_file import CocoAnnotation, number, read_coco
+from facadelake.detect.coco_mask import box_about, mask_of
+from facadelake.detect.crosswalk import Crosswalk
+from facadelake.errors import InputDataError
+from facadelake.photo_names import PhotoNames
+from facadelake.review.overlap import corners_of, overlaps, pairs_of
+from facadelake.review.record import Review
+from facadelake.review.shown import Said, Shown, word_on, word_on_missed
+from facadelake.review.task_files import read_json
+from schemas.vocabulary import DefectClass, Verdict
+
+_log = logging.getLogger(__name__)
+
+_STILL = 0.3  # a box moved further than to this overlap is another one
+_UNCHANGED = 0.95  # a box, or mask, that still overlaps so far was left as it was (tools round)
+_UNCHANGED_PX = 1.0  # and a small one whose sides moved by a pixel at most
+
+
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    """Words that were understood, and remarks on what was not."""
+
+    reviews: tuple[Review, ...]
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Drawn:
+    photo_id: str
+    box: Box
+    defect_class: DefectClass
+    mask: str | None
+    subject: str | None
+
+
+def words_of_coco(
+    file: Path,
+    shown: Sequence[Shown],
+    sizes: Mapping[str, tuple[int, int]],
+    crosswalk: Crosswalk,
+    said: Said,
+    *,
+    deletions_count: bool,
+) -> Words:
+    """Words of a corrected file on ``shown``, on the photographs (``sizes``: width, height in px by photo_id) it names.
+
+    A box left as it was is confirmed, a moved or renamed one corrected, a new one missed; one that is gone is rejected
+    where ``deletions_count``, which needs ``shown`` to be what the person was shown. A photograph that the file's
+    images lack was not looked at. Raises InputDataError for a file that is not COCO or names none of the photographs.
+    """
+    coco = read_coco(file)
+    names = PhotoNames(sizes)
+    matches = {image_id: names.match(image.file_name) for image_id, image in coco.images.items()}
+    looked_at = {match.photo_id for match in matches.values() if match.photo_id is not None}
+    remarks = [match.reason for match in matches.values() if match.photo_id is None]
+    if not looked_at:
+        raise InputDataError(
+            f"{file}: none of its {len(coco.images)} images is a photograph of this campaign "
+            f"({remarks[0] if remarks else 'it has no images'}); name the campaign that was reviewed"
+        )
+    subjects = [_subject(entry) for entry in read_json(file)["annotations"]]
+    drawn: dict[str, list[_Drawn]] = defaultdict(list)
+    for annotation, subject in zip(coco.annotations, subjects, strict=True):
+        match = matches.get(annotation.image_id)
+        if match is None or match.photo_id is None:
+            remarks.append(f"annotation {annotation.annotation_id} is on none of the campaign's photographs")
+            continue
+        source = coco.categories.get(annotation.category_id)
+        one = _drawn(annotation, match.photo_id, source, sizes[match.photo_id], crosswalk, subject)
+        if isinstance(one, str):
+            remarks.append(f"annotation {annotation.annotation_id} on {match.photo_id}: {one}")
+        else:
+            drawn[match.photo_id].append(one)
+    reviews: list[Review] = []
+    for photo_id in sorted(looked_at):
+        ours = [place for place in shown if place.photo_id == photo_id]
+        reviews += _words_of_photograph(photo_id, ours, drawn[photo_id], said, deletions_count)
+    _log.info("%s: %d words on %d photographs, %d remarks", file.name, len(reviews), len(looked_at), len(remarks))
+    return Words(reviews=tuple(reviews), remarks=tuple(remarks))
+
+
+def _words_of_photograph(
+    photo_id: str, shown: Sequence[Shown], drawn: Sequence[_Drawn], said: Said, deletions_count: bool
+) -> list[Review]:
+    fit = overlaps(corners_of(place.box for place in shown), corners_of(one.box for one in drawn))
+    for i, place in enumerate(shown):
+        for j, one in enumerate(drawn):
+            if one.subject is not None:
+                fit[i, j] = 2.0 if one.subject == place.subject else 0.0
+            elif fit[i, j] >= _STILL and one.defect_class is place.defect_class:
+                fit[i, j] += 0.1  # of two boxes at one place each keeps its class
+    pairs = pairs_of(fit, _STILL)
+    kept = {pair.one: drawn[pair.other] for pair in pairs}
+    words = []
+    for i, place in enumerate(shown):
+        left = kept.get(i)
+        if left is None:
+            words += [word_on(place, Verdict.REJECTED, said)] if deletions_count else []
+        elif _unchanged(place, left):
+            words.append(word_on(place, Verdict.CONFIRMED, said))
+        else:
+            corrected = word_on(
+                place, Verdict.CORRECTED, said, box=left.box, defect_class=left.defect_class, mask=left.mask
+            )
+            words.append(corrected)
+    used = {pair.other for pair in pairs}
+    new = [one for j, one in enumerate(drawn) if j not in used]
+    return words + [word_on_missed(photo_id, one.box, one.defect_class, said, mask=one.mask) for one in new]
+
+
+def _unchanged(place: Shown, one: _Drawn) -> bool:
+    if one.defect_class is not place.defect_class:
+        return False
+    if one.mask is not None:
+        before = shapely.box(*corners_of([place.box])[0]) if place.mask is None else shapely.from_wkt(place.mask)
+        after = shapely.from_wkt(one.mask)
+        return bool(before.intersection(after).area >= _UNCHANGED * before.union(after).area)
+    both = corners_of([place.box, one.box])
+    return bool(abs(both[0] - both[1]).max() <= _UNCHANGED_PX or overlaps(both[:1], both[1:])[0, 0] >= _UNCHANGED)
+
+
+def _drawn(
+    annotation: CocoAnnotation,
+    photo_id: str,
+    source: str | None,
+    size: tuple[int, int],
+    crosswalk: Crosswalk,
+    subject: str | None,
+) -> _Drawn | str:
+    """What a person drew, or why it cannot be used."""
+    defect_class = None if source is None else crosswalk.defect_class(source)
+    if defect_class is None:
+        return (
+            f"category_id {annotation.category_id!r} has no name" if source is None else crosswalk.why_unknown(source)
+        )
+    bbox = annotation.bbox
+    if bbox is None:
+        bbox = box_about(annotation.segmentation, *size)
+    values = [number(value) for value in bbox] if isinstance(bbox, list) else []
+    if len(values) != 4 or None in values:
+        return f"bbox is {annotation.bbox!r}; it must be [x, y, width, height] in pixels"
+    box = Box(**dict(zip(("x_px", "y_px", "width_px", "height_px"), (float(v or 0.0) for v in values), strict=True)))
+    if box.width_px <= 0 or box.height_px <= 0:
+        return f"box {describe(box)}: width and height must be more than 0 px"
+    clipped = clip_box(box, image_width_px=size[0], image_height_px=size[1])
+    if clipped.inside is None:
+        return clipped.remark
+    mask = mask_of(annotation.segmentation, clipped.inside, *size)
+    outline = None if mask.outline is None else str(shapely.to_wkt(mask.outline, rounding_precision=2))
+    return _Drawn(photo_id=photo_id, box=clipped.inside, defect_class=defect_class, mask=outline, subject=subject)
+
+
+def _subject(entry: Mapping[str, object]) -> str | None:
+    attributes = entry.get("attributes")
+    subject = attributes.get("subject") if isinstance(attributes, dict) else None
+    return subject if isinstance(subject, str) and subject else None

@@ -1,0 +1,156 @@
+"""What a person is shown of a campaign: its detections, as far as earlier words left them standing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import shapely
+
+from facadelake.detect.boxes import Box
+from facadelake.review.record import Review, subject_of
+from facadelake.review.standing import Judgement
+from schemas.vocabulary import DefectClass, Verdict
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """A place of a photograph where a defect is said to be, by the detector or by a person's last word.
+
+    ``judged_box`` and ``judged_class`` are the detector's, None where a person found it; ``verdict`` the last word.
+    """
+
+    subject: str
+    photo_id: str
+    defect_class: DefectClass
+    box: Box
+    mask: str | None
+    score: float
+    detection_id: str | None = None
+    defect_id: str | None = None
+    detector_sha256: str | None = None
+    judged_box: Box | None = None
+    judged_class: DefectClass | None = None
+    verdict: Verdict | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Said:
+    """Who says it, when, and of which run's results."""
+
+    reviewer: str
+    reviewed_at: datetime
+    run_id: str
+
+
+def shown_places(judgement: Judgement, defects: Mapping[str, str]) -> tuple[Shown, ...]:
+    """The places to show, by photograph; what was rejected is left out. ``defects``: defect_id by detection_id."""
+    places = [
+        Shown(
+            subject=subject_of(one.photo_id, one.box),
+            photo_id=one.photo_id,
+            defect_class=one.defect_class,
+            box=one.box,
+            mask=one.mask,
+            score=one.score,
+            detection_id=one.detection_id,
+            defect_id=defects.get(one.detection_id),
+            detector_sha256=one.detector_sha256,
+            judged_box=one.box,
+            judged_class=one.defect_class,
+        )
+        for one in judgement.unreviewed
+    ]
+    for standing in judgement.standing:
+        word, now = standing.review, standing.detection
+        if word.box is None or word.defect_class is None:
+            continue
+        detection_id = word.detection_id if now is None else now.detection_id
+        places.append(
+            Shown(
+                subject=word.subject,
+                photo_id=word.photo_id,
+                defect_class=word.defect_class,
+                box=word.box,
+                mask=word.mask,
+                score=1.0,
+                detection_id=detection_id,
+                defect_id=defects.get(detection_id or "", word.defect_id),
+                detector_sha256=word.detector_sha256 if now is None else now.detector_sha256,
+                judged_box=word.judged_box,
+                judged_class=word.judged_class,
+                verdict=word.verdict,
+            )
+        )
+    return tuple(sorted(places, key=lambda place: (place.photo_id, place.box.y_px, place.box.x_px)))
+
+
+def word_on(
+    place: Shown,
+    verdict: Verdict,
+    said: Said,
+    *,
+    box: Box | None = None,
+    defect_class: DefectClass | None = None,
+    mask: str | None = None,
+    note: str | None = None,
+) -> Review:
+    """A word on a shown place; a corrected one says its new ``box`` and ``defect_class``."""
+    judged: dict[str, Any] = {"judged_box": place.judged_box, "judged_class": place.judged_class}
+    if verdict is Verdict.REJECTED and place.judged_box is None:  # what a person had found another one takes back
+        judged = {"judged_box": place.box, "judged_class": place.defect_class}
+    there: dict[str, Any] = {"box": place.box, "defect_class": place.defect_class, "mask": place.mask}
+    if verdict is Verdict.REJECTED:
+        there = {}
+    elif verdict is Verdict.CORRECTED:
+        there = {"box": box or place.box, "defect_class": defect_class or place.defect_class, "mask": mask}
+    elif place.judged_box is None:
+        verdict = Verdict.MISSED  # confirming what a person found leaves it a defect that the detector missed
+    return Review(
+        photo_id=place.photo_id,
+        subject=place.subject,
+        verdict=verdict,
+        reviewer=said.reviewer,
+        reviewed_at=said.reviewed_at,
+        run_id=said.run_id,
+        detection_id=place.detection_id,
+        defect_id=place.defect_id,
+        detector_sha256=place.detector_sha256,
+        note=note,
+        **there,
+        **judged,
+    )
+
+
+def word_on_missed(
+    photo_id: str,
+    box: Box,
+    defect_class: DefectClass,
+    said: Said,
+    *,
+    mask: str | None = None,
+    note: str | None = None,
+) -> Review:
+    """A defect that the detector did not find."""
+    return Review(
+        photo_id=photo_id,
+        subject=subject_of(photo_id, box),
+        verdict=Verdict.MISSED,
+        reviewer=said.reviewer,
+        reviewed_at=said.reviewed_at,
+        run_id=said.run_id,
+        defect_class=defect_class,
+        box=box,
+        mask=mask,
+        note=note,
+    )
+
+
+def polygons(mask: str | None) -> list[list[float]]:
+    """COCO's segmentation of a mask in WKT; holes are filled, as COCO's polygons have none."""
+    if mask is None:
+        return []
+    parts: Sequence[Any] = shapely.get_parts(shapely.from_wkt(mask))
+    return [[round(float(value), 2) for point in part.exterior.coords[:-1] for value in point] for part in parts]

@@ -1,0 +1,45 @@
+"""Detections and words made by hand."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+import pyarrow as pa
+
+from facadelake.detect.boxes import Box
+from facadelake.review.shown import Said, Shown, shown_places
+from facadelake.review.standing import Detected, Judgement, detected, judge
+from facadelake.tables import table_of_rows
+from schemas.vocabulary import DefectClass
+
+CRACK, SPALLING, MOISTURE = DefectClass.CRACK, DefectClass.SPALLING, DefectClass.MOISTURE
+SAID = Said(reviewer="A. Mason", reviewed_at=datetime(2026, 5, 1, 9, tzinfo=UTC), run_id="run-1")
+OLD_MODEL, NEW_MODEL = "a" * 64, "b" * 64
+SIZES = {"p0.jpg": (1600, 1200), "p1.jpg": (1600, 1200)}
+
+
+def box(x: float, y: float, width: float = 100.0, height: float = 40.0) -> Box:
+    return Box(x_px=x, y_px=y, width_px=width, height_px=height)
+
+
+def rows(*found: tuple[str, str, Box], model: str = OLD_MODEL, first: int = 1, score: float = 0.9) -> pa.Table:
+    """Detections (photo_id, class, box) as table ``detections``; ids count on from ``first`` as an ONNX run's do."""
+    return table_of_rows(
+        "detections",
+        [
+            {
+                "detection_id": f"{photo}#{number}", "photo_id": photo, "detection_outcome": "accepted",
+                "defect_class": name, "source_class": name, "score": score, "detector": "onnx:m",
+                "detector_sha256": model, **{f"box_{side}": value for side, value in vars(where).items()},
+            }
+            for number, (photo, name, where) in enumerate(found, start=first)
+        ],
+    )  # fmt: skip
+
+
+def seen(*found: tuple[str, str, Box], **settings: Any) -> tuple[Detected, ...]:
+    return detected(rows(*found, **settings))
+
+
+def unreviewed(*found: tuple[str, str, Box]) -> tuple[Shown, ...]:
+    judgement: Judgement = judge((), seen(*found))
+    return shown_places(judgement, {one.detection_id: f"D{i}" for i, one in enumerate(seen(*found))})
