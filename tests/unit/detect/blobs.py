@@ -1,0 +1,66 @@
+"""A detector that cannot err: every dark blob of a picture is a crack, its box and mask are the blob's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import shapely
+
+from facadelake.detect.boxes import Box
+from facadelake.detect.card import ModelCard
+from facadelake.detect.detector import Found
+from facadelake.detect.letterbox import Image
+
+
+def card(input_px: int, gsd_mm: Sequence[float] = ()) -> ModelCard:
+    """The card of a model whose input is ``input_px`` squared."""
+    content: dict[str, Any] = {
+        "name": "blobs",
+        "licence": "none",
+        "class_names": ["crack"],
+        "input": {
+            "width_px": input_px,
+            "height_px": input_px,
+            "colour": "bgr",
+            "scale": 1.0,
+            "resize": "letterbox_corner",
+            "gsd_mm": list(gsd_mm),
+        },
+        "output": {"layout": "yolov8"},
+        "score_threshold": 0.3,
+    }
+    return ModelCard.model_validate(content)
+
+
+class BlobDetector:
+    """Dark blobs (below 128) of each image; ``seen`` keeps the sizes (height, width) of all images looked at."""
+
+    def __init__(self, input_px: int = 160, *, masks: bool = False, gsd_mm: Sequence[float] = ()) -> None:
+        self.card = card(input_px, gsd_mm)
+        self.seen: list[tuple[int, int]] = []
+        self._masks = masks
+
+    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
+        """Every blob of each image, scored by its size."""
+        self.seen += [(image.shape[0], image.shape[1]) for image in images_bgr]
+        return tuple(self._blobs(image) for image in images_bgr)
+
+    def _blobs(self, image: Image) -> tuple[Found, ...]:
+        dark = (image[..., 0] < 128).astype(np.uint8)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=8)
+        found = []
+        for label in range(1, count):
+            x, y, width, height, area = (int(value) for value in stats[label])
+            mask = None
+            if self._masks:
+                inside = np.zeros((height, width + 2), dtype=np.int8)
+                inside[:, 1:-1] = labels[y : y + height, x : x + width] == label
+                rows, starts = np.nonzero(np.diff(inside) == 1)
+                _, ends = np.nonzero(np.diff(inside) == -1)
+                mask = shapely.union_all(shapely.box(x + starts, y + rows, x + ends, y + rows + 1))
+            box = Box(x_px=x, y_px=y, width_px=width, height_px=height)
+            found.append(Found(box=box, score=0.5 + 0.5 * min(1.0, area / 1000), class_name="crack", mask=mask))
+        return tuple(found)
