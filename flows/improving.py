@@ -1,0 +1,110 @@
+"""Commands of the loop: reviews, training sets made of them, a new model compared with the old, and promoted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from facadelake.errors import InputDataError
+from flows.options import (
+    DEFAULT_LAKE,
+    DEFAULT_PORTFOLIO,
+    BuildingId,
+    CampaignId,
+    LakePath,
+    PortfolioPath,
+    console,
+    portfolio_at,
+)
+
+review = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    help="What persons say of detections: export a task, bring their words in, list what holds (docs/the-loop.md).",
+)
+
+
+@review.command("export-task")
+def export_task(
+    building: BuildingId,
+    campaign: CampaignId,
+    folder: Annotated[Path, typer.Argument(help="Folder to write the task to.")],
+    photo: Annotated[
+        list[str] | None, typer.Option(help="Only this photograph, by its photo_id. Repeatable; all if left out.")
+    ] = None,
+    unreviewed: Annotated[
+        bool, typer.Option("--unreviewed", help="Only photographs with a detection that nobody has spoken of.")
+    ] = False,
+    score_min: Annotated[float, typer.Option(min=0, max=1, help="Leave out detections with a lower score.")] = 0.0,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Write a campaign's detections as COCO for CVAT or Label Studio, and its defects as a table to fill in.
+
+    What a photograph of the task shows counts as looked at when it comes back: export what will be looked at.
+    """
+    from flows.precheck import resolved_campaign
+    from flows.reviewing import export_task as write
+    from flows.terminal.reviews import show_task
+
+    registered = portfolio_at(portfolio).building(building)
+    task, files = write(
+        registered,
+        resolved_campaign(registered, campaign),
+        folder,
+        lake=lake,
+        photographs=tuple(photo or ()),
+        only_unreviewed=unreviewed,
+        score_min=score_min,
+    )
+    show_task(console, task, files)
+
+
+@review.command("import")
+def import_reviews(
+    building: BuildingId,
+    campaign: CampaignId,
+    file: Annotated[Path, typer.Argument(help="The table that was filled in (.csv), or the corrected COCO (.json).")],
+    *,
+    reviewer: Annotated[str, typer.Option(help="Who says it.")],
+    task: Annotated[
+        Path | None,
+        typer.Option(help="The COCO file as it was exported: then a box that is gone from FILE is rejected."),
+    ] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Add a person's words to the lake: confirmed, rejected, corrected, missed. The last word counts.
+
+    Running it again adds nothing. Defects and published files stay as they are.
+    """
+    from flows.precheck import resolved_campaign
+    from flows.reviewing import import_reviews as add
+    from flows.terminal.reviews import show_import
+
+    registered = portfolio_at(portfolio).building(building)
+    chosen = resolved_campaign(registered, campaign)
+    show_import(console, add(registered, chosen, file, lake=lake, reviewer=reviewer, task=task))
+
+
+@review.command("list")
+def list_reviews(
+    building: BuildingId,
+    campaign: Annotated[str | None, typer.Argument(help="Only this campaign.")] = None,
+    lines: Annotated[bool, typer.Option("--lines", help="Each word, not only the counts.")] = False,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """List what holds of a building's detections after all words, and words that meet no detection any more."""
+    from facadelake.lake.read import read_table
+    from flows.reviewing import reviewed_campaign
+    from flows.terminal.reviews import show_reviews
+
+    registered = portfolio_at(portfolio).building(building)
+    held = read_table(lake, "campaigns", building_id=building).column("campaign_id").to_pylist()
+    chosen = [campaign] if campaign else sorted(held)
+    if not chosen:
+        raise InputDataError(f"the lake {lake} holds no campaign of '{building}'; inspect one first")
+    show_reviews(console, [reviewed_campaign(registered, one, lake=lake) for one in chosen], lines=lines)

@@ -1,0 +1,174 @@
+"""Reviews of committed campaigns: tasks for persons, their words into the lake, and what holds after them."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pyarrow as pa
+
+from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.errors import InputDataError
+from facadelake.lake.read import versions
+from facadelake.lake.reviews import Added, append_reviews
+from facadelake.registry import Building
+from facadelake.review.coco_words import Words, words_of_coco
+from facadelake.review.csv_words import words_of_csv
+from facadelake.review.record import Review, reviews_of, table_of_reviews
+from facadelake.review.shown import Said, Shown, shown_places
+from facadelake.review.standing import Judgement, detected, judge
+from facadelake.review.task_files import Task, coco_task, defects_csv, read_task, write_task
+from flows.committed import committed_tables
+from schemas.vocabulary import PhotoOutcome
+
+_TABLES = ("runs", "photos", "detections", "observations", "defects", "reviews")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReviewedCampaign:
+    """A committed campaign, its detections as persons left them, and the lake's version that was read.
+
+    ``sizes``: (width, height) in px of the accepted photographs, by photo_id.
+    """
+
+    building_id: str
+    campaign_id: str
+    run_id: str
+    version: int
+    tables: Mapping[str, pa.Table]
+    sizes: Mapping[str, tuple[int, int]]
+    judgement: Judgement
+    shown: tuple[Shown, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imported:
+    """What became of a file of words: as they were read, as the lake took them, and words that now meet nothing."""
+
+    words: Words
+    added: Added
+    unmatched: tuple[Review, ...]
+
+
+def reviewed_campaign(building: Building, campaign_id: str, *, lake: Path) -> ReviewedCampaign:
+    """The campaign and what holds of its detections. Raises StoreError where the lake does not have it."""
+    tables = committed_tables(building, campaign_id, _TABLES, lake=lake)
+    seen_as = tables["observations"].select(["detection_id", "defect_id"]).to_pylist()
+    judgement = judge(reviews_of(tables["reviews"]), detected(tables["detections"]))
+    return ReviewedCampaign(
+        building_id=building.id,
+        campaign_id=campaign_id,
+        run_id=tables["runs"].column("run_id")[0].as_py(),
+        version=max(
+            row["version"]
+            for row in versions(lake).to_pylist()
+            if (row["building_id"], row["campaign_id"]) == (building.id, campaign_id)
+        ),
+        tables=tables,
+        sizes={
+            row["photo_id"]: (row["image_width_px"], row["image_height_px"])
+            for row in tables["photos"].to_pylist()
+            if row["photo_outcome"] == PhotoOutcome.ACCEPTED
+        },
+        judgement=judgement,
+        shown=shown_places(judgement, {row["detection_id"]: row["defect_id"] for row in seen_as if row["defect_id"]}),
+    )
+
+
+def export_task(
+    building: Building,
+    campaign_id: str,
+    folder: Path,
+    *,
+    lake: Path,
+    photographs: Sequence[str],
+    only_unreviewed: bool,
+    score_min: float,
+) -> tuple[Task, tuple[Path, Path, Path]]:
+    """Write a task: the places shown on ``photographs`` (empty: on all), from ``score_min`` on.
+
+    ``only_unreviewed`` keeps the photographs that have a detection nobody has spoken of. Returns the task and its
+    files: COCO, CSV, list of photographs. Raises InputDataError where nothing is left to show.
+    """
+    campaign = reviewed_campaign(building, campaign_id, lake=lake)
+    unknown = sorted(set(photographs) - campaign.sizes.keys())
+    if unknown:
+        raise InputDataError(
+            f"{building.id} {campaign_id} has no accepted photograph {', '.join(unknown)}; give the photo_id, such as "
+            f"{next(iter(campaign.sizes), 'multiview/IMG_1.JPG')}"
+        )
+    open_photographs = {one.photo_id for one in campaign.judgement.unreviewed if one.score >= score_min}
+    chosen = [
+        photo_id
+        for photo_id in sorted(campaign.sizes)
+        if photo_id in (photographs or campaign.sizes) and (not only_unreviewed or photo_id in open_photographs)
+    ]
+    if not chosen:
+        raise InputDataError(
+            f"every detection of {building.id} {campaign_id} with a score of {score_min:g} or more has been reviewed; "
+            "leave out --unreviewed to look again"
+        )
+    shown = tuple(place for place in campaign.shown if place.photo_id in set(chosen) and place.score >= score_min)
+    task = Task(
+        building_id=building.id,
+        campaign_id=campaign_id,
+        run_id=campaign.run_id,
+        photographs=tuple(chosen),
+        shown=shown,
+    )
+    root = building.photographs_of(campaign_id)
+    sightings: dict[str, list[Shown]] = defaultdict(list)
+    for place in shown:
+        if place.defect_id is not None:
+            sightings[place.defect_id].append(place)
+    files = write_task(
+        folder,
+        coco_task(task, campaign.sizes, photographs_uri=str(root)),
+        defects_csv(task, campaign.tables["defects"].to_pylist(), sightings),
+        [root / photo_id for photo_id in chosen],
+    )
+    return task, files
+
+
+def import_reviews(
+    building: Building, campaign_id: str, file: Path, *, lake: Path, reviewer: str, task: Path | None
+) -> Imported:
+    """Read the words of a CSV or COCO file and add them to the lake.
+
+    With the ``task`` that was exported, boxes deleted from a COCO file are rejected; without, only what the file holds
+    counts. Raises InputDataError where the file, or the task, does not fit the campaign.
+    """
+    if not reviewer.strip():
+        raise InputDataError("a review needs the name of who says it; give --reviewer")
+    campaign = reviewed_campaign(building, campaign_id, lake=lake)
+    said = Said(reviewer=reviewer.strip(), reviewed_at=datetime.now(UTC), run_id=campaign.run_id)
+    crosswalk = crosswalk_with(building.detector.classes)
+    kind = file.suffix.lower()
+    if kind == ".csv":
+        words = words_of_csv(file, campaign.shown, campaign.sizes, crosswalk, said)
+    elif kind == ".json":
+        shown = _shown_in(task, campaign) if task else campaign.shown
+        sizes = campaign.sizes
+        words = words_of_coco(file, shown, sizes, crosswalk, said, deletions_count=task is not None)
+    else:
+        raise InputDataError(f"{file} is neither a .csv nor a COCO .json; 'facadelake review export-task' writes both")
+    if not words.reviews:
+        told = "; ".join(words.remarks[:5]) or "no line has a verdict"
+        raise InputDataError(f"{file} holds no word that can be used: {told}")
+    table = table_of_reviews(words.reviews, building_id=building.id, campaign_id=campaign_id)
+    added = append_reviews(lake, table, building_id=building.id, campaign_id=campaign_id)
+    after = reviewed_campaign(building, campaign_id, lake=lake)
+    return Imported(words=words, added=added, unmatched=after.judgement.unmatched)
+
+
+def _shown_in(path: Path, campaign: ReviewedCampaign) -> tuple[Shown, ...]:
+    task = read_task(path)
+    if (task.building_id, task.campaign_id) != (campaign.building_id, campaign.campaign_id):
+        raise InputDataError(
+            f"{path} is a task of {task.building_id} {task.campaign_id}, not of {campaign.building_id} "
+            f"{campaign.campaign_id}; name the campaign that was reviewed"
+        )
+    return task.shown
