@@ -52,12 +52,14 @@ def plan_looks(
 ) -> tuple[Look, ...]:
     """The looks at a photograph of ``width_px`` x ``height_px``, finest first.
 
-    ``gsd_mm``: millimetres on the facade a pixel of the photograph, None where unknown. ``target``: mask of any size
-    that lies over the whole photograph, true where something is to be found; tiles that show nothing of it are left
-    out, and where it is empty there is no look at all.
+    ``gsd_mm``: millimetres on the facade a pixel of the photograph; None, or no positive number, where unknown.
+    ``target``: mask of any size that lies over the whole photograph, true where something is to be found; tiles that
+    show nothing of it are left out, and where it is empty there is no look at all.
     """
     if target is not None and not target.any():
         return ()
+    if gsd_mm is not None and not 0 < gsd_mm < math.inf:
+        gsd_mm = None
     whole = Look(
         gain=min(spec.width_px / width_px, spec.height_px / height_px),
         tiles=(Tile(left=0, top=0, right=width_px, bottom=height_px),),
