@@ -46,8 +46,8 @@ class Sample:
             )
 
     def read(self) -> NDArray[np.uint8]:
-        """The picture, BGR, as it is stored. Raises FacadelakeError when it cannot be read."""
-        image = cv2.imread(str(self.path), cv2.IMREAD_COLOR)
+        """The picture, BGR, not turned by EXIF: nor are boxes. Raises FacadelakeError when it cannot be read."""
+        image = cv2.imread(str(self.path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if image is None:
             raise FacadelakeError(
                 f"{self.path}: no picture can be read there; put the set back as its PROVENANCE.txt says"

@@ -1,0 +1,1 @@
+"""Pictures of defects that nobody photographed: drawn on real and painted surfaces, with the boxes known."""

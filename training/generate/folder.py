@@ -1,0 +1,76 @@
+"""Generated pictures kept in a folder, as COCO, so that training need not draw them anew."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from schemas.vocabulary import DefectClass
+from training.data.sample import CLASSES, Sample, Split
+from training.generate.grounds import Grounds, load_grounds
+from training.generate.picture import Picture, make_picture
+
+_grounds: Grounds | None = None
+
+
+def write_pictures(data: Path, out: Path, *, count: int, seed: int, side_px: int, workers: int) -> Path:
+    """Draw `count` pictures into `out`/images and their boxes into `out`/coco.json; returns the latter.
+
+    `data` holds `defects` and `drone`. Number k has the seed `seed` + k, whatever the number of workers.
+    """
+    (out / "images").mkdir(parents=True, exist_ok=True)
+    make = partial(_write_one, out=out, side_px=side_px)
+    with ProcessPoolExecutor(workers, initializer=_load, initargs=(data,)) as pool:
+        pictures = list(pool.map(make, range(seed, seed + count), chunksize=16))
+    images: list[dict[str, object]] = []
+    annotations: list[dict[str, object]] = []
+    for number, (name, boxes, classes) in enumerate(pictures):
+        images.append({"id": number, "file_name": name, "width": side_px, "height": side_px})
+        for (x0, y0, x1, y1), index in zip(boxes, classes, strict=True):
+            box = [x0, y0, x1 - x0, y1 - y0]
+            at = len(annotations)
+            annotations.append(
+                {"id": at, "image_id": number, "category_id": index, "bbox": box, "area": box[2] * box[3], "iscrowd": 0}
+            )
+    categories = [{"id": index, "name": DefectClass(name).value} for index, name in enumerate(CLASSES)]
+    path = out / "coco.json"
+    path.write_text(json.dumps({"images": images, "annotations": annotations, "categories": categories}), "utf-8")
+    return path
+
+
+def read_pictures(out: Path, *, split: Split = Split.TRAIN) -> tuple[Sample, ...]:
+    """The pictures of `write_pictures` as samples of the site `generated/all`."""
+    coco = json.loads((out / "coco.json").read_text(encoding="utf-8"))
+    found: dict[int, list[tuple[list[float], int]]] = {image["id"]: [] for image in coco["images"]}
+    for annotation in coco["annotations"]:
+        x, y, width, height = annotation["bbox"]
+        found[annotation["image_id"]].append(([x, y, x + width, y + height], annotation["category_id"]))
+    return tuple(
+        Sample(
+            path=out / "images" / image["file_name"],
+            boxes_px=np.array([box for box, _ in found[image["id"]]], dtype=np.float64).reshape(-1, 4),
+            classes=np.array([index for _, index in found[image["id"]]], dtype=np.int64),
+            site="generated/all",
+            split=split,
+        )
+        for image in coco["images"]
+    )
+
+
+def _load(data: Path) -> None:
+    global _grounds
+    cv2.setNumThreads(1)
+    _grounds = load_grounds(data)
+
+
+def _write_one(seed: int, *, out: Path, side_px: int) -> tuple[str, list[list[float]], list[int]]:
+    assert _grounds is not None, "a worker is started with _load"
+    picture: Picture = make_picture(_grounds, seed, side_px=side_px)
+    name = f"{seed:07d}.jpg"
+    cv2.imwrite(str(out / "images" / name), picture.image, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    return name, picture.boxes_px.round(2).tolist(), picture.classes.tolist()
