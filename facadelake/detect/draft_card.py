@@ -51,7 +51,7 @@ def draft_card(session: ModelSession) -> Draft:
             remark=f"This draft is a guess: no layout fits the outputs of a probe image ({found}).",
         )
     # Usual names of outputs say more than shapes: RF-DETR and RT-DETR have the same.
-    best = min(fitting, key=lambda card: not _known_by_name(outputs, card))
+    best = max(fitting, key=lambda card: _known_by_name(outputs, card))
     others = [card.output.layout for card in fitting if card is not best]
     said = "its metadata and a probe image" if names else "a probe image (class names are unknown)"
     also = f"; {' or '.join(others)} would fit too" if others else ""
@@ -93,12 +93,13 @@ def _probe(session: ModelSession, height: int, width: int) -> dict[str, Numbers]
     return dict(zip(session.output_names, outputs, strict=True))
 
 
-def _known_by_name(outputs: Mapping[str, Numbers], card: ModelCard) -> bool:
+def _known_by_name(outputs: Mapping[str, Numbers], card: ModelCard) -> int:
+    """How many outputs of the layout have the names that its exports use; 0 unless all have."""
     names = assigned(outputs, card)
     for form in READERS[card.output.layout].forms(card):
         if all(name.casefold() in part.known_as for name, part in zip(names, form, strict=True)):
-            return True
-    return False
+            return len(names)
+    return 0
 
 
 def _input_size(session: ModelSession, metadata: Mapping[str, str]) -> tuple[int, int]:

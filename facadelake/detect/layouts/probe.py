@@ -77,14 +77,24 @@ def fitting_layouts(outputs: Mapping[str, Numbers], card: ModelCard) -> tuple[La
 
 def class_counts(outputs: Mapping[str, Numbers], card: ModelCard) -> tuple[int, ...]:
     """How many classes would make the outputs' shapes fit the card's layout; empty where none would, or any."""
+    forms = READERS[card.output.layout].forms
+    if forms(_with_classes(card, 1)) == forms(_with_classes(card, 2)):
+        return ()
+    sizes = {0, *(size for values in outputs.values() for size in values.shape)}
+    # A row has its classes' scores, up to five numbers of its box, and perhaps as many coefficients as prototypes.
+    possible = {size - box - other for size in sizes for box in (0, 1, 4, 5) for other in sizes}
     counts = []
-    for count in range(1, _MOST_CLASSES + 1):
+    for count in sorted(possible & set(range(1, _MOST_CLASSES + 1))):
         try:
-            assigned(outputs, card.model_copy(update={"class_names": ("",) * count}))
+            assigned(outputs, _with_classes(card, count))
         except ModelError:
             continue
         counts.append(count)
-    return tuple(counts) if len(counts) < _MOST_CLASSES else ()
+    return tuple(counts)
+
+
+def _with_classes(card: ModelCard, count: int) -> ModelCard:
+    return card.model_copy(update={"class_names": ("",) * count})
 
 
 def _declared_as(card: ModelCard, layout: Layout) -> ModelCard:
