@@ -41,7 +41,7 @@ class ReviewedCampaign:
     tables: Mapping[str, pa.Table]
     sizes: Mapping[str, tuple[int, int]]
     judgement: Judgement
-    shown: tuple[Shown, ...]
+    places: tuple[Shown, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ def reviewed_campaign(building: Building, campaign_id: str, *, lake: Path) -> Re
             if row["photo_outcome"] == PhotoOutcome.ACCEPTED
         },
         judgement=judgement,
-        shown=shown_places(judgement, {row["detection_id"]: row["defect_id"] for row in seen_as if row["defect_id"]}),
+        places=shown_places(judgement, {row["detection_id"]: row["defect_id"] for row in seen_as if row["defect_id"]}),
     )
 
 
@@ -111,7 +111,11 @@ def export_task(
             f"every detection of {building.id} {campaign_id} with a score of {score_min:g} or more has been reviewed; "
             "leave out --unreviewed to look again"
         )
-    shown = tuple(place for place in campaign.shown if place.photo_id in set(chosen) and place.score >= score_min)
+    shown = tuple(
+        place
+        for place in campaign.places
+        if place.stands and place.photo_id in set(chosen) and place.score >= score_min
+    )
     task = Task(
         building_id=building.id,
         campaign_id=campaign_id,
@@ -148,11 +152,11 @@ def import_reviews(
     crosswalk = crosswalk_with(building.detector.classes)
     kind = file.suffix.lower()
     if kind == ".csv":
-        words = words_of_csv(file, campaign.shown, campaign.sizes, crosswalk, said)
+        words = words_of_csv(file, campaign.places, campaign.sizes, crosswalk, said)
     elif kind == ".json":
-        shown = _shown_in(task, campaign) if task else campaign.shown
+        places = _places_of(task, campaign) if task else campaign.places
         sizes = campaign.sizes
-        words = words_of_coco(file, shown, sizes, crosswalk, said, deletions_count=task is not None)
+        words = words_of_coco(file, places, sizes, crosswalk, said, deletions_count=task is not None)
     else:
         raise InputDataError(f"{file} is neither a .csv nor a COCO .json; 'facadelake review export-task' writes both")
     if not words.reviews:
@@ -164,11 +168,13 @@ def import_reviews(
     return Imported(words=words, added=added, unmatched=after.judgement.unmatched)
 
 
-def _shown_in(path: Path, campaign: ReviewedCampaign) -> tuple[Shown, ...]:
+def _places_of(path: Path, campaign: ReviewedCampaign) -> tuple[Shown, ...]:
+    """What the task showed, and what was not shown because it is rejected: a person may draw it again."""
     task = read_task(path)
     if (task.building_id, task.campaign_id) != (campaign.building_id, campaign.campaign_id):
         raise InputDataError(
             f"{path} is a task of {task.building_id} {task.campaign_id}, not of {campaign.building_id} "
             f"{campaign.campaign_id}; name the campaign that was reviewed"
         )
-    return task.shown
+    shown = {place.subject for place in task.shown}
+    return (*task.shown, *(place for place in campaign.places if not place.stands and place.subject not in shown))

@@ -68,26 +68,40 @@ def words_of_coco(
     coco = read_coco(file)
     names = PhotoNames(sizes)
     matches = {image_id: names.match(image.file_name) for image_id, image in coco.images.items()}
-    looked_at = {match.photo_id for match in matches.values() if match.photo_id is not None}
     remarks = [match.reason for match in matches.values() if match.photo_id is None]
+    looked_at = set()
+    for image_id, match in matches.items():
+        if match.photo_id is None:
+            continue
+        image = coco.images[image_id]
+        stated, (width, height) = (image.width_px, image.height_px), sizes[match.photo_id]
+        if None not in stated and stated != (width, height):
+            remarks.append(
+                f"the file says {match.photo_id} is {stated[0]:g} x {stated[1]:g} px, the photograph is {width} x "
+                f"{height} px: it was not taken as looked at; review the original, neither turned nor resized"
+            )
+        else:
+            looked_at.add(match.photo_id)
     if not looked_at:
         raise InputDataError(
-            f"{file}: none of its {len(coco.images)} images is a photograph of this campaign "
+            f"{file}: none of its {len(coco.images)} images is a photograph of this campaign in its size "
             f"({remarks[0] if remarks else 'it has no images'}); name the campaign that was reviewed"
         )
     subjects = [_subject(entry) for entry in read_json(file)["annotations"]]
     drawn: dict[str, list[_Drawn]] = defaultdict(list)
     for annotation, subject in zip(coco.annotations, subjects, strict=True):
-        match = matches.get(annotation.image_id)
-        if match is None or match.photo_id is None:
+        on = matches.get(annotation.image_id)
+        if on is None or on.photo_id is None:
             remarks.append(f"annotation {annotation.annotation_id} is on none of the campaign's photographs")
             continue
+        if on.photo_id not in looked_at:
+            continue
         source = coco.categories.get(annotation.category_id)
-        one = _drawn(annotation, match.photo_id, source, sizes[match.photo_id], crosswalk, subject)
+        one = _drawn(annotation, on.photo_id, source, sizes[on.photo_id], crosswalk, subject)
         if isinstance(one, str):
-            remarks.append(f"annotation {annotation.annotation_id} on {match.photo_id}: {one}")
+            remarks.append(f"annotation {annotation.annotation_id} on {on.photo_id}: {one}")
         else:
-            drawn[match.photo_id].append(one)
+            drawn[on.photo_id].append(one)
     reviews: list[Review] = []
     for photo_id in sorted(looked_at):
         ours = [place for place in shown if place.photo_id == photo_id]
@@ -104,7 +118,7 @@ def _words_of_photograph(
         for j, one in enumerate(drawn):
             if one.subject is not None:
                 fit[i, j] = 2.0 if one.subject == place.subject else 0.0
-            elif fit[i, j] >= _STILL and one.defect_class is place.defect_class:
+            elif place.stands and fit[i, j] >= _STILL and one.defect_class is place.defect_class:
                 fit[i, j] += 0.1  # of two boxes at one place each keeps its class
     pairs = pairs_of(fit, _STILL)
     kept = {pair.one: drawn[pair.other] for pair in pairs}
@@ -112,7 +126,7 @@ def _words_of_photograph(
     for i, place in enumerate(shown):
         left = kept.get(i)
         if left is None:
-            words += [word_on(place, Verdict.REJECTED, said)] if deletions_count else []
+            words += [word_on(place, Verdict.REJECTED, said)] if deletions_count and place.stands else []
         elif _unchanged(place, left):
             words.append(word_on(place, Verdict.CONFIRMED, said))
         else:

@@ -100,11 +100,11 @@ def _places(
 ) -> Sequence[Shown]:
     if detection_id := line.get("detection_id"):
         if detection_id not in by_detection:
-            raise _LineError(f"there is no detection '{detection_id}' in the campaign, or it was rejected")
+            raise _LineError(f"there is no detection '{detection_id}' in the campaign")
         return (by_detection[detection_id],)
     if defect_id := line.get("defect_id"):
         if not by_defect.get(defect_id):
-            raise _LineError(f"there is no defect '{defect_id}' in the campaign, or all of it was rejected")
+            raise _LineError(f"there is no defect '{defect_id}' in the campaign")
         return by_defect[defect_id]
     raise _LineError("it names neither a defect_id nor a detection_id")
 

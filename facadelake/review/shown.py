@@ -35,6 +35,11 @@ class Shown:
     judged_class: DefectClass | None = None
     verdict: Verdict | None = None
 
+    @property
+    def stands(self) -> bool:
+        """Whether nobody has said last that no defect is there."""
+        return self.verdict is not Verdict.REJECTED
+
 
 @dataclass(frozen=True, kw_only=True)
 class Said:
@@ -46,7 +51,7 @@ class Said:
 
 
 def shown_places(judgement: Judgement, defects: Mapping[str, str]) -> tuple[Shown, ...]:
-    """The places to show, by photograph; what was rejected is left out. ``defects``: defect_id by detection_id."""
+    """All places spoken of or detected, by photograph, rejected ones too. ``defects``: defect_id by detection_id."""
     places = [
         Shown(
             subject=subject_of(one.photo_id, one.box),
@@ -65,15 +70,15 @@ def shown_places(judgement: Judgement, defects: Mapping[str, str]) -> tuple[Show
     ]
     for standing in judgement.standing:
         word, now = standing.review, standing.detection
-        if word.box is None or word.defect_class is None:
-            continue
+        defect_class = word.defect_class or word.judged_class
+        assert defect_class is not None  # a word without a defect is about a judged class
         detection_id = word.detection_id if now is None else now.detection_id
         places.append(
             Shown(
                 subject=word.subject,
                 photo_id=word.photo_id,
-                defect_class=word.defect_class,
-                box=word.box,
+                defect_class=defect_class,
+                box=word.place,
                 mask=word.mask,
                 score=1.0,
                 detection_id=detection_id,

@@ -134,10 +134,36 @@ def test_what_cannot_be_used_is_a_remark_and_the_rest_counts(tmp_path: Path) -> 
 
 
 def test_file_of_another_campaign_is_refused(tmp_path: Path, corrected: Path) -> None:
-    with pytest.raises(InputDataError, match=r"none of its 1 images is a photograph of this campaign"):
+    with pytest.raises(InputDataError, match=r"none of its 1 images is a photograph of this campaign in its size"):
         words_of_coco(corrected, (), {"q.jpg": (10, 10)}, NAMES, SAID, deletions_count=True)
     with pytest.raises(InputDataError, match=r"is not a task of 'facadelake review export-task'"):
         read_task(corrected)
+
+
+def test_photograph_of_another_size_was_not_looked_at(tmp_path: Path) -> None:
+    content = exported()
+    content["images"][0] |= {"width": 800, "height": 600}
+    for entry in content["annotations"]:
+        if entry["image_id"] == 1:
+            entry["bbox"] = [value / 2 for value in entry["bbox"]]
+    path = save(tmp_path / "a.json", as_cvat(content))
+    words = words_of_coco(path, SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    assert [word.photo_id for word in words.reviews] == ["p1.jpg"]
+    (remark,) = words.remarks
+    assert "says p0.jpg is 800 x 600 px, the photograph is 1600 x 1200 px" in remark
+    content["images"].pop()
+    with pytest.raises(InputDataError, match=r"in its size \(the file says p0\.jpg is 800 x 600 px"):
+        words_of_coco(save(path, content), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+
+
+def test_rejected_place_drawn_again_is_confirmed_and_left_away_stays(tmp_path: Path) -> None:
+    rejected = [word_on(place, Verdict.REJECTED, SAID) for place in SHOWN]
+    places = shown_places(judge(rejected, seen(*FOUND)), {})
+    content = exported()
+    content["annotations"] = content["annotations"][:1]
+    path = save(tmp_path / "a.json", as_cvat(content))
+    (word,) = words_of_coco(path, places, SIZES, NAMES, SAID, deletions_count=True).reviews
+    assert (word.subject, word.verdict, word.box) == (SHOWN[0].subject, Verdict.CONFIRMED, SHOWN[0].box)
 
 
 def test_filled_in_table(tmp_path: Path) -> None:
@@ -191,7 +217,9 @@ def test_missed_defect_that_is_confirmed_stays_missed_and_can_be_taken_back(tmp_
     back = word_on(place, Verdict.REJECTED, SAID)
     assert (back.subject, back.box, back.judged_box) == (missed.subject, None, box(9, 9, 50, 20))
     assert latest((missed, back)) == (back,)
-    assert shown_places(judge((missed, back), ()), {}) == ()
+    (rejected,) = shown_places(judge((missed, back), ()), {})
+    assert not rejected.stands
+    assert word_on(rejected, Verdict.CONFIRMED, SAID).box == box(9, 9, 50, 20)
 
 
 def test_words_survive_the_table(corrected: Path) -> None:
