@@ -12,10 +12,12 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+from facadelake.detect.shelf import default_model
+from facadelake.errors import ModelError
 from facadelake.libraries import LIBRARIES, Library, install_command, is_present
 
 GIB = 1024**3
@@ -205,10 +207,17 @@ def check_cores() -> Check:
 
 
 def check_models(model_files: Sequence[Path]) -> list[Check]:
-    """One line a detector model that the portfolio names."""
-    if not model_files:
-        return [Check(name="detector model", status=Status.OK, found="none is named: detections come from files")]
-    return [check_model(file) for file in model_files]
+    """The default detector, and one line a model that the portfolio names."""
+    return [check_default_model(), *(check_model(file) for file in model_files)]
+
+
+def check_default_model() -> Check:
+    """The model that looks for defects where a building names none; without it, detections come from files."""
+    try:
+        return replace(check_model(default_model()), name="default detector")
+    except ModelError as error:
+        found, _, remedy = str(error).partition("; ")
+        return Check(name="default detector", status=Status.WARNING, found=found, remedy=remedy)
 
 
 def check_model(file: Path) -> Check:

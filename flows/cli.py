@@ -157,11 +157,12 @@ app.add_typer(improving.review, name="review")
 def doctor(portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: LakePath = DEFAULT_LAKE) -> None:
     """Check this machine: libraries, rendering, extensions, disk, models; says what is missing and how to get it."""
     from facadelake.doctor import Status, run_checks
-    from facadelake.registry import OnnxDetectorSetting
+    from facadelake.registry import DEFAULT_MODEL, OnnxDetectorSetting
     from flows.terminal.answers import show_checks
 
     detectors = [building.detector for building in portfolio_at(portfolio).buildings]
-    checks = run_checks(lake, [Path(d.model) for d in detectors if isinstance(d, OnnxDetectorSetting)])
+    models = {d.model for d in detectors if isinstance(d, OnnxDetectorSetting)} - {DEFAULT_MODEL}
+    checks = run_checks(lake, [Path(model) for model in sorted(models)])
     show_checks(console, checks)
     if any(check.status is Status.MISSING for check in checks):
         raise typer.Exit(1)

@@ -11,13 +11,13 @@ from uuid import uuid4
 from prefect import flow
 
 from facadelake.errors import FacadelakeError
-from facadelake.registry import read_portfolio
+from facadelake.registry import CocoDetector, read_portfolio
 from flows.precheck import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
 from flows.regrading import regrading_replaced
 from schemas.vocabulary import ControlKind, SurfaceKind
 from tasks.as_built_model import as_built_model, place_building
 from tasks.commit import commit
-from tasks.detect import detect
+from tasks.detect import detect, import_detections
 from tasks.draw import draw
 from tasks.georeference import georeference_block
 from tasks.import_poses import import_poses
@@ -88,7 +88,8 @@ def inspect_building(
     else:
         model = load_model(job)
         photos = ingest(job, model)
-    found = detect(job, photos)
+    # A file's boxes are read at once, so that a mistake in it is told early; a model looks where the poses say.
+    imported = import_detections(job, photos) if isinstance(building.detector, CocoDetector) else None
     block: StageResult | None = None
     if job.poses is not None:
         placed = import_poses(job, model, photos)
@@ -97,6 +98,7 @@ def inspect_building(
         placed = georeference_block(job, model, photos, block)
         if bare:
             model = as_built_model(job, model, block, placed)
+    found = imported or detect(job, model, photos, placed)
     registered = register(job, model, placed, found, block)
     merged = merge_duplicates(job, model, placed, registered, found)
     integrity = verify_model(job, model, block, placed)

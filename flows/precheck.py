@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from facadelake.detect.chosen import chosen_detector
 from facadelake.errors import InputDataError
 from facadelake.lake.severity import rule_file
 from facadelake.pose.imported.records import pose_files
@@ -77,11 +78,8 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
         raise InputDataError(
             f"--detections '{detections}' is for buildings whose detector reads COCO files; '{building.id}' has a model"
         )
-    elif not Path(building.detector.model).is_file():
-        raise InputDataError(
-            f"the detector model {building.detector.model} of building '{building.id}' does not exist; "
-            "correct detector.model in the registry"
-        )
+    else:
+        chosen_detector(building.detector)  # a model that cannot be used is told before the hours of work
     if building.control_points is not None and building.control_points_of(campaign_id) is None:
         path = building.control_points.replace("{campaign}", campaign_id)
         return (f"the registry names control points, but {path} does not exist; without them GPS is the control",)

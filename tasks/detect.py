@@ -2,41 +2,92 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 from prefect import task
 
+from facadelake.cache import file_hash
+from facadelake.detect.chosen import chosen_detector, chosen_fingerprint, threads_of
 from facadelake.detect.coco import import_coco
-from facadelake.detect.detector import detector_fingerprint, load_detector
+from facadelake.detect.detector import detector_fingerprint
 from facadelake.detect.onnx import detect_photographs
-from facadelake.registry import CocoDetector
+from facadelake.detect.view import View
+from facadelake.geobim.model import read_building
+from facadelake.geobim.surface import Surface
+from facadelake.photo.files import find_masks
+from facadelake.posed import posed_cameras
+from facadelake.register.target_view import target_view
+from facadelake.registry import CocoDetector, OnnxDetectorSetting
 from facadelake.tables import read_table, write_table
+from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
+WITHOUT_POSE = "the photograph has no pose: it was looked at everywhere, at its own pixels"
+VIEWS = ("geobim", "posed.py", "register/target_view.py", "register/masks.py", "photo/files.py", "photo/masks.py")
 
-@task(name="detect")
-def detect(job: InspectionJob, photos: StageResult) -> StageResult:
-    """Table ``detections``."""
+
+@task(name="import detections")
+def import_detections(job: InspectionJob, photos: StageResult) -> StageResult:
+    """Table ``detections`` of a COCO file."""
     detector = job.building.detector
-    if isinstance(detector, CocoDetector):
-        file = job.building.detections_of(job.campaign_id, job.detections)
-        fingerprint = detector_fingerprint(file, detector.classes)
-    else:
-        file = Path(detector.model)
-        fingerprint = detector_fingerprint(file, detector.classes, Path(detector.card) if detector.card else None)
+    assert isinstance(detector, CocoDetector)
+    file = job.building.detections_of(job.campaign_id, job.detections)
 
     def make(folder: Path) -> Counts:
-        table_of_photos = read_table("photos", photos.folder)
-        if isinstance(detector, CocoDetector):
-            table = import_coco(file, table_of_photos, class_names=detector.classes)
-        else:
-            model = load_detector(file, Path(detector.card) if detector.card else None)
-            root = job.building.photographs_of(job.campaign_id)
-            table = detect_photographs(table_of_photos, root, model, class_names=detector.classes)
+        table = import_coco(file, read_table("photos", photos.folder), class_names=detector.classes)
         write_table("detections", table, folder)
         return Counter(table.column("detection_outcome").to_pylist())
 
-    inputs = {"photos": photos.key, "detector": fingerprint}
+    inputs = {"photos": photos.key, "detector": detector_fingerprint(file, detector.classes)}
     return run_stage(job, "detect", code=["detect", "photo_names.py"], inputs=inputs, make=make)
+
+
+@task(name="detect")
+def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: StageResult) -> StageResult:
+    """Table ``detections`` made by the building's ONNX model, which looks where the poses say the building is."""
+    setting = job.building.detector
+    assert isinstance(setting, OnnxDetectorSetting)
+    root = job.building.photographs_of(job.campaign_id)
+    masks = find_masks(root)
+
+    def make(folder: Path) -> Counts:
+        table = detect_photographs(
+            read_table("photos", photos.folder),
+            root,
+            chosen_detector(setting),
+            class_names=setting.classes,
+            view_of=_views(model, placed, masks),
+            workers=threads_of(setting),
+        )
+        write_table("detections", table, folder)
+        return Counter(table.column("detection_outcome").to_pylist())
+
+    inputs = {
+        "photos": photos.key,
+        "detector": chosen_fingerprint(setting),
+        "score_threshold": setting.score_threshold,
+        "model": model.key,
+        "poses": placed.key,
+        "masks": {photo_id: [mask.name, file_hash(mask)] for photo_id, mask in masks.items()},
+    }
+    return run_stage(job, "detect", code=["detect", *VIEWS], inputs=inputs, make=make)
+
+
+def _views(model: StageResult, placed: StageResult, masks: dict[str, Path]) -> Callable[[str], View]:
+    """What is known of each photograph, by its photo_id."""
+    building = read_building(model.folder)
+    posed, surface = posed_cameras(read_table("poses", placed.folder)), Surface(building)
+
+    def view_of(photo_id: str) -> View:
+        if photo_id not in posed:
+            return View(remark=WITHOUT_POSE)
+        seen = target_view(posed[photo_id], surface, building.elements, masks.get(photo_id))
+        # A surface made of tie points has holes where a wall is bare.
+        target = None if building.surface_kind is SurfaceKind.AS_BUILT else seen.target
+        return View(gsd_mm=None if math.isnan(seen.gsd_mm) else seen.gsd_mm, target=target)
+
+    return view_of

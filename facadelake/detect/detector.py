@@ -166,9 +166,17 @@ class OnnxDetector:
         return same
 
 
-def load_detector(model: Path, card: Path | None = None, *, threads: int = 0) -> OnnxDetector:
-    """The detector of ``model`` and its card: ``card``, or the one beside the model, or the one in its metadata."""
-    return OnnxDetector(model, find_card(model, card), threads=threads)
+def load_detector(
+    model: Path, card: Path | None = None, *, threads: int = 0, score_threshold: float | None = None
+) -> OnnxDetector:
+    """The detector of ``model`` and its card: ``card``, or the one beside the model, or the one in its metadata.
+
+    ``score_threshold`` stands in for the card's.
+    """
+    said = find_card(model, card)
+    if score_threshold is not None:
+        said = said.model_copy(update={"score_threshold": score_threshold})
+    return OnnxDetector(model, said, threads=threads)
 
 
 def detector_fingerprint(file: Path, class_names: Mapping[str, str], card: Path | None = None) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from facadelake.camera import Camera
 from facadelake.errors import InputDataError
@@ -14,8 +15,8 @@ from facadelake.frames import Array
 _BLACK_BELOW = 128  # masks saved as JPEG are not purely black and white
 
 
-def masked_shares(mask: Path, camera: Camera, boxes_px: Array) -> Array:
-    """Share (n,) of each box (n, 4; x, y, width, height) that the mask blackens; 0 for a box outside the photograph.
+def read_mask(mask: Path, camera: Camera) -> NDArray[np.bool_]:
+    """Where the mask is black (h, w), in pixels of the photograph.
 
     Raises InputDataError for a mask that does not decode, or is not of the photograph's size.
     """
@@ -27,12 +28,21 @@ def masked_shares(mask: Path, camera: Camera, boxes_px: Array) -> Array:
             f"mask {mask} is {grey.shape[1]}x{grey.shape[0]} pixels, its photograph {camera.width_px}x"
             f"{camera.height_px}; save it at the photograph's own size"
         )
+    return np.asarray(grey < _BLACK_BELOW)
+
+
+def masked_shares(mask: Path, camera: Camera, boxes_px: Array) -> Array:
+    """Share (n,) of each box (n, 4; x, y, width, height) that the mask blackens; 0 for a box outside the photograph.
+
+    Raises InputDataError as ``read_mask`` does.
+    """
+    black = read_mask(mask, camera)
     shares = np.zeros(len(boxes_px))
     size = np.array([camera.width_px, camera.height_px])
     low = np.clip(np.floor(boxes_px[:, :2]), 0, size).astype(int)
     high = np.clip(np.ceil(boxes_px[:, :2] + boxes_px[:, 2:]), 0, size).astype(int)
     for i, ((left, top), (right, bottom)) in enumerate(zip(low, high, strict=True)):
-        inside = grey[top:bottom, left:right]
+        inside = black[top:bottom, left:right]
         if inside.size:
-            shares[i] = float((inside < _BLACK_BELOW).mean())
+            shares[i] = float(inside.mean())
     return shares

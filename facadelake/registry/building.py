@@ -145,16 +145,22 @@ class CocoDetector(_Strict):
     classes: dict[str, DefectClass] = {}
 
 
+DEFAULT_MODEL = "default"  # stands where a detector model's path would
+
+
 class OnnxDetectorSetting(_Strict):
-    """Detections are made by an ONNX model.
+    """Detections are made by an ONNX model: a file, or the word ``default`` for the one that Facadelake ships.
 
     Its card, ``crack.card.yaml`` beside ``crack.onnx`` unless ``card`` says another, declares its layout.
+    ``score_threshold`` stands in for the card's; ``threads`` for one a core.
     """
 
     kind: Literal["onnx"]
-    model: str
+    model: str = DEFAULT_MODEL
     card: str | None = None
     classes: dict[str, DefectClass] = {}
+    score_threshold: Annotated[float, Field(ge=0, le=1)] | None = None
+    threads: Annotated[int, Field(ge=1)] | None = None
 
 
 class Building(_Strict):
@@ -162,7 +168,7 @@ class Building(_Strict):
 
     ``model`` is an IFC, a mesh, or the word ``as-built``: the campaign's own surface, where there is no model.
     ``model_building`` names the one IfcBuilding to take of an IFC with several. ``storeys`` stand in where the model
-    has none.
+    has none. Without ``detector`` the default model looks for defects.
     """
 
     id: Identifier
@@ -174,7 +180,9 @@ class Building(_Strict):
     control_points: str | None = None
     check_points: str | None = None
     poses: str | None = None
-    detector: Annotated[CocoDetector | OnnxDetectorSetting, Field(discriminator="kind")]
+    detector: Annotated[CocoDetector | OnnxDetectorSetting, Field(discriminator="kind")] = OnnxDetectorSetting(
+        kind="onnx"
+    )
     schedule: Schedule | None = None
     crs: BuildingCrs = BuildingCrs()
     storeys: tuple[StoreySetting, ...] = ()

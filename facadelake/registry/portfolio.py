@@ -15,8 +15,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from facadelake.errors import InputDataError
 from facadelake.registry.bare import AS_BUILT
-from facadelake.registry.building import Building
+from facadelake.registry.building import DEFAULT_MODEL, Building
 
+_WORDS = (AS_BUILT, DEFAULT_MODEL)  # that stand where a path would
 _VARIABLE = re.compile(r"\$\{(\w+)(?::-([^}]*))?\}")
 _PATHS = (
     ("model",),
@@ -121,7 +122,7 @@ def _resolved(entry: dict[str, Any], file: Path) -> dict[str, Any]:
         holder: Any = out
         for key in keys[:-1]:
             holder = holder.get(key) if isinstance(holder, dict) else None
-        if isinstance(holder, dict) and isinstance(holder.get(keys[-1]), str) and holder[keys[-1]] != AS_BUILT:
+        if isinstance(holder, dict) and isinstance(holder.get(keys[-1]), str) and holder[keys[-1]] not in _WORDS:
             holder[keys[-1]] = _path(holder[keys[-1]], file)
     return out
 

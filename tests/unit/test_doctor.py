@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from facadelake import doctor
+from facadelake.detect.shelf import default_model
 from facadelake.doctor import Check, Probe, Status, run_checks
 from facadelake.libraries import Library
 
@@ -81,9 +82,25 @@ def test_model_files(tmp_path: Path) -> None:
     absent, empty, there = tmp_path / "absent.onnx", tmp_path / "empty.onnx", tmp_path / "there.onnx"
     empty.touch()
     there.write_bytes(b"x" * 3_500_000)
-    checks = doctor.check_models([absent, empty, there])
+    _, *checks = doctor.check_models([absent, empty, there])
     assert [check.status for check in checks] == [Status.MISSING, Status.MISSING, Status.OK]
     assert str(absent) in checks[0].found
     assert "is empty" in checks[1].found
     assert checks[2].found.endswith("3.5 MB")
     assert "portfolio" in checks[0].remedy
+
+
+def test_a_missing_default_detector_is_a_warning_with_its_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing() -> Path:
+        return default_model(tmp_path)
+
+    monkeypatch.setattr(doctor, "default_model", missing)
+    (check,) = doctor.check_models([])
+    assert (check.name, check.status) == ("default detector", Status.WARNING)
+    assert check.found.endswith("facadelake-nano.onnx does not exist")
+    assert "name a model's file in the registry" in check.remedy
+    (tmp_path / "facadelake-nano.onnx").write_bytes(b"x" * 3_500_000)
+    (check,) = doctor.check_models([])
+    assert (check.status, check.found.endswith("3.5 MB")) == (Status.OK, True)

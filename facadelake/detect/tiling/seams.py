@@ -143,8 +143,7 @@ def _onwards(known: _Parts, part: Indices, other: Indices) -> Flags:
     """Which parts (k,) were cut at a side beyond which the other's tile goes on."""
     mine, beyond = known.tiles[part], known.tiles[other]
     further = np.column_stack([beyond[:, :2] < mine[:, :2], beyond[:, 2:] > mine[:, 2:]])
-    onwards: Flags = (known.cut[part] & further).any(axis=1)
-    return onwards
+    return np.asarray((known.cut[part] & further).any(axis=1))
 
 
 def _continued(known: _Parts, pairs: _Pairs) -> Indices:

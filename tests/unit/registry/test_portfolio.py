@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from facadelake.errors import InputDataError
-from facadelake.registry import CocoDetector, read_portfolio
+from facadelake.registry import CocoDetector, OnnxDetectorSetting, read_portfolio
 
 GOOD = """
 buildings:
@@ -45,6 +45,25 @@ def test_a_folder_of_building_files_is_a_registry(tmp_path: Path) -> None:
     _write(tmp_path, one.format(id="a"), "a.yaml")
     _write(tmp_path, one.format(id="b"), "b.yml")
     assert [building.id for building in read_portfolio(tmp_path).buildings] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("line", "model", "threads", "score_threshold"),
+    [
+        ("", "default", None, None),
+        ("detector: {kind: onnx}", "default", None, None),
+        ("detector: {kind: onnx, model: default, threads: 3, score_threshold: 0.4}", "default", 3, 0.4),
+        ("detector: {kind: onnx, model: own/d.onnx}", "own/d.onnx", None, None),
+    ],
+)
+def test_a_building_without_a_detector_of_its_own_has_the_default_one(
+    tmp_path: Path, line: str, model: str, threads: int | None, score_threshold: float | None
+) -> None:
+    path = _write(tmp_path, f"id: a\nname: x\nmodel: m.ifc\nphotographs: 'p/{{campaign}}'\n{line}\n")
+    detector = read_portfolio(path).building("a").detector
+    assert isinstance(detector, OnnxDetectorSetting)
+    assert detector.model == (model if model == "default" else str(tmp_path / model))
+    assert (detector.threads, detector.score_threshold) == (threads, score_threshold)
 
 
 def test_variables_have_defaults_and_are_named_when_a_path_is_missing(
