@@ -8,12 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from PIL import Image
 
 from facadelake.detect.boxes import Box
 from facadelake.detect.crosswalk import Crosswalk
 from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import Gathering, LabelledSet, TrueBox, photographs_below
 
+# Labelling tools show the turned view and write shares of it; the pixels as stored are another view.
+_TURNED = "photographs that EXIF turns (YOLO does not say of which view its shares are; store them upright)"
+_EXIF_ORIENTATION = 274
 _NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names", "labels/classes.txt")
 
 
@@ -22,7 +26,8 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
 
     ``class_names`` in the order of the files' numbers; empty: those of data.yaml, classes.txt or obj.names. Only
     photographs with ``split`` among their folders are taken, where it is given and there are such. A line of polygon
-    points is its box. A photograph without a text file has no defects, as YOLO's trainers take it, and is counted.
+    points is its box. A photograph without a text file has no defects, as YOLO's trainers take it, and is counted; one
+    with boxes that EXIF turns is left out.
     Raises InputDataError where nobody says what the numbers stand for.
     """
     gathered = Gathering(folder)
@@ -46,6 +51,9 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
             except (OSError, UnicodeDecodeError):
                 gathered.left_out["photographs whose text file cannot be read"] += 1
                 continue
+        if lines and _turned(path):
+            gathered.left_out[_TURNED] += 1
+            continue
         boxes = []
         for line in lines:
             if not line.strip():
@@ -79,6 +87,12 @@ def _text_file(photograph: Path, folder: Path) -> Path | None:
             return twin if twin.is_file() else None
     twin = (folder / "labels").joinpath(*parts).with_suffix(".txt")
     return twin if twin.is_file() else None
+
+
+def _turned(path: Path) -> bool:
+    """Whether EXIF asks for another orientation than the pixels are stored in."""
+    with Image.open(path) as image:
+        return bool(image.getexif().get(_EXIF_ORIENTATION, 1) not in (0, 1))
 
 
 def _of_line(line: str, size: tuple[int, int]) -> tuple[int | None, Box | None]:
