@@ -40,7 +40,7 @@ class ConvNorm(nn.Module):
 
 
 class Yolox(nn.Module):
-    """``forward``: (b, 3, h, w) of 0..255 BGR -> (b, cells, 5 + classes): offsets in cells, log sizes, and the logits of
+    """``forward``: (b, 3, h, w) of 0..255 BGR -> (b, cells, 5 + classes): offsets in cells, log sizes, logits of
     objectness and classes; cells of all levels, row by row."""
 
     def __init__(self, body: nn.Module, class_count: int) -> None:
