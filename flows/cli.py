@@ -151,6 +151,7 @@ app.command()(looking.view)
 app.command()(looking.pictures)
 app.command()(looking.evaluate)
 app.add_typer(improving.review, name="review")
+app.command()(improving.training_set)
 
 
 @app.command()

@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from facadelake.errors import InputDataError
+from facadelake.review.label_files import LabelForm
+from facadelake.review.training_set import Pictures
 from flows.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
@@ -108,3 +110,47 @@ def list_reviews(
     if not chosen:
         raise InputDataError(f"the lake {lake} holds no campaign of '{building}'; inspect one first")
     show_reviews(console, [reviewed_campaign(registered, one, lake=lake) for one in chosen], lines=lines)
+
+
+def training_set(
+    buildings: Annotated[list[str], typer.Argument(help="Ids of the buildings whose reviewed campaigns are taken.")],
+    *,
+    out: Annotated[Path, typer.Option(help="Folder to write; it must not be there yet.")],
+    form: Annotated[LabelForm, typer.Option("--format", help="How labels are written.")] = LabelForm.COCO,
+    pictures: Annotated[
+        Pictures,
+        typer.Option(
+            help="tiles about the reviewed places, what nobody judged hidden; or whole photographs, copied or linked, "
+            "where every detection was judged."
+        ),
+    ] = Pictures.TILES,
+    tile_px: Annotated[int, typer.Option(min=64, max=8192, help="Side of a tile.")] = 640,
+    split: Annotated[
+        list[str] | None,
+        typer.Option(help="BUILDING=train, val or test instead of the one by the hash of its id. Repeatable."),
+    ] = None,
+    terms: Annotated[
+        str | None, typer.Option(help="Under which terms the photographs may be used, for the manifest.")
+    ] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Write reviewed detections as a training set; rejected ones become pictures without a defect.
+
+    A building is wholly in one split, so that no wall is both learned from and judged by.
+    """
+    from flows.terminal.training import show_training_set
+    from flows.training_sets import make_training_set
+
+    registered = [portfolio_at(portfolio).building(one) for one in dict.fromkeys(buildings)]
+    done, placed = make_training_set(
+        registered,
+        out,
+        lake=lake,
+        form=form,
+        pictures=pictures,
+        side_px=tile_px,
+        splits=tuple(split or ()),
+        terms=terms,
+    )
+    show_training_set(console, done, placed)

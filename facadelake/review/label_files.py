@@ -1,0 +1,105 @@
+"""Labels of a training set as COCO or YOLO files; pixels as in COCO, (0, 0) the corner of the first."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from facadelake.review.material import Labelled
+from facadelake.review.shown import polygons
+from facadelake.review.splits import Split
+from schemas.vocabulary import DefectClass
+
+CLASSES = tuple(DefectClass)
+
+
+class LabelForm(StrEnum):
+    """How labels are written."""
+
+    COCO = "coco"
+    YOLO = "yolo"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A picture of the set: ``name`` below ``images``, where it was taken from, and its defects (none: a negative).
+
+    ``left_px``, ``top_px``: where its corner lies in the photograph.
+    """
+
+    name: str
+    split: Split
+    building_id: str
+    campaign_id: str
+    photo_id: str
+    left_px: int
+    top_px: int
+    width_px: int
+    height_px: int
+    defects: tuple[Labelled, ...]
+
+
+def write_labels(form: LabelForm, folder: Path, pictures: Sequence[Picture]) -> None:
+    """Write the labels of all splits below ``folder``; a split without pictures has an empty file, or folder."""
+    for split in Split:
+        ours = [picture for picture in pictures if picture.split is split]
+        (folder / "images" / split).mkdir(parents=True, exist_ok=True)
+        if form is LabelForm.COCO:
+            path = folder / "annotations" / f"instances_{split}.json"
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(json.dumps(_coco(ours)) + "\n", encoding="utf-8")
+        else:
+            (folder / "labels" / split).mkdir(parents=True, exist_ok=True)
+            for picture in ours:
+                path = (folder / "labels" / picture.name).with_suffix(".txt")
+                path.write_text("".join(_yolo_line(one, picture) for one in picture.defects), encoding="utf-8")
+    if form is LabelForm.YOLO:
+        places: dict[str, Any] = {str(split): f"images/{split}" for split in Split}
+        content = {"path": ".", **places, "names": {i: str(name) for i, name in enumerate(CLASSES)}}
+        (folder / "data.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _coco(pictures: Sequence[Picture]) -> dict[str, Any]:
+    labelled = [(number, one) for number, picture in enumerate(pictures, start=1) for one in picture.defects]
+    return {
+        "images": [
+            {
+                "id": number,
+                "file_name": picture.name,
+                "width": picture.width_px,
+                "height": picture.height_px,
+                "site": picture.building_id,
+                "campaign": picture.campaign_id,
+                "photo_id": picture.photo_id,
+                "left_px": picture.left_px,
+                "top_px": picture.top_px,
+            }
+            for number, picture in enumerate(pictures, start=1)
+        ],
+        "categories": [{"id": i, "name": str(name)} for i, name in enumerate(CLASSES, start=1)],
+        "annotations": [
+            {
+                "id": number,
+                "image_id": image,
+                "category_id": CLASSES.index(one.defect_class) + 1,
+                "bbox": [round(v, 2) for v in (one.box.x_px, one.box.y_px, one.box.width_px, one.box.height_px)],
+                "area": round(one.box.width_px * one.box.height_px if one.mask is None else one.mask.area, 2),
+                "segmentation": [] if one.mask is None else polygons(one.mask.wkt),
+                "iscrowd": 0,
+            }
+            for number, (image, one) in enumerate(labelled, start=1)
+        ],
+    }
+
+
+def _yolo_line(one: Labelled, picture: Picture) -> str:
+    box = one.box
+    centre = ((box.x_px + box.width_px / 2) / picture.width_px, (box.y_px + box.height_px / 2) / picture.height_px)
+    size = (box.width_px / picture.width_px, box.height_px / picture.height_px)
+    return f"{CLASSES.index(one.defect_class)} {' '.join(f'{value:.7f}' for value in (*centre, *size))}\n"

@@ -1,0 +1,63 @@
+"""What of a photograph a model may learn: defects, places that are none, and places of which nobody has spoken."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Any
+
+import shapely
+
+from facadelake.detect.boxes import Box
+from facadelake.review.standing import Judgement
+from schemas.vocabulary import DefectClass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Labelled:
+    """A defect that a person confirmed, corrected or drew; ``mask`` is a shapely polygon or None."""
+
+    box: Box
+    defect_class: DefectClass
+    mask: Any | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """A photograph as reviewed: ``defects``, ``rejected`` boxes, and boxes of detections that nobody looked at."""
+
+    photo_id: str
+    defects: tuple[Labelled, ...]
+    rejected: tuple[Box, ...]
+    unknown: tuple[Box, ...]
+
+
+@dataclass
+class _Gathered:
+    defects: list[Labelled] = field(default_factory=list)
+    rejected: list[Box] = field(default_factory=list)
+    unknown: list[Box] = field(default_factory=list)
+
+
+def material_of(judgement: Judgement) -> tuple[Material, ...]:
+    """The photographs that someone has spoken of, in order."""
+    photographs: dict[str, _Gathered] = defaultdict(_Gathered)
+    for one in judgement.standing:
+        word, there = one.review, photographs[one.review.photo_id]
+        if word.box is None or word.defect_class is None:
+            there.rejected.append(word.place)
+            continue
+        mask = None if word.mask is None else shapely.from_wkt(word.mask)
+        there.defects.append(Labelled(box=word.box, defect_class=word.defect_class, mask=mask))
+    for detection in judgement.unreviewed:
+        if detection.photo_id in photographs:
+            photographs[detection.photo_id].unknown.append(detection.box)
+    return tuple(
+        Material(
+            photo_id=photo_id,
+            defects=tuple(there.defects),
+            rejected=tuple(there.rejected),
+            unknown=tuple(there.unknown),
+        )
+        for photo_id, there in sorted(photographs.items())
+    )

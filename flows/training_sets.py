@@ -1,0 +1,72 @@
+"""Reviewed campaigns of several buildings as one training set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+from facadelake.errors import InputDataError
+from facadelake.lake.read import read_table
+from facadelake.registry import Building
+from facadelake.review.label_files import LabelForm
+from facadelake.review.splits import Split, chosen_splits, split_of
+from facadelake.review.training_set import TERMS, Pictures, Source, TrainingSet, write_training_set
+from flows.reviewing import reviewed_campaign
+
+
+def make_training_set(
+    buildings: Sequence[Building],
+    folder: Path,
+    *,
+    lake: Path,
+    form: LabelForm,
+    pictures: Pictures,
+    side_px: int,
+    splits: tuple[str, ...],
+    terms: str | None,
+) -> tuple[TrainingSet, dict[str, Split]]:
+    """Write every reviewed campaign of ``buildings`` to ``folder``; also returns the split of each building.
+
+    Raises InputDataError where nothing was reviewed, or ``splits`` (BUILDING=SPLIT) name a building that is not among
+    them.
+    """
+    chosen = chosen_splits(splits)
+    strange = sorted(chosen.keys() - {building.id for building in buildings})
+    if strange:
+        raise InputDataError(
+            f"--split names {', '.join(strange)}, but the set is of {', '.join(b.id for b in buildings)}"
+        )
+    placed = {building.id: split_of(building.id, chosen) for building in buildings}
+    sources = []
+    for building in buildings:
+        held = read_table(lake, "reviews", building_id=building.id)
+        for campaign_id in sorted(set(held.column("campaign_id").to_pylist())):
+            campaign = reviewed_campaign(building, campaign_id, lake=lake)
+            rows = campaign.tables["detections"].select(["detector", "detector_sha256"]).to_pylist()
+            sources.append(
+                Source(
+                    building_id=building.id,
+                    campaign_id=campaign_id,
+                    run_id=campaign.run_id,
+                    version=campaign.version,
+                    root=building.photographs_of(campaign_id),
+                    split=placed[building.id],
+                    judgement=campaign.judgement,
+                    detectors={row["detector"]: row["detector_sha256"] for row in rows},
+                )
+            )
+    if not sources:
+        raise InputDataError(
+            f"nothing of {', '.join(placed)} was reviewed; 'facadelake review export-task' begins a review"
+        )
+    done = write_training_set(
+        sources,
+        folder,
+        form=form,
+        pictures=pictures,
+        side_px=side_px,
+        terms=terms or TERMS,
+        version=version_of("facadelake"),
+    )
+    return done, placed
