@@ -6,29 +6,65 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from facadelake.frames import Array
 
 Corners = Array  # (n, 4): left, top, right, bottom in pixels of the photograph
+Indices = NDArray[np.int64]
 Shapes = Sequence[shapely.Geometry | None]
 
-# A box that is filled to its corners agrees as a whole; a line that is straight in both goes before it.
+# Boxes that agree as a whole, without a line through both, count for half.
 _FILLED = 0.5
+# Rounds in which parts tell one another which way they run, and how much of a belief a way needs to be held possible.
+_ROUNDS = 5
+_POSSIBLE = 0.4
+# A part that goes on as a line so well somewhere is one; of two such, boxes as a whole tell something where they agree
+# by so much along a strip that is so much longer than wide (in the corner that four tiles share they always do).
+_RUNS = 0.6
+_ALIKE = 0.7
+_STRIP = 1.5
 
 
-def agreement(a: Corners, b: Corners, window: Corners, *, masks_a: Shapes, masks_b: Shapes, slack_px: float) -> Array:
-    """How well the parts a and b (n) agree within ``window`` (n), 0 to 1; edges may be wrong by ``slack_px``.
+def agreement(
+    corners: Corners, masks: Shapes, first: Indices, second: Indices, window: Corners, slack_px: float
+) -> Array:
+    """How well parts ``first`` and ``second`` (k) of all parts (n) agree in ``window`` (k), 0 to 1.
 
-    Masks tell it where both have one: the share of the smaller that lies in the other. Of boxes, where a line along the
-    same diagonal of both would run within the window, or both boxes as a whole for half as much.
+    Masks tell it where both have one: the share of the smaller that lies in the other. Boxes tell it by a line along
+    the same diagonal of both: what is long runs through tile after tile in the same direction, falling or rising, which
+    its parts tell one another; boxes that agree as a whole count for half. Edges may be wrong by ``slack_px``.
     """
-    lines = [_overlaps(_diagonal(a, window, up), _diagonal(b, window, up), slack_px) for up in (False, True)]
+    a, b = corners[first], corners[second]
+    lines = np.stack([_overlaps(_diagonal(a, window, up), _diagonal(b, window, up), slack_px) for up in (False, True)])
+    belief = _directions(lines, first, second, len(corners))
+    possible = (belief[:, first] >= _POSSIBLE) & (belief[:, second] >= _POSSIBLE)
+    line = np.where(possible, lines, 0.0).max(axis=0)
+    runs = np.zeros(len(corners))
+    np.maximum.at(runs, first, line)
+    np.maximum.at(runs, second, line)
     filled = _overlaps(common(a, window), common(b, window), slack_px)
-    fit = np.maximum(np.maximum(*lines), _FILLED * filled)
-    for i, (one, two) in enumerate(zip(masks_a, masks_b, strict=True)):
+    sides = np.sort(window[:, 2:] - window[:, :2], axis=1)
+    telling = (filled >= _ALIKE) & (sides[:, 1] >= _STRIP * sides[:, 0])
+    telling |= (runs[first] < _RUNS) | (runs[second] < _RUNS)
+    fit = np.maximum(line, np.where(telling, _FILLED * filled, 0.0))
+    for i, (p, q) in enumerate(zip(first, second, strict=True)):
+        one, two = masks[p], masks[q]
         if one is not None and two is not None:
             fit[i] = _masks_agree(one, two, shapely.box(*window[i]), slack_px)
-    return fit
+    return np.asarray(fit)
+
+
+def _directions(lines: Array, first: Indices, second: Indices, count: int) -> Array:
+    """How likely (2, n) each part runs falling, and rising: as those it meets do, by how well (2, k) they meet so."""
+    belief = np.full((2, count), 0.5)
+    for _ in range(_ROUNDS):
+        told = np.full((2, count), 1e-6)
+        for way in (0, 1):
+            np.add.at(told[way], first, lines[way] * belief[way, second])
+            np.add.at(told[way], second, lines[way] * belief[way, first])
+        belief = told / told.sum(axis=0)
+    return belief
 
 
 def common(a: Corners, b: Corners) -> Corners:

@@ -123,18 +123,11 @@ def _pairs(known: _Parts, slack_px: float) -> _Pairs:
     keep = (first < second) & (known.classes[first] == known.classes[second])
     keep &= (known.tiles[first] != known.tiles[second]).any(axis=1)
     first, second = first[keep], second[keep]
-    masks = [one.mask for one in known.found]
+    window = common(known.tiles[first], known.tiles[second])
     return _Pairs(
         first=first,
         second=second,
-        fit=agreement(
-            known.corners[first],
-            known.corners[second],
-            common(known.tiles[first], known.tiles[second]),
-            masks_a=[masks[i] for i in first],
-            masks_b=[masks[i] for i in second],
-            slack_px=slack_px,
-        ),
+        fit=agreement(known.corners, [one.mask for one in known.found], first, second, window, slack_px),
         onwards=np.column_stack([_onwards(known, first, second), _onwards(known, second, first)]),
     )
 

@@ -32,6 +32,11 @@ def whole(image: Image) -> NDArray[np.float64]:
     return corners(found)
 
 
+def fine(image: Image, *, masks: bool = False) -> NDArray[np.float64]:
+    """The boxes of the tiles alone, without a look at the whole."""
+    return corners(detect_image(BlobDetector(masks=masks, gsd_mm=(2.0,)), image, gsd_mm=2.0))
+
+
 def tiled(image: Image, *, masks: bool = False) -> NDArray[np.float64]:
     return corners(detect_image(BlobDetector(masks=masks), image))
 
@@ -50,18 +55,29 @@ def tiled(image: Image, *, masks: bool = False) -> NDArray[np.float64]:
 def test_a_crack_through_many_tiles_is_one_box(points: list[tuple[int, int]], masks: bool) -> None:
     image = wall()
     crack(image, *points)
+    assert fine(image, masks=masks) == pytest.approx(whole(image), rel=0, abs=1)  # px
     assert tiled(image, masks=masks) == pytest.approx(whole(image), rel=0, abs=1)  # px
 
 
 @pytest.mark.parametrize("masks", [False, True])
 @pytest.mark.parametrize("apart", [40, 70, 130])
-@pytest.mark.parametrize("slope", [0.0])
+@pytest.mark.parametrize("slope", [0.0, 0.15])
 def test_cracks_side_by_side_stay_apart(apart: int, slope: float, masks: bool) -> None:
     image = wall()
     for row in range(4):
         top = 60 + row * apart
         crack(image, (20, top), (980, round(top + slope * 960)))
+    assert fine(image, masks=masks) == pytest.approx(whole(image), rel=0, abs=1)  # px
     assert tiled(image, masks=masks) == pytest.approx(whole(image), rel=0, abs=1)  # px
+
+
+@pytest.mark.parametrize(("wide", "high"), [(60, 40), (150, 90), (300, 260), (480, 70)])
+def test_a_patch_across_tiles_is_one_box(wide: int, high: int) -> None:
+    for x in range(250, 420, 37):
+        image = wall()
+        cv2.ellipse(image, (x, 350), (wide // 2, high // 2), 0, 0, 360, (0, 0, 0), -1)
+        cv2.rectangle(image, (700, 100), (700 + wide // 2, 100 + high), (0, 0, 0), -1)
+        assert fine(image) == pytest.approx(whole(image), rel=0, abs=1)  # px
 
 
 def test_spots_are_told_once_wherever_they_lie() -> None:
