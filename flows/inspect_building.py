@@ -24,6 +24,7 @@ from tasks.import_poses import import_poses
 from tasks.ingest import ingest
 from tasks.job import InspectionJob, StageResult
 from tasks.load_model import load_model
+from tasks.measure import measure
 from tasks.merge import merge_duplicates
 from tasks.publish import publish
 from tasks.reconstruct import reconstruct_block
@@ -99,13 +100,15 @@ def inspect_building(
         if bare:
             model = as_built_model(job, model, block, placed)
     found = imported or detect(job, model, photos, placed)
-    registered = register(job, model, placed, found, block)
-    merged = merge_duplicates(job, model, placed, registered, found)
+    measured = measure(job, photos, found)
+    registered = register(job, model, placed, measured, block)
+    merged = merge_duplicates(job, model, placed, registered, measured)
     integrity = verify_model(job, model, block, placed)
     folders = StageFolders(
         model=model,
         photos=photos,
         detections=found,
+        measured=measured,
         block=block,
         placed=placed,
         registered=registered,

@@ -26,6 +26,7 @@ class StageFolders:
     block: StageResult | None
     placed: StageResult
     detections: StageResult
+    measured: StageResult
     registered: StageResult
     merged: StageResult
     integrity: StageResult
@@ -48,7 +49,7 @@ def stage_tables(folders: StageFolders) -> dict[str, pa.Table]:
         "georeference": read_table("georeference", folders.placed.folder),
         "georeference_points": read_table("georeference_points", folders.placed.folder),
         "elements": read_table("elements", folders.model.folder),
-        "detections": read_table("detections", folders.detections.folder),
+        "detections": read_table("detections", folders.measured.folder),
         "observations": read_table("observations", folders.merged.folder),
         "defects": read_table("defects", folders.merged.folder),
         "merges": read_table("merges", folders.merged.folder),

@@ -1,0 +1,27 @@
+"""Task: cracks measured in their photographs' pixels, whoever found them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+from prefect import task
+
+from facadelake.detect.measure import measure_detections
+from facadelake.tables import read_table, write_table
+from tasks.job import InspectionJob, StageResult
+from tasks.stage import Counts, run_stage
+
+
+@task(name="measure")
+def measure(job: InspectionJob, photos: StageResult, detections: StageResult) -> StageResult:
+    """Table ``detections``, its cracks with widths and lengths; the photographs are in the key through ``photos``."""
+
+    def make(folder: Path) -> Counts:
+        root = job.building.photographs_of(job.campaign_id)
+        table = measure_detections(read_table("detections", detections.folder), root)
+        write_table("detections", table, folder)
+        return Counter(word for word in table.column("crack_width_outcome").to_pylist() if word is not None)
+
+    inputs = {"photos": photos.key, "detections": detections.key}
+    return run_stage(job, "measure", code=["detect/measure"], inputs=inputs, make=make)
