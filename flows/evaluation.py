@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+
+import pyarrow as pa
 
 from facadelake.detect.coco import import_coco
 from facadelake.errors import InputDataError, StoreError
 from facadelake.evaluate.comparison import Comparison, compare
+from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.geodesy import SiteOrigin
 from facadelake.lake.connect import exists
@@ -15,7 +19,7 @@ from facadelake.photo.files import find_masks
 from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.appearance import Photographs
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.register.merge import merge
+from facadelake.register.merge import MergeResult, merge
 from facadelake.register.observe import observe
 from facadelake.registry import Building, CocoDetector
 from schemas.vocabulary import SurfaceKind
@@ -61,25 +65,7 @@ def compare_campaign(
             )
         model = read_model(building)
         found = import_coco(file, tables["photos"], class_names=building.detector.classes)
-        passport = tables["georeference"].to_pylist()[0]
-        posed, surface = posed_cameras(tables["poses"]), Surface(model)
-        covariances = pose_covariances(tables["poses"])
-        seen = observe(found, posed, model, surface, settings=register_settings(building), covariances=covariances)
-        scene = Scene(
-            masks=find_masks(building.photographs_of(campaign_id)),
-            placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in ("east", "north", "up")),
-        )
-        seen = exclude(seen, found, posed, model.elements, surface, scene, ExclusionSettings())
-        merged = merge(
-            seen,
-            found,
-            model,
-            posed,
-            prefix=f"{building.id}-{campaign_id}",
-            settings=merge_settings(passport),
-            covariances=covariances,
-            photographs=Photographs(root=building.photographs_of(campaign_id), posed=posed),
-        )
+        merged = registered_again(building, campaign_id, model, found, tables)
         tables |= {"detections": found, "observations": merged.observations, "defects": merged.defects}
     return compare(
         photos=tables["photos"],
@@ -90,4 +76,34 @@ def compare_campaign(
         truth=truth,
         origin=origin,
         map_crs=place["map_crs"],
+    )
+
+
+def registered_again(
+    building: Building, campaign_id: str, model: BuildingModel, found: pa.Table, tables: Mapping[str, pa.Table]
+) -> MergeResult:
+    """Other detections of a committed campaign, ``found``, registered and merged on its poses, in memory.
+
+    ``tables``: the campaign's ``poses`` and ``georeference``. What stands before the building is told by the user's
+    masks and the model alone, because tie points are not in the lake.
+    """
+    passport = tables["georeference"].to_pylist()[0]
+    posed, surface = posed_cameras(tables["poses"]), Surface(model)
+    covariances = pose_covariances(tables["poses"])
+    root = building.photographs_of(campaign_id)
+    seen = observe(found, posed, model, surface, settings=register_settings(building), covariances=covariances)
+    scene = Scene(
+        masks=find_masks(root),
+        placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in ("east", "north", "up")),
+    )
+    seen = exclude(seen, found, posed, model.elements, surface, scene, ExclusionSettings())
+    return merge(
+        seen,
+        found,
+        model,
+        posed,
+        prefix=f"{building.id}-{campaign_id}",
+        settings=merge_settings(passport),
+        covariances=covariances,
+        photographs=Photographs(root=root, posed=posed),
     )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import pyarrow as pa
 from prefect import task
 
 from facadelake.cache import file_hash
@@ -15,7 +16,7 @@ from facadelake.detect.coco import import_coco
 from facadelake.detect.detector import detector_fingerprint
 from facadelake.detect.onnx import detect_photographs
 from facadelake.detect.view import View
-from facadelake.geobim.model import read_building
+from facadelake.geobim.model import BuildingModel, read_building
 from facadelake.geobim.surface import Surface
 from facadelake.photo.files import find_masks
 from facadelake.posed import posed_cameras
@@ -60,7 +61,7 @@ def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: 
             root,
             chosen_detector(setting),
             class_names=setting.classes,
-            view_of=_views(model, placed, masks),
+            view_of=views_of(read_building(model.folder), read_table("poses", placed.folder), masks),
             workers=threads_of(setting),
         )
         write_table("detections", table, folder)
@@ -77,10 +78,9 @@ def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: 
     return run_stage(job, "detect", code=["detect", *VIEWS], inputs=inputs, make=make)
 
 
-def _views(model: StageResult, placed: StageResult, masks: dict[str, Path]) -> Callable[[str], View]:
-    """What is known of each photograph, by its photo_id."""
-    building = read_building(model.folder)
-    posed, surface = posed_cameras(read_table("poses", placed.folder)), Surface(building)
+def views_of(building: BuildingModel, poses: pa.Table, masks: Mapping[str, Path]) -> Callable[[str], View]:
+    """What is known of each photograph, by its photo_id, from table ``poses`` and the user's masks."""
+    posed, surface = posed_cameras(poses), Surface(building)
 
     def view_of(photo_id: str) -> View:
         if photo_id not in posed:

@@ -19,7 +19,8 @@ from filelock import FileLock, Timeout
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from facadelake.cache import file_hash
-from facadelake.detect.card import card_path, read_card
+from facadelake.detect.card import card_path, card_text
+from facadelake.detect.find_card import find_card
 from facadelake.errors import ModelError, StoreError
 
 MODELS = Path(os.environ.get("FACADELAKE_MODELS") or Path(__file__).resolve().parents[2] / "data" / "detector")
@@ -84,7 +85,7 @@ def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | No
     The caller has judged whether it may be. Doing it again for the model that is the default changes nothing.
     Raises ModelError for a model without a card, StoreError where the folder cannot be written.
     """
-    card = read_card(card_path(model))
+    card = find_card(model)
     sha256 = file_hash(model)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", card.name).strip("-.") or "model"
     try:
@@ -103,7 +104,7 @@ def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | No
                 evidence=evidence,
             )
             target = folder / entry.file
-            _copy(card_path(model), card_path(target))
+            card_path(target).write_text(card_text(card), encoding="utf-8")
             _copy(model, target)
             _write_list(folder / LIST, [*known, entry])
             return entry
