@@ -1,0 +1,104 @@
+"""What a new model finds differently from an old one in the same photographs: what stays, appears, vanishes."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from facadelake.detect.boxes import Box
+from facadelake.frames import Array
+from facadelake.review.overlap import corners_of, overlaps, pairs_of
+from facadelake.review.standing import Detected
+from schemas.vocabulary import DefectClass
+
+SAME_BOX = 0.3  # intersection over union from which two models' boxes are one: they draw differently
+COVERED = 0.5  # share of a box that others cover together: a long crack told in two parts has not vanished
+
+
+class Change(StrEnum):
+    """What becomes of a box from the old model to the new."""
+
+    STAYS = "stays"
+    RENAMED = "renamed"
+    APPEARS = "appears"
+    VANISHES = "vanishes"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changed:
+    """A box of the old model (None: it had none there), one of the new, or both."""
+
+    change: Change
+    old: Detected | None
+    new: Detected | None
+
+    @property
+    def shown(self) -> Detected:
+        """The new model's box where it has one."""
+        one = self.new or self.old
+        assert one is not None
+        return one
+
+
+def changes_between(old: Sequence[Detected], new: Sequence[Detected]) -> tuple[Changed, ...]:
+    """Every box of both models once, photograph by photograph.
+
+    Boxes of one class that overlap by 0.3 stay, and so do boxes that the other model's boxes of that class cover by
+    half together; of two classes at one place (overlap 0.5) the box is renamed.
+    """
+    by_photo: dict[str, tuple[list[Detected], list[Detected]]] = defaultdict(lambda: ([], []))
+    for which, boxes in enumerate((old, new)):
+        for one in boxes:
+            by_photo[one.photo_id][which].append(one)
+    return tuple(change for photo_id in sorted(by_photo) for change in _in_photograph(*by_photo[photo_id]))
+
+
+def found_at(boxes: Sequence[Detected], box: Box, defect_class: DefectClass | None) -> bool:
+    """Whether some of a photograph's ``boxes``, of the class if one is given, tell of what lies in ``box``."""
+    ours = [one.box for one in boxes if defect_class in (None, one.defect_class)]
+    if not ours:
+        return False
+    corners, place = corners_of(ours), corners_of([box])
+    return bool(overlaps(place, corners).max() >= SAME_BOX or covered_share(place[0], corners) >= COVERED)
+
+
+def covered_share(corners: Array, others: Array) -> float:
+    """Share of a box (4,) that the boxes ``others`` (n, 4) cover together, exact: on the grid of all their edges."""
+    low = np.clip(others[:, :2], corners[:2], corners[2:])
+    high = np.clip(others[:, 2:], corners[:2], corners[2:])
+    xs = np.unique(np.concatenate([corners[[0, 2]], low[:, 0], high[:, 0]]))
+    ys = np.unique(np.concatenate([corners[[1, 3]], low[:, 1], high[:, 1]]))
+    middle_x, middle_y = (xs[:-1] + xs[1:]) / 2, (ys[:-1] + ys[1:]) / 2
+    across = (low[:, None, 0] < middle_x) & (middle_x < high[:, None, 0])
+    down = (low[:, None, 1] < middle_y) & (middle_y < high[:, None, 1])
+    inside = (across[:, None, :] & down[:, :, None]).any(axis=0)
+    area = float(np.prod(corners[2:] - corners[:2]))
+    return float((inside * np.diff(ys)[:, None] * np.diff(xs)[None, :]).sum()) / area if area > 0 else 0.0
+
+
+def _in_photograph(old: Sequence[Detected], new: Sequence[Detected]) -> list[Changed]:
+    shares = overlaps(corners_of(one.box for one in old), corners_of(one.box for one in new))
+    same = np.array([[a.defect_class is b.defect_class for b in new] for a in old], dtype=bool).reshape(shares.shape)
+    pairs = pairs_of(np.where(same, shares, 0.0), SAME_BOX)
+    left_old = set(range(len(old))) - {pair.one for pair in pairs}
+    left_new = set(range(len(new))) - {pair.other for pair in pairs}
+    out = [Changed(change=Change.STAYS, old=old[pair.one], new=new[pair.other]) for pair in pairs]
+    parts_old = {i for i in left_old if found_at(new, old[i].box, old[i].defect_class)}
+    parts_new = {j for j in left_new if found_at(old, new[j].box, new[j].defect_class)}
+    out += [Changed(change=Change.STAYS, old=old[i], new=None) for i in sorted(parts_old)]
+    out += [Changed(change=Change.STAYS, old=None, new=new[j]) for j in sorted(parts_new)]
+    left_old, left_new = left_old - parts_old, left_new - parts_new
+    others = np.zeros_like(shares)
+    for i in left_old:
+        for j in left_new:
+            others[i, j] = shares[i, j]
+    renamed = pairs_of(others, COVERED)
+    out += [Changed(change=Change.RENAMED, old=old[pair.one], new=new[pair.other]) for pair in renamed]
+    gone = sorted(left_old - {pair.one for pair in renamed})
+    come = sorted(left_new - {pair.other for pair in renamed})
+    out += [Changed(change=Change.VANISHES, old=old[i], new=None) for i in gone]
+    return out + [Changed(change=Change.APPEARS, old=None, new=new[j]) for j in come]

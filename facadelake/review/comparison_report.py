@@ -1,0 +1,134 @@
+"""The comparison of two models on stored campaigns, as it is written and read again: what a promotion rests on."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from facadelake.errors import InputDataError, StoreError
+from facadelake.review.changes import Change, Changed
+from facadelake.review.on_the_wall import WallDefect
+from facadelake.review.on_words import OnWords, Place
+from facadelake.review.record import Review
+
+FOLDER, REPORT = "comparisons", "comparison.json"
+
+Counts = dict[str, dict[str, int]]  # class -> change -> number
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ModelNamed(_Part):
+    """A model by its card's name and its file's hash."""
+
+    name: str
+    sha256: str
+
+
+class LostDefect(_Part):
+    """A confirmed defect that the old model finds and the new one does not, by one of its photographs."""
+
+    defect: str
+    defect_class: str
+    photo_id: str
+    box_px: tuple[float, float, float, float]
+    sightings: int
+
+
+class CampaignComparison(_Part):
+    """One campaign: ``boxes`` and ``wall`` count changes by class; ``wall_remark`` says why there is no wall."""
+
+    building_id: str
+    campaign_id: str
+    run_id: str
+    photographs_total: int
+    photographs: tuple[str, ...]
+    boxes: Counts
+    wall: Counts | None
+    wall_remark: str
+    words: dict[str, int]
+    lost: tuple[LostDefect, ...]
+
+
+class Comparison(_Part):
+    """Two models on the photographs of stored campaigns."""
+
+    old: ModelNamed
+    new: ModelNamed
+    made_at: datetime
+    facadelake: str
+    campaigns: tuple[CampaignComparison, ...]
+
+    @property
+    def words(self) -> dict[str, int]:
+        """What persons said, over all campaigns."""
+        total: Counter[str] = Counter()
+        for campaign in self.campaigns:
+            total.update(campaign.words)
+        return dict(total)
+
+    @property
+    def lost(self) -> tuple[LostDefect, ...]:
+        """The confirmed defects that the new model loses."""
+        return tuple(one for campaign in self.campaigns for one in campaign.lost)
+
+
+def comparison_folder(lake: Path, old_sha256: str, new_sha256: str) -> Path:
+    """Where the comparison of two models on a lake's campaigns is."""
+    return lake / FOLDER / f"{old_sha256[:12]}-{new_sha256[:12]}"
+
+
+def counts_of(changes: Sequence[Changed | WallDefect]) -> Counts:
+    """Changes by class; a renamed box counts for the class it had."""
+    out: Counts = {}
+    for one in changes:
+        defect_class = one.defect_class if isinstance(one, WallDefect) else (one.old or one.shown).defect_class
+        of_class = out.setdefault(str(defect_class), {str(change): 0 for change in Change})
+        of_class[str(one.change)] += 1
+    return dict(sorted(out.items()))
+
+
+def lost_defects(words: OnWords) -> tuple[LostDefect, ...]:
+    """The defects that the new model loses, as the report names them."""
+    return tuple(_lost(place) for place in words.lost)
+
+
+def _lost(place: Place) -> LostDefect:
+    largest: Review = max(place.words, key=lambda word: word.place.width_px * word.place.height_px)
+    box = largest.place
+    return LostDefect(
+        defect=largest.defect_id or largest.subject,
+        defect_class=str(largest.defect_class),
+        photo_id=largest.photo_id,
+        box_px=(box.x_px, box.y_px, box.width_px, box.height_px),
+        sightings=len(place.words),
+    )
+
+
+def write_comparison(comparison: Comparison, folder: Path) -> Path:
+    """Write the report to ``folder``. Raises StoreError where the disk fails."""
+    path = folder / REPORT
+    part = path.with_name(f".{REPORT}.part")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        part.write_text(comparison.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise StoreError(f"the comparison cannot be written to {path}: {error}; check rights and free space") from error
+    return path
+
+
+def read_comparison(path: Path) -> Comparison:
+    """Read a report. Raises InputDataError where it is missing or not one."""
+    try:
+        return Comparison.model_validate_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputDataError(f"there is no comparison at {path}; 'facadelake compare-models' makes it") from error
+    except (OSError, UnicodeDecodeError, ValidationError) as error:
+        raise InputDataError(f"{path} is no comparison of two models: {error}; make it anew") from error

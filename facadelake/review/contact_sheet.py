@@ -1,0 +1,107 @@
+"""Contact sheets: what appears and what vanishes under a new model, as pictures to judge at a glance."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from facadelake.detect.boxes import Box
+from facadelake.detect.letterbox import Image
+from facadelake.errors import StoreError
+from facadelake.progress import track
+
+_CELL_PX, _CAPTION_PX, _COLUMNS = 220, 34, 6
+_AROUND = 2.2  # side of a crop over its box's longer side: a person needs to see where it is
+_LEAST_PX = 96
+_BACKGROUND, _INK = 255, (40, 40, 40)
+_FRAME_BGR = (30, 30, 220)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crop:
+    """A place of a photograph with two lines of text."""
+
+    photograph: Path
+    box: Box
+    title: str
+    below: str
+
+
+def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None:
+    """Draw ``crops`` in their order on one PNG; None where there are none. Each photograph is read once.
+
+    A photograph that cannot be read leaves its cells grey. Raises StoreError where the file cannot be written.
+    """
+    if not crops:
+        return None
+    by_photograph: dict[Path, list[int]] = defaultdict(list)
+    for i, crop in enumerate(crops):
+        by_photograph[crop.photograph].append(i)
+    cells: dict[int, Image] = {}
+    for photograph, places in track(by_photograph.items(), label="Drawing"):
+        image = _read(photograph)
+        for i in places:
+            cells[i] = _cell(image, crops[i])
+    sheet = _arranged(cells, crops, title)
+    done, data = cv2.imencode(".png", sheet)
+    try:
+        if not done:
+            raise OSError("no PNG could be made")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data.tobytes())
+    except OSError as error:
+        raise StoreError(f"the sheet {path} cannot be written: {error}; check rights and free space") from error
+    return path
+
+
+def _read(path: Path) -> Image | None:
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        return None
+    return None if image is None else np.asarray(image, dtype=np.uint8)
+
+
+def _cell(image: Image | None, crop: Crop) -> Image:
+    cell = np.full((_CELL_PX, _CELL_PX, 3), 200, dtype=np.uint8)
+    if image is None:
+        return cell
+    height, width = image.shape[:2]
+    box = crop.box
+    side = round(min(max(_AROUND * max(box.width_px, box.height_px), _LEAST_PX), width, height))
+    left = int(np.clip(round(box.x_px + box.width_px / 2 - side / 2), 0, width - side))
+    top = int(np.clip(round(box.y_px + box.height_px / 2 - side / 2), 0, height - side))
+    part = image[top : top + side, left : left + side]
+    scale = _CELL_PX / side
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    cell = np.asarray(cv2.resize(part, (_CELL_PX, _CELL_PX), interpolation=method), dtype=np.uint8)
+    corners = np.array(
+        [box.x_px - left, box.y_px - top, box.x_px - left + box.width_px, box.y_px - top + box.height_px]
+    )
+    x0, y0, x1, y1 = (round(float(value)) for value in corners * scale)
+    cv2.rectangle(cell, (x0 - 2, y0 - 2), (x1 + 1, y1 + 1), _FRAME_BGR, 2)
+    return cell
+
+
+def _arranged(cells: Mapping[int, Image], crops: Sequence[Crop], title: str) -> Image:
+    columns = min(_COLUMNS, len(crops))
+    rows = -(-len(crops) // columns)
+    step_x, step_y, head = _CELL_PX + 8, _CELL_PX + _CAPTION_PX + 8, 34
+    sheet = np.full((head + rows * step_y, max(columns, 3) * step_x + 8, 3), _BACKGROUND, dtype=np.uint8)
+    _write(sheet, title, 10, 23, 0.6)
+    for i, crop in enumerate(crops):
+        x, y = 8 + (i % columns) * step_x, head + (i // columns) * step_y
+        sheet[y : y + _CELL_PX, x : x + _CELL_PX] = cells[i]
+        _write(sheet, crop.title, x, y + _CELL_PX + 13, 0.42)
+        _write(sheet, crop.below, x, y + _CELL_PX + 28, 0.36)
+    return sheet
+
+
+def _write(sheet: Image, text: str, x: int, y: int, size: float) -> None:
+    plain = text.encode("ascii", "replace").decode()
+    cv2.putText(sheet, plain, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, _INK, 1, cv2.LINE_AA)

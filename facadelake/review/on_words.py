@@ -1,0 +1,81 @@
+"""Two models against what persons said: which confirmed defects the new one loses, which false alarms it drops."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from facadelake.review.changes import found_at
+from facadelake.review.record import Review
+from facadelake.review.standing import Detected, Judgement
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A confirmed defect, as a person tells them apart (all its sightings), or a rejected box; who finds it."""
+
+    words: tuple[Review, ...]
+    by_old: bool
+    by_new: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnWords:
+    """What persons said of the photographs that both models looked at."""
+
+    defects: tuple[Place, ...]
+    rejected: tuple[Place, ...]
+
+    @property
+    def lost(self) -> tuple[Place, ...]:
+        """Confirmed defects that the old model finds in some photograph and the new one in none."""
+        return tuple(place for place in self.defects if place.by_old and not place.by_new)
+
+    def counts(self) -> dict[str, int]:
+        """The table's numbers by name."""
+        out = {}
+        for name, places in (("confirmed", self.defects), ("rejected", self.rejected)):
+            out[name] = len(places)
+            out[f"{name}_by_old"] = sum(place.by_old for place in places)
+            out[f"{name}_by_new"] = sum(place.by_new for place in places)
+            out[f"{name}_lost"] = sum(place.by_old and not place.by_new for place in places)
+            out[f"{name}_gained"] = sum(place.by_new and not place.by_old for place in places)
+        return out
+
+
+def against_words(
+    judgement: Judgement, old: Sequence[Detected], new: Sequence[Detected], photographs: Collection[str]
+) -> OnWords:
+    """Meet the words on ``photographs`` with both models' boxes there.
+
+    A defect is what a person confirmed, corrected or drew; sightings of one defect_id count as one, found where a box
+    of its class tells of any. A rejected box is found where a box of the class rejected tells of it.
+    """
+    both = [_by_photo(boxes) for boxes in (old, new)]
+    defects: dict[str, list[Review]] = defaultdict(list)
+    rejected: list[Place] = []
+    for standing in judgement.standing:
+        word = standing.review
+        if word.photo_id not in photographs:
+            continue
+        if word.box is not None and word.defect_class is not None:
+            defects[word.defect_id or word.subject].append(word)
+        else:
+            by_old, by_new = (found_at(boxes.get(word.photo_id, ()), word.place, word.judged_class) for boxes in both)
+            rejected.append(Place(words=(word,), by_old=by_old, by_new=by_new))
+    found = []
+    for words in defects.values():
+        by_old, by_new = (
+            any(found_at(boxes.get(word.photo_id, ()), word.place, word.defect_class) for word in words)
+            for boxes in both
+        )
+        found.append(Place(words=tuple(words), by_old=by_old, by_new=by_new))
+    return OnWords(defects=tuple(found), rejected=tuple(rejected))
+
+
+def _by_photo(boxes: Sequence[Detected]) -> dict[str, list[Detected]]:
+    out: dict[str, list[Detected]] = defaultdict(list)
+    for one in boxes:
+        out[one.photo_id].append(one)
+    return out
