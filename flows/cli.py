@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from facadelake.errors import FacadelakeError
-from flows import improving, looking
+from flows import improving, judging, looking
 from flows.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
@@ -150,6 +150,8 @@ def regrade(
 app.command()(looking.view)
 app.command()(looking.pictures)
 app.command()(looking.evaluate)
+app.command()(judging.evaluate_detector)
+app.command()(judging.describe_detector)
 app.add_typer(improving.review, name="review")
 app.command()(improving.training_set)
 

@@ -150,6 +150,18 @@ def photographs_below(folder: Path) -> list[Path]:
     )
 
 
+def sound_photographs(folder: Path) -> LabelledSet:
+    """All photographs below ``folder`` as free of defects of any class. Raises InputDataError where there are none."""
+    if not folder.is_dir():
+        raise InputDataError(f"photographs without defects: {folder} is no folder")
+    gathered = Gathering(folder)
+    for path in photographs_below(folder):
+        size = gathered.size_of(path)
+        if size is not None:
+            gathered.add(path, size, [], frozenset(DefectClass))
+    return gathered.finished("photographs without defects")
+
+
 def joined(sets: Sequence[LabelledSet]) -> LabelledSet:
     """Several sets as one: keys begin with their set's name where there is more than one, sites too."""
     if len(sets) == 1:

@@ -4,25 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from enum import StrEnum
 from itertools import islice
 from pathlib import Path
 
 from facadelake.detect.crosswalk import Crosswalk
 from facadelake.errors import InputDataError
+from facadelake.evaluate.detector.form import Form
 from facadelake.evaluate.detector.labels import PHOTOGRAPHS, LabelledSet
 from facadelake.evaluate.detector.labels_coco import read_coco_labels
 from facadelake.evaluate.detector.labels_voc import read_voc_labels
 from facadelake.evaluate.detector.labels_yolo import read_yolo_labels
-
-
-class Form(StrEnum):
-    """How labels are written."""
-
-    AUTO = "auto"
-    COCO = "coco"
-    YOLO = "yolo"
-    VOC = "voc"
 
 
 def open_labels(

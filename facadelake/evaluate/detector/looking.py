@@ -19,7 +19,9 @@ from facadelake.detect.boxes import Box, clip_box
 from facadelake.detect.coco_file import CocoAnnotation, number, read_coco
 from facadelake.detect.crosswalk import Crosswalk
 from facadelake.detect.detector import Found, OnnxDetector
+from facadelake.detect.find_card import find_card
 from facadelake.detect.letterbox import Image
+from facadelake.detect.tiling import detect_image
 from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.progress import track
@@ -70,17 +72,19 @@ class OnnxLooker:
     Two runs, because boxes are joined along tiles' seams: with many faint boxes about, what is shown may be another.
     """
 
-    def __init__(self, model: Path, shown: OnnxDetector) -> None:
-        """``shown`` is the detector of ``model`` as a user has it."""
-        card = shown.card
-        self.name, self.sha256, self.threshold = shown.name, shown.sha256, card.score_threshold
-        self._shown = shown
+    def __init__(self, model: Path, *, threshold: float | None = None) -> None:
+        """Load ``model`` with its card; ``threshold`` goes over the card's."""
+        card = find_card(model)
+        self.threshold = card.score_threshold if threshold is None else threshold
+        self._shown = OnnxDetector(model, card.model_copy(update={"score_threshold": self.threshold}))
         low = {"score_threshold": min(FLOOR, self.threshold), "max_detections": max(_MOST, card.max_detections)}
         self._low = OnnxDetector(model, card.model_copy(update=low))
+        self.card, self.name, self.sha256 = card, self._shown.name, self._shown.sha256
 
     def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks:
         """Both runs."""
-        return Looks(down_to_floor=self._low.detect(pixels_bgr), shown=self._shown.detect(pixels_bgr))
+        low, shown = (detect_image(one, pixels_bgr, gsd_mm=image.gsd_mm) for one in (self._low, self._shown))
+        return Looks(down_to_floor=low, shown=shown)
 
 
 class FileLooker:

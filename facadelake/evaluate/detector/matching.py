@@ -93,13 +93,15 @@ def match(
     )
 
 
-def average_precision(matches: Matches, weights: Array | None = None) -> Array:
-    """Average precision (10,) at each of ``IOU_THRESHOLDS``, NaN where there is no truth.
+def average_precision(
+    matches: Matches, weights: Array | None = None, *, thresholds: int = len(IOU_THRESHOLDS)
+) -> Array:
+    """Average precision at the first ``thresholds`` of ``IOU_THRESHOLDS``, NaN where there is no truth.
 
     ``weights`` (one a photograph) repeat or leave out photographs: matches do not depend on one another across them, so
     sites and resampled sets need no new matching.
     """
-    curves = [precision_at_recalls(matches, i, weights) for i in range(len(IOU_THRESHOLDS))]
+    curves = [precision_at_recalls(matches, i, weights) for i in range(thresholds)]
     means: Array = np.array([curve.mean() for curve in curves])
     return means
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,6 +17,8 @@ from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledImage, LabelledSet
 
 _MANY = frozenset("*?[")
+# Roboflow exports a.png as a_png_jpg.rf.0123456789abcdef.jpg.
+_ROBOFLOW = re.compile(r"(_(png|jpg|jpeg))*\.rf\.[0-9a-f]+$")
 
 
 def with_sites(labelled: LabelledSet, file: Path | None, split: str | None = None) -> LabelledSet:
@@ -102,7 +105,8 @@ class _Rows:
         parts = image.key.split("/")
         for i in range(len(parts)):
             name = "/".join(parts[i:])
-            for form in (name, name.rpartition(".")[0]):
+            stem = name.rpartition(".")[0]
+            for form in (name, stem, _ROBOFLOW.sub("", stem)):
                 if form in self._exact:
                     return self._exact[form]
         return next((row for pattern, row in self._patterns if fnmatchcase(image.key, pattern)), None)

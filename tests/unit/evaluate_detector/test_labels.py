@@ -10,8 +10,9 @@ import pytest
 
 from facadelake.detect.crosswalk import crosswalk_with
 from facadelake.errors import InputDataError
+from facadelake.evaluate.detector.form import Form
 from facadelake.evaluate.detector.labels import LabelledSet, joined
-from facadelake.evaluate.detector.labels_open import Form, open_labels
+from facadelake.evaluate.detector.labels_open import open_labels
 from facadelake.evaluate.detector.sites import with_scale, with_sites
 from tests.unit.evaluate_detector.labelled import CRACK, MOISTURE, SPALLING, picture
 

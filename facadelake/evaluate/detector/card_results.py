@@ -1,0 +1,191 @@
+"""Figures written into a model's card, where they stay with the model, and read back from it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from facadelake.cache import file_hash
+from facadelake.detect.card import card_path, read_card
+from facadelake.errors import ModelError, StoreError
+from facadelake.evaluate.detector.false_alarms import FalseAlarms
+from facadelake.evaluate.detector.figures import ClassFigures, Figures
+from facadelake.evaluate.detector.image_level import ImageLevelFigures
+
+KEY = "evaluations"
+_BLOCK = re.compile(r"^metrics:.*\n(?:(?:[ \t-].*)?\n)*", re.MULTILINE)
+
+
+def write_results(
+    model: Path, figures: Figures | None, image_level: Sequence[ImageLevelFigures], *, command: str
+) -> Path:
+    """Write the figures into the card beside ``model`` under ``metrics.evaluations``; the rest of the card stays.
+
+    An earlier evaluation of the same model on data of the same name and split is replaced; those of another model's
+    hash are dropped, because they are not this model's. Raises ModelError where there is no card beside the model.
+    """
+    path = _card_beside(model)
+    sha256 = file_hash(model)
+    head = {"model_sha256": sha256, "date": datetime.now(UTC).date().isoformat(), "command": command}
+    entries = [] if figures is None else _entries(figures, head)
+    entries += [_image_level(one, head) for one in image_level]
+    metrics = dict(read_card(path).metrics)
+    replaced = {_what(one) for one in entries}
+    earlier = [one for one in evaluations(metrics) if one.get("model_sha256") == sha256 and _what(one) not in replaced]
+    metrics[KEY] = [_rounded(one) for one in (*earlier, *entries)]
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".json":
+        text = json.dumps({**json.loads(text), "metrics": metrics}, indent=2, ensure_ascii=False) + "\n"
+    else:
+        block = yaml.safe_dump({"metrics": metrics}, sort_keys=False, allow_unicode=True, width=110)
+        kept = _BLOCK.sub("", text if text.endswith("\n") else text + "\n", count=1)
+        text = kept.rstrip("\n") + "\n" + block
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        read_card(part)
+        part.replace(path)
+    except OSError as error:
+        raise StoreError(f"card {path} cannot be written: {error}; it stays as it was") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def evaluations(metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The evaluations that a card's ``metrics`` hold."""
+    found = metrics.get(KEY, [])
+    return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+
+
+def _card_beside(model: Path) -> Path:
+    beside = card_path(model)
+    for path in (beside, beside.with_suffix(".yml"), beside.with_suffix(".json")):
+        if path.is_file():
+            return path
+    raise ModelError(f"there is no card {beside} to write figures to; a card in the model's metadata cannot be changed")
+
+
+def _what(entry: Mapping[str, Any]) -> tuple[object, ...]:
+    return entry.get("kind"), entry.get("data"), entry.get("split")
+
+
+def _entries(figures: Figures, head: Mapping[str, str]) -> list[dict[str, Any]]:
+    entries: list[dict[str, Any]] = []
+    if figures.classes:
+        data = figures.data
+        entries.append(
+            {
+                "kind": "boxes",
+                "data": data.name,
+                "split": data.split,
+                "data_sha256": data.sha256,
+                **head,
+                "threshold": figures.judged.threshold,
+                "photographs": data.photographs,
+                "sites": data.sites,
+                "classes": [_class(one) for one in figures.classes],
+                "by_site": [
+                    {
+                        "site": one.site,
+                        "class": str(one.defect_class),
+                        "photographs": one.photographs,
+                        "truths": one.truths,
+                        "ap50": one.ap50,
+                        "ap50_95": one.ap50_95,
+                        "precision": one.operating.precision,
+                        "recall": one.operating.recall,
+                    }
+                    for one in figures.sites
+                ],
+                "remarks": list(figures.remarks),
+            }
+        )
+    if figures.negatives is not None:
+        entries.append(_negatives(figures.negatives, figures.judged.threshold, figures.data.split, head))
+    return entries
+
+
+def _class(one: ClassFigures) -> dict[str, Any]:
+    by_sites, by_photographs = one.ap50_by_sites, one.ap50_by_photographs
+    return {
+        "class": str(one.defect_class),
+        "photographs": one.photographs,
+        "truths": one.truths,
+        "ap50": one.ap50,
+        "ap50_by_sites": None if by_sites is None else [by_sites.low, by_sites.high],
+        "ap50_by_photographs": None if by_photographs is None else [by_photographs.low, by_photographs.high],
+        "mean_ap50_of_sites": one.mean_ap50_of_sites,
+        "ap50_95": one.ap50_95,
+        **one.operating.to_json(),
+        "ece": one.calibration.ece,
+        "expected_precision": one.calibration.expected_precision,
+        "precision_down_to_threshold": one.calibration.precision_shown,
+    }
+
+
+def _negatives(alarms: FalseAlarms, threshold: float, split: str | None, head: Mapping[str, str]) -> dict[str, Any]:
+    every = alarms.rates[0]
+    return {
+        "kind": "without defects",
+        "data": alarms.name,
+        "split": split,
+        **head,
+        "threshold": threshold,
+        "photographs": every.photographs,
+        "area_m2": every.area_m2,
+        "rates": [
+            {
+                "class": "all" if one.defect_class is None else str(one.defect_class),
+                "false_alarms": one.count,
+                "photographs_with_one": one.with_one,
+                "per_10_m2": one.per_10_m2,
+                "per_10_m2_interval": None if one.low_per_10_m2 is None else [one.low_per_10_m2, one.high_per_10_m2],
+            }
+            for one in alarms.rates
+        ],
+    }
+
+
+def _image_level(figures: ImageLevelFigures, head: Mapping[str, str]) -> dict[str, Any]:
+    return {
+        "kind": "image labels",
+        "data": figures.name,
+        "split": None,
+        "data_sha256": figures.sha256,
+        **head,
+        "threshold": figures.judged.threshold,
+        "sound_folders": list(figures.sound_folders),
+        "classes": [
+            {
+                "class": str(one.defect_class),
+                "with_defect": one.with_defect,
+                "sound": one.sound,
+                "auroc": one.auroc,
+                "auroc_by_sites": None
+                if one.auroc_by_sites is None
+                else [one.auroc_by_sites.low, one.auroc_by_sites.high],
+                "average_precision": one.average_precision,
+                "recall": one.recall,
+                "false_alarm_share": one.false_alarm_share,
+            }
+            for one in figures.classes
+        ],
+    }
+
+
+def _rounded(value: Any) -> Any:
+    """The same with floats of four decimals, which is more than any of them is worth."""
+    if isinstance(value, float):
+        return round(value, 4)
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(one) for one in value]
+    return value

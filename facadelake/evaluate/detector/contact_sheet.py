@@ -1,0 +1,123 @@
+"""The worst of an evaluation as one picture: false alarms, most confident first, and misses, largest first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from facadelake.detect.boxes import Box
+from facadelake.detect.letterbox import Image
+from facadelake.errors import StoreError
+from facadelake.evaluate.detector.labels import LabelledImage
+from facadelake.evaluate.detector.looking import Collected, read_pixels
+from facadelake.evaluate.detector.matching import Matches
+from schemas.vocabulary import DefectClass
+
+_SIDE_PX = 260
+_CAPTION_PX = 34
+_COLUMNS = 6
+_AROUND = 0.6  # of the box's longer side, on every side of it
+_LEAST_PX = 64.0
+_TRUTH, _SHOWN, _FAULT = (80, 175, 0), (200, 120, 0), (0, 0, 220)  # blue, green, red
+_LETTERS = cv2.FONT_HERSHEY_SIMPLEX
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """A false alarm (``score``) or a miss (None) in a photograph."""
+
+    image: LabelledImage
+    box: Box
+    defect_class: DefectClass
+    score: float | None
+
+
+def faults_of(shown: Sequence[Matches], collected: Collected, most: int = 18) -> list[Fault]:
+    """The ``most`` most confident false alarms, then the ``most`` largest misses, of all classes together."""
+    alarms, misses = [], []
+    for matches in shown:
+        of_class = matches.defect_class
+        for i in np.flatnonzero(~(matches.hit[0] | matches.ignored[0])).tolist():
+            image = matches.images[matches.image[i]]
+            one = collected.shown[image.key][matches.rank[i]]
+            alarms.append(Fault(image=image, box=one.box, defect_class=of_class, score=one.score))
+        for i in np.flatnonzero(~matches.found[0]).tolist():
+            image = matches.images[matches.truth_image[i]]
+            box = image.boxes[matches.truth_rank[i]].box
+            misses.append(Fault(image=image, box=box, defect_class=of_class, score=None))
+    alarms.sort(key=lambda one: -(one.score or 0.0))
+    misses.sort(key=lambda one: -one.box.width_px * one.box.height_px / (one.image.width_px * one.image.height_px))
+    return [*alarms[:most], *misses[:most]]
+
+
+def alarms_of(collected: Collected, most: int = 36) -> list[Fault]:
+    """The ``most`` most confident boxes in photographs without defects."""
+    alarms = [
+        Fault(image=image, box=one.box, defect_class=one.defect_class, score=one.score)
+        for image in collected.images
+        for one in collected.shown[image.key]
+    ]
+    return sorted(alarms, key=lambda one: -(one.score or 0.0))[:most]
+
+
+def write_contact_sheet(faults: Sequence[Fault], collected: Collected, path: Path) -> Path | None:
+    """Write the sheet as PNG: red the fault, green what is labelled, blue what else is shown; None without faults."""
+    if not faults:
+        return None
+    tiles: dict[int, Image] = {}
+    order = sorted(range(len(faults)), key=lambda i: faults[i].image.key)
+    for _, group in groupby(order, key=lambda i: faults[i].image.key):  # each photograph is read once
+        many = list(group)
+        pixels = read_pixels(faults[many[0]].image.path)
+        for i in many:
+            tiles[i] = _tile(faults[i], pixels, collected)
+    blank = np.full_like(tiles[0], 255)
+    cells = [tiles[i] for i in range(len(faults))]
+    cells += [blank] * (-len(cells) % min(_COLUMNS, len(cells)))
+    columns = min(_COLUMNS, len(faults))
+    rows = [np.hstack(cells[i : i + columns]) for i in range(0, len(cells), columns)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not cv2.imwrite(str(path), np.vstack(rows)):
+        raise StoreError(f"{path} cannot be written; check the folder's rights and free space")
+    return path
+
+
+def _tile(fault: Fault, pixels: Image | None, collected: Collected) -> Image:
+    """A square around the box with a caption below."""
+    tile = np.full((_SIDE_PX + _CAPTION_PX, _SIDE_PX + 4, 3), 255, dtype=np.uint8)
+    box, image = fault.box, fault.image
+    side = max((1 + 2 * _AROUND) * max(box.width_px, box.height_px), _LEAST_PX)
+    left, top = box.x_px + box.width_px / 2 - side / 2, box.y_px + box.height_px / 2 - side / 2
+    gain = _SIDE_PX / side
+    if pixels is not None:
+        tile_from_img = np.array([[gain, 0, -gain * left], [0, gain, -gain * top]])
+        way = cv2.INTER_AREA if gain < 1 else cv2.INTER_LINEAR
+        shrunk: Image = pixels
+        if gain < 0.5:  # a warp does not average
+            shrunk = np.asarray(cv2.resize(pixels, None, fx=gain, fy=gain, interpolation=way), dtype=np.uint8)
+            tile_from_img = np.array([[1.0, 0, -gain * left], [0, 1.0, -gain * top]])
+        part = cv2.warpAffine(shrunk, tile_from_img, (_SIDE_PX, _SIDE_PX), borderValue=(225, 225, 225))
+        tile[:_SIDE_PX, :_SIDE_PX] = part
+    inner = tile[:_SIDE_PX, :_SIDE_PX]
+    for other in collected.shown.get(image.key, ()):
+        _draw(inner, other.box, left, top, gain, _SHOWN, 1)
+    for truth in image.boxes:
+        _draw(inner, truth.box, left, top, gain, _TRUTH, 2)
+    _draw(inner, box, left, top, gain, _FAULT, 2)
+    what = "missed" if fault.score is None else f"false alarm {fault.score:.2f}"
+    for i, text in enumerate((f"{what} {fault.defect_class}", image.key[-40:])):
+        cv2.putText(tile, text, (3, _SIDE_PX + 13 + 14 * i), _LETTERS, 0.38, (0, 0, 0), 1, cv2.LINE_AA)
+    return tile
+
+
+def _draw(
+    tile: Image, box: Box, left: float, top: float, gain: float, colour: tuple[int, int, int], thickness: int
+) -> None:
+    corners = np.array([[box.x_px, box.y_px], [box.x_px + box.width_px, box.y_px + box.height_px]])
+    (x0, y0), (x1, y1) = np.round((corners - [left, top]) * gain).astype(int).clip(-9999, 9999).tolist()
+    cv2.rectangle(tile, (x0, y0), (x1, y1), colour, thickness)

@@ -1,0 +1,171 @@
+"""An evaluation as pictures: precision against recall, reliability of scores, sites, false alarms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from facadelake.evaluate.detector.calibration import BINS
+from facadelake.evaluate.detector.figures import Judgement
+from facadelake.evaluate.detector.matching import IOU_THRESHOLDS, RECALLS, precision_at_recalls
+from schemas.vocabulary import DefectClass
+
+_DPI = 130
+# Okabe and Ito 2008, with a line style each, for prints without colour.
+_STYLE = {
+    DefectClass.CRACK: ("#d55e00", "solid"),
+    DefectClass.SPALLING: ("#0072b2", "dashed"),
+    DefectClass.MOISTURE: ("#009e73", "dotted"),
+}
+_GOAL_PER_10_M2 = 1.0
+
+
+def write_plots(judgement: Judgement, folder: Path) -> list[Path]:
+    """Write the pictures as PNG into ``folder`` (made if it is not there); one without content is left out.
+
+    ``precision_recall``, ``reliability``, ``sites`` and, with photographs without defects, ``false_alarms``.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    figures = judgement.figures
+    written = []
+    for name, title, draw in (
+        ("precision_recall", "precision against recall", _precision_recall),
+        ("reliability", "is a score a probability?", _reliability),
+        ("sites", "by site", _sites),
+        ("false_alarms", "where there is no defect", _false_alarms),
+    ):
+        figure = Figure(dpi=_DPI, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        if draw(figure, judgement):
+            about = f"{figures.judged.name} on {figures.data.name}"
+            figure.suptitle(f"{about}: {title}", fontsize=10, ha="left", x=0.01)
+            path = folder / f"{name}.png"
+            figure.savefig(path)
+            written.append(path)
+    return written
+
+
+def _dressed(axes: Axes, x: str, y: str) -> None:
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _precision_recall(figure: Figure, judgement: Judgement) -> bool:
+    """A panel a class: the envelope at IoU 0.5 and 0.75, and the point at which a user is."""
+    told = [one for one in judgement.figures.classes if one.truths]
+    if not told:
+        return False
+    figure.set_size_inches(max(5.2, 4.4 * len(told)), 4.4)
+    for axes, one in zip(figure.subplots(1, len(told), squeeze=False)[0], told, strict=True):
+        colour, _ = _STYLE[one.defect_class]
+        matches = judgement.low[one.defect_class]
+        for iou, line in ((0.5, "solid"), (0.75, "dotted")):
+            curve = precision_at_recalls(matches, int(np.argmin(np.abs(IOU_THRESHOLDS - iou))))
+            label = f"IoU {iou:g}: AP {curve.mean():.3f}"
+            axes.step(RECALLS, curve, where="post", color=colour, linestyle=line, label=label)
+        counts = one.operating
+        if counts.precision is not None and counts.recall is not None:
+            axes.plot(
+                counts.recall, counts.precision, "o", color="#000000",
+                label=f"shown, score ≥ {judgement.figures.judged.threshold:.2f}: "
+                f"precision {counts.precision:.2f}, recall {counts.recall:.2f}",
+            )  # fmt: skip
+        axes.set_xlim(0, 1.01)
+        axes.set_ylim(0, 1.02)
+        axes.set_title(f"{one.defect_class}: {one.truths} in {one.photographs} photographs", fontsize=9)
+        axes.legend(fontsize=8, loc="lower left")
+        _dressed(axes, "recall", "precision")
+    return True
+
+
+def _reliability(figure: Figure, judgement: Judgement) -> bool:
+    """Share of hits by score, and how many boxes there are of each score."""
+    told = [one for one in judgement.figures.classes if one.calibration.count]
+    if not told:
+        return False
+    figure.set_size_inches(6.4, 6.0)
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    upper.plot([0, 1], [0, 1], color="#000000", linewidth=1.0, label="honest")
+    for k, one in enumerate(told):
+        colour, line = _STYLE[one.defect_class]
+        calibration = one.calibration
+        error = f"ECE {calibration.ece:.3f}"
+        if calibration.ece_shown is not None:
+            error += f", of those shown {calibration.ece_shown:.3f}"
+        bins = calibration.bins
+        upper.plot(
+            [b.mean_score for b in bins], [b.precision for b in bins], marker="o", color=colour, linestyle=line,
+            label=f"{one.defect_class}: {error}",
+        )  # fmt: skip
+        width = 0.8 / BINS / len(told)
+        lower.bar([b.low + 0.1 / BINS + (k + 0.5) * width for b in bins], [b.count for b in bins], width, color=colour)
+    for axes in (upper, lower):
+        axes.axvline(judgement.figures.judged.threshold, color="#999999", linewidth=0.8)
+    upper.set_ylim(0, 1.02)
+    upper.legend(fontsize=8)
+    lower.set_yscale("log")
+    _dressed(upper, "", "share that hit (IoU ≥ 0.5)")
+    _dressed(lower, "score (grey: the threshold)", "boxes")
+    return True
+
+
+def _sites(figure: Figure, judgement: Judgement) -> bool:
+    """AP50 of every site with how much it rests on, and of all with its interval by sites."""
+    told = [one for one in judgement.figures.sites if one.ap50 is not None]
+    if len({one.site for one in told}) < 2:
+        return False
+    figure.set_size_inches(8.0, 1.4 + 0.27 * (len(told) + len(judgement.figures.classes)))
+    axes = figure.subplots()
+    names, at = [], 0
+    for of_class in judgement.figures.classes:
+        colour, _ = _STYLE[of_class.defect_class]
+        if of_class.ap50 is None:
+            continue
+        interval = of_class.ap50_by_sites
+        axes.plot(of_class.ap50, at, "D", color=colour)
+        if interval is not None:
+            axes.plot([interval.low, interval.high], [at, at], color=colour, linewidth=2)
+        names.append(f"{of_class.defect_class}, all sites: {of_class.truths} in {of_class.photographs}")
+        at += 1
+        for one in sorted(told, key=lambda site: -site.truths):
+            if one.defect_class is not of_class.defect_class or one.ap50 is None:
+                continue
+            axes.barh(at, one.ap50, height=0.6, color=colour, alpha=0.35)
+            axes.plot(one.ap50, at, "|", color=colour, markersize=9)
+            names.append(f"{one.site}: {one.truths} in {one.photographs}")
+            at += 1
+    axes.set_yticks(range(at), names, fontsize=8)
+    axes.invert_yaxis()
+    axes.set_xlim(0, 1.01)
+    _dressed(axes, "AP50 (diamond: all sites, line: 95 % by sites drawn again)", "")
+    return True
+
+
+def _false_alarms(figure: Figure, judgement: Judgement) -> bool:
+    """Rate of false alarms by threshold, with the one in use and the goal."""
+    alarms = judgement.figures.negatives
+    if alarms is None:
+        return False
+    figure.set_size_inches(6.4, 4.4)
+    axes = figure.subplots()
+    known = alarms.rates[0].area_m2 is not None
+    values = [one.per_photograph if one.per_10_m2 is None else one.per_10_m2 for one in alarms.by_threshold]
+    axes.step([one.score for one in alarms.by_threshold], values, where="mid", color="#d55e00", marker=".")
+    axes.axvline(judgement.figures.judged.threshold, color="#999999", linewidth=0.8)
+    if known:
+        axes.axhline(_GOAL_PER_10_M2, color="#000000", linewidth=0.8, linestyle="dotted")
+    axes.set_yscale("symlog", linthresh=0.01)
+    axes.set_ylim(bottom=0)
+    area = f"{alarms.rates[0].area_m2:.0f} m² of facade" if known else f"{alarms.rates[0].photographs} photographs"
+    axes.set_title(f"{alarms.name}: {area}", fontsize=9)
+    what = "false alarms per 10 m² (dotted: the goal)" if known else "false alarms a photograph"
+    _dressed(axes, "only boxes of this score and above (grey: the threshold)", what)
+    return True

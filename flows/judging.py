@@ -1,0 +1,115 @@
+"""Commands that judge detectors: figures on labelled photographs, and a model's page. The lake is not touched."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from facadelake.errors import InputDataError
+from facadelake.evaluate.detector.form import Form
+from flows.options import console, problems
+
+
+def evaluate_detector(
+    model: Annotated[
+        str, typer.Option(help="'default', an ONNX model with its card, or another program's detections (COCO, .json).")
+    ] = "default",
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(help="Labelled photographs: a COCO file, or a folder in COCO, YOLO or VOC form; may be repeated."),
+    ] = None,
+    form: Annotated[Form, typer.Option("--format", help="How --data is written.")] = Form.AUTO,
+    classes: Annotated[
+        str | None, typer.Option(help="Names of YOLO's class numbers, such as crack,spalling, where no file says them.")
+    ] = None,
+    sites: Annotated[
+        Path | None,
+        typer.Option(
+            help="Which photograph shows which site: CSV (image, site, split), or YAML (training/data/sites.yaml)."
+        ),
+    ] = None,
+    split: Annotated[str | None, typer.Option(help="Judge on this split alone, such as test.")] = None,
+    negatives: Annotated[
+        list[Path] | None, typer.Option(help="Folder of photographs without defects: false alarms; may be repeated.")
+    ] = None,
+    scale: Annotated[
+        Path | None,
+        typer.Option(help="CSV: image and gsd_mm (mm a pixel) or area_m2 (of facade in it), for rates."),
+    ] = None,
+    image_labels: Annotated[
+        list[Path] | None,
+        typer.Option(help="Photographs labelled as a whole, in folders named by class (spalling, intact): AUROC."),
+    ] = None,
+    threshold: Annotated[float | None, typer.Option(min=0, max=1, help="Instead of the card's.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON, with stable keys.")] = False,
+    plots: Annotated[
+        Path | None,
+        typer.Option(help="Folder for pictures: curves, reliability, sites, worst false alarms and misses."),
+    ] = None,
+    write_card: Annotated[bool, typer.Option("--write-card", help="Write the figures into the model's card.")] = False,
+) -> None:
+    """Judge a detector: average precision, false alarms per m2, calibration, sites, confusions, the worst pictures.
+
+    Nothing is tuned: the card's threshold is used as it is. Judge on sites that the model never learned from.
+    """
+    from facadelake.evaluate.detector.card_results import write_results
+    from facadelake.progress import listening
+    from flows.detector_evaluation import Question, evaluate_looker, looker_of, model_file
+    from flows.terminal.bars import ProgressBars
+    from flows.terminal.judging import show_answer, write_pictures
+    from flows.terminal.stopping import stoppable
+
+    path = model_file(model)
+    if write_card and (path.suffix.lower() != ".onnx" or threshold is not None):
+        raise InputDataError("--write-card is for ONNX models at their card's own threshold: leave --threshold out")
+    question = Question(
+        data=tuple(data or ()),
+        form=form,
+        class_names=tuple(name.strip() for name in (classes or "").split(",") if name.strip()),
+        sites=sites,
+        split=split,
+        negatives=tuple(negatives or ()),
+        scale=scale,
+        image_labels=tuple(image_labels or ()),
+    )
+    looker, crosswalk = looker_of(path, threshold)
+    with stoppable(problems), ProgressBars(problems) as bars, listening(bars):
+        answer = evaluate_looker(looker, crosswalk, question)
+    figures = None if answer.boxes is None else answer.boxes.figures
+    for written in write_pictures(answer, plots) if plots is not None else ():
+        problems.print(f"written: {written}", soft_wrap=True, highlight=False)
+    if write_card:
+        command = shlex.join(["facadelake", *sys.argv[1:]])
+        written = write_results(path, figures, answer.image_labels, command=command)
+        problems.print(f"written: {written}", soft_wrap=True, highlight=False)
+    if as_json:
+        found: dict[str, object] = {} if figures is None else figures.to_json()
+        found["image_labels"] = [one.to_json() for one in answer.image_labels]
+        sys.stdout.write(json.dumps(found, indent=2) + "\n")
+    else:
+        show_answer(console, answer)
+
+
+def describe_detector(
+    model: Annotated[str, typer.Option(help="'default' or an ONNX model with its card.")] = "default",
+    output: Annotated[Path | None, typer.Option(help="File to write; left out, it is printed.")] = None,
+) -> None:
+    """Write a model's page in Markdown from its card: terms, training data, figures by class and site, false alarms."""
+    from facadelake.evaluate.detector.page import page_of
+    from flows.detector_evaluation import model_file
+
+    path = model_file(model)
+    if path.suffix.lower() != ".onnx":
+        raise InputDataError(f"{path} is no ONNX model; only a model with a card has a page")
+    text = page_of(path)
+    if output is None:
+        sys.stdout.write(text)
+        return
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_text(text, encoding="utf-8")
+    console.print(f"written: {output}", soft_wrap=True, highlight=False)

@@ -1,0 +1,153 @@
+"""What a detector's evaluation says, in the terminal and as pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as RichTable
+
+from facadelake.evaluate.detector.contact_sheet import alarms_of, faults_of, write_contact_sheet
+from facadelake.evaluate.detector.figures import Figures
+from facadelake.evaluate.detector.image_level import ImageLevelFigures
+from facadelake.evaluate.detector.operating import Operating
+from facadelake.evaluate.detector.plots import write_plots
+from facadelake.evaluate.detector.resampling import Interval
+from flows.detector_evaluation import Answer
+
+_MOST_SITES = 40
+
+
+def show_answer(console: Console, answer: Answer) -> None:
+    """Tables of classes, sites, confusions, false alarms and image labels, then what to keep in mind."""
+    if answer.boxes is not None:
+        _show_figures(console, answer.boxes.figures)
+    for figures in answer.image_labels:
+        _show_image_level(console, figures)
+
+
+def write_pictures(answer: Answer, folder: Path) -> list[Path]:
+    """Curves and sheets of the worst into ``folder``."""
+    if answer.boxes is None:
+        return []
+    written: list[Path | None] = [*write_plots(answer.boxes, folder)]
+    faults = faults_of(list(answer.boxes.shown.values()), answer.collected)
+    written.append(write_contact_sheet(faults, answer.collected, folder / "worst.png"))
+    if answer.collected_negatives is not None:
+        alarms = alarms_of(answer.collected_negatives)
+        written.append(write_contact_sheet(alarms, answer.collected_negatives, folder / "worst_without_defects.png"))
+    return [path for path in written if path is not None]
+
+
+def _show_figures(console: Console, figures: Figures) -> None:
+    judged, data = figures.judged, figures.data
+    if figures.classes:
+        _table(
+            console,
+            f"{judged.name} ({judged.sha256[:12]}) on {data.name}{f', split {data.split}' if data.split else ''}: "
+            f"{data.photographs} photographs, {data.sites} sites; shown from a score of {judged.threshold:g}",
+            ("class", "truths", "AP50", "95 % by sites", "by photographs", "AP50:95", *_COUNTS, "ECE", "expected"),
+            [
+                (
+                    one.defect_class, str(one.truths), _share(one.ap50), _span(one.ap50_by_sites),
+                    _span(one.ap50_by_photographs), _share(one.ap50_95), *_counts(one.operating),
+                    _share(one.calibration.ece), _share(one.calibration.expected_precision),
+                )
+                for one in figures.classes
+            ],
+        )  # fmt: skip
+        ordered = sorted(figures.sites, key=lambda one: (one.defect_class, -one.truths))
+        _table(
+            console,
+            "By site" + (f" (the {_MOST_SITES} with most)" if len(ordered) > _MOST_SITES else ""),
+            ("site", "class", "photographs", "truths", "AP50", "AP50:95", *_COUNTS),
+            [
+                (
+                    one.site, one.defect_class, str(one.photographs), str(one.truths), _share(one.ap50),
+                    _share(one.ap50_95), *_counts(one.operating),
+                )
+                for one in ordered[:_MOST_SITES]
+            ],
+        )  # fmt: skip
+        _table(
+            console,
+            "What was taken for what (IoU 0.5)",
+            ("labelled", "shown as", "count"),
+            [(one.truth, one.shown, str(one.count)) for one in figures.confusions],
+        )
+    if figures.negatives is not None:
+        _table(
+            console,
+            f"False alarms where there is no defect: {figures.negatives.name}",
+            ("class", "photographs", "m2", "false alarms", "photographs with one", "per 10 m2", "95 %"),
+            [
+                (
+                    "all" if one.defect_class is None else str(one.defect_class), str(one.photographs),
+                    "?" if one.area_m2 is None else f"{one.area_m2:.0f}", str(one.count), str(one.with_one),
+                    "?" if one.per_10_m2 is None else f"{one.per_10_m2:.3f}",
+                    "?" if one.low_per_10_m2 is None else f"{one.low_per_10_m2:.3f} to {one.high_per_10_m2:.3f}",
+                )
+                for one in figures.negatives.rates
+            ],
+        )  # fmt: skip
+    if figures.megapixels_per_s is not None and figures.photographs_per_s is not None:
+        speed = f"{figures.photographs_per_s:.1f} photographs/s, {figures.megapixels_per_s:.1f} Mpx/s"
+        console.print(f"looked at {speed} (twice: as shown, and down to faint boxes)", highlight=False)
+    for name, count in figures.unjudged.items():
+        console.print(f"{count} boxes of {name} shown where nothing is labelled of it: nobody knows", highlight=False)
+    _left_out(console, data.left_out)
+    for remark in figures.remarks:
+        console.print(remark, highlight=False, markup=False, soft_wrap=True)
+
+
+def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
+    _table(
+        console,
+        f"{figures.judged.name} ({figures.judged.sha256[:12]}) on whole photographs of {figures.name}; sound: "
+        + ", ".join(figures.sound_folders),
+        ("class", "with it", "sound", "AUROC", "95 %", "average precision", "share found", "sound with an alarm"),
+        [
+            (
+                one.defect_class, str(one.with_defect), str(one.sound), _share(one.auroc), _span(one.auroc_by_sites),
+                _share(one.average_precision), _share(one.recall), _share(one.false_alarm_share),
+            )
+            for one in figures.classes
+        ],
+    )  # fmt: skip
+    _left_out(console, figures.left_out)
+
+
+_COUNTS = ("precision", "recall", "F1", "hits / false / missed")
+
+
+def _counts(one: Operating) -> tuple[str, ...]:
+    return (
+        _share(one.precision),
+        _share(one.recall),
+        _share(one.f1),
+        f"{one.hits} / {one.false_alarms} / {one.misses}",
+    )
+
+
+def _left_out(console: Console, counts: dict[str, int]) -> None:
+    for reason, count in counts.items():
+        console.print(f"left out: {count} {reason}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _table(console: Console, title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    table = RichTable(title=escape(title), title_justify="left")
+    for index, name in enumerate(head):
+        table.add_column(name, justify="left" if index == 0 else "right")
+    for row in rows:
+        table.add_row(*(escape(cell) for cell in row))
+    console.print(table)
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def _span(interval: Interval | None) -> str:
+    return "-" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"
