@@ -13,12 +13,17 @@ from __future__ import annotations
 import argparse
 import os
 import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import onnxruntime
+from numpy.typing import NDArray
 
 from benchmarks.detector_seams import compare
 from facadelake.detect.detector import load_detector
@@ -27,61 +32,81 @@ from facadelake.detect.shelf import default_model
 from facadelake.detect.tiling import detect_image
 from facadelake.detect.tiling.plan import plan_looks
 
-WIDTH, HEIGHT = 8000, 6000
+
+@dataclass(frozen=True, kw_only=True)
+class Speed:
+    """Tiles a second of wall time, and milliseconds of CPU time a tile."""
+
+    tiles_per_s: float
+    cpu_ms: float
 
 
-def throughput(model: Path, photograph: Path | None, threads: int, rounds: int) -> None:
-    """Print tiles a second of ours and of the bare session, the best of ``rounds`` each, taken in turn."""
-    image = _photograph(photograph)
+def throughput(model: Path, image: Image, threads: int, rounds: int) -> None:
+    """Print the speed of ours and of the bare session, the best of ``rounds`` each, taken in turn."""
+    height, width = image.shape[:2]
     detector = load_detector(model, threads=1)
     spec = detector.card.input
-    looks = plan_looks(spec, width_px=WIDTH, height_px=HEIGHT)
-    tiles = [tile for look in looks for tile in look.tiles]
+    tiles = [tile for look in plan_looks(spec, width_px=width, height_px=height) for tile in look.tiles]
     ready = []
     for tile in tiles:
         crop = image[tile.top : tile.bottom, tile.left : tile.right]
         box = letterbox(spec, image_width_px=crop.shape[1], image_height_px=crop.shape[0])
         ready.append(box.input_from_image(crop))
-    ours, shared, apart = [], [], []
-    for _ in range(rounds):
-        start = time.perf_counter()
-        found = detect_image(detector, image, workers=threads)
-        ours.append(len(tiles) / (time.perf_counter() - start))
-        shared.append(_bare(model, ready, threads=threads, callers=1))
-        apart.append(_bare(model, ready, threads=1, callers=threads))
-    start = time.perf_counter()
     encoded = cv2.imencode(".jpg", image)[1]
-    start = time.perf_counter()
-    cv2.imdecode(encoded, cv2.IMREAD_COLOR)
-    decode_s = time.perf_counter() - start
-    limit = max(*shared, *apart)
-    print(f"{model.name}, {spec.width_px} x {spec.height_px}, {len(tiles)} tiles of 48 Mpx, {threads} threads")
-    print(f"ours, from pixels to united boxes    {max(ours):7.1f} tiles/s ({len(found)} found)")
-    print(f"bare session of {threads} threads            {max(shared):7.1f} tiles/s")
-    print(f"bare session, {threads} callers of 1 thread  {max(apart):7.1f} tiles/s")
-    print(f"ratio to the better bare one         {max(ours) / limit:7.2f}")
-    print(f"photographs of 48 Mpx a minute       {60 * max(ours) / len(tiles):7.2f} (decoding one: {decode_s:.2f} s)")
+    ours, together, apart, decoding = [], [], [], []
+    for _ in range(rounds):
+        ours.append(_speed(len(tiles), partial(detect_image, detector, image, workers=threads)))
+        together.append(_bare(model, ready, threads=threads, callers=1))
+        apart.append(_bare(model, ready, threads=1, callers=threads))
+        decoding.append(_speed(1, partial(cv2.imdecode, encoded, cv2.IMREAD_COLOR)))
+    mega = width * height / 1e6
+    print(f"{model.name}, {spec.width_px} x {spec.height_px}, {len(tiles)} tiles of {mega:.0f} Mpx, {threads} threads")
+    bare = {f"bare session of {threads} threads": together, f"bare session, {threads} callers of 1 thread": apart}
+    for name, speeds in {"ours, from pixels to united boxes": ours, **bare}.items():
+        best, least = max(one.tiles_per_s for one in speeds), min(one.cpu_ms for one in speeds)
+        print(f"{name:38s} {best:7.1f} tiles/s {least:7.2f} CPU ms a tile")
+    limit = max(one.tiles_per_s for one in [*together, *apart])
+    fastest = max(one.tiles_per_s for one in ours)
+    least = min(one.cpu_ms for one in [*together, *apart]) / min(one.cpu_ms for one in ours)
+    print(f"ratio to the better bare one: {fastest / limit:.2f} by wall time, {least:.2f} by CPU time")
+    print(
+        f"photographs of {mega:.0f} Mpx a minute: {60 * fastest / len(tiles):.2f}; decoding one takes "
+        f"{min(one.cpu_ms for one in decoding) / 1000:.2f} CPU s, beside"
+    )
 
 
-def _photograph(path: Path | None) -> Image:
-    """A photograph enlarged to 48 Mpx; noise without one."""
+def _photograph(path: Path | None, width: int, height: int) -> Image:
+    """A photograph brought to a size; noise without one."""
     if path is None:
-        return np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
-    return np.asarray(cv2.resize(cv2.imread(str(path)), (WIDTH, HEIGHT)), dtype=np.uint8)
+        return np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    image = cv2.imread(str(path))
+    if image is None:
+        raise SystemExit(f"{path} cannot be decoded")
+    return np.asarray(cv2.resize(image, (width, height)), dtype=np.uint8)
 
 
-def _bare(model: Path, ready: list[np.ndarray], *, threads: int, callers: int) -> float:
-    """Tiles a second of onnxruntime alone on inputs that are ready."""
+def _speed(tiles: int, work: Callable[[], Any]) -> Speed:
+    start, busy = time.perf_counter(), time.process_time()
+    work()
+    seconds, busy = time.perf_counter() - start, time.process_time() - busy
+    return Speed(tiles_per_s=tiles / seconds, cpu_ms=1000 * busy / tiles)
+
+
+def _bare(model: Path, ready: Sequence[NDArray[np.float32]], *, threads: int, callers: int) -> Speed:
+    """onnxruntime alone on inputs that are ready."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
     name = session.get_inputs()[0].name
     session.run(None, {name: ready[0]})
-    start = time.perf_counter()
-    with ThreadPoolExecutor(callers) as pool:
-        list(pool.map(lambda values: session.run(None, {name: values}) and None, ready))
-    return len(ready) / (time.perf_counter() - start)
+
+    def all_of_it() -> None:
+        with ThreadPoolExecutor(callers) as pool:
+            for _ in pool.map(lambda values: session.run(None, {name: values}), ready):
+                pass
+
+    return _speed(len(ready), all_of_it)
 
 
 def seams(scenes: int) -> None:
@@ -105,12 +130,14 @@ def main() -> None:
     speed.add_argument("--photograph", type=Path)
     speed.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)))
     speed.add_argument("--rounds", type=int, default=3)
+    speed.add_argument("--size", type=int, nargs=2, default=(8000, 6000), metavar=("WIDTH", "HEIGHT"))
     commands.add_parser("seams").add_argument("--scenes", type=int, default=40)
     options = parser.parse_args()
     if options.command == "seams":
         seams(options.scenes)
     else:
-        throughput(options.model or default_model(), options.photograph, options.threads, options.rounds)
+        image = _photograph(options.photograph, *options.size)
+        throughput(options.model or default_model(), image, options.threads, options.rounds)
 
 
 if __name__ == "__main__":
