@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from facadelake.frames import Array
 from facadelake.geobim.facade import COMPASS
 from facadelake.geobim.model import BuildingModel
+from facadelake.register.crack_evidence import crack_evidence
 from facadelake.register.position import Positions
 from facadelake.register.sightings import CLASSES, Sightings, codes_of, column
 from facadelake.register.votes import commonest, greatest, weighted_median
@@ -44,8 +45,8 @@ def defects_table(
     """The defects of registered rows ``seen`` (n,) in ``group`` (n,), named ``<prefix>-D0001`` on.
 
     ``scores`` (n,) are the detections'. Sizes are medians over the sightings, weighted by how well each shows the
-    defect (cosine of the incidence over GSD, squared); the outline is the best sighting's. Element, storey and facade
-    are voted on.
+    defect (cosine of the incidence over GSD, squared), a crack's width by its own error; the outline is the best
+    sighting's. Element, storey and facade are voted on.
     """
     groups = len(positions.xyz_site_m)
     quality = np.cos(np.radians(column(seen, "incidence_deg"))) / column(seen, "gsd_mm")
@@ -62,7 +63,14 @@ def defects_table(
     classes = commonest(group, sightings.defect_class, quality, groups)
     sizes = {
         name: weighted_median(group, column(seen, name), weight, groups)
-        for name in ("width_m", "height_m", "length_m", "area_m2", "crack_width_mm")
+        for name in ("width_m", "height_m", "length_m", "area_m2", "crack_length_m")
+    }
+    crack = crack_evidence(seen, group, weight, groups)
+    sizes |= {
+        "crack_width_mm": crack.width,
+        "crack_width_max_mm": crack.largest,
+        "crack_width_sigma_mm": crack.sigma,
+        "crack_width_limit_mm": crack.limit,
     }
     gap = np.linalg.norm(sightings.xyz_site_m - positions.xyz_site_m[group], axis=1)
     values: dict[str, Array | pa.Array | Rows] = {
@@ -82,6 +90,7 @@ def defects_table(
         "deviation_from_model_m": _where(positions.triangulated, positions.deviation_m),
         "deviation_sigma_m": _where(positions.triangulated, positions.deviation_sigma_m),
         **{name: _where(np.isfinite(size), size) for name, size in sizes.items()},
+        "crack_width_outcome": crack.outcome,
         "spread_m": greatest(group, gap, groups),
         "sightings": _photographs(group, sightings.photo, groups),
         "score": greatest(group, scores, groups),

@@ -15,6 +15,7 @@ from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.storeys import storeys_of_places
 from facadelake.register.attribution import Attribution
 from facadelake.register.casts import Casts
+from facadelake.register.crack_widths import crack_columns
 from facadelake.register.patch import patches_on_the_globe
 
 _SITE = ("x_site_m", "y_site_m", "z_site_m")
@@ -46,7 +47,6 @@ class Places:
             [np.sqrt(camera.camera.fx_px * camera.camera.fy_px) for camera in casts.cameras], dtype=np.float64
         )
         depth = patches.distance_m[kept] * patches.ray.forward[kept]
-        width_mm = crack_widths_mm(casts, kept)
         return {
             **_split(_SITE, xyz),
             **_split(_GEO, geo),
@@ -61,7 +61,7 @@ class Places:
             "height_m": patches.height_m[kept].tolist(),
             "length_m": patches.length_m[kept].tolist(),
             "area_m2": patches.area_m2[kept].tolist(),
-            "crack_width_mm": [None if np.isnan(width) else width for width in width_mm.tolist()],
+            **crack_columns(casts, kept, covariance_site),
             "element_guid": [self._guids[row] for row in element],
             "storey": storeys_of_places(building.storeys, self._storeys, self._extents, element, xyz[:, 2]),
             "facade": [
@@ -71,30 +71,6 @@ class Places:
             "patch": patches_on_the_globe(patches.polygon_site[kept], building.origin),
             "geometry": shapely.to_wkb(shapely.points(geo), output_dimension=3).tolist(),
         }
-
-
-def crack_widths_mm(casts: Casts, kept: NDArray[np.int64]) -> Array:
-    """Widths (m,) on the surface of the cracks whose width in pixels the detector stated; NaN for the others.
-
-    A mask tells which way its crack runs; the width is then what lies across that on the surface. A box does not tell,
-    so a pixel counts with the root of its area there.
-    """
-    stated = [casts.detections[i].get("crack_width_px") for i in kept]
-    out = np.array([np.nan if value is None else value for value in stated], dtype=np.float64)
-    patches, outlines = casts.patches, casts.outlines
-    for place in np.flatnonzero(np.isfinite(out)):
-        row = kept[place]
-        ray, normal = patches.ray.direction_site[row], patches.normal_site[row]
-        step = patches.distance_m[row] * patches.ray.by_pixel[row]
-        step = step - np.outer(ray, normal @ step) / (normal @ ray)
-        pixel_m2 = float(np.linalg.norm(np.cross(step[:, 0], step[:, 1])))
-        if outlines.masked[row]:
-            first, last = np.searchsorted(outlines.detection, (row, row + 1))
-            _, axes = np.linalg.eigh(np.cov(outlines.xy_img[first:last].T))
-            out[place] *= 1000 * pixel_m2 / float(np.linalg.norm(step @ axes[:, 1]))
-        else:
-            out[place] *= 1000 * float(np.sqrt(pixel_m2))
-    return out
 
 
 def _split(names: Sequence[str], values: Array) -> dict[str, Sequence[Any]]:
