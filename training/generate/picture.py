@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 from schemas.vocabulary import DefectClass
 from training.data.sample import CLASSES
 from training.generate import cracks, moisture
+from training.generate.bars import chance_bars
 from training.generate.camera import photograph
-from training.generate.canvas import Canvas, Place
+from training.generate.canvas import Canvas, Place, to_linear
 from training.generate.distractors import distract
 from training.generate.grounds import Grounds
 from training.generate.spalling import spall
@@ -44,9 +46,12 @@ def make_picture(grounds: Grounds, seed: int, *, side_px: int = 416) -> Picture:
     classes: list[int] = []
     wanted = rng.choice(3, int(rng.choice([0, 1, 2, 3], p=[0.12, 0.55, 0.25, 0.08])), p=[0.3, 0.33, 0.37])
     for kind in sorted(int(number) for number in wanted)[::-1]:
-        for box in (_crack, _spalling, _moisture)[kind](canvas, ground, boxes):
-            boxes.append(box)
-            classes.append((CRACK, SPALLING, MOISTURE)[kind])
+        if kind == SPALLING:
+            found = _spalling(canvas, ground, grounds, boxes)
+        else:
+            found = (_crack if kind == CRACK else _moisture)(canvas, ground, boxes)
+        boxes += found
+        classes += [kind] * len(found)
     if canvas.chance(0.12):
         distract(canvas, 1) if not boxes else None
     return Picture(
@@ -146,16 +151,42 @@ def _net(rng: np.random.Generator, mask: NDArray[np.uint8], side: int, width: fl
                 cracks.draw(rng, mask, part, width * rng.uniform(0.4, 0.9), (False, False))
 
 
-def _spalling(canvas: Canvas, ground: Ground, taken: list[list[float]]) -> list[list[float]]:
+def _spalling(canvas: Canvas, ground: Ground, grounds: Grounds, taken: list[list[float]]) -> list[list[float]]:
+    """A hole, long or round, with bars, bricks or rubble in it; now and then a row of small ones."""
     rng, side = canvas.rng, canvas.side_px
     facade = ground.kind == "facade"
-    both = rng.lognormal(np.log(0.2 if facade else 0.36), 0.6) * side * rng.lognormal(0, 0.35, 2)
-    height, width = np.clip(both, 20 if facade else 34, (0.35 if facade else 1.3) * side).astype(int).tolist()
-    place = _place(canvas, (height, width), taken, outside=0 if facade else 0.45)
-    if place is None:
-        return []
-    bars = int(rng.choice([0, 1, 2, 3, 5], p=[0.55, 0.2, 0.12, 0.08, 0.05])) if ground.kind != "brick" else 0
-    return _seen(canvas, place, lambda: spall(canvas, place, bars=bars))
+    stretch = (
+        rng.lognormal(0, 0.35) if rng.random() < 0.65 else rng.choice([0.2, 0.3, 3.3, 5.0]) * rng.lognormal(0, 0.2)
+    )
+    size = rng.lognormal(np.log(0.2 if facade else 0.42), 0.65) * side
+    row = not facade and rng.random() < 0.1
+    if row:
+        size *= 0.35
+    both = size * np.array([stretch**-0.5, stretch**0.5])
+    height, width = np.clip(both, 14 if facade else 22, (0.35 if facade else 1.3) * side).astype(int).tolist()
+    boxes: list[list[float]] = []
+    for _ in range(int(rng.integers(2, 6)) if row else 1):
+        place = _place(canvas, (height, width), taken + boxes, outside=0 if facade or row else 0.45)
+        if place is None:
+            continue
+        beneath = None
+        if ground.kind in {"plaster", "facade", "close"} and rng.random() < 0.25:
+            beneath = _bricks(canvas, grounds, place)
+        armed = ground.kind != "brick" and beneath is None and rng.random() < 0.5
+        bars = chance_bars(rng, place.height, place.width) if armed else ()
+        boxes += _seen(canvas, place, partial(spall, canvas, place, bars=bars, beneath=beneath))
+    return boxes
+
+
+def _bricks(canvas: Canvas, grounds: Grounds, place: Place) -> NDArray[np.float32] | None:
+    """A piece of brick wall of the place's size and of about the picture's brightness."""
+    walls = [ground for ground in grounds.painted if ground.kind == "brick"]
+    if not walls or max(place.height, place.width) > 600:
+        return None
+    image = walls[int(canvas.rng.integers(len(walls)))].image
+    y, x = (int(canvas.rng.integers(image.shape[0] - size)) for size in (place.height, place.width))
+    piece = to_linear(np.ascontiguousarray(image[y : y + place.height, x : x + place.width]))
+    return piece * np.float32(0.75 * canvas.image.mean() / max(1e-3, float(piece.mean())))
 
 
 def _moisture(canvas: Canvas, ground: Ground, taken: list[list[float]]) -> list[list[float]]:
@@ -177,7 +208,7 @@ def _moisture(canvas: Canvas, ground: Ground, taken: list[list[float]]) -> list[
     place = _place(canvas, (height, width), taken, outside=0 if facade else 0.4, bottom=foot)
     if place is None:
         return []
-    return _seen(canvas, place, lambda: maker(canvas, place))
+    return _seen(canvas, place, partial(maker, canvas, place))
 
 
 def _seen(canvas: Canvas, place: Place, paint: Callable[[], NDArray[np.bool_]]) -> list[list[float]]:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from training.generate.bars import Bars, lay
 from training.generate.canvas import Canvas, Field, Place, soft, step
 from training.generate.surfaces import relief
 
@@ -51,40 +52,23 @@ def patch_mask(canvas: Canvas, place: Place, *, rough: float) -> Field:
     return np.asarray(field, dtype=np.float32)
 
 
-def spall(canvas: Canvas, place: Place, *, bars: int) -> NDArray[np.bool_]:
-    """Break the surface off in this place; returns where, (height, width)."""
-    rng = canvas.rng
-    y, x, height, width = place.y, place.x, place.height, place.width
+def spall(canvas: Canvas, place: Place, *, bars: tuple[Bars, ...], beneath: Field | None) -> NDArray[np.bool_]:
+    """Break the surface off in this place; returns where, (height, width).
+
+    `beneath` (height, width, 3) is the wall under a lost plaster; without it broken concrete or stone comes out.
+    """
     field = patch_mask(canvas, place, rough=canvas.between(0.16, 0.42))
     sharp = canvas.between(0.015, 0.06)
     lost = step(field, 0, sharp)
     lost = _largest(lost)
-    tone, dome = _rubble(int(rng.integers(RUBBLES)))
-    scale = canvas.between(0.45, 1.6)
-    need = round(height / scale) + 2, round(width / scale) + 2
-    if max(need) > RUBBLE_PX:
-        scale *= max(need) / RUBBLE_PX
-        need = min(RUBBLE_PX, need[0]), min(RUBBLE_PX, need[1])
-    at = int(rng.integers(RUBBLE_PX - need[0] + 1)), int(rng.integers(RUBBLE_PX - need[1] + 1))
-    part = slice(at[0], at[0] + need[0]), slice(at[1], at[1] + need[1])
-    inner = cv2.resize(tone[part], (width, height), interpolation=cv2.INTER_LINEAR)
-    bumps = cv2.resize(dome[part], (width, height), interpolation=cv2.INTER_LINEAR)
-    around = canvas.image[y : y + height, x : x + width].reshape(-1, 3).mean(axis=0)
-    grey = np.array([0.85, 0.97, 1.06]) * float(around.mean())
-    mix = canvas.between(0.1, 0.8)
-    base = (around * mix + grey * (1 - mix)) * rng.choice([0.55, 0.75, 0.95, 1.25], p=[0.25, 0.3, 0.3, 0.15])
-    rough = canvas.noise(height, width, slope=canvas.between(0.9, 1.4))
-    inner = inner * base.astype(np.float32) * np.clip(1 + 0.14 * rough, 0.4, 1.7)[..., None]
     deep = canvas.between(1.5, 7)
-    bowl = np.clip(field * canvas.between(1.5, 5), 0, 1)
-    ground = bumps * np.float32(canvas.between(0.15, 0.7)) + rough * np.float32(canvas.between(0.3, 1.6)) - bowl * deep
-    inner *= relief(canvas, cv2.GaussianBlur(ground, (0, 0), 0.7), canvas.between(0.25, 0.8))[..., None]
-    if bars:
-        _bars(canvas, inner, bars)
+    inner = _broken(canvas, place, field, deep) if beneath is None else beneath * _old_mortar(canvas, place)
+    for layer in bars:
+        lay(canvas, inner, layer)
     inner *= _cast_shadow(canvas, lost, deep)[..., None]
     rim = _ring(canvas, lost)
-    canvas.multiply(rim, y, x)
-    canvas.cover(inner, lost, y, x)
+    canvas.multiply(rim, place.y, place.x)
+    canvas.cover(inner, lost, place.y, place.x)
     return np.asarray(lost > 0.5)
 
 
@@ -113,30 +97,33 @@ def _ring(canvas: Canvas, lost: Field) -> Field:
     return np.asarray(lit * (1 + canvas.between(-0.5, 0.35) * near), dtype=np.float32)
 
 
-def _bars(canvas: Canvas, inner: Field, bars: int) -> None:
-    """Rusty reinforcement across the hole, with its shadow and the rust that ran from it."""
+def _broken(canvas: Canvas, place: Place, field: Field, deep: float) -> Field:
+    """The inside of a hole: pebbles in paste, uneven, in a tone near the wall's or greyer."""
     rng = canvas.rng
-    height, width = inner.shape[:2]
-    upright = rng.random() < 0.5
-    lean = rng.normal(0, 0.12) if rng.random() < 0.75 else rng.uniform(-0.8, 0.8)
-    thick = max(2.0, min(height, width) * rng.uniform(0.03, 0.11))
-    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
-    across, span = (x + lean * y, width) if upright else (y + lean * x, height)
-    across = across + canvas.noise(height, width, slope=2.2, coarse=1.5) * np.float32(thick * 0.35)
-    base = float(inner.mean())
-    rust = (
-        np.array([0.55, 0.8, 1.3]) * base * rng.uniform(0.12, 0.5)
-        + np.array([0.0, 0.03, 0.08]) * rng.choice([0, 0, 1]) * base
-    )
-    patina = canvas.noise(height, width, slope=0.9)
-    first = rng.uniform(0.15, 0.6) * span
-    for number in range(bars):
-        centre = first + number * span * rng.uniform(0.16, 0.4)
-        offset = (across - np.float32(centre)) / np.float32(thick / 2)
-        bar = step(1 - np.abs(offset), 0.05, 0.3)
-        shade = step(1 - np.abs(offset - np.float32(rng.uniform(-0.9, 0.9))) / 1.5, 0, 0.8)
-        stain = np.exp(-np.abs(offset) / np.float32(rng.uniform(1.5, 4))) * np.clip(0.5 + 0.4 * patina, 0, 1)
-        inner *= 1 - np.float32(rng.uniform(0.1, 0.6)) * stain[..., None] * np.array([1, 0.75, 0.3], dtype=np.float32)
-        inner *= 1 - 0.55 * shade[..., None]
-        round_ = np.sqrt(np.clip(1 - offset**2, 0.05, 1)) * np.clip(1 + 0.35 * patina, 0.3, 2)
-        inner += bar[..., None] * (round_[..., None] * rust.astype(np.float32) - inner)
+    height, width = place.height, place.width
+    tone, dome = _rubble(int(rng.integers(RUBBLES)))
+    scale = canvas.between(0.45, 1.6)
+    need = round(height / scale) + 2, round(width / scale) + 2
+    if max(need) > RUBBLE_PX:
+        scale *= max(need) / RUBBLE_PX
+        need = min(RUBBLE_PX, need[0]), min(RUBBLE_PX, need[1])
+    at = int(rng.integers(RUBBLE_PX - need[0] + 1)), int(rng.integers(RUBBLE_PX - need[1] + 1))
+    part = slice(at[0], at[0] + need[0]), slice(at[1], at[1] + need[1])
+    inner = cv2.resize(tone[part], (width, height), interpolation=cv2.INTER_LINEAR)
+    bumps = cv2.resize(dome[part], (width, height), interpolation=cv2.INTER_LINEAR)
+    around = canvas.image[place.y : place.y + height, place.x : place.x + width].reshape(-1, 3).mean(axis=0)
+    grey = np.array([0.85, 0.97, 1.06]) * float(around.mean())
+    mix = canvas.between(0.1, 0.8)
+    base = (around * mix + grey * (1 - mix)) * rng.choice([0.55, 0.75, 0.95, 1.25], p=[0.25, 0.3, 0.3, 0.15])
+    rough = canvas.noise(height, width, slope=canvas.between(0.9, 1.4))
+    inner = inner * base.astype(np.float32) * np.clip(1 + 0.14 * rough, 0.4, 1.7)[..., None]
+    bowl = np.clip(field * canvas.between(1.5, 5), 0, 1)
+    ground = bumps * np.float32(canvas.between(0.15, 0.7)) + rough * np.float32(canvas.between(0.3, 1.6)) - bowl * deep
+    lit = relief(canvas, cv2.GaussianBlur(ground, (0, 0), 0.7), canvas.between(0.25, 0.8))
+    return np.asarray(inner * lit[..., None], dtype=np.float32)
+
+
+def _old_mortar(canvas: Canvas, place: Place) -> Field:
+    """What clings to the wall beneath: darker and paler clouds."""
+    clouds = canvas.noise(place.height, place.width, slope=1.4)
+    return np.asarray(np.clip(canvas.between(0.7, 1.2) * (1 + 0.15 * clouds), 0.4, 1.6)[..., None], dtype=np.float32)
