@@ -154,6 +154,8 @@ app.command()(judging.evaluate_detector)
 app.command()(judging.describe_detector)
 app.add_typer(improving.review, name="review")
 app.command()(improving.training_set)
+app.command()(improving.compare_models)
+app.command()(improving.promote_model)
 
 
 @app.command()

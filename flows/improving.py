@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -154,3 +155,68 @@ def training_set(
         terms=terms,
     )
     show_training_set(console, done, placed)
+
+
+def compare_models(
+    old: Annotated[str, typer.Argument(help="The model in use: an ONNX file with its card, or 'default'.")],
+    new: Annotated[Path, typer.Argument(help="The model that may replace it: an ONNX file with its card.")],
+    *,
+    campaign: Annotated[
+        list[str], typer.Option(help="A committed campaign to look at, as BUILDING/CAMPAIGN. Repeatable.")
+    ],
+    sample: Annotated[
+        int | None,
+        typer.Option(min=1, help="At most so many photographs of each campaign, reviewed ones first; all if left out."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder to write to; one below the lake's 'comparisons' if left out.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Compare two models on stored campaigns: what stays, appears and vanishes, in photographs and on the wall.
+
+    Against reviews it tells which confirmed defects the new one loses and which rejected ones it drops. Nothing that is
+    committed changes; what a model found is cached, so that running it again is quick.
+    """
+    from facadelake.detect.shelf import default_model
+    from flows.comparing import compare_models as compare
+    from flows.terminal.comparing import show_comparison
+
+    done = compare(
+        portfolio_at(portfolio),
+        default_model() if old == "default" else Path(old),
+        new,
+        campaign,
+        lake=lake,
+        sample=sample,
+        folder=output,
+    )
+    if as_json:
+        sys.stdout.write(done.comparison.model_dump_json(indent=2) + "\n")
+    else:
+        show_comparison(console, done)
+
+
+def promote_model(
+    new: Annotated[Path, typer.Argument(help="The ONNX file, with its card.")],
+    *,
+    by: Annotated[str, typer.Option(help="Who decides.")],
+    why: Annotated[str, typer.Option(help="Why.")],
+    max_lost: Annotated[int, typer.Option(min=0, help="So many confirmed defects may be lost.")] = 0,
+    min_confirmed: Annotated[int, typer.Option(min=0, help="So many confirmed defects must have been looked at.")] = 10,
+    report: Annotated[
+        Path | None, typer.Option(help="The comparison.json; the one of the default and NEW in the lake if left out.")
+    ] = None,
+    lake: LakePath = DEFAULT_LAKE,
+) -> None:
+    """Make a model the default detector ('model: default'), if its comparison with the present one and its card allow.
+
+    The earlier models stay beside it; data/detector/models.yaml says who decided what, when and why.
+    """
+    from flows.promoting import promote_model as promote
+
+    entry, told = promote(new, lake=lake, report=report, by=by, why=why, lost_max=max_lost, confirmed_min=min_confirmed)
+    console.print(f"the default detector is {entry.file} ({entry.sha256[:12]}), decided by {entry.by}: {entry.why}")
+    console.print(told, soft_wrap=True, highlight=False)

@@ -33,10 +33,13 @@ class Crop:
 
 
 def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None:
-    """Draw ``crops`` in their order on one PNG; None where there are none. Each photograph is read once.
+    """Draw ``crops`` in their order on one PNG; None where there are none, and no sheet of before is left.
+
+    Each photograph is read once.
 
     A photograph that cannot be read leaves its cells grey. Raises StoreError where the file cannot be written.
     """
+    path.unlink(missing_ok=True)
     if not crops:
         return None
     by_photograph: dict[Path, list[int]] = defaultdict(list)
