@@ -6,6 +6,7 @@ import multiprocessing
 import queue
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from multiprocessing.synchronize import Event
 from pathlib import Path
 
@@ -59,11 +60,22 @@ def mix_of(sources: Sequence[Source], side_px: int) -> Mix:
     return Mix(pools=pools, walls=walls, side_px=side_px, transplant_share=0.2, mosaic_share=0.35)
 
 
-def batches(data: Path, *, side_px: int, batch: int, seed: int, stop: Event, mosaic: Event) -> Iterator[Batch]:
+@dataclass(frozen=True, kw_only=True)
+class Order:
+    """What a loading process is to make."""
+
+    data: Path
+    generated: tuple[Path, ...]
+    side_px: int
+    batch: int
+    seed: int
+
+
+def batches(order: Order, *, stop: Event, mosaic: Event) -> Iterator[Batch]:
     """Endless batches from a process of its own, until ``stop``; mosaics as long as ``mosaic`` is set."""
     context = multiprocessing.get_context("spawn")
     waiting = context.Queue(maxsize=_AHEAD)
-    worker = context.Process(target=_work, args=(data, side_px, batch, seed, stop, mosaic, waiting), daemon=True)
+    worker = context.Process(target=_work, args=(order, stop, mosaic, waiting), daemon=True)
     worker.start()
     while not stop.is_set():
         try:
@@ -74,27 +86,22 @@ def batches(data: Path, *, side_px: int, batch: int, seed: int, stop: Event, mos
     worker.join(timeout=10)
 
 
-def _work(
-    data: Path,
-    side_px: int,
-    batch: int,
-    seed: int,
-    stop: Event,
-    mosaic: Event,
-    waiting: multiprocessing.Queue[Batch],
-) -> None:
+def _work(order: Order, stop: Event, mosaic: Event, waiting: multiprocessing.Queue[Batch]) -> None:
     cv2.setNumThreads(1)
-    rng = np.random.default_rng(seed)
-    mix = mix_of(training_sources(data), side_px)
+    rng = np.random.default_rng(order.seed)
+    mix = mix_of(training_sources(order.data, order.generated), order.side_px)
     while not stop.is_set():
-        examples = [mix.example(rng, mosaic_share=None if mosaic.is_set() else 0.0) for _ in range(batch)]
+        examples = [mix.example(rng, mosaic_share=None if mosaic.is_set() else 0.0) for _ in range(order.batch)]
         made = pack(examples)
         while not stop.is_set():
             try:
                 waiting.put(made, timeout=1)
                 break
             except queue.Full:
-                continue
+                parent = multiprocessing.parent_process()
+                if parent is None or not parent.is_alive():  # killed: nobody will take another batch
+                    waiting.cancel_join_thread()
+                    return
 
 
 def pack(examples: Sequence[Example]) -> Batch:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import copy
-import json
 import logging
 import math
 import multiprocessing
@@ -22,10 +21,10 @@ from torch import nn
 
 from training.assign import cells_of
 from training.data.sample import CLASSES
-from training.loader import Batch, batches
+from training.loader import Batch, Order, batches
 from training.loss import Truth, loss_of
 from training.network import Yolox, settle, trainable
-from training.sources import validation_samples
+from training.sources import drawn_samples, validation_samples
 from training.validate import found_in, scores_of
 
 _log = logging.getLogger("training")
@@ -34,6 +33,8 @@ WARM_UP = 0.03  # share of the time
 LAST_PART = 0.15  # share of the time at the end without mosaics
 KEEP = 0.998  # of the running mean of the weights, a step
 REPORT = 20  # steps between lines of the log
+LOOK_S = 180.0  # between looks at the pictures kept for choosing, each with a checkpoint
+WORTH = {"real": 2 / 3, "generated": 1 / 3}  # of the mean AP50 in choosing the best checkpoint
 CLIP = 10.0  # norm of the gradient
 
 
@@ -41,6 +42,7 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True, help="folder with defects/ and drone/")
+    parser.add_argument("--generated", type=Path, nargs="*", default=(), help="folders written by training.generate")
     parser.add_argument("--weights", type=Path, required=True, help="upstream's yolox_nano.onnx")
     parser.add_argument("--out", type=Path, required=True, help="folder for checkpoints and the log")
     parser.add_argument("--minutes", type=float, required=True, help="training time, in all")
@@ -66,31 +68,36 @@ def train(options: argparse.Namespace) -> None:
     torch.manual_seed(options.seed)
     torch.set_num_threads(2)
     cv2.setNumThreads(1)
+    checkpoint = options.out / "checkpoint.pt"
+    begun = torch.load(checkpoint) if options.resume and checkpoint.exists() else None
     context = multiprocessing.get_context("spawn")
     stop, mosaic = context.Event(), context.Event()
     mosaic.set()
-    source = batches(
-        options.data, side_px=options.side, batch=options.batch, seed=time.time_ns(), stop=stop, mosaic=mosaic
+    order = Order(
+        data=options.data,
+        generated=tuple(options.generated),
+        side_px=options.side,
+        batch=options.batch,
+        seed=options.seed if begun is None else options.seed + begun["step"],
     )
+    source = batches(order, stop=stop, mosaic=mosaic)
     cells = cells_of(options.side, options.side)
     network = trainable(options.weights, class_count=len(CLASSES))
-    checkpoint = options.out / "checkpoint.pt"
-    begun = torch.load(checkpoint) if options.resume and checkpoint.exists() else None
     if begun is None and options.start is None:
         settle(network, _images(next(source)))
     elif begun is None:
         network.load_state_dict(torch.load(options.start)["mean"])
     mean = copy.deepcopy(network)
     optimiser = torch.optim.AdamW(_groups(network, options.decay), lr=options.rate, betas=(0.9, 0.99))
-    step, spent = 0, 0.0
+    step, spent, best = 0, 0.0, 0.0
     if begun is not None:
         network.load_state_dict(begun["network"])
         mean.load_state_dict(begun["mean"])
         optimiser.load_state_dict(begun["optimiser"])
-        step, spent = begun["step"], begun["spent_s"]
+        step, spent, best = begun["step"], begun["spent_s"], begun["best"]
     judged_cells = cells_of(INPUT_PX, INPUT_PX)
-    judged = validation_samples(options.data)
-    best, last_look, sums = 0.0, time.monotonic(), np.zeros(4)
+    judged = {"real": validation_samples(options.data), "generated": drawn_samples(options.generated)}
+    last_look, sums = time.monotonic(), np.zeros(4)
     while spent < options.minutes * 60:
         began = time.monotonic()
         share = spent / (options.minutes * 60)
@@ -117,21 +124,23 @@ def train(options: argparse.Namespace) -> None:
                 step, spent / 60, step * options.batch / spent, box, objectness, classes, waiting,
             )  # fmt: skip
             sums[:] = 0
-        if time.monotonic() - last_look > 180 or spent >= options.minutes * 60:
+        if time.monotonic() - last_look > LOOK_S or spent >= options.minutes * 60:
             last_look = time.monotonic()
-            scores = scores_of(judged, found_in(mean, judged, judged_cells, INPUT_PX))
-            _log.info(
-                "step %d val %s false boxes %.2f",
-                step,
-                json.dumps({"ap50": scores.ap50, "ap": scores.ap}),
-                scores.false_boxes,
-            )
+            scores = {
+                name: scores_of(samples, found_in(mean, samples, judged_cells, INPUT_PX))
+                for name, samples in judged.items()
+                if samples
+            }
+            for name, score in scores.items():
+                said = ", ".join(f"{kind} {score.ap50[kind]:.3f} / {score.ap[kind]:.3f}" for kind in score.ap50)
+                _log.info("step %d %s AP50 / AP: %s; false boxes %.2f", step, name, said, score.false_boxes)
             state = {"network": network.state_dict(), "mean": mean.state_dict(), "optimiser": optimiser.state_dict()}
-            torch.save({**state, "step": step, "spent_s": spent, "scores": scores.ap50}, checkpoint.with_suffix(".new"))
+            worth = sum(WORTH[name] * score.mean for name, score in scores.items())
+            if worth >= best:
+                best = worth
+                torch.save({"mean": mean.state_dict(), "step": step}, options.out / "best.pt")
+            torch.save({**state, "step": step, "spent_s": spent, "best": best}, checkpoint.with_suffix(".new"))
             checkpoint.with_suffix(".new").replace(checkpoint)
-            if scores.mean >= best:
-                best = scores.mean
-                torch.save({"mean": mean.state_dict(), "step": step, "scores": scores.ap50}, options.out / "best.pt")
     stop.set()
 
 
