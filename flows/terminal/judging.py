@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.evaluate.detector.contact_sheet import alarms_of, faults_of, write_contact_sheet
+from facadelake.evaluate.detector.contact_sheet import write_sheets
 from facadelake.evaluate.detector.figures import Figures
 from facadelake.evaluate.detector.image_level import ImageLevelFigures
 from facadelake.evaluate.detector.operating import Operating
@@ -32,13 +32,10 @@ def write_pictures(answer: Answer, folder: Path) -> list[Path]:
     """Curves and sheets of the worst into ``folder``."""
     if answer.boxes is None:
         return []
-    written: list[Path | None] = [*write_plots(answer.boxes, folder)]
-    faults = faults_of(list(answer.boxes.shown.values()), answer.collected)
-    written.append(write_contact_sheet(faults, answer.collected, folder / "worst.png"))
-    if answer.collected_negatives is not None:
-        alarms = alarms_of(answer.collected_negatives)
-        written.append(write_contact_sheet(alarms, answer.collected_negatives, folder / "worst_without_defects.png"))
-    return [path for path in written if path is not None]
+    return [
+        *write_plots(answer.boxes, folder),
+        *write_sheets(answer.boxes, answer.collected, answer.collected_negatives, folder),
+    ]
 
 
 def _show_figures(console: Console, figures: Figures) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from facadelake.detect.boxes import Box
 from facadelake.detect.letterbox import Image
 from facadelake.errors import StoreError
+from facadelake.evaluate.detector.figures import Judgement
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Collected, read_pixels
 from facadelake.evaluate.detector.matching import Matches
@@ -65,6 +66,18 @@ def alarms_of(collected: Collected, most: int = 36) -> list[Fault]:
     return sorted(alarms, key=lambda one: -(one.score or 0.0))[:most]
 
 
+def write_sheets(
+    judgement: Judgement, collected: Collected, collected_negatives: Collected | None, folder: Path
+) -> list[Path]:
+    """Write ``worst.png`` and, of photographs without defects, ``worst_without_defects.png``; none without faults."""
+    faults = faults_of(list(judgement.shown.values()), collected)
+    written = [write_contact_sheet(faults, collected, folder / "worst.png")]
+    if collected_negatives is not None:
+        alarms = alarms_of(collected_negatives)
+        written.append(write_contact_sheet(alarms, collected_negatives, folder / "worst_without_defects.png"))
+    return [path for path in written if path is not None]
+
+
 def write_contact_sheet(faults: Sequence[Fault], collected: Collected, path: Path) -> Path | None:
     """Write the sheet as PNG: red the fault, green what is labelled, blue what else is shown; None without faults."""
     if not faults:
@@ -92,7 +105,9 @@ def _tile(fault: Fault, pixels: Image | None, collected: Collected) -> Image:
     tile = np.full((_SIDE_PX + _CAPTION_PX, _SIDE_PX + 4, 3), 255, dtype=np.uint8)
     box, image = fault.box, fault.image
     side = max((1 + 2 * _AROUND) * max(box.width_px, box.height_px), _LEAST_PX)
-    left, top = box.x_px + box.width_px / 2 - side / 2, box.y_px + box.height_px / 2 - side / 2
+    side = min(side, float(max(image.width_px, image.height_px)))
+    left = _inside(box.x_px + box.width_px / 2 - side / 2, side, image.width_px)
+    top = _inside(box.y_px + box.height_px / 2 - side / 2, side, image.height_px)
     gain = _SIDE_PX / side
     if pixels is not None:
         tile_from_img = np.array([[gain, 0, -gain * left], [0, gain, -gain * top]])
@@ -113,6 +128,11 @@ def _tile(fault: Fault, pixels: Image | None, collected: Collected) -> Image:
     for i, text in enumerate((f"{what} {fault.defect_class}", image.key[-40:])):
         cv2.putText(tile, text, (3, _SIDE_PX + 13 + 14 * i), _LETTERS, 0.38, (0, 0, 0), 1, cv2.LINE_AA)
     return tile
+
+
+def _inside(start: float, side: float, length_px: int) -> float:
+    """Where the square begins, moved so that it shows as much of the photograph as it can."""
+    return (length_px - side) / 2 if side >= length_px else min(max(start, 0.0), length_px - side)
 
 
 def _draw(

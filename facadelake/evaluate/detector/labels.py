@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from facadelake.detect.boxes import Box, clip_box
@@ -32,7 +34,8 @@ class LabelledImage:
 
     ``key`` is its name in figures (the path below the data folder); pixels are those of the photograph as stored.
     ``site`` is the building or source it shows, None where nobody said. ``gsd_mm`` (mm a pixel) and ``area_m2``
-    (facade to be seen in it) are None where nobody said.
+    (facade to be seen in it) are None where nobody said. ``target``, a mask of any size over the whole photograph, is
+    true where it shows the building; None: everywhere.
     """
 
     key: str
@@ -44,6 +47,7 @@ class LabelledImage:
     site: str | None = None
     gsd_mm: float | None = None
     area_m2: float | None = None
+    target: NDArray[np.bool_] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)

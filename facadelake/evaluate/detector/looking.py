@@ -83,7 +83,9 @@ class OnnxLooker:
 
     def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks:
         """Both runs."""
-        low, shown = (detect_image(one, pixels_bgr, gsd_mm=image.gsd_mm) for one in (self._low, self._shown))
+        low, shown = (
+            detect_image(one, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target) for one in (self._low, self._shown)
+        )
         return Looks(down_to_floor=low, shown=shown)
 
 
@@ -183,9 +185,21 @@ def _predictions(
             left_out[f"boxes found of class '{one.class_name}', which stands for no defect class"] += 1
         elif inside is None:
             left_out["boxes found outside their photograph"] += 1
+        elif not _on_target(inside, image):
+            left_out["boxes found beside the building"] += 1
         else:
             kept.append(Prediction(box=inside, score=one.score, defect_class=defect_class))
     return tuple(sorted(kept, key=lambda prediction: -prediction.score))
+
+
+def _on_target(box: Box, image: LabelledImage) -> bool:
+    """Whether the box's middle lies on the building; elsewhere an inspection has no wall to put it on."""
+    if image.target is None:
+        return True
+    rows, columns = image.target.shape
+    row = int((box.y_px + box.height_px / 2) / image.height_px * rows)
+    column = int((box.x_px + box.width_px / 2) / image.width_px * columns)
+    return bool(image.target[min(row, rows - 1), min(column, columns - 1)])
 
 
 def _found(annotation: CocoAnnotation, class_name: str | None) -> Found | None:

@@ -1,0 +1,170 @@
+"""The sets that detectors are compared on, as labelled photographs: real cracks by split, facades without defects."""
+
+from __future__ import annotations
+
+import csv
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.foundation import ROOT, SHARED
+from benchmarks.published_poses import write_published
+from facadelake.camera import PosedCamera
+from facadelake.detect.boxes import Box
+from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.evaluate.detector.labels import (
+    Gathering,
+    LabelledImage,
+    LabelledSet,
+    TrueBox,
+    joined,
+    photographs_below,
+    sound_photographs,
+)
+from facadelake.evaluate.detector.labels_open import open_labels
+from facadelake.evaluate.detector.sites import with_sites
+from facadelake.geobim.footprint import horizontal_distance
+from facadelake.geobim.surface import Surface
+from facadelake.geobim.targets import target_elements
+from facadelake.photo.ingest import ingest_photographs
+from facadelake.pose.georeference import Place
+from facadelake.pose.imported.placing import place_imported
+from facadelake.pose.imported.reading import read_poses
+from facadelake.posed import posed_cameras
+from facadelake.registry import read_portfolio
+from schemas.vocabulary import DefectClass
+from tasks.load_model import read_model
+
+SITES = ROOT / "training" / "data" / "sites.yaml"
+_MASK_GAP_PX, _MASK_LEAST_PX = 9, 12
+_WIDTH_PX = 480  # of the images that areas are added up in
+_STEEPEST_DEG = 70.0  # facade seen more grazingly is not counted as looked at
+
+
+def crack_images(split: str) -> LabelledSet:
+    """Real cracks of both sets that may be learned from, of the sites of a split."""
+    crosswalk = crosswalk_with({})
+    sets = [
+        open_labels(SHARED / "defects" / "crack_boxes_640", crosswalk),
+        open_labels(SHARED / "defects" / "omu_quay_crack_yolo", crosswalk, class_names=["crack"]),
+    ]
+    of_split = [one for one in sets if split in _splits(one.name)]
+    return joined([with_sites(one, SITES, split) for one in of_split])
+
+
+def facades(split: str) -> LabelledSet:
+    """Facades and a street presumed free of defects, of the buildings of a split; no scale is known of them."""
+    folders = (SHARED / "defects" / "facade_negatives", SHARED / "drone" / "lund_street")
+    return joined([with_sites(sound_photographs(folder), SITES, split) for folder in folders])
+
+
+def masonry() -> LabelledSet:
+    """Cracks in masonry, never learned from: boxes about the pieces of the masks, over gaps of a few pixels."""
+    folder = SHARED / "defects" / "masonry_crack_240" / "dataset"
+    gathered = Gathering(folder)
+    reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_MASK_GAP_PX, _MASK_GAP_PX))
+    for path in photographs_below(folder / "crack_detection_224_images"):
+        mask = cv2.imread(str(folder / "crack_detection_224_masks" / path.name), cv2.IMREAD_GRAYSCALE)
+        size = gathered.size_of(path)
+        if mask is None or size is None:
+            continue
+        cracked = (mask > 127).astype(np.uint8)
+        count, labels = cv2.connectedComponents(cv2.dilate(cracked, reach), connectivity=8)
+        boxes = []
+        for label in range(1, count):
+            rows, columns = np.nonzero((labels == label) & (cracked > 0))
+            box = Box(
+                x_px=float(columns.min()), y_px=float(rows.min()),
+                width_px=float(np.ptp(columns)) + 1, height_px=float(np.ptp(rows)) + 1,
+            )  # fmt: skip
+            if max(box.width_px, box.height_px) >= _MASK_LEAST_PX:
+                boxes.append(TrueBox(box=box, defect_class=DefectClass.CRACK))
+        gathered.add(path, size, boxes, frozenset({DefectClass.CRACK}))
+    found = gathered.finished("masks")
+    images = tuple(replace(one, site="_".join(one.path.stem.split("_")[:2])) for one in found.images)
+    return replace(found, name="masonry_crack_240", images=images)
+
+
+def with_sources(labelled: LabelledSet, folder: Path) -> LabelledSet:
+    """Patches with the picture that they were cut from as their site, where the folder's index.csv tells it."""
+    index = folder / "index.csv"
+    if not index.is_file():
+        return labelled
+    with index.open(newline="", encoding="utf-8") as stream:
+        sources = {row["file"]: row["source_image"] for row in csv.DictReader(stream)}
+    return replace(labelled, images=tuple(replace(one, site=sources.get(one.key)) for one in labelled.images))
+
+
+def castle_facade(work: Path) -> LabelledSet:
+    """The castle's multi-view photographs with GSD, area and target from its model and published cameras.
+
+    Only where the model is do boxes count, as in an inspection; area is what is seen at less than 70 degrees of
+    incidence, photograph by photograph. Its plaster is real and presumed free of defects.
+    """
+    building = read_portfolio(ROOT / "data" / "portfolio.yaml").building("castle")
+    model = read_model(building)
+    surface = Surface(model)
+    root = building.photographs_of("2026-04")
+    photos = ingest_photographs(root, distance_to_model_m=horizontal_distance(model), close_range_below_m=8.0)
+    place = Place(
+        origin=model.origin,
+        map_crs=model.map_crs,
+        vertical_datum=model.vertical_datum,
+        georeference_level=model.georeference_level,
+    )
+    path = write_published(SHARED / "castle" / "truth", work / "castle-poses.csv", noise=None)
+    placed = place_imported(read_poses(path), photos, place=place, surface=surface, placement_sigma_max_m=0.5)
+    is_target = np.append(target_elements(model.elements), False)  # the last answers for a miss
+    images = []
+    for photo_id, posed in sorted(posed_cameras(placed.poses).items()):
+        if "multiview" not in photo_id:
+            continue
+        target, area, gsd = seen_area(posed, surface, is_target)
+        images.append(
+            LabelledImage(
+                key=photo_id, path=root / photo_id, width_px=posed.camera.width_px, height_px=posed.camera.height_px,
+                boxes=(), labelled=frozenset(DefectClass), site="castle", gsd_mm=gsd, area_m2=area, target=target,
+            )
+        )  # fmt: skip
+    return LabelledSet(name="castle", form="photographs without defects", images=tuple(images))
+
+
+def seen_area(
+    posed: PosedCamera, surface: Surface, is_target: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], float, float]:
+    """Where the photograph shows the building (h, w, reduced), how many m2 of it, and its median GSD in mm.
+
+    A pixel's patch of wall is ``z^2 cos(off axis) / (fx fy cos(incidence))``, lens distortion left aside.
+    """
+    camera = posed.camera
+    width = min(_WIDTH_PX, camera.width_px)
+    height = round(camera.height_px * width / camera.width_px)
+    columns = (np.arange(width) + 0.5) * camera.width_px / width
+    rows = (np.arange(height) + 0.5) * camera.height_px / height
+    origins, directions = posed.rays_site(np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
+    hits = surface.cast(origins, directions)
+    off_axis = directions @ posed.site_from_cam.rotation[:, 2]
+    depth = hits.distance_m * off_axis
+    target = is_target[hits.element]
+    facing = np.abs((hits.normal_site * directions).sum(axis=1))
+    seen = target & (facing > np.cos(np.radians(_STEEPEST_DEG)))
+    pixel = (camera.width_px / width) * (camera.height_px / height)
+    area = pixel * (depth[seen] ** 2 * off_axis[seen] / (camera.fx_px * camera.fy_px * facing[seen])).sum()
+    gsd = 1000 * float(np.median(depth[target])) / camera.fx_px
+    return target.reshape(height, width), float(area), gsd
+
+
+def _splits(set_name: str) -> set[str]:
+    import yaml
+
+    return {str(entry["split"]) for entry in yaml.safe_load(SITES.read_text(encoding="utf-8"))[set_name].values()}
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        for one in castle_facade(Path(folder)).images:
+            print(f"{one.key}: {one.area_m2:.0f} m2, {one.gsd_mm:.1f} mm a pixel")
