@@ -33,6 +33,8 @@ class Layout(StrEnum):
     RTDETR_ROWS = "rtdetr_rows"  # (1, N, 6): centre and size from 0 to 1, score, class
     RFDETR = "rfdetr"  # dets (1, Q, 4): centre and size from 0 to 1; labels (1, Q, nc or nc+1): logits
     RFDETR_SEG = "rfdetr_seg"  # rfdetr with mask logits (1, Q, h, w)
+    MAP = "map"  # (1, nc, h, w): each pixel's probabilities, of a semantic segmenter
+    MAP_LOGITS = "map_logits"  # the same before its sigmoid, or softmax where a class is called background
 
 
 class Resize(StrEnum):
@@ -44,7 +46,7 @@ class Resize(StrEnum):
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class CardInput(_Part):

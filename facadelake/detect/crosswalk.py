@@ -1,8 +1,9 @@
 """Which defect class a name of another taxonomy stands for.
 
-Sources: dacl10k (Flotzinger et al., WACV 2024; 19 labels) and CODEBRIM (Mundt et al., CVPR 2019), beside plain words.
-A name that is not listed has no counterpart among our classes (rust, graffiti, drainage, ...): it is reported, not
-guessed. A building's registry entry may add names or change what one stands for.
+Sources: dacl10k (Flotzinger et al., WACV 2024: 13 damages and 6 parts) and CODEBRIM (Mundt et al., CVPR 2019: 5 defects
+and background), whole, beside plain words. A name without counterpart among our classes (rust, graffiti, drainage, ...)
+is reported, not guessed. A model card's ``classes`` and a building's ``class_names`` add names or change what one
+stands for.
 """
 
 from __future__ import annotations
@@ -13,13 +14,34 @@ from dataclasses import dataclass
 from facadelake.errors import InputDataError
 from schemas.vocabulary import DefectClass
 
+# dacl10k: ACrack is alligator crack; ExposedRebars lie where concrete has come off, as CODEBRIM's ExposedBars do;
+# efflorescence is what water leaves when it passes through.
 _COUNTERPARTS: Mapping[DefectClass, tuple[str, ...]] = {
-    DefectClass.CRACK: ("crack", "cracks", "fissure", "alligator crack", "ACrack"),
-    DefectClass.SPALLING: ("spalling", "spall", "spallation", "delamination", "exposed bars", "ExposedRebars"),
-    DefectClass.MOISTURE: (
-        "moisture", "damp", "dampness", "wet spot", "Wetspot", "water stain", "leakage",
-        "efflorescence", "mould", "mold",
+    DefectClass.CRACK: (
+        "Crack", "cracks", "fissure", "hairline crack",
+        "ACrack", "alligator crack",
     ),
+    DefectClass.SPALLING: (
+        "Spalling", "spall", "spalled", "delamination",
+        "ExposedRebars", "exposed rebar", "ExposedBars", "exposed bar",
+        "Spallation",
+    ),
+    DefectClass.MOISTURE: (
+        "moisture", "damp", "dampness", "damp patch", "water stain", "water damage", "leakage", "seepage",
+        "Wetspot", "Efflorescence", "mould", "mold",
+    ),
+}  # fmt: skip
+
+# Names that are known to stand for nothing that we map: other damage, parts of a structure, no damage at all.
+_WITHOUT: Mapping[str, tuple[str, ...]] = {
+    "dacl10k's damages": (
+        "Rust", "Rockpocket", "Hollowareas", "Cavity", "Graffiti", "Weathering", "Restformwork",
+        "WConccor", "Washouts/Concrete corrosion",
+    ),
+    "dacl10k's parts": (
+        "Bearing", "EJoint", "Expansion Joint", "Drainage", "PEquipment", "Protective Equipment", "JTape", "Joint Tape",
+    ),
+    "CODEBRIM's classes": ("CorrosionStain", "Background"),
 }  # fmt: skip
 
 
@@ -30,6 +52,7 @@ def _normal_form(name: str) -> str:
 _KNOWN: Mapping[str, DefectClass] = {
     _normal_form(name): defect_class for defect_class, names in _COUNTERPARTS.items() for name in names
 }
+_KNOWN_WITHOUT: Mapping[str, str] = {_normal_form(name): of for of, names in _WITHOUT.items() for name in names}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +67,10 @@ class Crosswalk:
 
     def why_unknown(self, source_class: str) -> str:
         """What to tell about a name without a counterpart."""
+        of = _KNOWN_WITHOUT.get(_normal_form(source_class))
         return (
             f"class '{source_class}' stands for none of {', '.join(DefectClass)}; "
-            "add it to the building's class_names if it should"
+            f"add it to the building's class_names if it should{f' (it is one of {of})' if of else ''}"
         )
 
 

@@ -99,6 +99,11 @@ class OnnxDetector:
 
     def _found(self, outputs: Sequence[Numbers], box: Letterbox) -> tuple[Found, ...]:
         """What the outputs for one image say, in pixels of the photograph."""
+        if any(np.isnan(output.min(initial=0)) for output in outputs):
+            _log.warning(
+                "%s: outputs for an image of %d x %d px hold values that are no numbers (NaN); what they stand for is "
+                "not found", self.name, box.image_width_px, box.image_height_px,
+            )  # fmt: skip
         candidates = self._reader.candidates(outputs, self.card, self._threshold)
         if not len(candidates.scores):
             return ()

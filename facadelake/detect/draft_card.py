@@ -13,12 +13,13 @@ import numpy as np
 
 from facadelake.detect.card import CardInput, CardOutput, Layout, ModelCard, Resize, card_text
 from facadelake.detect.layouts.probe import assigned, class_counts, fitting_layouts
-from facadelake.detect.layouts.reader import Numbers
+from facadelake.detect.layouts.reader import EVERYTHING, Numbers
 from facadelake.detect.layouts.table import READERS
 from facadelake.detect.session import ModelSession
 
 _IMAGENET = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
 _USUAL_SIZE_PX = 640
+_BY_CELL = {Layout.YOLOV5, Layout.YOLOV8, Layout.YOLOV5_SEG, Layout.YOLOV8_SEG}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +52,7 @@ def draft_card(session: ModelSession) -> Draft:
             remark=f"This draft is a guess: no layout fits the outputs of a probe image ({found}).",
         )
     # Usual names of outputs say more than shapes: RF-DETR and RT-DETR have the same.
-    best = max(fitting, key=lambda card: _known_by_name(outputs, card))
+    best = max(fitting, key=lambda card: (_known_by_name(outputs, card), _enough_rows(outputs, card)))
     others = [card.output.layout for card in fitting if card is not best]
     said = "its metadata and a probe image" if names else "a probe image (class names are unknown)"
     also = f"; {' or '.join(others)} would fit too" if others else ""
@@ -66,7 +67,7 @@ def _card(
     match layout:
         case Layout.YOLOX:
             spec = CardInput(**size, colour="bgr", scale=1.0, resize=Resize.CORNER)
-        case Layout.RTDETR | Layout.RTDETR_TRIPLE | Layout.RTDETR_ROWS:
+        case Layout.RTDETR | Layout.RTDETR_TRIPLE | Layout.RTDETR_ROWS | Layout.MAP | Layout.MAP_LOGITS:
             spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=Resize.STRETCH)
         case Layout.RFDETR | Layout.RFDETR_SEG:
             spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=Resize.STRETCH, **_IMAGENET)
@@ -100,6 +101,15 @@ def _known_by_name(outputs: Mapping[str, Numbers], card: ModelCard) -> int:
         if all(name.casefold() in part.known_as for name, part in zip(names, form, strict=True)):
             return len(names)
     return 0
+
+
+def _enough_rows(outputs: Mapping[str, Numbers], card: ModelCard) -> bool:
+    """Whether a layout with a candidate for every cell has as many as the cells of two coarse grids."""
+    if card.output.layout not in _BY_CELL:
+        return True
+    reader, names = READERS[card.output.layout], assigned(outputs, card)
+    count = len(reader.candidates([outputs[name][0] for name in names], card, EVERYTHING).rows)
+    return count >= sum((card.input.width_px // stride) * (card.input.height_px // stride) for stride in (16, 32))
 
 
 def _input_size(session: ModelSession, metadata: Mapping[str, str]) -> tuple[int, int]:

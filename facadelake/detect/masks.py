@@ -48,6 +48,30 @@ class PrototypeMasks(Masks):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ComponentMasks(Masks):
+    """Connected parts of class maps, told apart by ``numbers`` (nc, rows, columns); ``part`` (n, 2): class, number."""
+
+    class_logits: NDArray[np.float32]
+    numbers: NDArray[np.int32]
+    part: NDArray[np.int64]
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.class_logits.shape[1], self.class_logits.shape[2]
+
+    def logits(self, candidate: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+        """A part of one candidate's grid, in which other connected parts are outside."""
+        of_class, number = self.part[candidate]
+        logits, numbers = self.class_logits[of_class, rows, columns], self.numbers[of_class, rows, columns]
+        return np.where((numbers == number) | (numbers == 0), logits, -np.abs(logits))
+
+    def take(self, candidates: NDArray[np.int64]) -> ComponentMasks:
+        """The masks of these candidates."""
+        return ComponentMasks(class_logits=self.class_logits, numbers=self.numbers, part=self.part[candidates])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class QueryMasks(Masks):
     """A whole mask (rows, columns) for each query of a transformer; ``queries`` (n) says which is a candidate's."""
 

@@ -52,7 +52,7 @@ def rows_of(folder: Path, *annotations: dict[str, Any], file_name: str = "IMG_1.
             {"bbox": [100, 200, 30, 40], "category_id": 2},
             "unknown_class",
             "class 'Graffiti' stands for none of crack, spalling, moisture; "
-            "add it to the building's class_names if it should",
+            "add it to the building's class_names if it should (it is one of dacl10k's damages)",
         ),
         (
             {"bbox": [100, 200, -30, 40], "category_id": 1},

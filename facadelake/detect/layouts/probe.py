@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import permutations
 
+import numpy as np
+
 from facadelake.detect.card import Layout, ModelCard
 from facadelake.detect.layouts.reader import EVERYTHING, Numbers, Part, fits
 from facadelake.detect.layouts.table import READERS
@@ -105,8 +107,11 @@ def _declared_as(card: ModelCard, layout: Layout) -> ModelCard:
 
 def _value_fault(outputs: Mapping[str, Numbers], names: Sequence[str], card: ModelCard) -> str:
     reader = READERS[card.output.layout]
-    found = reader.candidates([outputs[name][0] for name in names], card, EVERYTHING)
-    return reader.fault(found, card)
+    parts = [outputs[name][0] for name in names]
+    nans = sum(int(np.isnan(part).sum()) for part in parts)
+    if nans:
+        return f"{nans} values of the outputs for a probe image are no numbers (NaN)"
+    return reader.fault(parts, reader.candidates(parts, card, EVERYTHING), card)
 
 
 def _others(outputs: Mapping[str, Numbers], card: ModelCard) -> str:

@@ -46,6 +46,6 @@ class PrototypeReader(Reader):
         masks = PrototypeMasks(coefficients=own.T if self._axis == 0 else own, prototypes=prototypes)
         return replace(found, masks=masks)
 
-    def fault(self, found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
         """What is wrong with the boxes; any number may be a coefficient."""
-        return self._boxes.fault(found, card)
+        return self._boxes.fault(outputs[:1], found, card)

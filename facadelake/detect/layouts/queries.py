@@ -46,7 +46,7 @@ class RtdetrReader(Reader):
         corners = corners_of(boxes[queries, :2], boxes[queries, 2:]) * size
         return Candidates(corners_input=corners, scores=scores, classes=classes, rows=queries)
 
-    def fault(self, found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
         """Logits that are probabilities, sizes below 0, or boxes in pixels."""
         # The sigmoid of a probability lies between 0.5 and 0.731.
         if len(found.scores) and found.scores.min() >= 0.4999 and found.scores.max() <= 0.7312:
@@ -126,7 +126,7 @@ class RtdetrTripleReader(Reader):
             rows=queries,
         )
 
-    def fault(self, found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, corners that are none, or boxes that are not scaled to the second input."""
         return (
             score_fault(found)

@@ -69,8 +69,8 @@ class Reader(ABC):
         """The candidates whose score, as the model gives it, reaches ``threshold``."""
 
     @abstractmethod
-    def fault(self, found: Candidates, card: ModelCard) -> str:
-        """Why the candidates of a probe image cannot be of this layout; empty where they can."""
+    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+        """Why the outputs of a probe image, and all candidates of them, cannot be of this layout; empty: they can."""
 
 
 def fits(shapes: Sequence[tuple[int, ...]], parts: Sequence[Part]) -> bool:

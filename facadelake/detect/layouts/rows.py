@@ -34,7 +34,7 @@ class YoloxReader(Reader):
             centres, sizes = (table[rows, :2] + cells[:, :2]) * strides, np.exp(table[rows, 2:4]) * strides
         return Candidates(corners_input=corners_of(centres, sizes), scores=scores, classes=classes, rows=rows)
 
-    def fault(self, found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, or boxes that are not spread over the input."""
         return score_fault(found) or reach_fault(
             found, card, least=_LEAST_REACH, units="offsets in grid cells (decoded boxes are layout yolov5)"
@@ -55,7 +55,7 @@ class Yolov5Reader(Reader):
         corners = corners_of(table[rows, :2], table[rows, 2:4])
         return Candidates(corners_input=corners, scores=scores, classes=classes, rows=rows)
 
-    def fault(self, found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, or boxes that are not spread over the input."""
         return score_fault(found) or reach_fault(
             found, card, least=_LEAST_REACH, units="pixels of the input (normalised to 0..1, or offsets in grid cells?)"
@@ -83,7 +83,7 @@ class Yolov8Reader(Reader):
             rows=rows,
         )
 
-    def fault(self, found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, or boxes that are not spread over the input."""
         return score_fault(found) or reach_fault(
             found, card, least=_LEAST_REACH, units="pixels of the input (normalised to 0..1?)"

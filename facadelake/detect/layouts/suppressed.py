@@ -41,7 +41,7 @@ class Nms6Reader(Reader):
             rows=rows,
         )
 
-    def fault(self, found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, corners that are none, or normalised ones."""
         # Models pad their list with rows of score 0 or -1, whose corners say nothing.
         real = _above_zero(found)
@@ -74,7 +74,7 @@ class RtdetrRowsReader(Reader):
             rows=rows,
         )
 
-    def fault(self, found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, sizes below 0, or boxes in pixels."""
         return (
             score_fault(found)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from facadelake.detect.card import Layout
+from facadelake.detect.layouts.maps import MapLogitsReader, MapReader
 from facadelake.detect.layouts.prototypes import PrototypeReader
 from facadelake.detect.layouts.queries import RfdetrReader, RfdetrSegReader, RtdetrReader, RtdetrTripleReader
 from facadelake.detect.layouts.reader import Reader
@@ -26,5 +27,7 @@ READERS: Mapping[Layout, Reader] = MappingProxyType(
         Layout.RTDETR_ROWS: RtdetrRowsReader(),
         Layout.RFDETR: RfdetrReader(),
         Layout.RFDETR_SEG: RfdetrSegReader(),
+        Layout.MAP: MapReader(),
+        Layout.MAP_LOGITS: MapLogitsReader(),
     }
 )

@@ -216,6 +216,11 @@ def answers(
     if layout == "rtdetr_triple":
         corners = np.column_stack([centred[:, :2] - centred[:, 2:] / 2, centred[:, :2] + centred[:, 2:] / 2])
         return {"labels": scores.argmax(axis=1)[None], "boxes": corners[None], "scores": scores.max(axis=1)[None]}
+    if layout in ("map", "map_logits"):
+        maps = np.full((len(CLASSES), *GRID), 0.01)
+        for _, cx, cy, w, h, score, c in boxes:
+            maps[c, (np.abs(y - cy) < h / 2) & (np.abs(x - cx) < w / 2)] = score
+        return {"output": (maps if layout == "map" else np.log(maps) - np.log1p(-maps))[None]}
     # RF-DETR's last column stands for no object; it is sure of that here, and must not be heard.
     nothing = np.full((QUERIES, 1), 6.0)
     given = {"dets": centred[None], "labels": np.column_stack([logits, nothing])[None]}

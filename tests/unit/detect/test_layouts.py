@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 import shapely
+from onnx import TensorProto, helper
 
 from facadelake.detect.card import Layout, ModelCard
-from facadelake.detect.detector import OnnxDetector
+from facadelake.detect.detector import OnnxDetector, load_detector
 from facadelake.detect.letterbox import letterbox
 from facadelake.detect.masks import QueryMasks
 from facadelake.detect.outline import outline
@@ -25,6 +27,10 @@ AGAIN = (11, 31.0, 20.0, 12.0, 8.0, 0.6, 0)
 # Right of x = 28.3; below the line x + 2 y = 130.
 PLANES = {10: (1.0, 0.0, -28.3), 15: (1.0, 2.0, -130.0)}
 IMAGE = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
+
+
+# For maps: boxes of whole cells, more than even odds.
+LARGE = (15, 60.0, 40.0, 24.0, 32.0, 0.625, 1)
 
 
 def model_of(tmp_path: Path, layout: str, boxes: list, planes: dict = PLANES) -> Path:
@@ -136,7 +142,7 @@ SAME = {("rtdetr", "rfdetr"), ("rfdetr_seg", "rfdetr")}
 
 @pytest.mark.parametrize("layout", [str(layout) for layout in Layout])
 def test_another_layout_than_declared_is_refused(tmp_path: Path, layout: str) -> None:
-    path = model_of(tmp_path, layout, [CRACK, CAR])
+    path = model_of(tmp_path, layout, [CRACK, LARGE])
     for other in Layout:
         if other == layout or (layout, other) in SAME:
             assert OnnxDetector(path, declared(other)).detect(IMAGE)
@@ -203,3 +209,85 @@ def test_every_class_of_a_query_counts(tmp_path: Path) -> None:
     both = answers("rtdetr", [CRACK, (10, 30.0, 20.0, 12.0, 8.0, 0.4, 1)])
     found = OnnxDetector(save_model(tmp_path / "both.onnx", both), declared("rtdetr")).detect(IMAGE)
     assert [(one.class_name, round(one.score, 5)) for one in found] == [("crack", 0.75), ("car", 0.4)]
+
+
+@pytest.mark.parametrize("layout", ["map", "map_logits"])
+def test_what_hangs_together_in_a_map_is_one_box_with_its_mask(tmp_path: Path, layout: str) -> None:
+    again = (0, 62.0, 8.0, 4.0, 8.0, 0.8, 0)
+    content = card(layout)
+    content["input"]["resize"] = "stretch"
+    path = model_of(tmp_path, layout, [CRACK, LARGE, again])
+    small, crack, car = OnnxDetector(path, ModelCard.model_validate(content)).detect(np.zeros((640, 192, 3), np.uint8))
+    # Two photograph pixels across and ten down for each of the input.
+    sides = [(b.box.x_px, b.box.y_px, b.box.width_px, b.box.height_px) for b in (small, crack, car)]
+    assert sides == [(120, 40, 8, 80), (48, 160, 24, 80), (96, 240, 48, 320)]
+    assert [b.class_name for b in (small, crack, car)] == ["crack", "crack", "car"]
+    assert [b.score for b in (small, crack, car)] == pytest.approx([0.8, 0.75, 0.625], rel=0, abs=1e-5)
+    for found in (small, crack, car):
+        assert found.mask is not None
+        # The line of even odds runs between the centres of cells (8 x 40 px): the mask ends up to half a cell inside.
+        box = found.box
+        assert found.mask.within(shapely.box(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px))
+        middle = shapely.Point(box.x_px + box.width_px / 2, box.y_px + box.height_px / 2)
+        assert found.mask.contains(middle)
+        across, down = found.mask.bounds[2] - found.mask.bounds[0], found.mask.bounds[3] - found.mask.bounds[1]
+        assert box.width_px - 8 < across <= box.width_px
+        assert box.height_px - 40 < down <= box.height_px
+
+
+def test_a_background_is_no_finding_and_makes_a_softmax(tmp_path: Path) -> None:
+    maps = np.zeros((1, 3, *GRID))
+    maps[0, 1, 4:8, 4:12] = np.log(6)  # 6 : 1 : 1
+    maps[0, 0, 8:] = 5.0
+    path = save_model(tmp_path / "map.onnx", maps)
+    names = ["Background", "crack", "spalling"]
+    (found,) = OnnxDetector(path, declared("map_logits", class_names=names)).detect(IMAGE)
+    assert (found.class_name, found.score) == ("crack", pytest.approx(0.75, rel=0, abs=1e-5))
+    box = found.box
+    assert (box.x_px, box.y_px, box.width_px, box.height_px) == (16, 16, 32, 16)
+
+
+def test_numbers_that_are_none_are_refused_at_load_and_told_later(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    for layout in Layout:
+        path = tmp_path / "fixed.onnx"
+        given = answer(layout, [CRACK]) if layout in ("yolox", "yolov5", "yolov8", "nms6") else answers(layout, [CRACK])
+        if layout != "rtdetr_triple":
+            outputs = given if isinstance(given, dict) else {"output": given}
+            path = save_model(path, {name: np.full_like(values, np.nan) for name, values in outputs.items()})
+            with pytest.raises(ModelError, match=r"\d+ values of the outputs for a probe image are no numbers \(NaN\)"):
+                OnnxDetector(path, declared(layout))
+    # The root of 200 less the mean: none where an image is brighter than the noise of the probe.
+    model = onnx.load(save_model(path, answer("yolov8", [CRACK])))
+    del model.graph.node[0]
+    for node in reversed(
+        [
+            helper.make_node("ReduceMean", ["images"], ["mean"], keepdims=0),
+            helper.make_node("Sub", ["limit", "mean"], ["left"]),
+            helper.make_node("Sqrt", ["left"], ["sum"]),
+        ]
+    ):
+        model.graph.node.insert(0, node)
+    model.graph.initializer.append(helper.make_tensor("limit", TensorProto.FLOAT, [], [200.0]))
+    onnx.save(model, path)
+    detector = OnnxDetector(path, declared("yolov8"))
+    assert detector.detect(IMAGE)
+    caplog.clear()
+    assert detector.detect(np.full((HEIGHT, WIDTH, 3), 255, dtype=np.uint8)) == ()
+    assert "outputs for an image of 96 x 64 px hold values that are no numbers (NaN)" in caplog.text
+
+
+@pytest.mark.parametrize(
+    "changes", [{"score_calibration": {"slope": np.inf}}, {"score_calibration": {"intercept": np.nan}}]
+)
+def test_numbers_of_a_card_are_finite(changes: dict) -> None:
+    with pytest.raises(ValueError, match="finite number"):
+        declared("yolov8", **changes)
+
+
+def test_a_short_list_is_drafted_as_a_list(tmp_path: Path) -> None:
+    rows = np.zeros((1, 20, 6))
+    rows[0, :3] = [(10, 10, 20, 30, 0.8, 0), (40, 30, 60, 50, 0.5, 0), (5, 40, 20, 60, 0.3, 0)]
+    with pytest.raises(ModelError, match="layout nms6"):
+        load_detector(save_model(tmp_path / "few.onnx", rows))

@@ -1,0 +1,57 @@
+"""The names of dacl10k and CODEBRIM: each has its counterpart, or is known to have none."""
+
+from __future__ import annotations
+
+import pytest
+
+from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.errors import InputDataError
+from schemas.vocabulary import DefectClass
+
+# Written down from the sets' own lists: dacl10k-toolkit's TARGET_LIST, CODEBRIM's paper.
+DACL10K = {
+    "Crack": "crack", "ACrack": "crack", "Wetspot": "moisture", "Efflorescence": "moisture", "Rust": None,
+    "Rockpocket": None, "Hollowareas": None, "Cavity": None, "Spalling": "spalling", "Graffiti": None,
+    "Weathering": None, "Restformwork": None, "ExposedRebars": "spalling",
+    "Bearing": None, "EJoint": None, "Drainage": None, "PEquipment": None, "JTape": None, "WConccor": None,
+}  # fmt: skip
+CODEBRIM = {
+    "Background": None, "Crack": "crack", "Spallation": "spalling", "Efflorescence": "moisture",
+    "ExposedBars": "spalling", "CorrosionStain": None,
+}  # fmt: skip
+WRITTEN_OUT = {
+    "Alligator Crack": "crack", "Exposed Rebars": "spalling", "exposed bars": "spalling", "corrosion stain": None,
+    "Expansion Joint": None, "Protective Equipment": None, "Joint Tape": None, "Washouts/Concrete corrosion": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "counterpart"), [*DACL10K.items(), *CODEBRIM.items(), *WRITTEN_OUT.items()])
+def test_every_name_is_known(name: str, counterpart: str | None) -> None:
+    crosswalk = crosswalk_with()
+    for written in (name, name.lower(), name.upper(), f" {name.replace(' ', '_')} "):
+        assert crosswalk.defect_class(written) == counterpart
+    if counterpart is None:
+        assert " (it is one of " in crosswalk.why_unknown(name)
+
+
+def test_the_sets_are_whole() -> None:
+    assert (len(DACL10K), len(CODEBRIM)) == (19, 6)
+
+
+def test_a_strange_name_is_not_guessed() -> None:
+    crosswalk = crosswalk_with()
+    assert crosswalk.defect_class("cracked pipe") is None
+    assert crosswalk.why_unknown("cat") == (
+        "class 'cat' stands for none of crack, spalling, moisture; add it to the building's class_names if it should"
+    )
+    assert crosswalk.why_unknown("Rust").endswith("if it should (it is one of dacl10k's damages)")
+
+
+def test_a_building_stands_over_a_card_and_a_card_over_the_table() -> None:
+    card, building = {"Rust": DefectClass.MOISTURE, "Efflorescence": "spalling"}, {"rust": "spalling"}
+    crosswalk = crosswalk_with(card, building)
+    assert crosswalk.defect_class("RUST") is DefectClass.SPALLING
+    assert crosswalk.defect_class("efflorescence") is DefectClass.SPALLING
+    assert crosswalk.defect_class("Wetspot") is DefectClass.MOISTURE
+    with pytest.raises(InputDataError, match="'rust' is set to 'corrosion', which is not a defect class; use one of"):
+        crosswalk_with(card, {"rust": "corrosion"})
