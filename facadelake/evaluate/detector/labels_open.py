@@ -82,7 +82,7 @@ def _is_coco(path: Path) -> bool:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError):
         return False
-    return isinstance(content, dict) and {"images", "annotations", "categories"} <= content.keys()
+    return isinstance(content, dict) and {"images", "annotations"} <= content.keys()  # the reader says what lacks
 
 
 def _is_voc(path: Path) -> bool:

@@ -22,6 +22,7 @@ from facadelake.detect.detector import Found, OnnxDetector
 from facadelake.detect.find_card import find_card
 from facadelake.detect.letterbox import Image
 from facadelake.detect.tiling import detect_image
+from facadelake.detect.tiling.plan import plan_looks
 from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.progress import track
@@ -69,7 +70,8 @@ class Looker(Protocol):
 class OnnxLooker:
     """A model, once with its card's threshold and once with one so low that precision can be drawn against recall.
 
-    Two runs, because boxes are joined along tiles' seams: with many faint boxes about, what is shown may be another.
+    Two runs where there are tiles: boxes are joined along their seams, and faint boxes about make others of them.
+    Suppression alone goes from the best down, so that faint boxes change nothing.
     """
 
     def __init__(self, model: Path, *, threshold: float | None = None) -> None:
@@ -82,10 +84,14 @@ class OnnxLooker:
         self.card, self.name, self.sha256 = card, self._shown.name, self._shown.sha256
 
     def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks:
-        """Both runs."""
-        low, shown = (
-            detect_image(one, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target) for one in (self._low, self._shown)
-        )
+        """Both runs; in one look at the whole, what is shown is the best of what the low threshold gives."""
+        low = detect_image(self._low, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target)
+        height, width = pixels_bgr.shape[:2]
+        looks = plan_looks(self.card.input, width_px=width, height_px=height, gsd_mm=image.gsd_mm, target=image.target)
+        if sum(len(one.tiles) for one in looks) == 1:
+            shown = tuple(one for one in low if one.score >= self.threshold)[: self.card.max_detections]
+        else:
+            shown = detect_image(self._shown, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target)
         return Looks(down_to_floor=low, shown=shown)
 
 

@@ -285,3 +285,12 @@ def test_scale(tmp_path: Path) -> None:
     scale.write_text("image,gsd_mm\nz.jpg,5\n")
     with pytest.raises(InputDataError, match="lists none of the photographs"):
         with_scale(labelled.images, scale)
+
+
+def test_a_coco_file_that_lacks_a_key_is_told_of(tmp_path: Path) -> None:
+    file = coco(tmp_path / "walls")
+    content = json.loads(file.read_text())
+    del content["categories"]
+    file.write_text(json.dumps(content))
+    with pytest.raises(InputDataError, match=r"labels\.json has no key 'categories'"):
+        open_labels(tmp_path / "walls", CROSSWALK)
