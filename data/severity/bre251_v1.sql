@@ -12,17 +12,23 @@
 --   0 negligible   below 0.1 mm
 -- In the Digest width is an aid alone: a category is decided by how the wall can be repaired, and several cracks of
 -- more than 3 mm together can be moderate. A wall is graded there, here each crack by itself: a proposal from below.
--- The width is crack_width_mm, a mean, and needs a mask; without one: not_measured. Other classes are not_covered.
+-- The width is crack_width_mm, a mean. Where the photographs could not tell it (crack_width_outcome below_limit), the
+-- limit stands for it up to 5 mm: the word is then the worst that it can be. A wider limit says too little, and a crack
+-- of which nothing is known is not_measured. Other classes are not_covered.
 SELECT
     defect_id,
     CASE
         WHEN defect_class <> 'crack' THEN 'not_covered'
-        WHEN crack_width_mm IS NULL THEN 'not_measured'
         WHEN crack_width_mm > 25.0 THEN 'very_severe'
         WHEN crack_width_mm > 15.0 THEN 'severe'
         WHEN crack_width_mm > 5.0 THEN 'moderate'
         WHEN crack_width_mm > 1.0 THEN 'slight'
         WHEN crack_width_mm >= 0.1 THEN 'very_slight'
-        ELSE 'negligible'
+        WHEN crack_width_mm IS NOT NULL THEN 'negligible'
+        WHEN crack_width_outcome <> 'below_limit' THEN 'not_measured'
+        WHEN crack_width_limit_mm <= 0.1 THEN 'negligible'
+        WHEN crack_width_limit_mm <= 1.0 THEN 'very_slight'
+        WHEN crack_width_limit_mm <= 5.0 THEN 'slight'
+        ELSE 'not_measured'
     END AS severity
 FROM defects

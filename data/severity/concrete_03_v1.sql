@@ -7,7 +7,8 @@
 -- crack found on a wall it is the usual threshold above which the steel's cover is looked at.
 -- Concrete is told by the element's material (concrete, Beton, RC; no blocks or masonry). An element without a material
 -- is taken for concrete, since whoever chooses this pack has a concrete building; another material is not_covered, and
--- so are other classes than crack. Without a width (it needs a mask): not_measured.
+-- so are other classes than crack. A crack that is narrower than the photographs can tell (below_limit) is within_limit
+-- where that limit is 0.3 mm or less; with a wider one, or of which nothing is known, it is not_measured.
 SELECT
     defect_id,
     CASE
@@ -16,8 +17,9 @@ SELECT
              AND NOT (regexp_matches(material, '(?i)concrete|beton|\bRC\b')
                       AND NOT regexp_matches(material, '(?i)block|masonry|mauer|stein'))
             THEN 'not_covered'
-        WHEN crack_width_mm IS NULL THEN 'not_measured'
         WHEN crack_width_mm > 0.3 THEN 'over_limit'
-        ELSE 'within_limit'
+        WHEN crack_width_mm IS NOT NULL THEN 'within_limit'
+        WHEN crack_width_outcome = 'below_limit' AND crack_width_limit_mm <= 0.3 THEN 'within_limit'
+        ELSE 'not_measured'
     END AS severity
 FROM defects

@@ -2,8 +2,8 @@
 -- meaning: severity by class and largest extent; a first sorting for a person, never a grade
 -- severities: severe, moderate, minor
 --
--- A box gives no crack width, so the paper's limits (0.2 mm, 0.5 mm) and those of BRE 251 or NYC FISP cannot be used
--- here; a rule pack that grades by width needs masks. The extent of a crack stands for its length. The limits below are
+-- A crack's width is often narrower than the photographs can tell, so the paper's limits (0.2 mm, 0.5 mm) and those of
+-- BRE 251 are left to the packs that grade by width. The extent of a crack stands for its length. The limits below are
 -- this project's own and follow no standard:
 --   crack     severe from 2.0 m, moderate from 0.5 m
 --   spalling  severe from 1.0 m or 0.5 m2 (falling pieces), moderate from 0.3 m

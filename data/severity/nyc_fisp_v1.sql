@@ -9,7 +9,8 @@
 --   spalling  UNSAFE from 0.10 m across or 0.01 m2: a piece of that size can fall and injure; smaller: SWARMP
 --   crack     UNSAFE from 5 mm wide (BRE 251: the wall needs opening up), or over 3.0 m long, a storey, unless it was
 --             measured narrower than 1 mm; SAFE where it was measured narrower than 0.1 mm (hairline);
---             else SWARMP, so always where its width is not measured and it is shorter
+--             else SWARMP, so always where its width is not measured and it is shorter. Narrower than the photographs
+--             can tell (below_limit) counts as narrower than their limit
 --   moisture  SWARMP: water in a wall is to be repaired and is no hazard by itself
 -- Height is not used: what falls from a first floor injures, too. Not known here, and the QEWI's to add: what is loose
 -- to the touch, what lies above a pavement, and SWARMP of the last cycle that was not repaired: UNSAFE by the rule.
@@ -22,7 +23,8 @@ SELECT
         END
         WHEN 'crack' THEN CASE
             WHEN crack_width_mm >= 5.0 THEN 'UNSAFE'
-            WHEN crack_width_mm < 0.1 THEN 'SAFE'
+            WHEN crack_width_mm < 0.1 OR (crack_width_outcome = 'below_limit' AND crack_width_limit_mm <= 0.1) THEN 'SAFE'
+            WHEN crack_width_outcome = 'below_limit' AND crack_width_limit_mm <= 1.0 THEN 'SWARMP'
             WHEN coalesce(length_m, greatest(width_m, height_m)) > 3.0 AND coalesce(crack_width_mm, 1.0) >= 1.0
                 THEN 'UNSAFE'
             ELSE 'SWARMP'

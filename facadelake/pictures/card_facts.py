@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 
 from facadelake.pictures.inspection import Inspection
-from schemas.vocabulary import MergeDecision, PositionFrom
+from schemas.vocabulary import CrackWidthOutcome, MergeDecision, PositionFrom
 
 Fact = tuple[str, str]
 Row = Mapping[str, Any]
@@ -21,8 +21,9 @@ def card_facts(row: Row, inspection: Inspection, merges: Sequence[Row]) -> list[
         ("severity", f"{row['severity']} by {row['severity_rule']}, graded by {row['graded_by'] or 'rules'}"),
         ("size", _size(row)),
     ]
-    if row["crack_width_mm"] is not None:
-        facts.append(("crack width", f"{row['crack_width_mm']:.2f} mm"))
+    width = crack_width_text(row)
+    if width is not None:
+        facts.append(("crack width", width))
     facts.append(("element", _element(row)))
     facts.append(("GlobalId", row["element_guid"]))
     facts.append(("storey, facade", f"{row['storey'] or 'no storey'}, {row['facade']}"))
@@ -30,6 +31,18 @@ def card_facts(row: Row, inspection: Inspection, merges: Sequence[Row]) -> list[
     facts.append(("seen", _seen(row)))
     facts += _merged(row["defect_id"], merges)
     return facts
+
+
+def crack_width_text(row: Row) -> str | None:
+    """A crack's mean width with one sigma, or the bound it lies below; None where neither is known."""
+    outcome, width, sigma = row["crack_width_outcome"], row["crack_width_mm"], row["crack_width_sigma_mm"]
+    if width is not None:
+        text = f"{width:.2f} mm" if sigma is None else f"{width:.1f} ± {sigma:.1f} mm"
+        if row["crack_width_max_mm"] is not None:
+            text += f", {row['crack_width_max_mm']:.1f} mm at its widest"
+        return f"{text} (stated)" if outcome == CrackWidthOutcome.STATED else text
+    limit = row["crack_width_limit_mm"]
+    return None if outcome != CrackWidthOutcome.BELOW_LIMIT or limit is None else f"< {limit:.1f} mm"
 
 
 def merges_by_defect(merges: pa.Table) -> dict[str, list[Row]]:
@@ -45,6 +58,8 @@ def _size(row: Row) -> str:
     text = f"{_length(row['width_m'])} wide, {_length(row['height_m'])} high"
     if row["length_m"] is not None:
         text += f", {_length(row['length_m'])} at its longest"
+    if row["crack_length_m"] is not None:
+        text += f", {_length(row['crack_length_m'])} along the crack"
     return f"{text}; {row['area_m2']:.3f} m²"
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from facadelake.pictures.card_facts import crack_width_text
 from facadelake.pictures.distribution import Distribution
 from facadelake.pictures.elevations import Elevation
 from facadelake.pictures.inspection import Inspection
@@ -128,7 +129,7 @@ def _defect_row(row: Mapping[str, Any], label: str, crop: Path | None, card: Pat
         picture,
         class_html(row["defect_class"]),
         row["severity"],
-        f"{row['width_m']:.2f} × {row['height_m']:.2f} m",
+        _size(row),
         row["storey"],
         row["facade"],
         element,
@@ -136,6 +137,11 @@ def _defect_row(row: Mapping[str, Any], label: str, crop: Path | None, card: Pat
         row["best_photo_id"],
         f"{row['lat_deg']:.7f}, {row['lon_deg']:.7f}; {row['height_map_m']:.2f} m",
     ]
+
+
+def _size(row: Mapping[str, Any]) -> str:
+    text, width = f"{row['width_m']:.2f} × {row['height_m']:.2f} m", crack_width_text(row)
+    return text if width is None else f"{text}; crack {width}"
 
 
 def class_html(word: str) -> Html:

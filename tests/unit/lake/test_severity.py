@@ -51,10 +51,18 @@ def worded(pack: str, **values: object) -> str:
     """The word that a pack gives one defect: a crack of 0.4 x 0.3 m on an element without a material, unless said."""
     crack = {
         "defect_id": "d", "defect_class": "crack", "width_m": 0.4, "height_m": 0.3, "length_m": None, "area_m2": 0.12,
-        "crack_width_mm": None, "material": None,
+        "crack_width_mm": None, "crack_width_limit_mm": None, "crack_width_outcome": None, "material": None,
     }  # fmt: skip
     schema = pa.schema(
-        [(name, pa.string() if name in ("defect_id", "defect_class", "material") else pa.float64()) for name in crack]
+        [
+            (
+                name,
+                pa.string()
+                if name in ("defect_id", "defect_class", "material", "crack_width_outcome")
+                else pa.float64(),
+            )
+            for name in crack
+        ]
     )
     graded = grade(pa.Table.from_pylist([crack | values], schema=schema), rule_file(pack))
     assert graded["severity_rule"].to_pylist() == [pack]
@@ -97,6 +105,36 @@ def test_a_width_that_was_not_measured_is_not_guessed(pack: str) -> None:
     assert worded(pack, width_m=9.0, area_m2=30.0) == "not_measured"
     for other in ("spalling", "moisture"):
         assert worded(pack, defect_class=other, crack_width_mm=9.0) == "not_covered"
+
+
+@pytest.mark.parametrize(
+    ("pack", "limit_mm", "word"),
+    [
+        ("paper_crack_width_v1", 0.2, "minor"),
+        ("paper_crack_width_v1", 0.5, "moderate"),
+        ("paper_crack_width_v1", 0.51, "not_measured"),
+        ("bre251_v1", 0.1, "negligible"),
+        ("bre251_v1", 1.0, "very_slight"),
+        ("bre251_v1", 5.0, "slight"),
+        ("bre251_v1", 5.1, "not_measured"),
+        ("concrete_03_v1", 0.3, "within_limit"),
+        ("concrete_03_v1", 0.31, "not_measured"),
+        ("nyc_fisp_v1", 0.1, "SAFE"),
+        ("nyc_fisp_v1", 0.2, "SWARMP"),
+    ],
+)
+def test_narrower_than_the_photographs_can_tell_is_graded_by_the_bound(pack: str, limit_mm: float, word: str) -> None:
+    assert worded(pack, crack_width_outcome="below_limit", crack_width_limit_mm=limit_mm) == word
+    # A limit is no bound where the width was measured, or where no line was found.
+    assert worded(pack, crack_width_outcome="measured", crack_width_mm=9.0, crack_width_limit_mm=limit_mm) != word
+    if pack != "nyc_fisp_v1":
+        assert worded(pack, crack_width_outcome="no_line") == "not_measured"
+
+
+def test_a_long_crack_narrower_than_a_millimetre_is_not_proposed_unsafe() -> None:
+    long = {"height_m": 3.1, "crack_width_outcome": "below_limit"}
+    assert worded("nyc_fisp_v1", **long, crack_width_limit_mm=0.9) == "SWARMP"
+    assert worded("nyc_fisp_v1", **long, crack_width_limit_mm=4.0) == "UNSAFE"
 
 
 @pytest.mark.parametrize(

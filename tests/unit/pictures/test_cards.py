@@ -260,4 +260,9 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
     assert told["one sigma"] == "10.0, 20.0, 30.0 mm (east, north, up)"
     assert told["position from"].endswith("(triangulated)")
     assert told["crack width"] == "0.40 mm"
+    error = {"crack_width_mm": 2.34, "crack_width_sigma_mm": 0.42, "crack_width_max_mm": 4.06}
+    assert dict(card_facts({**rich, **error}, inspection, []))["crack width"] == "2.3 ± 0.4 mm, 4.1 mm at its widest"
+    bound = {"crack_width_mm": None, "crack_width_limit_mm": 3.24, "crack_width_outcome": "below_limit"}
+    assert dict(card_facts({**rich, **bound}, inspection, []))["crack width"] == "< 3.2 mm"
+    assert "crack width" not in dict(card_facts({**rich, **bound, "crack_width_outcome": "no_line"}, inspection, []))
     assert "1.50 m at its longest" in told["size"]
