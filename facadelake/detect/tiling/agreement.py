@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import shapely
@@ -48,10 +49,10 @@ def agreement(
     telling = (filled >= _ALIKE) & (sides[:, 1] >= _STRIP * sides[:, 0])
     telling |= (runs[first] < _RUNS) | (runs[second] < _RUNS)
     fit = np.maximum(line, np.where(telling, _FILLED * filled, 0.0))
-    for i, (p, q) in enumerate(zip(first, second, strict=True)):
-        one, two = masks[p], masks[q]
-        if one is not None and two is not None:
-            fit[i] = _masks_agree(one, two, shapely.box(*window[i]), slack_px)
+    shapes = np.array(masks, dtype=object)
+    masked = ~shapely.is_missing(shapes)
+    rows = np.flatnonzero(masked[first] & masked[second])
+    fit[rows] = _masks_agree(shapes[first[rows]], shapes[second[rows]], shapely.box(*window[rows].T), slack_px)
     return np.asarray(fit)
 
 
@@ -118,9 +119,13 @@ def _diagonal(box: Corners, window: Corners, up: bool) -> Corners:
     return np.where(low <= high, bounds, np.array([1.0, 1.0, 0.0, 0.0]))
 
 
-def _masks_agree(a: shapely.Geometry, b: shapely.Geometry, window: shapely.Geometry, slack_px: float) -> float:
-    """How much of the smaller mask's part in the window lies in the other's, grown by the slack of its edges."""
-    one, two = sorted((a.intersection(window), b.intersection(window)), key=lambda shape: float(shape.area))
-    if one.area == 0:
-        return 0.0
-    return float(one.intersection(two.buffer(slack_px)).area / one.area)
+def _masks_agree(a: Any, b: Any, window: Any, slack_px: float) -> Array:
+    """How much (k,) of the smaller mask's part in the window lies in the other's, grown by the slack of its edges."""
+    one, two = shapely.intersection(a, window), shapely.intersection(b, window)
+    turned = shapely.area(one) > shapely.area(two)
+    small, large = np.where(turned, two, one), np.where(turned, one, two)
+    there = np.flatnonzero((shapely.area(small) > 0) & (shapely.distance(small, large) < slack_px))
+    share = np.zeros(len(small))
+    around = shapely.buffer(large[there], slack_px, quad_segs=2)
+    share[there] = shapely.area(shapely.intersection(small[there], around)) / shapely.area(small[there])
+    return share
