@@ -95,7 +95,14 @@ def evaluate_looker(looker: Looker, crosswalk: Crosswalk, question: Question) ->
 def _labelled(question: Question, crosswalk: Crosswalk) -> LabelledSet | None:
     sets = [
         with_sites(
-            open_labels(data, crosswalk, form=question.form, class_names=question.class_names, split=question.split),
+            open_labels(
+                data,
+                crosswalk,
+                form=question.form,
+                class_names=question.class_names,
+                split=question.split,
+                sited=question.sites is not None,
+            ),
             question.sites,
             question.split,
         )

@@ -52,12 +52,14 @@ class LabelledImage:
 
 @dataclass(frozen=True, kw_only=True)
 class LabelledSet:
-    """Photographs with labels; ``left_out`` counts what could not be used, by reason in words."""
+    """Photographs with labels; ``left_out`` counts what could not be used, by reason in words; ``source`` is the one
+    file of labels, where it is one."""
 
     name: str
     form: str
     images: tuple[LabelledImage, ...]
     left_out: Mapping[str, int] = field(default_factory=dict)
+    source: Path | None = None
 
     @property
     def labelled(self) -> tuple[DefectClass, ...]:

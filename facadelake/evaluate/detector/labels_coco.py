@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 from facadelake.detect.boxes import Box
@@ -52,7 +53,7 @@ def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:
             else:
                 boxes.append(TrueBox(box=box, defect_class=defect_class, ignored=annotation.is_crowd))
         gathered.add(path, size, boxes, labelled)
-    return gathered.finished("coco")
+    return replace(gathered.finished("coco"), source=file)
 
 
 class _Places:

@@ -23,14 +23,36 @@ def open_labels(
     form: Form = Form.AUTO,
     class_names: Sequence[str] = (),
     split: str | None = None,
+    sited: bool = False,
 ) -> LabelledSet:
     """Read ``data``, a COCO file or a folder of COCO, YOLO or VOC labels.
 
-    ``class_names`` name YOLO's numbers; ``split`` (train, val, test) chooses among a folder's parts.
+    ``class_names`` name YOLO's numbers; ``split`` (train, val, test) chooses among a folder's parts, unless a file of
+    sites does so later (``sited``).
     Raises InputDataError where there is nothing of the form, or labels of several forms and nobody chose.
     """
     if not data.exists():
         raise InputDataError(f"labelled data {data} does not exist; give a COCO file or a folder of labels")
+    labelled = _opened(data, crosswalk, form, class_names, split)
+    if split is not None and not sited and not _is_of_split(labelled, data, split):
+        raise InputDataError(
+            f"nothing in {data} says which photographs are of split '{split}': neither its folders nor a COCO file are "
+            "called so; give --sites with a column 'split', or leave --split out"
+        )
+    return labelled
+
+
+def _is_of_split(labelled: LabelledSet, data: Path, split: str) -> bool:
+    """Whether the COCO file given, or every photograph's folder, is named after the split."""
+    by_folder = all(split in image.key.split("/")[:-1] for image in labelled.images)
+    return by_folder or split in _words(data if data.is_file() else labelled.source or data)
+
+
+def _words(path: Path) -> list[str]:
+    return path.stem.replace("-", "_").replace(".", "_").split("_")
+
+
+def _opened(data: Path, crosswalk: Crosswalk, form: Form, class_names: Sequence[str], split: str | None) -> LabelledSet:
     if data.is_file():
         if data.suffix.lower() != ".json" or form not in (Form.AUTO, Form.COCO):
             raise InputDataError(
@@ -68,7 +90,7 @@ def _coco_files(folder: Path) -> list[Path]:
 
 def _chosen(folder: Path, files: list[Path], split: str | None) -> Path:
     if len(files) > 1 and split is not None:
-        files = [path for path in files if split in path.stem.replace("-", "_").split("_")] or files
+        files = [path for path in files if split in _words(path)] or files
     if len(files) != 1:
         names = ", ".join(path.name for path in files) or "none"
         raise InputDataError(
