@@ -8,7 +8,7 @@ from pathlib import Path
 from facadelake.cache import file_hash
 from facadelake.detect.detector import load_detector
 from facadelake.detect.find_card import find_card
-from facadelake.detect.shelf import MODELS, Promotion, default_model, promote, promotions
+from facadelake.detect.shelf import LIST, MODELS, Promotion, default_model, promote, promotions
 from facadelake.errors import InputDataError, ModelError
 from facadelake.evaluate.detector.card_results import evaluations
 from facadelake.review.comparison_report import REPORT, comparison_folder, read_comparison
@@ -18,7 +18,15 @@ log = logging.getLogger("facadelake.flows")
 
 
 def promote_model(
-    new: Path, *, lake: Path, report: Path | None, by: str, why: str, lost_max: int, confirmed_min: int
+    new: Path,
+    *,
+    lake: Path,
+    report: Path | None,
+    by: str,
+    why: str,
+    lost_max: int,
+    confirmed_min: int,
+    models: Path = MODELS,
 ) -> tuple[Promotion, str]:
     """Make ``new`` the default detector where nothing speaks against it; also returns what it rests on, in words.
 
@@ -30,8 +38,8 @@ def promote_model(
         if not text.strip():
             raise InputDataError(f"{name} is empty; a promotion says who decided it and why")
     new_sha256 = file_hash(new)
-    old_sha256 = _default_sha256()
-    known = promotions()
+    old_sha256 = _default_sha256(models)
+    known = promotions(models)
     if known and known[-1].sha256 == new_sha256:
         return known[-1], f"{new} is the default detector already"
     path = report or _report_of(lake, old_sha256, new_sha256)
@@ -49,14 +57,14 @@ def promote_model(
         listed = "\n".join(f"  - {one}" for one in against)
         raise ModelError(f"{new.name} was not promoted, the default stays as it was:\n{listed}")
     rests_on = evidence(comparison, lost_max=lost_max)
-    done = promote(new, by=by.strip(), why=why.strip(), evidence=rests_on, replaces=old_sha256)
-    return done, f"{rests_on}; the models' list is {MODELS}"
+    done = promote(new, by=by.strip(), why=why.strip(), evidence=rests_on, replaces=old_sha256, folder=models)
+    return done, f"{rests_on}; the models' list is {models / LIST}"
 
 
-def _default_sha256() -> str | None:
+def _default_sha256(models: Path) -> str | None:
     """The default detector's hash, None where there is none yet."""
     try:
-        return file_hash(default_model())
+        return file_hash(default_model(models))
     except ModelError as error:
         log.warning("%s", error)
         return None

@@ -278,7 +278,7 @@ _ALL = [
     real("depth_difference_p95_m", "m", "95th percentile of its absolute value", 0),
     # reviews
     text("review_id", "one word of one person"),
-    text("subject", "the place spoken of: photograph and box; of two words on one subject the later counts"),
+    text("subject", "the place spoken of: photograph, box and class; of two words on one subject the later counts"),
     text("verdict", "what the person says of the detection", Verdict),
     text("judged_class", "the class that the detector gave; empty for a missed defect", DefectClass),
     real("judged_box_x_px", "px", "left edge of the box that was judged; empty for a missed defect"),

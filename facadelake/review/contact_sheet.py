@@ -18,7 +18,7 @@ from facadelake.progress import track
 _CELL_PX, _CAPTION_PX, _COLUMNS = 220, 34, 6
 _AROUND = 2.2  # side of a crop over its box's longer side: a person needs to see where it is
 _LEAST_PX = 96
-_BACKGROUND, _INK = 255, (40, 40, 40)
+_BACKGROUND, _INK, _TITLE_SIZE = 255, (40, 40, 40), 0.6
 _FRAME_BGR = (30, 30, 220)
 
 
@@ -95,8 +95,10 @@ def _arranged(cells: Mapping[int, Image], crops: Sequence[Crop], title: str) -> 
     columns = min(_COLUMNS, len(crops))
     rows = -(-len(crops) // columns)
     step_x, step_y, head = _CELL_PX + 8, _CELL_PX + _CAPTION_PX + 8, 34
-    sheet = np.full((head + rows * step_y, max(columns, 3) * step_x + 8, 3), _BACKGROUND, dtype=np.uint8)
-    _write(sheet, title, 10, 23, 0.6)
+    (title_px, _), _ = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, _TITLE_SIZE, 1)
+    width = max(columns * step_x + 8, title_px + 20)
+    sheet = np.full((head + rows * step_y, width, 3), _BACKGROUND, dtype=np.uint8)
+    _write(sheet, title, 10, 23, _TITLE_SIZE)
     for i, crop in enumerate(crops):
         x, y = 8 + (i % columns) * step_x, head + (i // columns) * step_y
         sheet[y : y + _CELL_PX, x : x + _CELL_PX] = cells[i]

@@ -50,9 +50,9 @@ class Review:
         return place
 
 
-def subject_of(photo_id: str, box: Box) -> str:
-    """Name of a place that has none yet: photograph and box, to a tenth of a pixel."""
-    return f"{photo_id}@{','.join(f'{getattr(box, side):.1f}' for side in _SIDES)}"
+def subject_of(photo_id: str, box: Box, defect_class: DefectClass) -> str:
+    """Name of a place that has none yet: photograph, class and box, to a tenth of a pixel."""
+    return f"{photo_id}@{','.join(f'{getattr(box, side):.1f}' for side in _SIDES)} {defect_class}"
 
 
 def box_of_row(row: Mapping[str, Any], prefix: str = "box") -> Box | None:

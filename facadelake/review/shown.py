@@ -54,7 +54,7 @@ def shown_places(judgement: Judgement, defects: Mapping[str, str]) -> tuple[Show
     """All places spoken of or detected, by photograph, rejected ones too. ``defects``: defect_id by detection_id."""
     places = [
         Shown(
-            subject=subject_of(one.photo_id, one.box),
+            subject=subject_of(one.photo_id, one.box, one.defect_class),
             photo_id=one.photo_id,
             defect_class=one.defect_class,
             box=one.box,
@@ -141,7 +141,7 @@ def word_on_missed(
     """A defect that the detector did not find."""
     return Review(
         photo_id=photo_id,
-        subject=subject_of(photo_id, box),
+        subject=subject_of(photo_id, box, defect_class),
         verdict=Verdict.MISSED,
         reviewer=said.reviewer,
         reviewed_at=said.reviewed_at,

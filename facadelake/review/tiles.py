@@ -14,7 +14,6 @@ from facadelake.detect.boxes import Box
 from facadelake.detect.coco_mask import polygons_of
 from facadelake.detect.letterbox import Image
 from facadelake.review.material import Labelled, Material
-from facadelake.review.record import subject_of
 
 _ROOM = 1.2  # a tile's side over its place's, so that what surrounds it is seen too
 _OFF_CENTRE = 0.7  # how far a place may lie off the tile's centre, of what keeps it whole: models learn where boxes lie
@@ -62,7 +61,7 @@ def picture_of(tile: Tile, image_bgr: Image) -> Image:
 
 def _frame(photo_id: str, box: Box, width: int, height: int, side_px: int) -> tuple[int, int, int, int]:
     """Left, top, width, height of a tile about ``box``; the same place always gets the same tile."""
-    dice = hashlib.sha256(subject_of(photo_id, box).encode()).digest()
+    dice = hashlib.sha256(f"{photo_id} {box.x_px:.1f} {box.y_px:.1f}".encode()).digest()
     side = max(side_px, round(_ROOM * max(box.width_px, box.height_px)))
     frame = []
     for first, extent, whole, byte in (

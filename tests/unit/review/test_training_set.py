@@ -27,7 +27,7 @@ from tests.unit.review.reviewed import CRACK, MOISTURE, SAID, box, seen
 
 # Each place is painted in a colour of its own, on grey 200.
 CONFIRMED, REJECTED, CORRECTED, UNKNOWN, MISSED = (
-    box(300, 300, 80, 40), box(1200, 200, 60, 60), box(1200, 900, 100, 50), box(420, 320, 50, 50),
+    box(300, 300, 80, 40), box(1200, 200, 60, 60), box(1200, 900, 100, 50), box(384, 320, 20, 20),
     box(1500, 1100, 90, 80),
 )  # fmt: skip
 COLOURS = {CONFIRMED: (0, 0, 255), REJECTED: (0, 255, 0), CORRECTED: (255, 0, 0), UNKNOWN: (255, 255, 0),
@@ -116,7 +116,7 @@ def test_rejected_place_is_a_picture_without_box_and_the_unjudged_is_grey(sets: 
     ]
     assert all(not coloured(one, COLOURS[UNKNOWN]) for _, one in everything)
     at, hidden = next((image, one) for image, one in everything if coloured(one, COLOURS[CONFIRMED]))
-    x, y = 445 - at["left_px"], 345 - at["top_px"]  # the unjudged place's middle
+    x, y = 394 - at["left_px"], 330 - at["top_px"]  # the unjudged place's middle
     assert 0 < x < at["width"]
     assert hidden[y, x] == pytest.approx(GREY, abs=6)
 
