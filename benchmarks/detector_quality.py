@@ -141,11 +141,16 @@ def _cells(row: Row) -> tuple[str, ...]:
         _text(crack.operating.recall),
         _text(crack.calibration.ece),
         _text(stone.ap50),
-        f"{castle.count} on {castle.area_m2:.0f} m² looked at",
+        f"{castle.count} on {castle.area_m2:.0f} m² looked at, {_gsd(row.castle.figures)}",
         f"{_text(castle.per_10_m2)} ({_text(castle.low_per_10_m2)} to {_text(castle.high_per_10_m2)})",
         f"{sound.count / sound.photographs:.2f} ({sound.count} in {sound.photographs})",
         f"{row.cracks.figures.photographs_per_s:.1f}",
     )
+
+
+def _gsd(figures: Figures) -> str:
+    assert figures.negatives is not None
+    return f"{figures.negatives.gsd_mm:.1f} mm a pixel"
 
 
 def _every(figures: Figures) -> Rate:

@@ -140,6 +140,7 @@ def _negatives(alarms: FalseAlarms, threshold: float, split: str | None, head: M
         "threshold": threshold,
         "photographs": every.photographs,
         "area_m2": every.area_m2,
+        "gsd_mm": alarms.gsd_mm,
         "rates": [
             {
                 "class": "all" if one.defect_class is None else str(one.defect_class),

@@ -50,10 +50,12 @@ class FalseAlarms:
     """Photographs without defects: rates at the card's threshold (all first, then by class), and by threshold.
 
     Facade that several photographs show counts as often, and so does what is seen on it; it is what a detector does
-    before observations are merged. Where the photographs have no known scale, only counts are given.
+    before observations are merged. Where the photographs have no known scale, only counts are given; ``gsd_mm`` is the
+    median of theirs (mm a pixel): coarse photographs show little that could be taken for a defect.
     """
 
     name: str
+    gsd_mm: float | None
     rates: tuple[Rate, ...]
     by_threshold: tuple[Threshold, ...]
 
@@ -82,7 +84,9 @@ def false_alarms_of(
         )
     classes: list[DefectClass | None] = [None, *DefectClass]
     rates = tuple(_rate(images, shown, one, total) for one in classes)
-    return FalseAlarms(name=name, rates=rates, by_threshold=tuple(by_threshold))
+    gsds = [image.gsd_mm for image in images if image.gsd_mm is not None]
+    gsd = float(np.median(gsds)) if gsds else None
+    return FalseAlarms(name=name, gsd_mm=gsd, rates=rates, by_threshold=tuple(by_threshold))
 
 
 def _rate(

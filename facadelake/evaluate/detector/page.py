@@ -111,6 +111,7 @@ def _without_defects(entries: Sequence[Mapping[str, Any]]) -> str:
             rate["class"],
             entry["photographs"],
             "unknown" if entry["area_m2"] is None else f"{entry['area_m2']:.0f}",
+            "unknown" if entry.get("gsd_mm") is None else f"{entry['gsd_mm']:.1f}",
             rate["false_alarms"],
             rate["photographs_with_one"],
             "" if rate["per_10_m2"] is None else f"{rate['per_10_m2']:.2f}",
@@ -119,7 +120,17 @@ def _without_defects(entries: Sequence[Mapping[str, Any]]) -> str:
         for entry in entries
         for rate in entry["rates"]
     ]
-    head = ("photographs of", "class", "photographs", "m²", "false alarms", "photographs with one", "per 10 m²", "95 %")
+    head = (
+        "photographs of",
+        "class",
+        "photographs",
+        "m²",
+        "mm a pixel",
+        "false alarms",
+        "photographs with one",
+        "per 10 m²",
+        "95 %",
+    )
     return f"## False alarms where there is no defect\n\n{_table(head, rows)}"
 
 

@@ -41,7 +41,8 @@ def write_plots(judgement: Judgement, folder: Path) -> list[Path]:
         figure = Figure(dpi=_DPI, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
         if draw(figure, judgement):
-            about = f"{figures.judged.name} on {figures.data.name}"
+            data = figures.data.name or (figures.negatives.name if figures.negatives else "")
+            about = f"{figures.judged.name} on {data}"
             figure.suptitle(f"{about}: {title}", fontsize=10, ha="left", x=0.01)
             path = folder / f"{name}.png"
             figure.savefig(path)
@@ -164,7 +165,8 @@ def _false_alarms(figure: Figure, judgement: Judgement) -> bool:
         axes.axhline(_GOAL_PER_10_M2, color="#000000", linewidth=0.8, linestyle="dotted")
     axes.set_yscale("symlog", linthresh=0.01)
     axes.set_ylim(bottom=0)
-    area = f"{alarms.rates[0].area_m2:.0f} m² of facade" if known else f"{alarms.rates[0].photographs} photographs"
+    gsd = "" if alarms.gsd_mm is None else f" at {alarms.gsd_mm:.1f} mm a pixel"
+    area = f"{alarms.rates[0].area_m2:.0f} m² of facade{gsd}" if known else f"{alarms.rates[0].photographs} photographs"
     axes.set_title(f"{alarms.name}: {area}", fontsize=9)
     what = "false alarms per 10 m² (dotted: the goal)" if known else "false alarms a photograph"
     _dressed(axes, "only boxes of this score and above (grey: the threshold)", what)

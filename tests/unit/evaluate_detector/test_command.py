@@ -138,7 +138,7 @@ def test_card_page_and_pictures(model: Path, data: Path, sound: Path, tmp_path: 
     told = (tmp_path / "page.md").read_text()
     assert (
         f"| crack | 4 | 3 | {first['classes'][0]['ap50']:.3f} |" in told
-        and "| sound | all | 2 | 40 | 2 | 2 | 0.50 |" in told
+        and "| sound | all | 2 | 40 | 57.1 | 2 | 2 | 0.50 |" in told
     )
     # Figures of another model are not this one's.
     save_model(model, answer("nms6", [(0, 30, 30, 10, 10, 0.9, 0)]))

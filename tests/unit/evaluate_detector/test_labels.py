@@ -107,7 +107,7 @@ def test_a_coco_file_in_annotations_finds_photographs_in_splits(tmp_path: Path) 
     file.unlink()
     with pytest.raises(InputDataError, match=r"holds 2 COCO files .* --split"):
         open_labels(tmp_path, CROSSWALK)
-    with pytest.raises(InputDataError, match="nothing in .* says which photographs are of split 'val'"):
+    with pytest.raises(InputDataError, match=r"nothing in .* says which photographs are of split 'val'"):
         open_labels(tmp_path / "annotations" / "instances_test.json", CROSSWALK, split="val")
     assert [image.key for image in open_labels(tmp_path, CROSSWALK, split="test").images] == [
         "images/test/a.jpg",
