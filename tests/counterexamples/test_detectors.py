@@ -1,0 +1,197 @@
+"""Models that are not what their card says, that overflow, or that meet photographs of an odd kind."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import onnx
+import pyarrow as pa
+import pytest
+import yaml
+from numpy.typing import NDArray
+from onnx import helper
+from PIL import Image
+
+from facadelake.detect.card import ModelCard, parse_card
+from facadelake.detect.detector import OnnxDetector
+from facadelake.detect.onnx import detect_photographs
+from facadelake.errors import ModelError
+from facadelake.tables import table_of_rows
+from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model, save_spot_finder
+
+CRACK = (10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)
+LAYOUTS = ("yolox", "yolov5", "yolov8", "nms6")
+Spoil = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def refused(path: Path, output: NDArray[np.float64], layout: str, shape: tuple[int | str, ...] | None = None) -> str:
+    model = save_model(path / "m.onnx", output, **({} if shape is None else {"shape": shape}))
+    with pytest.raises(ModelError) as raised:
+        OnnxDetector(model, ModelCard.model_validate(card(layout)))
+    return str(raised.value)
+
+
+def every(step: int, value: float) -> Spoil:
+    def spoil(output: NDArray[np.float64]) -> NDArray[np.float64]:
+        spoilt = output.copy()
+        spoilt.reshape(-1)[::step] = value
+        return spoilt
+
+    return spoil
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("step", [1, 7], ids=["all", "some"])
+def test_a_model_that_gives_no_numbers_is_refused(tmp_path: Path, layout: str, step: int) -> None:
+    """NaN compares as below every threshold: such a model would find nothing, and nobody would know why."""
+    assert "are no numbers (NaN)" in refused(tmp_path, every(step, np.nan)(answer(layout, [CRACK])), layout)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_model_that_overflows_is_refused(tmp_path: Path, layout: str) -> None:
+    assert "of a probe image" in refused(tmp_path, every(7, np.inf)(answer(layout, [CRACK])), layout)
+
+
+@pytest.mark.parametrize("layout", ["yolov5", "yolov8", "nms6"])
+def test_boxes_in_shares_of_the_input_are_refused(tmp_path: Path, layout: str) -> None:
+    output = answer(layout, [CRACK])
+    boxes = output[:, :4] if layout == "yolov8" else output[..., :4]
+    boxes /= WIDTH
+    assert "normalised" in refused(tmp_path, output, layout)
+
+
+@pytest.mark.parametrize(
+    ("shape", "names"),
+    [
+        ((4, 3, HEIGHT, WIDTH), "[4, 3, 64, 96]"),
+        ((1, HEIGHT, WIDTH, 3), "[1, 64, 96, 3]"),
+        ((1, 1, HEIGHT, WIDTH), "[1, 1, 64, 96]"),
+        ((1, 3, WIDTH, HEIGHT), "[1, 3, 96, 64]"),
+    ],
+    ids=["batch of four", "channels last", "grey", "height and width swapped"],
+)
+def test_an_input_that_no_photograph_can_be_brought_to(tmp_path: Path, shape: tuple[int, ...], names: str) -> None:
+    message = refused(tmp_path, answer("yolov8", [CRACK]), "yolov8", shape)
+    assert f"takes an input of shape {names}, its card declares [1, 3, 64, 96]" in message
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("nan")])
+@pytest.mark.parametrize("key", ["score_calibration.intercept", "input.scale", "score_threshold"])
+def test_a_card_with_numbers_that_are_none(key: str, value: float) -> None:
+    """YAML knows infinity and NaN; a calibration of NaN would make every score NaN."""
+    content: dict[str, Any] = card("yolov8")
+    part, _, name = key.rpartition(".")
+    (content.setdefault(part, {}) if part else content)[name] = value
+    with pytest.raises(ModelError, match=rf"a card: {key} is (nan|-?inf): "):
+        parse_card(yaml.safe_dump(content), "a card")
+
+
+def test_a_list_shorter_than_its_classes_fails_with_the_remedy(tmp_path: Path) -> None:
+    """A list after suppression does not tell how many classes it has before it names one too many."""
+    output = answer("nms6", [(*CRACK[:6], 7)])
+    detector = OnnxDetector(save_model(tmp_path / "m.onnx", output), ModelCard.model_validate(card("nms6")))
+    with pytest.raises(ModelError, match=r"gives class 7, its card names 2 classes \(0 to 1\); complete class_names"):
+        detector.detect(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8))
+
+
+def rows_of(folder: Path, names: list[str]) -> pa.Table:
+    return table_of_rows(
+        "photos",
+        [
+            {
+                "photo_id": name, "sha256": name, "bytes": 1, "photo_outcome": "accepted",
+                "prior_source": "none", "prior_height_datum": "unknown",
+            }
+            for name in names
+        ],
+    )  # fmt: skip
+
+
+def spot_finder(folder: Path) -> OnnxDetector:
+    """Finds the centre of red and of green light in its input."""
+    content = card("nms6", score_threshold=0.3, nms_iou=0.99)
+    content["input"] = {**content["input"], "pad_value": 0}
+    return OnnxDetector(save_spot_finder(folder / "m.onnx", batch=1), ModelCard.model_validate(content))
+
+
+def stored(folder: Path) -> list[str]:
+    """One picture, a bright spot at 110 to 150, 10 to 40 px of 192 x 80, stored in many ways."""
+    values = np.zeros((80, 192), dtype=np.uint8)
+    values[10:40, 110:150] = 255
+    colour = np.repeat(values[..., None], 3, axis=2)
+    Image.fromarray(colour).save(folder / "rgb.png")
+    Image.fromarray(values).save(folder / "grey.jpg", quality=100)
+    Image.fromarray(values.astype(np.uint16) * 257).save(folder / "grey16.tif")
+    cv2.imwrite(str(folder / "rgb16.png"), colour.astype(np.uint16) * 257)
+    Image.fromarray(np.dstack([colour, np.full_like(values, 255)])).save(folder / "alpha.png")
+    Image.fromarray(colour).convert("CMYK").save(folder / "cmyk.jpg", quality=100)
+    Image.fromarray(colour).quantize(4).save(folder / "palette.png")
+    for orientation in (3, 6):
+        exif = Image.Exif()
+        exif[274] = orientation
+        Image.fromarray(colour).save(folder / f"turned{orientation}.jpg", quality=100, exif=exif)
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_photographs_stored_in_other_ways_show_the_same_in_the_same_pixels(tmp_path: Path) -> None:
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    names = stored(folder)
+    rows = detect_photographs(rows_of(folder, names), folder, spot_finder(tmp_path)).to_pylist()
+    red = {row["photo_id"]: row for row in rows if row["source_class"] == "crack"}
+    assert sorted(red) == names
+    for name, row in red.items():
+        centre = (row["box_x_px"] + row["box_width_px"] / 2, row["box_y_px"] + row["box_height_px"] / 2)
+        # The black of CMYK is not quite dark; turned pixels would be 60 px away.
+        assert centre == pytest.approx((130, 25), rel=0, abs=2.0), name  # px of the photograph as stored
+
+
+def test_one_pixel_and_a_panorama_among_bad_files(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    Image.new("RGB", (1, 1), (255, 255, 255)).save(folder / "pixel.png")
+    panorama = np.zeros((60, 5000, 3), dtype=np.uint8)
+    panorama[20:30, 4800:4810] = 255
+    Image.fromarray(panorama).save(folder / "panorama.png")
+    Image.fromarray(panorama).save(folder / "cut.png")
+    whole = (folder / "cut.png").read_bytes()
+    (folder / "cut.png").write_bytes(whole[:20])
+    (folder / "empty.jpg").write_bytes(b"")
+    names = ["cut.png", "empty.jpg", "gone.jpg", "panorama.png", "pixel.png"]
+    with caplog.at_level(logging.WARNING):
+        rows = detect_photographs(rows_of(folder, names), folder, spot_finder(tmp_path)).to_pylist()
+    for name in ("cut.png", "empty.jpg", "gone.jpg"):
+        assert f"{name} cannot be read: nothing was looked for in it" in caplog.text
+    assert {row["photo_id"] for row in rows} == {"panorama.png", "pixel.png"}
+    spots = [row for row in rows if row["photo_id"] == "panorama.png" and row["source_class"] == "crack"]
+    assert min(abs(row["box_x_px"] + row["box_width_px"] / 2 - 4805) for row in spots) < 1.0  # px
+    pixel = next(row for row in rows if row["photo_id"] == "pixel.png")
+    assert pixel["box_x_px"] >= 0
+    assert pixel["box_x_px"] + pixel["box_width_px"] <= 1
+
+
+def test_values_that_overflow_in_one_photograph_are_told_and_the_others_count(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The logarithm of a black photograph's light is no number; that of any other is."""
+    path = save_model(tmp_path / "m.onnx", answer("yolov8", [CRACK]))
+    model = onnx.load(path)
+    graph = model.graph
+    index = next(i for i, node in enumerate(graph.node) if node.op_type == "Mul")
+    graph.node.insert(index, helper.make_node("Log", ["sum"], ["log"]))
+    graph.node[index + 1].input[0] = "log"
+    onnx.save(model, path)
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    for name, grey in (("black.png", 0), ("wall.png", 128)):
+        Image.new("RGB", (WIDTH, HEIGHT), (grey, grey, grey)).save(folder / name)
+    detector = OnnxDetector(path, ModelCard.model_validate(card("yolov8")))
+    with caplog.at_level(logging.WARNING):
+        rows = detect_photographs(rows_of(folder, ["black.png", "wall.png"]), folder, detector).to_pylist()
+    assert {row["photo_id"] for row in rows} == {"wall.png"}
+    assert "no numbers (NaN)" in caplog.text
