@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from facadelake.errors import InputDataError
-from facadelake.review.label_files import LabelForm
-from facadelake.review.training_set import Pictures
+from facadelake.review.forms import LabelForm, Pictures
 from flows.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,

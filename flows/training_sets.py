@@ -9,9 +9,9 @@ from pathlib import Path
 from facadelake.errors import InputDataError
 from facadelake.lake.read import read_table
 from facadelake.registry import Building
-from facadelake.review.label_files import LabelForm
+from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.splits import Split, chosen_splits, split_of
-from facadelake.review.training_set import TERMS, Pictures, Source, TrainingSet, write_training_set
+from facadelake.review.training_set import TERMS, Source, TrainingSet, write_training_set
 from flows.reviewing import reviewed_campaign
 
 

@@ -70,6 +70,8 @@ def covered_share(corners: Array, others: Array) -> float:
     """Share of a box (4,) that the boxes ``others`` (n, 4) cover together, exact: on the grid of all their edges."""
     low = np.clip(others[:, :2], corners[:2], corners[2:])
     high = np.clip(others[:, 2:], corners[:2], corners[2:])
+    seen = (high > low).all(axis=1)
+    low, high = low[seen], high[seen]
     xs = np.unique(np.concatenate([corners[[0, 2]], low[:, 0], high[:, 0]]))
     ys = np.unique(np.concatenate([corners[[1, 3]], low[:, 1], high[:, 1]]))
     middle_x, middle_y = (xs[:-1] + xs[1:]) / 2, (ys[:-1] + ys[1:]) / 2

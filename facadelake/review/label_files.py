@@ -5,25 +5,18 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from facadelake.review.forms import LabelForm
 from facadelake.review.material import Labelled
 from facadelake.review.shown import polygons
 from facadelake.review.splits import Split
 from schemas.vocabulary import DefectClass
 
 CLASSES = tuple(DefectClass)
-
-
-class LabelForm(StrEnum):
-    """How labels are written."""
-
-    COCO = "coco"
-    YOLO = "yolo"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,6 @@ import uuid
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,8 @@ import numpy as np
 from facadelake.detect.letterbox import Image
 from facadelake.errors import InputDataError, StoreError
 from facadelake.progress import track
-from facadelake.review.label_files import CLASSES, LabelForm, Picture, write_labels
+from facadelake.review.forms import LabelForm, Pictures
+from facadelake.review.label_files import CLASSES, Picture, write_labels
 from facadelake.review.material import Labelled, Material, material_of
 from facadelake.review.splits import Split
 from facadelake.review.standing import Judgement
@@ -35,14 +35,6 @@ TERMS = (
     "use that was agreed for the inspection; state its terms here before it is passed on."
 )
 _JPEG_QUALITY = 95
-
-
-class Pictures(StrEnum):
-    """What the set's pictures are: tiles about reviewed places, or whole photographs, copied or linked."""
-
-    TILES = "tiles"
-    COPY = "copy"
-    LINK = "link"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,9 +13,8 @@ from facadelake.cache import file_hash
 from facadelake.detect.shelf import default_model, promotions
 from facadelake.errors import InputDataError, ModelError
 from facadelake.registry import Portfolio, read_portfolio
-from facadelake.review.label_files import LabelForm
+from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.splits import Split
-from facadelake.review.training_set import Pictures
 from flows.comparing import compare_models
 from flows.promoting import promote_model
 from flows.reviewing import export_task, import_reviews, reviewed_campaign
