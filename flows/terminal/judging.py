@@ -91,7 +91,7 @@ def _show_figures(console: Console, figures: Figures) -> None:
         )  # fmt: skip
     if figures.megapixels_per_s is not None and figures.photographs_per_s is not None:
         speed = f"{figures.photographs_per_s:.1f} photographs/s, {figures.megapixels_per_s:.1f} Mpx/s"
-        console.print(f"looked at {speed} (down to faint boxes; tiles twice)", highlight=False)
+        console.print(f"looked at {speed} (down to faint boxes)", highlight=False)
     for name, count in figures.unjudged.items():
         console.print(f"{count} boxes of {name} shown where nothing is labelled of it: nobody knows", highlight=False)
     _left_out(console, data.left_out)

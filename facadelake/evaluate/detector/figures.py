@@ -88,7 +88,7 @@ class ClassFigures:
 class Figures:
     """All figures; ``map50`` and ``map50_95`` are means over the classes that have truths.
 
-    ``megapixels_per_s`` is of the looking alone, down to faint boxes; what is looked at in tiles is looked at twice.
+    ``megapixels_per_s`` is of the looking alone, down to faint boxes.
     """
 
     judged: Judged

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from facadelake.cache import file_hash
 from facadelake.detect.boxes import Box, clip_box
+from facadelake.detect.card import ModelCard
 from facadelake.detect.coco_file import CocoAnnotation, number, read_coco
 from facadelake.detect.crosswalk import Crosswalk
 from facadelake.detect.detector import Found, OnnxDetector
 from facadelake.detect.find_card import find_card
 from facadelake.detect.letterbox import Image
 from facadelake.detect.tiling import detect_image
-from facadelake.detect.tiling.plan import plan_looks
 from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.progress import track
@@ -68,31 +68,56 @@ class Looker(Protocol):
 
 
 class OnnxLooker:
-    """A model, once with its card's threshold and once with one so low that precision can be drawn against recall.
+    """A model with its card's threshold, and with one so low that precision can be drawn against recall.
 
-    Two runs where there are tiles: boxes are joined along their seams, and faint boxes about make others of them.
-    Suppression alone goes from the best down, so that faint boxes change nothing.
+    Each tile is run once: suppression goes from the best down, so that what a tile shows at the card's threshold is
+    the best of what it shows at the low one. What is made of tiles along their seams is made twice, because faint
+    boxes about would make others of them.
     """
 
     def __init__(self, model: Path, *, threshold: float | None = None) -> None:
         """Load ``model`` with its card; ``threshold`` goes over the card's."""
-        card = find_card(model)
-        self.threshold = card.score_threshold if threshold is None else threshold
-        self._shown = OnnxDetector(model, card.model_copy(update={"score_threshold": self.threshold}))
-        low = {"score_threshold": min(FLOOR, self.threshold), "max_detections": max(_MOST, card.max_detections)}
-        self._low = OnnxDetector(model, card.model_copy(update=low))
-        self.card, self.name, self.sha256 = card, self._shown.name, self._shown.sha256
+        self.card = find_card(model)
+        self.threshold = self.card.score_threshold if threshold is None else threshold
+        low = {"score_threshold": min(FLOOR, self.threshold), "max_detections": max(_MOST, self.card.max_detections)}
+        self._detector = OnnxDetector(model, self.card.model_copy(update=low))
+        self.name, self.sha256 = self._detector.name, self._detector.sha256
 
     def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks:
-        """Both runs; in one look at the whole, what is shown is the best of what the low threshold gives."""
-        low = detect_image(self._low, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target)
-        height, width = pixels_bgr.shape[:2]
-        looks = plan_looks(self.card.input, width_px=width, height_px=height, gsd_mm=image.gsd_mm, target=image.target)
-        if sum(len(one.tiles) for one in looks) == 1:
-            shown = tuple(one for one in low if one.score >= self.threshold)[: self.card.max_detections]
-        else:
-            shown = detect_image(self._shown, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target)
-        return Looks(down_to_floor=low, shown=shown)
+        """What both thresholds give."""
+        seen: list[tuple[tuple[Found, ...], ...]] = []
+        low = detect_image(_Recording(self._detector, seen), pixels_bgr, gsd_mm=image.gsd_mm, target=image.target)
+        replayed = _Replaying(self.card, self.threshold, iter(seen))
+        return Looks(
+            down_to_floor=low,
+            shown=detect_image(replayed, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target),
+        )
+
+
+class _Recording:
+    """A detector that keeps what it gave, batch after batch."""
+
+    def __init__(self, detector: OnnxDetector, seen: list[tuple[tuple[Found, ...], ...]]) -> None:
+        self.card = detector.card
+        self._detector, self._seen = detector, seen
+
+    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
+        self._seen.append(self._detector.detect_batch(images_bgr))
+        return self._seen[-1]
+
+
+class _Replaying:
+    """A detector that gives again, in the same order of batches, what reaches ``threshold``."""
+
+    def __init__(self, card: ModelCard, threshold: float, seen: Iterator[tuple[tuple[Found, ...], ...]]) -> None:
+        self.card = card
+        self._threshold, self._seen = threshold, seen
+
+    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
+        return tuple(
+            tuple(one for one in many if one.score >= self._threshold)[: self.card.max_detections]
+            for many in next(self._seen)
+        )
 
 
 class FileLooker:
@@ -134,7 +159,7 @@ class FileLooker:
 class Collected:
     """Predictions by photograph's key; ``left_out`` counts boxes that could not be used, by reason.
 
-    ``images`` are those that could be read; ``seconds`` is the time spent looking (both runs), not reading files.
+    ``images`` are those that could be read; ``seconds`` is the time spent looking, not reading files.
     """
 
     images: tuple[LabelledImage, ...]
