@@ -11,7 +11,9 @@ import pyarrow as pa
 
 from facadelake.cache import file_hash, key_of
 from facadelake.campaign import BuildingRecord, RunRecord, campaign_tables
+from facadelake.detect.chosen import model_file
 from facadelake.geobim.model import SURFACE_FILE, read_building
+from facadelake.registry import OnnxDetectorSetting
 from facadelake.tables import read_table
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
@@ -88,6 +90,9 @@ def whole_campaign(job: InspectionJob, folders: StageFolders) -> tuple[RunRecord
 
 def _run_record(job: InspectionJob, folders: StageFolders, detections: pa.Table) -> RunRecord:
     detectors = detections.column("detector_sha256").unique().to_pylist()
+    setting = job.building.detector
+    if not detectors and isinstance(setting, OnnxDetectorSetting):  # it looked and found nothing
+        detectors = [file_hash(model_file(setting))]
     fresh = [stage for stage in folders.stages() if not stage.hit]
     settings = {
         "control": job.control or "auto",
