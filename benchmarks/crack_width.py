@@ -1,0 +1,189 @@
+"""Measure how well cracks are measured: width and length of drawn cracks of known width, by width and wall.
+
+    .venv/bin/python -m benchmarks.crack_width 20
+    .venv/bin/python -m benchmarks.crack_width 20 --masks ../shared/data/defects/masonry_crack_240/dataset
+
+Each crack is drawn by itself, its width going up and down by a third, its darkness, the lens's blur, the noise and the
+JPEG's quality drawn by lot. With ``--masks``: real photographs whose cracks people have painted: what is measured in
+the box about the mask, beside the mask's own width. Prints Markdown, and saves a plot below ``build/``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib
+import numpy as np
+from skimage.morphology import medial_axis
+
+from benchmarks.drawn_cracks import Camera, draw_crack
+from facadelake.detect.measure.crack import CrackMeasure
+from facadelake.detect.measure.photographs import blur_of_photograph, measured_in
+from schemas.vocabulary import CrackWidthOutcome
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+WIDTHS_PX = (0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
+BUILD = Path(__file__).resolve().parent.parent / "build"
+NAMES = ("box_x_px", "box_y_px", "box_width_px", "box_height_px")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One crack: its true width, what was measured, and its length over the true one (NaN: no line)."""
+
+    wall: str
+    nominal_px: float
+    true_px: float
+    outcome: str
+    width_px: float
+    sigma_px: float
+    limit_px: float
+    length_share: float
+    seconds: float
+
+
+def drawn(count: int, wall: str) -> list[Trial]:
+    """``count`` cracks of each width on ``wall``."""
+    out = []
+    for width in WIDTHS_PX:
+        for seed in range(count):
+            rng = np.random.default_rng([seed, round(100 * width)])
+            camera = Camera(
+                blur_px=rng.uniform(0.45, 0.9), noise=rng.uniform(0.004, 0.02), jpeg=int(rng.integers(85, 96))
+            )
+            crack = draw_crack(rng, width, wall=wall, camera=camera, darkness=rng.uniform(0.65, 0.95))
+            begin = time.perf_counter()
+            found = measure(crack.image, crack.box_px)
+            out.append(
+                Trial(
+                    wall=wall,
+                    nominal_px=width,
+                    true_px=crack.mean_px,
+                    outcome=str(found.outcome),
+                    width_px=found.width.mean_px if found.width else float("nan"),
+                    sigma_px=found.width.sigma_px if found.width else float("nan"),
+                    limit_px=found.width.limit_px if found.width else float("nan"),
+                    length_share=found.length_px / crack.length_px,
+                    seconds=time.perf_counter() - begin,
+                )
+            )
+    return out
+
+
+def measure(image: Any, box: tuple[float, float, float, float], mask: str | None = None) -> CrackMeasure:
+    """What is measured in a box of a picture."""
+    return measured_in(image, {**dict(zip(NAMES, box, strict=True)), "mask": mask}, blur_of_photograph(image))
+
+
+def table(trials: list[Trial]) -> str:
+    """A row for each wall and width."""
+    lines = [
+        "| wall | width px | measured | below limit | no line | bias px | scatter px | within 0.3 px | error / sigma "
+        "| limit px | bounds that hold | length / true |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for wall in dict.fromkeys(trial.wall for trial in trials):
+        for width in WIDTHS_PX:
+            here = [trial for trial in trials if (trial.wall, trial.nominal_px) == (wall, width)]
+            told = [trial for trial in here if trial.outcome == CrackWidthOutcome.MEASURED]
+            below = [trial for trial in here if trial.outcome == CrackWidthOutcome.BELOW_LIMIT]
+            error = np.array([trial.width_px - trial.true_px for trial in told])
+            pull = np.array([(trial.width_px - trial.true_px) / trial.sigma_px for trial in told])
+            cells = [wall, f"{width:g}", len(told), len(below), len(here) - len(told) - len(below)]
+            cells += [f"{error.mean():+.2f}", f"{error.std():.2f}"] if len(told) else ["", ""]
+            cells += [f"{np.mean(np.abs(error) <= 0.3):.0%}", f"{np.sqrt(np.mean(pull**2)):.1f}"] if told else ["", ""]
+            limits = [trial.limit_px for trial in here if np.isfinite(trial.limit_px)]
+            cells.append(f"{np.median(limits):.1f}" if limits else "")
+            cells.append(f"{np.mean([t.true_px <= t.limit_px for t in below]):.0%}" if below else "")
+            lengths = [trial.length_share for trial in here if np.isfinite(trial.length_share)]
+            cells.append(f"{np.median(lengths):.2f}" if lengths else "")
+            lines.append("| " + " | ".join(map(str, cells)) + " |")
+    return "\n".join(lines)
+
+
+def plot(trials: list[Trial], path: Path) -> None:
+    """Measured over true widths, and the errors."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5.5), layout="constrained")
+    for wall, colour in (("render", "tab:blue"), ("brick", "tab:red")):
+        told = [t for t in trials if t.wall == wall and t.outcome == CrackWidthOutcome.MEASURED]
+        below = [t for t in trials if t.wall == wall and t.outcome == CrackWidthOutcome.BELOW_LIMIT]
+        true, width = (np.array([getattr(t, name) for t in told]) for name in ("true_px", "width_px"))
+        left.errorbar(true, width, [t.sigma_px for t in told], fmt=".", color=colour, lw=0.5, label=f"{wall}: measured")
+        left.plot(
+            [t.true_px for t in below], [t.limit_px for t in below], "v", mfc="none", color=colour, ms=5,
+            label=f"{wall}: upper bound",
+        )  # fmt: skip
+        right.plot(true, width - true, ".", color=colour, label=wall)
+    left.plot([0.4, 14], [0.4, 14], "k", lw=0.7)
+    left.set(xscale="log", yscale="log", xlabel="true mean width, px", ylabel="measured, px")
+    right.axhspan(-0.3, 0.3, color="0.9")
+    right.axhline(0, color="k", lw=0.7)
+    right.set(xscale="log", ylim=(-2, 2), xlabel="true mean width, px", ylabel="measured - true, px (grey: the goal)")
+    left.legend()
+    right.legend()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+
+
+def against_masks(folder: Path, most: int | None) -> str:
+    """What is measured in boxes about painted cracks, beside what the paint says."""
+    pairs = [(image, mask) for image, mask in painted(folder)][:most]
+    rows, none = [], 0
+    for image_path, mask_path in pairs:
+        image, mask = cv2.imread(str(image_path)), cv2.imread(str(mask_path), cv2.IMREAD_GRAYSCALE)
+        _, parts, stats, _ = cv2.connectedComponentsWithStats((mask > 127).astype(np.uint8), connectivity=8)
+        if len(stats) < 2:
+            continue
+        part = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+        left, top, wide, high, area = (float(value) for value in stats[part])
+        skeleton, distance = medial_axis(parts == part, return_distance=True)
+        found = measure(image, (left, top, wide, high))
+        if found.width is None:
+            none += 1
+            continue
+        reach = max(wide, high)
+        rows.append((found, 2 * float(np.mean(distance[skeleton])), area, reach))
+    told = [(found.width.mean_px, width) for found, width, *_ in rows if found.outcome == CrackWidthOutcome.MEASURED]
+    width, of_mask = np.array(told).T
+    spans = np.array([found.length_px / reach for found, *_, reach in rows])
+    return (
+        f"{len(pairs)} painted cracks (the largest of each picture): {len(told)} measured, {len(rows) - len(told)} "
+        f"below the limit, {none} without a line. Measured minus painted width: median "
+        f"{np.median(width - of_mask):+.2f} px, quartiles {np.percentile(width - of_mask, 25):+.2f} and "
+        f"{np.percentile(width - of_mask, 75):+.2f} px; "
+        f"painted width: median {np.median(of_mask):.1f} px. Length over the longer side of the box: median "
+        f"{np.median(spans):.2f}, quartiles {np.percentile(spans, 25):.2f} and {np.percentile(spans, 75):.2f}."
+    )
+
+
+def painted(folder: Path) -> list[tuple[Path, Path]]:
+    """Pictures and masks of one name in ``*_images`` and ``*_masks`` below ``folder``."""
+    masks = {path.name: path for path in sorted(folder.rglob("*.png")) if "mask" in path.parent.name}
+    pictures = [path for path in sorted(folder.rglob("*.png")) if "image" in path.parent.name]
+    return [(path, masks[path.name]) for path in pictures if path.name in masks]
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("cracks", type=int, nargs="?", default=10, help="cracks of each width and wall")
+    parser.add_argument("--masks", type=Path, help="a folder of pictures and painted masks")
+    parser.add_argument("--most", type=int, help="pictures with masks at most")
+    options = parser.parse_args()
+    trials = [trial for wall in ("render", "brick") for trial in drawn(options.cracks, wall)]
+    print(table(trials))
+    print(f"\nMedian {np.median([trial.seconds for trial in trials]) * 1000:.0f} ms a crack, with the picture's blur.")
+    plot(trials, BUILD / "crack_width.png")
+    if options.masks:
+        print(against_masks(options.masks, options.most))
+
+
+if __name__ == "__main__":
+    main()
