@@ -29,7 +29,8 @@ from facadelake.evaluate.detector.false_alarms import Rate
 from facadelake.evaluate.detector.figures import Figures, Judgement, judge
 from facadelake.evaluate.detector.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
 from facadelake.evaluate.detector.labels import LabelledSet
-from facadelake.evaluate.detector.looking import Collected, Looker, OnnxLooker, collect
+from facadelake.evaluate.detector.lookers import OnnxLooker
+from facadelake.evaluate.detector.looking import Collected, Looker, collect
 from facadelake.evaluate.detector.plots import write_plots
 from flows.detector_evaluation import model_file
 from schemas.vocabulary import DefectClass

@@ -14,7 +14,8 @@ from facadelake.evaluate.detector.form import Form
 from facadelake.evaluate.detector.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
 from facadelake.evaluate.detector.labels import LabelledSet, joined, sound_photographs
 from facadelake.evaluate.detector.labels_open import open_labels
-from facadelake.evaluate.detector.looking import Collected, FileLooker, Looker, OnnxLooker, collect
+from facadelake.evaluate.detector.lookers import FileLooker, OnnxLooker
+from facadelake.evaluate.detector.looking import Collected, Looker, collect
 from facadelake.evaluate.detector.sites import with_scale, with_sites
 
 

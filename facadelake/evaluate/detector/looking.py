@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -14,25 +14,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.cache import file_hash
 from facadelake.detect.boxes import Box, clip_box
-from facadelake.detect.card import ModelCard
-from facadelake.detect.coco_file import CocoAnnotation, number, read_coco
 from facadelake.detect.crosswalk import Crosswalk
-from facadelake.detect.detector import Found, OnnxDetector
-from facadelake.detect.find_card import find_card
+from facadelake.detect.detector import Found
 from facadelake.detect.letterbox import Image
-from facadelake.detect.tiling import detect_image
-from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.progress import track
 from schemas.vocabulary import DefectClass
 
 _log = logging.getLogger(__name__)
-
-# Precision at high recall needs the boxes that nobody would be shown.
-FLOOR = 0.01
-_MOST = 300
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +36,7 @@ class Prediction:
 
 @dataclass(frozen=True, kw_only=True)
 class Looks:
-    """What was found in one photograph: down to ``FLOOR``, and what a user is shown."""
+    """What was found in one photograph: down to a score of 0.01, and what a user is shown."""
 
     down_to_floor: tuple[Found, ...]
     shown: tuple[Found, ...]
@@ -65,94 +55,6 @@ class Looker(Protocol):
     def threshold(self) -> float: ...
 
     def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks: ...
-
-
-class OnnxLooker:
-    """A model with its card's threshold, and with one so low that precision can be drawn against recall.
-
-    Each tile is run once: suppression goes from the best down, so that what a tile shows at the card's threshold is
-    the best of what it shows at the low one. What is made of tiles along their seams is made twice, because faint
-    boxes about would make others of them.
-    """
-
-    def __init__(self, model: Path, *, threshold: float | None = None) -> None:
-        """Load ``model`` with its card; ``threshold`` goes over the card's."""
-        self.card = find_card(model)
-        self.threshold = self.card.score_threshold if threshold is None else threshold
-        low = {"score_threshold": min(FLOOR, self.threshold), "max_detections": max(_MOST, self.card.max_detections)}
-        self._detector = OnnxDetector(model, self.card.model_copy(update=low))
-        self.name, self.sha256 = self._detector.name, self._detector.sha256
-
-    def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks:
-        """What both thresholds give."""
-        seen: list[tuple[tuple[Found, ...], ...]] = []
-        low = detect_image(_Recording(self._detector, seen), pixels_bgr, gsd_mm=image.gsd_mm, target=image.target)
-        replayed = _Replaying(self.card, self.threshold, iter(seen))
-        return Looks(
-            down_to_floor=low,
-            shown=detect_image(replayed, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target),
-        )
-
-
-class _Recording:
-    """A detector that keeps what it gave, batch after batch."""
-
-    def __init__(self, detector: OnnxDetector, seen: list[tuple[tuple[Found, ...], ...]]) -> None:
-        self.card = detector.card
-        self._detector, self._seen = detector, seen
-
-    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
-        self._seen.append(self._detector.detect_batch(images_bgr))
-        return self._seen[-1]
-
-
-class _Replaying:
-    """A detector that gives again, in the same order of batches, what reaches ``threshold``."""
-
-    def __init__(self, card: ModelCard, threshold: float, seen: Iterator[tuple[tuple[Found, ...], ...]]) -> None:
-        self.card = card
-        self._threshold, self._seen = threshold, seen
-
-    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
-        return tuple(
-            tuple(one for one in many if one.score >= self._threshold)[: self.card.max_detections]
-            for many in next(self._seen)
-        )
-
-
-class FileLooker:
-    """Detections of a COCO file, by the photographs' file names; a box without a score has 1."""
-
-    def __init__(self, file: Path, threshold: float = 0.0) -> None:
-        """Read ``file``. Raises InputDataError where it cannot be used."""
-        coco = read_coco(file)
-        self.name, self.sha256, self.threshold = file.name, file_hash(file), threshold
-        self._found: dict[str, list[Found]] = {}
-        self.unusable = 0
-        for annotation in coco.annotations:
-            image = coco.images.get(annotation.image_id)
-            found = _found(annotation, coco.categories.get(annotation.category_id))
-            if image is None or found is None:
-                self.unusable += 1
-                continue
-            self._found.setdefault(image.file_name.replace("\\", "/"), []).append(found)
-        self._names = frozenset(image.file_name.replace("\\", "/") for image in coco.images.values())
-
-    def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks:
-        """The file's boxes of this photograph, by the longest end of its path that the file names."""
-        parts = image.key.split("/")
-        name = next((end for i in range(len(parts)) if (end := "/".join(parts[i:])) in self._names), None)
-        found = tuple(self._found.get(name, ())) if name else ()
-        return Looks(down_to_floor=found, shown=tuple(one for one in found if one.score >= self.threshold))
-
-    def refuse_if_strange(self, images: Sequence[LabelledImage]) -> None:
-        """Raise InputDataError where the file names none of the photographs."""
-        ends = {"/".join(image.key.split("/")[i:]) for image in images for i in range(image.key.count("/") + 1)}
-        if not ends & self._names:
-            raise InputDataError(
-                f"{self.name} names none of the {len(images)} labelled photographs, such as '{images[0].key}'; "
-                "its images' file_name must be theirs"
-            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -231,13 +133,3 @@ def _on_target(box: Box, image: LabelledImage) -> bool:
     row = int((box.y_px + box.height_px / 2) / image.height_px * rows)
     column = int((box.x_px + box.width_px / 2) / image.width_px * columns)
     return bool(image.target[min(row, rows - 1), min(column, columns - 1)])
-
-
-def _found(annotation: CocoAnnotation, class_name: str | None) -> Found | None:
-    values = [number(value) for value in annotation.bbox] if isinstance(annotation.bbox, list) else []
-    numbers = [value for value in values if value is not None]
-    score = 1.0 if annotation.score is None else number(annotation.score)
-    if class_name is None or len(numbers) != 4 or min(numbers[2:]) <= 0 or score is None or not 0 <= score <= 1:
-        return None
-    x, y, width, height = numbers
-    return Found(box=Box(x_px=x, y_px=y, width_px=width, height_px=height), score=score, class_name=class_name)

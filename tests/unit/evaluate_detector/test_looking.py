@@ -13,7 +13,8 @@ import yaml
 from facadelake.detect.crosswalk import crosswalk_with
 from facadelake.detect.detector import load_detector
 from facadelake.detect.tiling import detect_image
-from facadelake.evaluate.detector.looking import FLOOR, FileLooker, OnnxLooker, collect
+from facadelake.evaluate.detector.lookers import FLOOR, FileLooker, OnnxLooker
+from facadelake.evaluate.detector.looking import collect
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model
 from tests.unit.evaluate_detector.labelled import image, picture
 

@@ -1,0 +1,54 @@
+"""The default detector on real photographs of sites that it never learned from, at a size that a test can afford."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.detect.shelf import MODELS, SHIPPED
+from facadelake.evaluate.detector.figures import judge
+from facadelake.evaluate.detector.labels import LabelledSet, sound_photographs
+from facadelake.evaluate.detector.labels_open import open_labels
+from facadelake.evaluate.detector.lookers import OnnxLooker
+from facadelake.evaluate.detector.looking import collect
+from facadelake.evaluate.detector.sites import with_sites
+
+pytestmark = pytest.mark.realdata
+
+SITES = Path(__file__).resolve().parents[2] / "training" / "data" / "sites.yaml"
+CROSSWALK = crosswalk_with({})
+
+
+@pytest.fixture(scope="module")
+def looker() -> OnnxLooker:
+    return OnnxLooker(MODELS / SHIPPED)
+
+
+def folder_of(shared_data: Path, name: str) -> Path:
+    folder = shared_data / "defects" / name
+    if not folder.is_dir():
+        pytest.skip(f"no set {folder}")
+    return folder
+
+
+def test_cracks_on_walls_of_validation_sites(shared_data: Path, looker: OnnxLooker) -> None:
+    labelled = with_sites(open_labels(folder_of(shared_data, "crack_boxes_640"), CROSSWALK), SITES, "val")
+    figures = judge(looker, labelled, collect(looker, labelled.images, CROSSWALK), split="val").figures
+    (crack,) = figures.classes
+    assert crack.truths == 67 and figures.data.sites == 14
+    assert crack.ap50 is not None and crack.ap50 > 0.8  # the goal
+    assert crack.operating.precision is not None and crack.operating.precision > 0.7
+
+
+def test_facades_without_defects_stay_quiet(shared_data: Path, looker: OnnxLooker) -> None:
+    sound = with_sites(sound_photographs(folder_of(shared_data, "facade_negatives")), SITES, "val")
+    found = collect(looker, sound.images, CROSSWALK)
+    nothing = LabelledSet(name="", form="", images=())
+    figures = judge(
+        looker, nothing, collect(looker, (), CROSSWALK), split="val", negatives=sound, collected_negatives=found
+    ).figures
+    assert figures.negatives is not None
+    every = figures.negatives.rates[0]
+    assert every.photographs == 6 and every.count <= 3
