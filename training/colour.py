@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Image = NDArray[np.uint8]
+_DARKEST = 35  # mean grey level
 
 
 def disturbed(image: Image, rng: np.random.Generator) -> Image:
@@ -43,6 +44,8 @@ def _toned(image: Image, rng: np.random.Generator) -> Image:
     curve = (levels**gamma - 0.5) * contrast + 0.5 + brightness
     table = np.clip(curve[:, None] * balance, 0, 1) * 255
     toned = cv2.LUT(image, table.astype(np.uint8).reshape(1, 256, 3))
+    if toned.mean() < _DARKEST:  # nothing is left to be seen
+        toned = image
     strength = 0.0 if rng.random() < 0.1 else rng.uniform(0.4, 1.5)
     grey = cv2.cvtColor(toned, cv2.COLOR_BGR2GRAY)[..., None]
     return np.asarray(cv2.addWeighted(toned, strength, np.repeat(grey, 3, axis=2), 1 - strength, 0), dtype=np.uint8)

@@ -18,8 +18,10 @@ from onnx import numpy_helper
 from torch import nn
 
 from training.data.sample import CLASSES
-from training.network import ConvNorm, Yolox, trainable
+from training.network import ConvNorm, Yolox
+from training.rivals import NETWORKS, network_of, traced
 
+INPUT_PX = 416
 TOLERANCE = 1e-3  # of decoded numbers in cells and of probabilities; both sides compute in float32
 
 
@@ -29,10 +31,12 @@ def main() -> None:
     parser.add_argument("--weights", type=Path, required=True, help="upstream's yolox_nano.onnx")
     parser.add_argument("--checkpoint", type=Path, required=True, help="best.pt or checkpoint.pt of training.train")
     parser.add_argument("--out", type=Path, required=True, help="the ONNX file to write")
+    parser.add_argument("--network", choices=NETWORKS, default=NETWORKS[0])
     options = parser.parse_args()
-    network = trainable(options.weights, class_count=len(CLASSES))
+    network = network_of(options.network, options.weights, len(CLASSES))
     network.load_state_dict(torch.load(options.checkpoint)["mean"])
-    model = written(network, onnx.load(options.weights))
+    ours = isinstance(network, Yolox)
+    model = written(network, onnx.load(options.weights)) if ours else traced(network, INPUT_PX)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     onnx.save(model, options.out)
     size_mb = options.out.stat().st_size / 1e6
@@ -64,7 +68,7 @@ def written(network: Yolox, upstream: onnx.ModelProto) -> onnx.ModelProto:
     return model
 
 
-def difference(network: Yolox, model: onnx.ModelProto) -> float:
+def difference(network: nn.Module, model: onnx.ModelProto) -> float:
     """The greatest difference between torch and onnxruntime, in batches of 1 and of 8."""
     network.eval()
     session = onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])

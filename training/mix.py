@@ -12,8 +12,11 @@ from training.colour import disturbed
 from training.transplant import transplanted
 from training.view import PAD_VALUE, Placing, View, lay_boxes, lay_image
 
-_MOISTURE = 2
-_SCALES = (0.5, 1.8)
+_CRACK, _MOISTURE = 0, 2
+_SCALES = (0.55, 2.2)
+_CLOSE_SHARE = 0.35  # of the pictures with spalling or moisture: one of them is shown close,
+_CLOSE_FILLS = (0.4, 0.95)  # so that it fills this much of the input,
+_CLOSE_MOST = 3.0  # enlarged so many times at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +94,11 @@ def random_placing(view: View, width_px: int, height_px: int, rng: np.random.Gen
     """
     height, width = view.image.shape[:2]
     gain = max(width_px, height_px) / max(width, height) * np.exp(rng.uniform(*np.log(_SCALES)))
+    areas = np.flatnonzero(view.classes != _CRACK)
+    close = view.boxes_px[rng.choice(areas)] if len(areas) and rng.random() < _CLOSE_SHARE else None
+    if close is not None:
+        fills = rng.uniform(*_CLOSE_FILLS) * min(width_px, height_px)
+        gain = min(_CLOSE_MOST, fills / max(float((close[2:] - close[:2]).max()), 1.0))
     stretch = np.exp(rng.normal(0, 0.07))
     matrix = np.diag([gain * stretch, gain / stretch])
     if rng.random() < 0.5:
@@ -103,7 +111,12 @@ def random_placing(view: View, width_px: int, height_px: int, rng: np.random.Gen
     low, high = corners.min(axis=0), corners.max(axis=0)
     room = np.array([width_px, height_px]) - (high - low)
     shift = rng.uniform(0, 1, 2) * room
-    if (room > 0).all() and rng.random() < 0.5:
+    if close is not None:
+        corners = close[[0, 1, 2, 1, 2, 3, 0, 3]].reshape(4, 2) @ matrix.T
+        at = corners.min(axis=0), corners.max(axis=0)
+        spare = np.array([width_px, height_px]) - (at[1] - at[0])
+        shift = rng.uniform(0.0, 1.0, 2) * spare - (at[0] - low)
+    elif (room > 0).all() and rng.random() < 0.5:
         shift = np.zeros(2)  # at the left top corner, as the letterbox has it
     return Placing(input_from_image=np.column_stack([matrix, shift - low]), width_px=width_px, height_px=height_px)
 

@@ -87,7 +87,7 @@ def trainable(weights: Path, *, class_count: int) -> Yolox:
 
 
 @torch.no_grad()
-def settle(network: Yolox, images: Tensor) -> None:
+def settle(network: nn.Module, images: Tensor) -> None:
     """Set every batch normalisation from the activations of ``images`` so that it changes nothing on them."""
 
     def identity(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:

@@ -21,7 +21,7 @@ TRAINED_ON = (
     "pictures drawn by training.generate on grounds of the sets above",
     "started from YOLOX-nano trained on COCO by Megvii (Apache-2.0)",
 )
-KEPT_BACK = 20  # of so many generated pictures one is
+KEPT_BACK = 40  # of so many generated pictures one is
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,16 +43,21 @@ def training_sources(data: Path, generated: Sequence[Path]) -> tuple[Source, ...
     negatives = [sample for sample in read_negatives(data) if sample.split is Split.TRAIN]
     drawn = [sample for folder in generated for sample in _drawn(folder)[0]]
     real = (
-        Source(name="cracks", share=0.4, samples=cracks),
-        Source(name="negatives", share=0.25, samples=negatives),
+        Source(name="cracks", share=0.35, samples=cracks),
+        Source(name="negatives", share=0.2, samples=negatives),
     )
-    return (*real, Source(name="generated", share=0.35, samples=drawn)) if drawn else real
+    return (*real, Source(name="generated", share=0.45, samples=drawn)) if drawn else real
 
 
 def validation_samples(data: Path) -> tuple[Sample, ...]:
     """Real pictures of the sites kept for choosing: with cracks, and without defects."""
     real = (*read_cracks(data / "defects"), *read_negatives(data))
     return tuple(sample for sample in real if sample.split is Split.VAL)
+
+
+def judged_samples(folders: Sequence[Path]) -> tuple[Sample, ...]:
+    """Real pictures to choose by, not to learn from, in folders with coco.json and images (training.data.judged)."""
+    return tuple(sample for folder in folders for sample in read_pictures(folder, split=Split.VAL))
 
 
 def drawn_samples(generated: Sequence[Path]) -> tuple[Sample, ...]:

@@ -11,6 +11,7 @@ import copy
 import logging
 import math
 import multiprocessing
+import os
 import time
 from pathlib import Path
 
@@ -23,8 +24,9 @@ from training.assign import cells_of
 from training.data.sample import CLASSES
 from training.loader import Batch, Order, batches
 from training.loss import Truth, loss_of
-from training.network import Yolox, settle, trainable
-from training.sources import drawn_samples, validation_samples
+from training.network import settle
+from training.rivals import NETWORKS, network_of
+from training.sources import drawn_samples, judged_samples, validation_samples
 from training.validate import found_in, scores_of
 
 _log = logging.getLogger("training")
@@ -33,8 +35,8 @@ WARM_UP = 0.03  # share of the time
 LAST_PART = 0.15  # share of the time at the end without mosaics
 KEEP = 0.998  # of the running mean of the weights, a step
 REPORT = 20  # steps between lines of the log
-LOOK_S = 180.0  # between looks at the pictures kept for choosing, each with a checkpoint
-WORTH = {"real": 2 / 3, "generated": 1 / 3}  # of the mean AP50 in choosing the best checkpoint
+LOOK_S = 300.0  # between looks at the pictures kept for choosing, each with a checkpoint
+WORTH = {"real": 0.5, "areas": 0.3, "generated": 0.2}  # of the mean AP50 in choosing the best checkpoint
 CLIP = 10.0  # norm of the gradient
 
 
@@ -43,15 +45,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True, help="folder with defects/ and drone/")
     parser.add_argument("--generated", type=Path, nargs="*", default=(), help="folders written by training.generate")
+    parser.add_argument("--judge", type=Path, nargs="*", default=(), help="real areas, as COCO, to choose by")
     parser.add_argument("--weights", type=Path, required=True, help="upstream's yolox_nano.onnx")
     parser.add_argument("--out", type=Path, required=True, help="folder for checkpoints and the log")
     parser.add_argument("--minutes", type=float, required=True, help="training time, in all")
     parser.add_argument("--start", type=Path, help="checkpoint whose weights to start from")
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in --out")
+    parser.add_argument("--network", choices=NETWORKS, default=NETWORKS[0], help="others are to compare with")
     parser.add_argument("--side", type=int, default=INPUT_PX, help="of the pictures learned from")
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--rate", type=float, default=1e-3, help="highest learning rate")
     parser.add_argument("--decay", type=float, default=0.05)
+    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1, help="of the network's arithmetic")
     parser.add_argument("--seed", type=int, default=0)
     train(parser.parse_args())
 
@@ -66,7 +71,7 @@ def train(options: argparse.Namespace) -> None:
         handlers=[logging.StreamHandler(), logging.FileHandler(options.out / "train.log")],
     )
     torch.manual_seed(options.seed)
-    torch.set_num_threads(2)
+    torch.set_num_threads(options.threads)
     cv2.setNumThreads(1)
     checkpoint = options.out / "checkpoint.pt"
     begun = torch.load(checkpoint) if options.resume and checkpoint.exists() else None
@@ -82,9 +87,10 @@ def train(options: argparse.Namespace) -> None:
     )
     source = batches(order, stop=stop, mosaic=mosaic)
     cells = cells_of(options.side, options.side)
-    network = trainable(options.weights, class_count=len(CLASSES))
+    network = network_of(options.network, options.weights, len(CLASSES))
     if begun is None and options.start is None:
-        settle(network, _images(next(source)))
+        if options.network == "yolox-nano":
+            settle(network, _images(next(source)))
     elif begun is None:
         network.load_state_dict(torch.load(options.start)["mean"])
     mean = copy.deepcopy(network)
@@ -96,7 +102,11 @@ def train(options: argparse.Namespace) -> None:
         optimiser.load_state_dict(begun["optimiser"])
         step, spent, best = begun["step"], begun["spent_s"], begun["best"]
     judged_cells = cells_of(INPUT_PX, INPUT_PX)
-    judged = {"real": validation_samples(options.data), "generated": drawn_samples(options.generated)}
+    judged = {
+        "real": validation_samples(options.data),
+        "areas": judged_samples(options.judge),
+        "generated": drawn_samples(options.generated),
+    }
     last_look, sums = time.monotonic(), np.zeros(4)
     while spent < options.minutes * 60:
         began = time.monotonic()
@@ -151,7 +161,7 @@ def rate_at(share: float) -> float:
     return 0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * (share - WARM_UP) / (1 - WARM_UP)))
 
 
-def _groups(network: Yolox, decay: float) -> list[dict[str, object]]:
+def _groups(network: nn.Module, decay: float) -> list[dict[str, object]]:
     """Weights of convolutions decay, biases and norms do not."""
     decaying = [p for p in network.parameters() if p.ndim > 1]
     free = [p for p in network.parameters() if p.ndim <= 1]
@@ -159,7 +169,7 @@ def _groups(network: Yolox, decay: float) -> list[dict[str, object]]:
 
 
 @torch.no_grad()
-def _follow(mean: Yolox, network: Yolox, keep: float) -> None:
+def _follow(mean: nn.Module, network: nn.Module, keep: float) -> None:
     for old, new in zip(mean.state_dict().values(), network.state_dict().values(), strict=True):
         if old.dtype.is_floating_point:
             old.lerp_(new, 1 - keep)

@@ -12,10 +12,10 @@ import torch
 from numpy.typing import NDArray
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
+from torch import nn
 
 from training.assign import Cells, decode, iou_matrix
 from training.data.sample import CLASSES, Sample
-from training.network import Yolox
 from training.view import Placing, lay_image
 
 NMS_IOU = 0.5
@@ -54,7 +54,7 @@ def letterbox(width_px: int, height_px: int, side_px: int) -> Placing:
 
 
 @torch.no_grad()
-def found_in(network: Yolox, samples: Sequence[Sample], cells: Cells, side_px: int) -> list[Boxes]:
+def found_in(network: nn.Module, samples: Sequence[Sample], cells: Cells, side_px: int) -> list[Boxes]:
     """What the network finds in each picture."""
     network.eval()
     found = []

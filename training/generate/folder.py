@@ -52,7 +52,7 @@ def read_pictures(out: Path, *, split: Split = Split.TRAIN) -> tuple[Sample, ...
         found[annotation["image_id"]].append(([x, y, x + width, y + height], annotation["category_id"]))
     return tuple(
         Sample(
-            path=out / "images" / image["file_name"],
+            path=out / "images" / Path(image["file_name"]).name,
             boxes_px=np.array([box for box, _ in found[image["id"]]], dtype=np.float64).reshape(-1, 4),
             classes=np.array([index for _, index in found[image["id"]]], dtype=np.int64),
             site="generated/all",
