@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from training.data.cracks import read_cracks
 from training.data.negatives import read_negatives
 from training.data.sample import Sample, Split
+from training.generate.brickwork import Brick, read_bricks
 from training.generate.canvas import Canvas, to_linear
 from training.generate.surfaces import Ground, bricks, concrete, plaster, stones
 
@@ -28,11 +29,12 @@ NEVER_SITES = frozenset({"crack_boxes_640/web_a"})
 
 @dataclass(frozen=True, kw_only=True)
 class Grounds:
-    """Surfaces to draw on: close views of real walls and floors, whole facades, and painted walls."""
+    """Surfaces to draw on: close views of real walls and floors, whole facades, painted walls; loose real bricks."""
 
     close: tuple[Ground, ...]
     facades: tuple[Ground, ...]
     painted: tuple[Ground, ...]
+    bricks: tuple[Brick, ...]
 
     def start(self, rng: np.random.Generator, side_px: int) -> tuple[Canvas, Ground, float]:
         """A new picture on one of the surfaces, cut at a chance place, scale and mirror.
@@ -53,6 +55,7 @@ def load_grounds(data: Path, *, seed: int = 0, painted: int = 120) -> Grounds:
     return Grounds(
         close=tuple(_close_views(read_cracks(data / "defects"), rng)),
         facades=tuple(_facade(sample) for sample in read_negatives(data) if sample.split is Split.TRAIN),
+        bricks=read_bricks(data / "defects"),
         painted=tuple(makers[number % len(makers)](rng) for number in range(painted)),
     )
 

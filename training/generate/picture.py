@@ -14,6 +14,7 @@ from schemas.vocabulary import DefectClass
 from training.data.sample import CLASSES
 from training.generate import cracks, moisture
 from training.generate.bars import chance_bars
+from training.generate.brickwork import lay_wall
 from training.generate.camera import photograph
 from training.generate.canvas import Canvas, Place, to_linear
 from training.generate.distractors import distract
@@ -22,6 +23,7 @@ from training.generate.spalling import spall
 from training.generate.surfaces import Ground
 
 CRACK, SPALLING, MOISTURE = (CLASSES.index(name) for name in DefectClass)
+LAID_SHARE = 0.04  # of pictures: walls laid from real bricks, of which there are few
 LEAST_SIDE_PX = 10
 LEAST_CONTRAST = 3.5  # of a crack: light lost times the root of its width, over the deviation of the surface
 LEAST_CHANGE = 0.13  # of a patch: the mean share of light by which it differs from what was there
@@ -40,6 +42,8 @@ class Picture:
 def make_picture(grounds: Grounds, seed: int, *, side_px: int = 416) -> Picture:
     """The picture of this seed: the same seed and surfaces give the same picture."""
     rng = np.random.default_rng(seed)
+    if grounds.bricks and rng.random() < LAID_SHARE:
+        return _laid(rng, grounds, side_px)
     canvas, ground, _ = grounds.start(rng, side_px)
     distract(canvas, int(rng.choice([0, 1, 2, 3], p=[0.3, 0.33, 0.25, 0.12])))
     boxes: list[list[float]] = []
@@ -52,8 +56,19 @@ def make_picture(grounds: Grounds, seed: int, *, side_px: int = 416) -> Picture:
             found = (_crack if kind == CRACK else _moisture)(canvas, ground, boxes)
         boxes += found
         classes += [kind] * len(found)
-    if canvas.chance(0.12):
-        distract(canvas, 1) if not boxes else None
+    return Picture(
+        image=photograph(canvas, noise=1.0),
+        boxes_px=np.array(boxes, dtype=np.float64).reshape(-1, 4),
+        classes=np.array(classes, dtype=np.int64),
+    )
+
+
+def _laid(rng: np.random.Generator, grounds: Grounds, side_px: int) -> Picture:
+    """A wall of real bricks under another light."""
+    image, boxes, classes = lay_wall(rng, grounds.bricks, side_px)
+    canvas = Canvas(
+        image=to_linear(image), free=np.ones(image.shape[:2], np.float32), rng=rng, light=np.array([0.0, -1.0])
+    )
     return Picture(
         image=photograph(canvas, noise=1.0),
         boxes_px=np.array(boxes, dtype=np.float64).reshape(-1, 4),

@@ -43,11 +43,11 @@ def patch_mask(canvas: Canvas, place: Place, *, rough: float) -> Field:
     power = np.float32(canvas.between(1.6, 3.5))
     angle = np.float32(canvas.between(0, np.pi))
     u, v = x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)
-    stretch = np.float32(canvas.between(1, 1.5))
+    stretch = np.float32(canvas.between(1, 1.3))
     radius = (np.abs(u) ** power + np.abs(v * stretch) ** power) ** (1 / power)
     large = max(height, width) / 160
     edge = canvas.noise(height, width, slope=1.9, coarse=large) + canvas.noise(height, width, slope=1.3, coarse=large)
-    field = 0.68 - radius + rough * edge / max(1e-3, float(edge.std()))
+    field = 0.78 - radius + rough * edge / max(1e-3, float(edge.std()))
     field -= np.float32(2.5) * np.clip(np.hypot(x, y) - 0.9, 0, 1)
     return np.asarray(field, dtype=np.float32)
 

@@ -1,0 +1,76 @@
+"""The real sets: boxes in pixels, one site and one split a picture, what judges is read with care."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from facadelake.errors import FacadelakeError
+from training.data import judged
+from training.data.cracks import read_omu_quays
+from training.data.sample import CLASSES, Split
+from training.data.sites import SITES_PATH, sites_of
+
+SETS = ("crack_boxes_640", "omu_quay_crack_yolo", "facade_negatives", "lund_street")
+
+
+def test_every_set_has_sites_for_learning_and_for_judging() -> None:
+    counts = {name: Counter(site.split for site in sites_of(name).values()) for name in SETS}
+    assert sum(counts["crack_boxes_640"].values()) == 655
+    assert 0.2 < counts["crack_boxes_640"][Split.TEST] / 655 < 0.3
+    assert sum(counts["facade_negatives"].values()) == 70
+    assert all({Split.TRAIN, Split.TEST} <= set(count) for count in counts.values())
+
+
+def test_a_picture_in_two_sites_is_refused(tmp_path: Path) -> None:
+    entry = "{split: %s, surface: wall, pictures: [a, b%s]}"
+    path = tmp_path / "sites.yaml"
+    path.write_text(f"some:\n  one: {entry % ('train', '')}\n  two: {entry % ('test', '2')}\n")
+    with pytest.raises(FacadelakeError, match="a of some is in some/one and in some/two"):
+        sites_of("some", path)
+
+
+def test_an_unknown_set_is_named() -> None:
+    with pytest.raises(FacadelakeError, match="no set 'nowhere'"):
+        sites_of("nowhere", SITES_PATH)
+
+
+def test_yolo_shares_become_pixels(tmp_path: Path) -> None:
+    folder = tmp_path / "omu_quay_crack_yolo" / "BOX" / "k1"
+    folder.mkdir(parents=True)
+    stem = next(iter(sites_of("omu_quay_crack_yolo"))).removeprefix("k1/")
+    (folder / f"{stem}.txt").write_text("0 0.5 0.25 0.5 0.125\n0 0.75 0.75 0.25 0.25\n")
+    cv2.imwrite(str(folder / f"{stem}.JPG"), np.zeros((256, 256, 3), np.uint8))
+    (sample,) = read_omu_quays(tmp_path)
+    np.testing.assert_allclose(sample.boxes_px, [[64, 48, 192, 80], [160, 160, 224, 224]], rtol=0, atol=1e-9)  # px
+    assert sample.site == "omu_quay_crack_yolo/k1"
+    assert sample.split is Split.TRAIN
+
+
+def test_holes_judge_only_where_every_bar_lies_in_one(tmp_path: Path) -> None:
+    for folder in ("images", "labels"):
+        (tmp_path / folder).mkdir()
+    hole = "1 0.1 0.1 0.6 0.1 0.6 0.6 0.1 0.6"
+    inside, outside = "0 0.2 0.2 0.3 0.2 0.3 0.5", "0 0.8 0.8 0.9 0.8 0.9 0.95"
+    for name, lines in {"both": [hole, inside], "apart": [hole, outside], "bars": [inside]}.items():
+        (tmp_path / "labels" / f"{name}.txt").write_text("\n".join(lines))
+        cv2.imwrite(str(tmp_path / "images" / f"{name}.jpg"), np.zeros((100, 200, 3), np.uint8))
+    (only,) = judged.read_spalling_polygons(tmp_path)
+    assert only.path.stem == "both"
+    ((kind, box),) = only.boxes_px
+    assert kind == CLASSES[1]
+    np.testing.assert_allclose(box, [20, 10, 120, 60], rtol=0, atol=1e-9)  # px
+
+
+def test_scales_agree_with_their_areas() -> None:
+    rows = list(csv.DictReader(Path(judged.__file__).with_name("facade_scale.csv").open()))
+    held_out = {stem for stem, site in sites_of("facade_negatives").items() if site.split is Split.TEST}
+    assert {row["image"].rstrip("*") for row in rows} == held_out
+    for row in rows:
+        metres = 1024 * float(row["gsd_mm"]) / 1000
+        assert float(row["area_m2"]) == pytest.approx(float(row["facade_share"]) * metres**2, rel=0.02)
