@@ -1,0 +1,42 @@
+"""Platt's line, and the threshold that is taken."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from facadelake.detect.calibration import calibrated
+from facadelake.detect.card import Layout, card_text, parse_card
+from training.calibrate import Told, base_card, platt
+
+
+def test_the_line_that_drew_the_hits_is_found() -> None:
+    rng = np.random.default_rng(0)
+    score = rng.uniform(0.02, 0.98, 20_000)
+    right = 1 / (1 + np.exp(-(1.8 * np.log(score / (1 - score)) - 0.7)))
+    line = platt(score, rng.random(20_000) < right)
+    assert line.slope == pytest.approx(1.8, abs=0.1)
+    assert line.intercept == pytest.approx(-0.7, abs=0.1)
+    said = calibrated(score.astype(np.float32), line)
+    assert np.abs(said - right).max() < 0.03  # of probability
+
+
+def test_f1_and_alarms_count_what_is_shown() -> None:
+    told = Told(
+        score=np.array([0.9, 0.8, 0.6, 0.3]),
+        hit=np.array([True, False, True, True]),
+        truths=4,
+        quiet=np.array([False, True, False, False]),
+        quiet_pictures=2,
+    )
+    assert told.f1(0.85) == pytest.approx(2 * 1 / (1 + 4))
+    assert told.f1(0.5) == pytest.approx(2 * 2 / (3 + 4))
+    assert told.alarms(0.5) == pytest.approx(0.5)
+    assert told.alarms(0.85) == 0
+
+
+def test_the_card_can_be_read_again() -> None:
+    card = base_card("facadelake-nano", nms_iou=0.6)
+    again = parse_card(card_text(card), "test")
+    assert again == card
+    assert again.output.layout is Layout.YOLOX and again.input.width_px == 416
