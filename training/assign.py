@@ -30,7 +30,7 @@ class Cells:
     @property
     def centre_px(self) -> Floats:
         """(cells, 2) x, y."""
-        return self.corner_px + self.stride_px[:, None] / 2
+        return self.corner_px + self.stride_px[:, None] / np.float32(2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +67,9 @@ def iou_matrix(first: Floats, second: Floats) -> Floats:
     high = np.minimum(first[:, None, 2:], second[None, :, 2:])
     overlap = np.prod(np.clip(high - low, 0, None), axis=2)
     areas = [np.prod(np.clip(boxes[:, 2:] - boxes[:, :2], 0, None), axis=1) for boxes in (first, second)]
-    union: Floats = areas[0][:, None] + areas[1][None, :] - overlap
-    return overlap / np.maximum(union, _TINY)
+    union = areas[0][:, None] + areas[1][None, :] - overlap
+    iou: Floats = overlap / np.maximum(union, _TINY)
+    return iou
 
 
 def assign(
@@ -88,8 +89,8 @@ def assign(
     cost = cost + _FAR * ~central[:, candidate]
     chosen = np.zeros(cost.shape, dtype=bool)
     best = np.sort(iou, axis=1)[:, ::-1][:, :BEST_IOUS]
-    for box, count in enumerate(np.clip(best.sum(axis=1).astype(int), 1, len(candidate))):
-        chosen[box, np.argpartition(cost[box], count - 1)[:count]] = True
+    for number, count in enumerate(np.clip(best.sum(axis=1).astype(int), 1, len(candidate))):
+        chosen[number, np.argpartition(cost[number], count - 1)[:count]] = True
     disputed = np.flatnonzero(chosen.sum(axis=0) > 1)
     winner = cost[:, disputed].argmin(axis=0)
     chosen[:, disputed] = False

@@ -117,7 +117,7 @@ def tell(model: Path, card: ModelCard, samples: Sequence[Sample]) -> Told:
             box = one.box
             corners = np.array([[box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px]])
             iou = iou_matrix(corners.astype(np.float32), sample.boxes_px.astype(np.float32))[0]
-            iou[~free | (sample.classes != CLASSES.index(one.class_name))] = 0  # type: ignore[arg-type]
+            iou[~free | (sample.classes != CLASSES.index(one.class_name))] = 0
             hit = bool(len(iou)) and iou.max() >= HIT_IOU
             if hit:
                 free[iou.argmax()] = False

@@ -30,7 +30,7 @@ def _noisy(image: Image, rng: np.random.Generator) -> Image:
     channels = 1 if rng.random() < 0.5 else 3
     cv2.setRNGSeed(int(rng.integers(2**31 - 1)))
     noise = np.empty((*image.shape[:2], channels), np.int16)
-    cv2.randn(noise, 0, rng.uniform(1, 9))
+    cv2.randn(noise, np.zeros(channels), np.full(channels, rng.uniform(1, 9)))
     noisy = cv2.add(image, np.broadcast_to(noise, image.shape).copy(), dtype=cv2.CV_8U)
     return np.asarray(noisy, dtype=np.uint8)
 

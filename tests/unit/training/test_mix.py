@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from training.colour import disturbed
+from training.colour import _noisy, disturbed
 from training.crackpath import crack_path
 from training.mix import Example, Mix, Pool, random_placing
 from training.transplant import transplanted
@@ -106,3 +106,10 @@ def test_disturbing_keeps_size_and_never_twice_the_same() -> None:
     made = [disturbed(wall, rng) for _ in range(30)]
     assert {image.shape for image in made} == {wall.shape} and {image.dtype for image in made} == {wall.dtype}
     assert len({image.tobytes() for image in made}) == 30
+
+
+def test_noise_is_in_every_channel() -> None:
+    grey = np.full((200, 200, 3), 128, np.uint8)
+    rng = np.random.default_rng(6)
+    for _ in range(8):
+        assert (_noisy(grey, rng).std(axis=(0, 1)) > 0.6).all()  # grey levels; 1 to 9 are put in
