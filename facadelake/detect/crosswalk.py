@@ -70,7 +70,8 @@ class Crosswalk:
         of = _KNOWN_WITHOUT.get(_normal_form(source_class))
         return (
             f"class '{source_class}' stands for none of {', '.join(DefectClass)}; "
-            f"add it to the building's class_names if it should{f' (it is one of {of})' if of else ''}"
+            "add it to 'classes' of the model's card or of the building's detector if it should"
+            f"{f' (it is one of {of})' if of else ''}"
         )
 
 

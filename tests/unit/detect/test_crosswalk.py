@@ -42,7 +42,8 @@ def test_a_strange_name_is_not_guessed() -> None:
     crosswalk = crosswalk_with()
     assert crosswalk.defect_class("cracked pipe") is None
     assert crosswalk.why_unknown("cat") == (
-        "class 'cat' stands for none of crack, spalling, moisture; add it to the building's class_names if it should"
+        "class 'cat' stands for none of crack, spalling, moisture; "
+        "add it to 'classes' of the model's card or of the building's detector if it should"
     )
     assert crosswalk.why_unknown("Rust").endswith("if it should (it is one of dacl10k's damages)")
 
