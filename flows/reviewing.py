@@ -148,15 +148,16 @@ def import_reviews(
     if not reviewer.strip():
         raise InputDataError("a review needs the name of who says it; give --reviewer")
     campaign = reviewed_campaign(building, campaign_id, lake=lake)
-    said = Said(reviewer=reviewer.strip(), reviewed_at=datetime.now(UTC), run_id=campaign.run_id)
+    shown = _task_of(task, campaign) if task else None
+    run_id = shown.run_id if shown else campaign.run_id
+    said = Said(reviewer=reviewer.strip(), reviewed_at=datetime.now(UTC), run_id=run_id)
     crosswalk = crosswalk_with(building.detector.classes)
     kind = file.suffix.lower()
     if kind == ".csv":
         words = words_of_csv(file, campaign.places, campaign.sizes, crosswalk, said)
     elif kind == ".json":
-        places = _places_of(task, campaign) if task else campaign.places
-        sizes = campaign.sizes
-        words = words_of_coco(file, places, sizes, crosswalk, said, deletions_count=task is not None)
+        places = _places_of(shown, campaign) if shown else campaign.places
+        words = words_of_coco(file, places, campaign.sizes, crosswalk, said, deletions_count=shown is not None)
     else:
         raise InputDataError(f"{file} is neither a .csv nor a COCO .json; 'facadelake review export-task' writes both")
     if not words.reviews:
@@ -168,13 +169,17 @@ def import_reviews(
     return Imported(words=words, added=added, unmatched=after.judgement.unmatched)
 
 
-def _places_of(path: Path, campaign: ReviewedCampaign) -> tuple[Shown, ...]:
-    """What the task showed, and what was not shown because it is rejected: a person may draw it again."""
+def _task_of(path: Path, campaign: ReviewedCampaign) -> Task:
     task = read_task(path)
     if (task.building_id, task.campaign_id) != (campaign.building_id, campaign.campaign_id):
         raise InputDataError(
             f"{path} is a task of {task.building_id} {task.campaign_id}, not of {campaign.building_id} "
             f"{campaign.campaign_id}; name the campaign that was reviewed"
         )
+    return task
+
+
+def _places_of(task: Task, campaign: ReviewedCampaign) -> tuple[Shown, ...]:
+    """What the task showed, and what it did not because it is rejected: a person may draw it again."""
     shown = {place.subject for place in task.shown}
     return (*task.shown, *(place for place in campaign.places if not place.stands and place.subject not in shown))

@@ -105,7 +105,9 @@ def _places(
     if defect_id := line.get("defect_id"):
         if not by_defect.get(defect_id):
             raise _LineError(f"there is no defect '{defect_id}' in the campaign")
-        return by_defect[defect_id]
+        places = by_defect[defect_id]
+        # A box that was rejected by itself stays so, unless that is said of the whole defect.
+        return [place for place in places if place.stands] or places
     raise _LineError("it names neither a defect_id nor a detection_id")
 
 

@@ -1,6 +1,7 @@
 """The whole loop on a small campaign: task, words, training set, two models compared, one promoted."""
 
 import csv
+import json
 import shutil
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
 
 from facadelake.cache import file_hash
 from facadelake.detect.shelf import default_model, promotions
@@ -15,7 +17,9 @@ from facadelake.errors import InputDataError, ModelError
 from facadelake.registry import Portfolio, read_portfolio
 from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.splits import Split
+from flows.cli import app
 from flows.comparing import compare_models
+from flows.options import console
 from flows.promoting import promote_model
 from flows.reviewing import export_task, import_reviews, reviewed_campaign
 from flows.training_sets import make_training_set
@@ -119,6 +123,33 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     assert promote_model(blind, **settings, lost_max=0, confirmed_min=1)[0] == entry
     back, _ = promote_model(finds, **settings, lost_max=0, confirmed_min=1)
     assert (back.replaces, len(promotions(shelf))) == (file_hash(blind), 2)
+
+
+def test_command_line_exports_imports_and_lists(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:
+    where = ["--portfolio", str(tmp_path / "portfolio.yaml"), "--lake", str(tower[1])]
+
+    def said(*words: str) -> str:
+        done = CliRunner().invoke(app, [*words, *where], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        return " ".join(done.output.split())
+
+    task = tmp_path / "task"
+    with console.capture() as printed:
+        said("review", "export-task", BUILDING, CAMPAIGN, str(task), "--photo", "closerange/p1.jpg")
+    assert "3 boxes on 1 photographs of tower 2026-04" in printed.get()
+    corrected = json.loads((task / "detections.coco.json").read_text())
+    kept = [one for one in corrected["annotations"] if one["category_id"] == 1]
+    (tmp_path / "back.json").write_text(json.dumps({**corrected, "annotations": kept}))
+    with console.capture() as printed:
+        said(
+            "review", "import", BUILDING, CAMPAIGN, str(tmp_path / "back.json"), "--reviewer", "A. Mason",
+            "--task", str(task / "detections.coco.json"),
+        )  # fmt: skip
+        said("review", "list", BUILDING, "--lines")
+    assert "1 confirmed, 2 rejected" in printed.get()
+    assert (
+        "confirmed crack closerange/p1.jpg@10.0,20.0,300.0,150.0 crack = closerange/p1.jpg#0, A. Mason" in printed.get()
+    )
 
 
 def test_refusals_say_what_to_do(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from facadelake.errors import InputDataError
 from facadelake.review.coco_words import words_of_coco
 from facadelake.review.csv_words import words_of_csv
 from facadelake.review.record import latest, reviews_of, table_of_reviews
-from facadelake.review.shown import shown_places, word_on
+from facadelake.review.shown import Shown, shown_places, word_on
 from facadelake.review.standing import judge
 from facadelake.review.task_files import Task, coco_task, defects_csv, read_task, write_task
 from schemas.vocabulary import Verdict
@@ -205,6 +205,21 @@ def test_filled_in_table(tmp_path: Path) -> None:
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputDataError, match=r"has the columns a, b; it needs 'verdict'"):
         words_of_csv(tmp_path / "other.csv", SHOWN, SIZES, NAMES, SAID)
+
+
+def test_word_on_a_defect_leaves_its_rejected_sightings_unless_all_are(tmp_path: Path) -> None:
+    found = (("p0.jpg", "crack", box(100, 100)), ("p1.jpg", "crack", box(100, 100)))
+    first, second = shown_places(judge((), seen(*found)), {"p0.jpg#1": "D1", "p1.jpg#2": "D1"})
+    (tmp_path / "a.csv").write_text("defect_id,verdict\nD1,confirmed\n")
+
+    def confirmed(*rejected: Shown) -> list[str]:
+        words = [word_on(place, Verdict.REJECTED, SAID) for place in rejected]
+        places = shown_places(judge(words, seen(*found)), {"p0.jpg#1": "D1", "p1.jpg#2": "D1"})
+        return [word.photo_id for word in words_of_csv(tmp_path / "a.csv", places, SIZES, NAMES, SAID).reviews]
+
+    assert confirmed() == ["p0.jpg", "p1.jpg"]
+    assert confirmed(first) == ["p1.jpg"]
+    assert confirmed(first, second) == ["p0.jpg", "p1.jpg"]
 
 
 def test_missed_defect_that_is_confirmed_stays_missed_and_can_be_taken_back(tmp_path: Path) -> None:
