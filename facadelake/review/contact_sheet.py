@@ -14,6 +14,7 @@ from facadelake.detect.boxes import Box
 from facadelake.detect.letterbox import Image
 from facadelake.errors import StoreError
 from facadelake.progress import track
+from facadelake.review.photograph import read_photograph
 
 _CELL_PX, _CAPTION_PX, _COLUMNS = 220, 34, 6
 _AROUND = 2.2  # side of a crop over its box's longer side: a person needs to see where it is
@@ -47,7 +48,7 @@ def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None
         by_photograph[crop.photograph].append(i)
     cells: dict[int, Image] = {}
     for photograph, places in track(by_photograph.items(), label="Drawing"):
-        image = _read(photograph)
+        image = read_photograph(photograph)
         for i in places:
             cells[i] = _cell(image, crops[i])
     sheet = _arranged(cells, crops, title)
@@ -60,14 +61,6 @@ def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None
     except OSError as error:
         raise StoreError(f"the sheet {path} cannot be written: {error}; check rights and free space") from error
     return path
-
-
-def _read(path: Path) -> Image | None:
-    try:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:
-        return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
 def _cell(image: Image | None, crop: Crop) -> Image:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
 from facadelake.detect.letterbox import Image
 from facadelake.errors import InputDataError, StoreError
@@ -23,6 +22,7 @@ from facadelake.progress import track
 from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.label_files import CLASSES, Picture, write_labels
 from facadelake.review.material import Labelled, Material, material_of
+from facadelake.review.photograph import read_photograph
 from facadelake.review.splits import Split
 from facadelake.review.standing import Judgement
 from facadelake.review.tiles import picture_of, tiles_of
@@ -130,7 +130,7 @@ def _pictures(source: Source, folder: Path, kind: Pictures, side_px: int, left_o
         if kind is not Pictures.TILES and material.unknown:
             left_out["photographs with detections that nobody has judged"] += 1
             continue
-        image = _read(path)
+        image = read_photograph(path)
         if image is None:
             left_out["photographs that cannot be read"] += 1
             continue
@@ -181,14 +181,6 @@ def _stem(source: Source, material: Material) -> str:
     """A file name of its own for every photograph: two folders may hold one name."""
     own = hashlib.sha256(material.photo_id.encode()).hexdigest()[:6]
     return f"{source.building_id}_{source.campaign_id}_{Path(material.photo_id).stem}_{own}"
-
-
-def _read(path: Path) -> Image | None:
-    try:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:  # a size beyond OpenCV's limit
-        return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
 def _write_sites(path: Path, pictures: Sequence[Picture]) -> None:

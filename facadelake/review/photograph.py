@@ -1,0 +1,19 @@
+"""A photograph read as detectors read it: pixels as stored, whatever orientation its EXIF asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from facadelake.detect.letterbox import Image
+
+
+def read_photograph(path: Path) -> Image | None:
+    """The photograph (h, w, 3: blue, green, red), or None where it cannot be decoded."""
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    except (cv2.error, MemoryError):  # a size beyond OpenCV's limit, or the machine's
+        return None
+    return None if image is None else np.asarray(image, dtype=np.uint8)
