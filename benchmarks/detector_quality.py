@@ -5,8 +5,9 @@
 
 Every model needs its card; the classical crack filter is always beside them. Cracks: the test split of
 `training/data/sites.yaml` (only the models trained by us are known not to have seen it) and, never learned from by us,
-boxes about the masks of `masonry_crack_240`. False alarms at each card's threshold: the castle's facade, by area from
-its model and published cameras, and facades of the test split, by photograph. Whole photographs: AUROC.
+boxes about the masks of `masonry_crack_240`. Spalling: a COCO folder, if one is given (`training.data.judged`).
+Moisture: mould indoors. False alarms at each card's threshold: the castle's facade, by area from its model and
+published cameras; held-out facades, by area; a street, by photograph. Whole photographs: AUROC.
 """
 
 from __future__ import annotations
@@ -20,17 +21,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from benchmarks.classical_cracks import ClassicalCracks
-from benchmarks.detector_sets import castle_facade, crack_images, facades, masonry, with_sources
+from benchmarks.detector_sets import (
+    castle_facade,
+    crack_images,
+    facades,
+    masonry,
+    mould,
+    spalling,
+    street,
+    with_sources,
+)
 from benchmarks.foundation import SHARED
 from facadelake.detect.crosswalk import Crosswalk, crosswalk_with
 from facadelake.evaluate.detector.card_results import write_results
 from facadelake.evaluate.detector.contact_sheet import write_sheets
 from facadelake.evaluate.detector.false_alarms import Rate
-from facadelake.evaluate.detector.figures import Figures, Judgement, judge
+from facadelake.evaluate.detector.figures import ClassFigures, Judgement, judge
 from facadelake.evaluate.detector.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
 from facadelake.evaluate.detector.labels import LabelledSet
 from facadelake.evaluate.detector.lookers import OnnxLooker
-from facadelake.evaluate.detector.looking import Collected, Looker, collect
+from facadelake.evaluate.detector.looking import Looker, collect
 from facadelake.evaluate.detector.plots import write_plots
 from flows.detector_evaluation import model_file
 from schemas.vocabulary import DefectClass
@@ -44,165 +54,185 @@ _NOTHING = LabelledSet(name="", form="", images=())
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sets:
-    """What every detector is shown."""
+class Exam:
+    """Photographs with boxes, or (``sound``) without defects, and how the tables call them."""
 
-    cracks: LabelledSet
-    masonry: LabelledSet
-    castle: LabelledSet
-    facades: LabelledSet
-    every: int
+    name: str
+    labelled: LabelledSet
+    split: str | None = None
+    sound: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """One detector's figures."""
+    """One detector's answers, an exam each, and on photographs labelled as a whole; ``sees`` are its classes."""
 
     name: str
-    cracks: Judgement
-    masonry: Judgement
-    castle: Judgement
-    facades: Judgement
+    sees: frozenset[DefectClass]
+    judgements: tuple[Judgement, ...]
     whole: tuple[ImageLevelFigures, ...]
 
 
-def measured(looker: Looker, crosswalk: Crosswalk, sets: Sets, plots: Path | None) -> Row:
-    """All figures of one detector."""
-    cracks, found = _boxes(looker, crosswalk, sets.cracks, "test")
-    stone, found_stone = _boxes(looker, crosswalk, sets.masonry, None)
-    castle, alarms = _alarms(looker, crosswalk, sets.castle, None)
-    sound, alarms_sound = _alarms(looker, crosswalk, sets.facades, "test")
-    if plots is not None:
-        folder = plots / looker.name.replace(" ", "-")
-        for name, judgement, seen in (
-            ("cracks", cracks, found),
-            ("masonry", stone, found_stone),
-            ("castle", castle, alarms),
-            ("facades", sound, alarms_sound),
-        ):
-            write_plots(judgement, folder / name)
-            write_sheets(judgement, seen, seen if judgement.figures.negatives else None, folder / name)
+def exams(work: Path, spalling_folder: Path | None) -> list[Exam]:
+    """All of them; ``work`` must last as long as they are used."""
+    found = [
+        Exam(name="cracks, test sites", labelled=crack_images("test"), split="test"),
+        Exam(name="cracks, masonry", labelled=masonry()),
+        Exam(name="moisture, mould indoors", labelled=mould(work)),
+        Exam(name="castle", labelled=castle_facade(work), sound=True),
+        Exam(name="facades", labelled=facades(), split="test", sound=True),
+        Exam(name="street", labelled=street(), split="test", sound=True),
+    ]
+    if spalling_folder is not None:
+        named = replace(spalling(spalling_folder), name="spalling_web")
+        found.insert(2, Exam(name="spalling", labelled=named, split=spalling_folder.name))
+    return found
+
+
+def measured(
+    looker: Looker, class_names: Sequence[str], crosswalk: Crosswalk, asked: Sequence[Exam], every: int,
+    plots: Path | None,
+) -> Row:  # fmt: skip
+    """All figures of one detector, which names its classes so."""
+    judgements = []
+    for exam in asked:
+        found = collect(looker, exam.labelled.images, crosswalk)
+        if exam.sound:
+            nothing = collect(looker, (), crosswalk)
+            judgement = judge(
+                looker, _NOTHING, nothing, split=exam.split, negatives=exam.labelled, collected_negatives=found
+            )
+        else:
+            judgement = judge(looker, exam.labelled, found, split=exam.split)
+        judgements.append(judgement)
+        if plots is not None:
+            folder = plots / looker.name.replace(" ", "-") / exam.name.replace(", ", "-").replace(" ", "-")
+            write_plots(judgement, folder)
+            write_sheets(judgement, found, found if exam.sound else None, folder)
     whole = []
     for path in WHOLE:
         opened = open_image_labels(path, crosswalk)
-        opened = replace(opened, labelled=_thinned(with_sources(opened.labelled, path), sets.every))
+        opened = replace(opened, labelled=_thinned(with_sources(opened.labelled, path), every))
         whole.append(judge_image_labels(looker, opened, collect(looker, opened.labelled.images, crosswalk)))
-    return Row(name=looker.name, cracks=cracks, masonry=stone, castle=castle, facades=sound, whole=tuple(whole))
+    known = {crosswalk.defect_class(name) for name in class_names}
+    sees = frozenset(one for one in DefectClass if one in known)
+    return Row(name=looker.name, sees=sees, judgements=tuple(judgements), whole=tuple(whole))
 
 
-def _boxes(
-    looker: Looker, crosswalk: Crosswalk, labelled: LabelledSet, split: str | None
-) -> tuple[Judgement, Collected]:
-    found = collect(looker, labelled.images, crosswalk)
-    return judge(looker, labelled, found, split=split), found
-
-
-def _alarms(looker: Looker, crosswalk: Crosswalk, sound: LabelledSet, split: str | None) -> tuple[Judgement, Collected]:
-    found = collect(looker, sound.images, crosswalk)
-    nothing = collect(looker, (), crosswalk)
-    return judge(looker, _NOTHING, nothing, split=split, negatives=sound, collected_negatives=found), found
-
-
-def table(rows: Sequence[Row]) -> str:
-    """Markdown."""
-    head = (
-        "detector", "cracks: AP50 (95 % by sites)", "mean of sites", "AP50:95", "precision", "recall", "ECE",
-        "masonry: AP50", "castle: false alarms", "per 10 m² (95 %)", "facades: false alarms per photograph",
-        "photographs of 640 px/s",
-    )  # fmt: skip
-    lines = [head, ["---"] * len(head), *(_cells(row) for row in rows)]
-    whole = [("detector", "whole photographs of", "class", "AUROC (95 %)", "average precision", "with it / sound")]
-    whole.append(("---",) * 6)
-    for row in rows:
-        for figures in row.whole:
+def tables(rows: Sequence[Row], asked: Sequence[Exam]) -> str:
+    """Boxes, false alarms and whole photographs in Markdown."""
+    boxes: list[tuple[str, ...]] = [
+        (
+            "on", "detector", "AP50", "95 % by sites", "mean of sites", "AP50:95", "precision", "recall", "ECE",
+            "photographs/s",
+        )
+    ]  # fmt: skip
+    alarms: list[tuple[str, ...]] = [
+        ("on", "detector", "false alarms", "photographs", "m² at mm a pixel", "per 10 m²", "95 %")
+    ]
+    for i, exam in enumerate(asked):
+        for row in rows:
+            figures = row.judgements[i].figures
+            if figures.negatives is not None:
+                gsd = figures.negatives.gsd_mm
+                alarms.append((exam.name, row.name, *_alarm_cells(figures.negatives.rates[0], gsd)))
             for one in figures.classes:
-                drawn = one.auroc_by_sites
-                span = "" if drawn is None else f" ({drawn.low:.2f} to {drawn.high:.2f})"
+                if one.defect_class not in row.sees:
+                    continue
+                speed = f"{figures.photographs_per_s:.1f}"
+                boxes.append((exam.name, row.name, *_box_cells(one), speed))
+    whole: list[tuple[str, ...]] = [
+        ("photographs of", "class", "detector", "AUROC", "95 %", "average precision", "with it / sound")
+    ]
+    for k in range(len(WHOLE)):
+        for row in rows:
+            for part in row.whole[k].classes:
+                if part.defect_class not in row.sees:
+                    continue
+                interval = part.auroc_by_sites
                 whole.append(
                     (
-                        row.name, figures.name, one.defect_class, f"{_text(one.auroc)}{span}",
-                        _text(one.average_precision), f"{one.with_defect} / {one.sound}",
+                        row.whole[k].name, str(part.defect_class), row.name, _text(part.auroc),
+                        "-" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}",
+                        _text(part.average_precision), f"{part.with_defect} / {part.sound}",
                     )
                 )  # fmt: skip
-    return "\n\n".join("\n".join("| " + " | ".join(line) + " |" for line in part) for part in (lines, whole))
+    return "\n\n".join(_markdown(part) for part in (boxes, alarms, whole))
 
 
-def _cells(row: Row) -> tuple[str, ...]:
-    (crack,) = row.cracks.figures.classes
-    (stone,) = row.masonry.figures.classes
-    drawn = crack.ap50_by_sites
-    span = "" if drawn is None else f" ({drawn.low:.2f} to {drawn.high:.2f})"
-    castle, sound = _every(row.castle.figures), _every(row.facades.figures)
+def _box_cells(one: ClassFigures) -> tuple[str, ...]:
+    interval = one.ap50_by_sites
     return (
-        row.name,
-        f"{_text(crack.ap50)}{span}",
-        _text(crack.mean_ap50_of_sites),
-        _text(crack.ap50_95),
-        _text(crack.operating.precision),
-        _text(crack.operating.recall),
-        _text(crack.calibration.ece),
-        _text(stone.ap50),
-        f"{castle.count} on {castle.area_m2:.0f} m² looked at, {_gsd(row.castle.figures)}",
-        f"{_text(castle.per_10_m2)} ({_text(castle.low_per_10_m2)} to {_text(castle.high_per_10_m2)})",
-        f"{sound.count / sound.photographs:.2f} ({sound.count} in {sound.photographs})",
-        f"{row.cracks.figures.photographs_per_s:.1f}",
+        _text(one.ap50),
+        "-" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}",
+        _text(one.mean_ap50_of_sites),
+        _text(one.ap50_95),
+        _text(one.operating.precision),
+        _text(one.operating.recall),
+        _text(one.calibration.ece),
     )
 
 
-def _gsd(figures: Figures) -> str:
-    assert figures.negatives is not None
-    return f"{figures.negatives.gsd_mm:.1f} mm a pixel"
+def _alarm_cells(rate: Rate, gsd_mm: float | None) -> tuple[str, ...]:
+    area = "unknown" if rate.area_m2 is None or gsd_mm is None else f"{rate.area_m2:.0f} at {gsd_mm:.1f}"
+    interval = "-" if rate.low_per_10_m2 is None else f"{rate.low_per_10_m2:.3f} to {rate.high_per_10_m2:.3f}"
+    return str(rate.count), str(rate.photographs), area, _text(rate.per_10_m2), interval
 
 
-def _every(figures: Figures) -> Rate:
-    assert figures.negatives is not None
-    return figures.negatives.rates[0]
+def _markdown(lines: Sequence[Sequence[str]]) -> str:
+    head, *rest = lines
+    return "\n".join("| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *rest))
 
 
 def _text(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
+def _thinned(labelled: LabelledSet, every: int) -> LabelledSet:
+    return replace(labelled, images=labelled.images[::every])
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("models", nargs="*", default=["default"], help="'default' or ONNX files with their cards")
+    parser.add_argument("--spalling", type=Path, help="COCO folder with boxes of spalling, named by its split")
     parser.add_argument("--write-card", action="store_true", help="write the first model's figures into its card")
     parser.add_argument("--plots", type=Path, help="folder for pictures, a folder each")
-    parser.add_argument("--output", type=Path, help="write the table there, too")
+    parser.add_argument("--output", type=Path, help="write the tables there, too")
     parser.add_argument("--every", type=int, default=1, help="only every n-th photograph of all sets, for a trial")
     options = parser.parse_args()
     if options.write_card and options.every > 1:
         parser.error("--write-card wants all photographs, not --every n-th")
+    command = shlex.join(["python", "-m", "benchmarks.detector_quality", *sys.argv[1:]])
     with tempfile.TemporaryDirectory() as folder:
-        sets = Sets(
-            cracks=_thinned(crack_images("test"), options.every),
-            masonry=_thinned(masonry(), options.every),
-            castle=_thinned(castle_facade(Path(folder)), options.every),
-            facades=_thinned(facades("test"), options.every),
-            every=options.every,
-        )
-    rows = []
-    for i, name in enumerate(options.models):
-        path = model_file(name)
-        looker = OnnxLooker(path)
-        row = measured(looker, crosswalk_with(looker.card.classes), sets, options.plots)
-        rows.append(row)
-        print(f"measured {path}", file=sys.stderr, flush=True)
-        if i == 0 and options.write_card:
-            command = shlex.join(["python", "-m", "benchmarks.detector_quality", *sys.argv[1:]])
-            for judgement in (row.cracks, row.masonry, row.castle, row.facades):
-                write_results(path, judgement.figures, [], command=command)
-            print(f"written: {write_results(path, None, row.whole, command=command)}", file=sys.stderr, flush=True)
-    rows.append(measured(ClassicalCracks(), crosswalk_with({}), sets, options.plots))
-    text = f"Class {DefectClass.CRACK} unless said.\n\n{table(rows)}\n"
+        asked = exams(Path(folder), options.spalling)
+        asked = [replace(exam, labelled=_thinned(exam.labelled, options.every)) for exam in asked]
+        rows = []
+        for i, name in enumerate(options.models):
+            path = model_file(name)
+            looker = OnnxLooker(path)
+            rows.append(
+                measured(
+                    looker,
+                    looker.card.class_names,
+                    crosswalk_with(looker.card.classes),
+                    asked,
+                    options.every,
+                    options.plots,
+                )
+            )
+            print(f"measured {path}", file=sys.stderr, flush=True)
+            if i == 0 and options.write_card:
+                for judgement in rows[0].judgements:
+                    write_results(path, judgement.figures, [], command=command)
+                print(f"written: {write_results(path, None, rows[0].whole, command=command)}", file=sys.stderr)
+        rows.append(measured(ClassicalCracks(), ["crack"], crosswalk_with({}), asked, options.every, options.plots))
+    text = f"# Detectors on real photographs of other sites\n\n`{command}`\n\n{tables(rows, asked)}\n"
     print(text)
     if options.output is not None:
+        options.output.parent.mkdir(parents=True, exist_ok=True)
         options.output.write_text(text, encoding="utf-8")
-
-
-def _thinned(labelled: LabelledSet, every: int) -> LabelledSet:
-    return replace(labelled, images=labelled.images[::every])
 
 
 if __name__ == "__main__":

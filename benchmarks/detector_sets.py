@@ -22,11 +22,12 @@ from facadelake.evaluate.detector.labels import (
     LabelledSet,
     TrueBox,
     joined,
+    labelled_only,
     photographs_below,
     sound_photographs,
 )
 from facadelake.evaluate.detector.labels_open import open_labels
-from facadelake.evaluate.detector.sites import with_sites
+from facadelake.evaluate.detector.sites import with_scale, with_sites
 from facadelake.geobim.footprint import horizontal_distance
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.targets import target_elements
@@ -38,6 +39,7 @@ from facadelake.posed import posed_cameras
 from facadelake.registry import read_portfolio
 from schemas.vocabulary import DefectClass
 from tasks.load_model import read_model
+from training.data.judged import read_drawn, write_coco
 
 SITES = ROOT / "training" / "data" / "sites.yaml"
 _MASK_GAP_PX, _MASK_LEAST_PX = 9, 12
@@ -56,10 +58,26 @@ def crack_images(split: str) -> LabelledSet:
     return joined([with_sites(one, SITES, split) for one in of_split])
 
 
-def facades(split: str) -> LabelledSet:
-    """Facades and a street presumed free of defects, of the buildings of a split; no scale is known of them."""
-    folders = (SHARED / "defects" / "facade_negatives", SHARED / "drone" / "lund_street")
-    return joined([with_sites(sound_photographs(folder), SITES, split) for folder in folders])
+def facades() -> LabelledSet:
+    """Facades of held-out buildings, presumed free of defects; their scale was judged by eye, to a fifth or so."""
+    sound = with_sites(sound_photographs(SHARED / "defects" / "facade_negatives"), SITES, "test")
+    return replace(sound, images=with_scale(sound.images, SITES.with_name("facade_scale.csv")))
+
+
+def street() -> LabelledSet:
+    """Held-out photographs of a street, presumed free of defects, of unknown scale."""
+    return with_sites(sound_photographs(SHARED / "drone" / "lund_street"), SITES, "test")
+
+
+def mould(work: Path) -> LabelledSet:
+    """Interiors with mould and without, boxes drawn by us (training/data/drawn_boxes.yaml)."""
+    file = write_coco(read_drawn(SHARED / "defects"), work / "mould_indoor")
+    return labelled_only(open_labels(file, crosswalk_with({})), frozenset({DefectClass.MOISTURE}))
+
+
+def spalling(folder: Path) -> LabelledSet:
+    """Boxes of spalling in a COCO folder; other classes are not labelled there, whatever it lists."""
+    return labelled_only(open_labels(folder, crosswalk_with({})), frozenset({DefectClass.SPALLING}))
 
 
 def masonry() -> LabelledSet:

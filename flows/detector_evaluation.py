@@ -12,22 +12,27 @@ from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.figures import Judgement, judge
 from facadelake.evaluate.detector.form import Form
 from facadelake.evaluate.detector.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
-from facadelake.evaluate.detector.labels import LabelledSet, joined, sound_photographs
+from facadelake.evaluate.detector.labels import LabelledSet, joined, labelled_only, sound_photographs
 from facadelake.evaluate.detector.labels_open import open_labels
 from facadelake.evaluate.detector.lookers import FileLooker, OnnxLooker
 from facadelake.evaluate.detector.looking import Collected, Looker, collect
 from facadelake.evaluate.detector.sites import with_scale, with_sites
+from schemas.vocabulary import DefectClass
 
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """What to judge on. ``sites`` and ``split`` hold for labelled photographs and for those without defects alike."""
+    """What to judge on. ``sites`` and ``split`` hold for labelled photographs and for those without defects alike.
+
+    ``labelled``: the classes that the data has labels of, where its list of classes says more; None: as it says.
+    """
 
     data: tuple[Path, ...] = ()
     form: Form = Form.AUTO
     class_names: tuple[str, ...] = ()
     sites: Path | None = None
     split: str | None = None
+    labelled: frozenset[DefectClass] | None = None
     negatives: tuple[Path, ...] = ()
     scale: Path | None = None
     image_labels: tuple[Path, ...] = ()
@@ -109,7 +114,10 @@ def _labelled(question: Question, crosswalk: Crosswalk) -> LabelledSet | None:
         )
         for data in question.data
     ]
-    return joined(sets) if sets else None
+    if not sets:
+        return None
+    whole = joined(sets)
+    return whole if question.labelled is None else labelled_only(whole, question.labelled)
 
 
 def _negatives(question: Question) -> LabelledSet | None:

@@ -13,6 +13,7 @@ import typer
 from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.form import Form
 from flows.options import console, problems
+from schemas.vocabulary import DefectClass
 
 
 def evaluate_detector(
@@ -34,6 +35,10 @@ def evaluate_detector(
         ),
     ] = None,
     split: Annotated[str | None, typer.Option(help="Judge on this split alone, such as test.")] = None,
+    labelled: Annotated[
+        list[DefectClass] | None,
+        typer.Option(help="The data has labels of this class alone, whatever it lists; may be repeated."),
+    ] = None,
     negatives: Annotated[
         list[Path] | None, typer.Option(help="Folder of photographs without defects: false alarms; may be repeated.")
     ] = None,
@@ -73,6 +78,7 @@ def evaluate_detector(
         class_names=tuple(name.strip() for name in (classes or "").split(",") if name.strip()),
         sites=sites,
         split=split,
+        labelled=frozenset(labelled) if labelled else None,
         negatives=tuple(negatives or ()),
         scale=scale,
         image_labels=tuple(image_labels or ()),

@@ -168,6 +168,19 @@ def sound_photographs(folder: Path) -> LabelledSet:
     return gathered.finished("photographs without defects")
 
 
+def labelled_only(labelled: LabelledSet, classes: frozenset[DefectClass]) -> LabelledSet:
+    """The set with labels of ``classes`` alone: of others nothing is known, whatever its list of classes says."""
+    images = tuple(
+        replace(
+            image,
+            labelled=image.labelled & classes,
+            boxes=tuple(one for one in image.boxes if one.defect_class in classes),
+        )
+        for image in labelled.images
+    )
+    return replace(labelled, images=images)
+
+
 def joined(sets: Sequence[LabelledSet]) -> LabelledSet:
     """Several sets as one: keys begin with their set's name where there is more than one, sites too."""
     if len(sets) == 1:

@@ -103,13 +103,14 @@ class _Rows:
     def of(self, image: LabelledImage) -> Mapping[str, str] | None:
         """The line of a photograph, or None."""
         parts = image.key.split("/")
-        for i in range(len(parts)):
-            name = "/".join(parts[i:])
+        ends = ["/".join(parts[i:]) for i in range(len(parts))]
+        for name in ends:
             stem = name.rpartition(".")[0]
             for form in (name, stem, _ROBOFLOW.sub("", stem)):
                 if form in self._exact:
                     return self._exact[form]
-        return next((row for pattern, row in self._patterns if fnmatchcase(image.key, pattern)), None)
+        fitting = (row for pattern, row in self._patterns if any(fnmatchcase(end, pattern) for end in ends))
+        return next(fitting, None)
 
     def positive(self, row: Mapping[str, str] | None, column: str) -> float | None:
         """A line's number, None where the line or the value is not there."""

@@ -11,7 +11,7 @@ import pytest
 from facadelake.detect.crosswalk import crosswalk_with
 from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.form import Form
-from facadelake.evaluate.detector.labels import LabelledSet, joined
+from facadelake.evaluate.detector.labels import LabelledSet, joined, labelled_only, sound_photographs
 from facadelake.evaluate.detector.labels_open import open_labels
 from facadelake.evaluate.detector.sites import with_scale, with_sites
 from tests.unit.evaluate_detector.labelled import CRACK, MOISTURE, SPALLING, picture
@@ -296,3 +296,18 @@ def test_a_coco_file_that_lacks_a_key_is_told_of(tmp_path: Path) -> None:
     file.write_text(json.dumps(content))
     with pytest.raises(InputDataError, match=r"labels\.json has no key 'categories'"):
         open_labels(tmp_path / "walls", CROSSWALK)
+
+
+def test_only_what_was_labelled_is_judged(tmp_path: Path) -> None:
+    alone = labelled_only(open_labels(coco(tmp_path), CROSSWALK), frozenset({SPALLING}))
+    assert alone.labelled == (SPALLING,)
+    assert [one.defect_class for one in alone.images[0].boxes] == [SPALLING]
+
+
+def test_patterns_fit_the_end_of_a_path_and_roboflow_names_their_photograph(tmp_path: Path) -> None:
+    for name in ("a_png_jpg.rf.0a1b.jpg", "b_1_jpg.rf.0a1b.jpg"):
+        picture(tmp_path / "walls" / "images" / name)
+    found = sound_photographs(tmp_path / "walls")
+    sites = tmp_path / "sites.csv"
+    sites.write_text("image,site\na,north\nb_?_jpg*,south\n")
+    assert [image.site for image in with_sites(found, sites).images] == ["north", "south"]
