@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Prediction
 from facadelake.evaluate.detector.resampling import interval_of
@@ -66,7 +67,12 @@ def false_alarms_of(
     shown: Mapping[str, tuple[Prediction, ...]],
     down_to_floor: Mapping[str, tuple[Prediction, ...]],
 ) -> FalseAlarms:
-    """Every box in these photographs is a false alarm; areas count where all photographs have one."""
+    """Every box in these photographs is a false alarm; areas count where all photographs have one.
+
+    Raises InputDataError where there is no photograph.
+    """
+    if not images:
+        raise InputDataError(f"none of the photographs without defects ({name}) can be read; give others")
     areas = [image.area_m2 for image in images]
     known = [area for area in areas if area is not None]
     total = sum(known) if known and len(known) == len(images) else None

@@ -82,7 +82,7 @@ def _precision_recall(figure: Figure, judgement: Judgement) -> bool:
         axes.set_xlim(0, 1.01)
         axes.set_ylim(0, 1.02)
         axes.set_title(f"{one.defect_class}: {one.truths} in {one.photographs} photographs", fontsize=9)
-        axes.legend(fontsize=8, loc="lower left")
+        axes.legend(fontsize=8)
         _dressed(axes, "recall", "precision")
     return True
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.calibration import calibration_of
 from facadelake.evaluate.detector.false_alarms import false_alarms_of
 from facadelake.evaluate.detector.matching import average_precision, match
@@ -90,3 +91,8 @@ def test_resampling_sites_is_wider_than_resampling_their_photographs() -> None:
 def test_one_site_says_nothing_of_others() -> None:
     images = [image(f"{i}", HERE, site="one") for i in range(5)]
     assert interval_of(images, lambda weights: float(weights.sum()), by_site=True) is None
+
+
+def test_no_photographs_are_refused() -> None:
+    with pytest.raises(InputDataError, match="none of the photographs without defects"):
+        false_alarms_of("walls", [], {}, {})
