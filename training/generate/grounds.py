@@ -19,6 +19,7 @@ from training.generate.surfaces import Ground, bricks, concrete, plaster, stones
 
 MARGIN_PX = 12  # boxes are loose, yet a crack's end may lie outside
 LEAST_PX = 180  # a narrower strip free of boxes shows too little to be mirrored
+SKY = 0.22  # share of the height: calm parts whose middle is higher are taken for sky between clouds and wires
 PER_SITE = 18  # pictures: no site's look takes over
 NEVER = frozenset({"ac-14-_jpg", "ac-15-_jpg", "ac-74-_jpg", "ac-80-_jpg", "a-1-50-_jpg", "a-1-107-_jpg",
                    "MAX_1631_4_2", "MAX_1641_9_3", "MAX_1641_12_6", "MAX_1647_7_18",
@@ -99,13 +100,14 @@ def _without_boxes(sample: Sample) -> NDArray[np.uint8] | None:
 
 
 def _facade(sample: Sample) -> Ground:
-    """A whole facade; wall is where little happens and what does not hang together with the sky at the top."""
+    """A whole facade; wall is where little happens, neither part of the sky nor high up in the picture."""
     image = sample.read()
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     change = cv2.blur(cv2.morphologyEx(grey, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)), (15, 15))
     calm = (change < 14).astype(np.uint8)
-    _, parts = cv2.connectedComponents(calm)
-    calm[np.isin(parts, np.unique(parts[:6]))] = 0
+    _, parts, _, centres = cv2.connectedComponentsWithStats(calm)
+    high = np.flatnonzero(centres[:, 1] < SKY * len(image))
+    calm[np.isin(parts, np.union1d(parts[:6], high))] = 0
     dark_or_bright = (grey < 40) | (grey > 250)
     calm[dark_or_bright] = 0
     return Ground(image=image, free=calm * np.uint8(255), kind="facade")

@@ -27,6 +27,7 @@ LAID_SHARE = 0.04  # of pictures: walls laid from real bricks, of which there ar
 LEAST_SIDE_PX = 10
 LEAST_CONTRAST = 3.5  # of a crack: light lost times the root of its width, over the deviation of the surface
 LEAST_CHANGE = 0.13  # of a patch: the mean share of light by which it differs from what was there
+OVER_TEXTURE = 0.8  # of a patch: the same change over the deviation of what was there
 Soaker = Callable[[Canvas, Place], NDArray[np.bool_]]
 
 
@@ -233,7 +234,8 @@ def _seen(canvas: Canvas, place: Place, paint: Callable[[], NDArray[np.bool_]]) 
     mask = paint()
     change = np.abs(part - before).mean(axis=2)[mask].mean() if mask.any() else 0.0
     boxes = _tight(canvas.rng, mask, place, canvas.side_px)
-    if not boxes or change < LEAST_CHANGE * float(before.mean()):
+    texture = before[::2, ::2].mean(axis=2).std()
+    if not boxes or change < max(LEAST_CHANGE * float(before.mean()), OVER_TEXTURE * float(texture)):
         part[:] = before
         return []
     return boxes

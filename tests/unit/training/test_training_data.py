@@ -12,8 +12,9 @@ import pytest
 
 from facadelake.errors import FacadelakeError
 from training.data import judged
+from training.data.copies import COPY, likest_across_splits
 from training.data.cracks import read_omu_quays
-from training.data.sample import CLASSES, Split
+from training.data.sample import CLASSES, Sample, Split
 from training.data.sites import SITES_PATH, sites_of
 
 SETS = ("crack_boxes_640", "omu_quay_crack_yolo", "facade_negatives", "lund_street")
@@ -74,3 +75,24 @@ def test_scales_agree_with_their_areas() -> None:
     for row in rows:
         metres = 1024 * float(row["gsd_mm"]) / 1000
         assert float(row["area_m2"]) == pytest.approx(float(row["facade_share"]) * metres**2, rel=0.02)
+
+
+def test_a_changed_copy_across_splits_is_found(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    samples = []
+    for number in range(6):
+        image = np.full((300, 300), 150, dtype=np.uint8)
+        for _ in range(3):
+            cv2.polylines(image, [rng.integers(0, 300, (6, 2)).astype(np.int32)], False, 60, 4)
+        if number == 5:  # the first one again: mirrored, turned, darker, noisy
+            image = np.rot90(cv2.imread(str(tmp_path / "0.png"), cv2.IMREAD_GRAYSCALE)[:, ::-1])
+            image = np.clip(image * 0.6 + rng.normal(0, 12, image.shape), 0, 255).astype(np.uint8)
+        path = tmp_path / f"{number}.png"
+        cv2.imwrite(str(path), image)
+        split = Split.TEST if number == 5 else Split.TRAIN
+        empty = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
+        samples.append(Sample(path=path, boxes_px=empty[0], classes=empty[1], site=f"s/{number}", split=split))
+    first, second = likest_across_splits(samples, 2)
+    assert (first.first.path.stem, first.second.path.stem) == ("0", "5")
+    assert first.correlation > COPY
+    assert second.correlation < 0.4
