@@ -67,7 +67,6 @@ def evaluate_detector(
     from flows.detector_evaluation import Question, evaluate_looker, looker_of, model_file
     from flows.terminal.bars import ProgressBars
     from flows.terminal.judging import show_answer, write_pictures
-    from flows.terminal.stopping import stoppable
 
     path = model_file(model)
     if write_card and (path.suffix.lower() != ".onnx" or threshold is not None):
@@ -84,7 +83,7 @@ def evaluate_detector(
         image_labels=tuple(image_labels or ()),
     )
     looker, crosswalk = looker_of(path, threshold)
-    with stoppable(problems), ProgressBars(problems) as bars, listening(bars):
+    with ProgressBars(problems) as bars, listening(bars):
         answer = evaluate_looker(looker, crosswalk, question)
     figures = None if answer.boxes is None else answer.boxes.figures
     for written in write_pictures(answer, plots) if plots is not None else ():
