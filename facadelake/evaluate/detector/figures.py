@@ -180,13 +180,14 @@ def _class(low: Matches, shown: Matches, sites: Sequence[SiteFigures], threshold
         return float(average_precision(low, weights, thresholds=1)[0])
 
     has_truth = len(low.truth_image) > 0
+    has_sites = any(image.site is not None for image in low.images)
     return ClassFigures(
         defect_class=low.defect_class,
         photographs=len(low.images),
         truths=len(low.truth_image),
         ap50=_number(low.coco_precision[0]),
         ap50_95=_number(low.coco_precision.mean()),
-        ap50_by_sites=interval_of(low.images, ap50, by_site=True) if has_truth else None,
+        ap50_by_sites=interval_of(low.images, ap50, by_site=True) if has_truth and has_sites else None,
         ap50_by_photographs=interval_of(low.images, ap50, by_site=False) if has_truth else None,
         mean_ap50_of_sites=_mean([one.ap50 for one in sites if one.defect_class is low.defect_class]),
         operating=operating_of(shown),

@@ -151,6 +151,7 @@ def test_a_file_of_detections_is_judged_like_a_model(data: Path, tmp_path: Path)
     file = tmp_path / "found.json"
     file.write_text(json.dumps(content))
     (crack,) = json.loads(run("--model", file, "--data", data, "--json"))["classes"]
+    assert crack["ap50_by_sites"] is None and crack["ap50_by_photographs"]["groups"] == 4  # nobody named sites
     assert crack["ap50"] == pytest.approx(1.0, abs=1e-12) and crack["operating"]["f1"] == 1
     content["images"] = [{"id": i, "file_name": f"other {i}.png"} for i in range(4)]
     file.write_text(json.dumps(content))
