@@ -80,6 +80,45 @@ def draw(
         cv2.line(mask, a, b, 255, t)
 
 
+def draw_line(rng: np.random.Generator, mask: NDArray[np.uint8], side: int, width: float) -> None:
+    """A crack across all or part of the picture, with up to three branches."""
+    angle = rng.choice([0, np.pi / 2, rng.uniform(0, np.pi)]) + rng.normal(0, 0.12)
+    long = rng.random() < 0.65
+    reach = side * (1.6 if long else rng.uniform(0.15, 0.6))
+    middle = rng.uniform(0.15, 0.85, 2) * side
+    away = np.array([np.cos(angle), np.sin(angle)]) * reach / 2
+    path = wander(rng, middle - away, middle + away, rng.choice([0.02, 0.05, 0.09]))
+    if long and rng.random() < 0.4:  # it ends within the picture
+        path = path[: int(len(path) * rng.uniform(0.4, 0.75))]
+        draw(rng, mask, path, width, (False, True))
+    else:
+        draw(rng, mask, path, width, (not long, not long))
+    for _ in range(int(rng.choice([0, 1, 2, 3], p=[0.55, 0.25, 0.13, 0.07]))):
+        start = path[rng.integers(len(path))]
+        turn = angle + rng.choice([-1, 1]) * rng.uniform(0.35, 1.2)
+        end = start + np.array([np.cos(turn), np.sin(turn)]) * reach * rng.uniform(0.08, 0.25)
+        draw(rng, mask, wander(rng, start, end, 0.08), width * rng.uniform(0.35, 0.8), (False, True))
+
+
+def draw_net(rng: np.random.Generator, mask: NDArray[np.uint8], side: int, width: float) -> None:
+    """Map cracking: the borders of cells about chance points within a part of the picture."""
+    size = rng.uniform(0.3, 0.95) * side
+    corner = rng.uniform(0, side - size, 2)
+    count = int(rng.integers(8, 26))
+    points = rng.uniform(0, size, (count, 2))
+    subdivision = cv2.Subdiv2D((0, 0, int(size) + 2, int(size) + 2))
+    for x, y in points.tolist():
+        subdivision.insert((x, y))
+    facets, _ = subdivision.getVoronoiFacetList([])
+    for facet in facets:
+        ring = np.asarray(facet, dtype=np.float64)
+        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            inside = bool(((a > 0) & (a < size) & (b > 0) & (b < size)).all())
+            if inside and tuple(a) < tuple(b) and rng.random() < 0.85:
+                part = wander(rng, a + corner, b + corner, 0.07)
+                draw(rng, mask, part, width * rng.uniform(0.4, 0.9), (False, False))
+
+
 def shrink(mask: NDArray[np.uint8], side_px: int) -> Field:
     """The finer mask as coverage of the picture's own pixels, 0 to 1."""
     small = cv2.resize(mask, (side_px, side_px), interpolation=cv2.INTER_AREA)

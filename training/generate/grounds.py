@@ -39,10 +39,10 @@ class Grounds:
     painted: tuple[Ground, ...]
     bricks: tuple[Brick, ...]
 
-    def start(self, rng: np.random.Generator, side_px: int) -> tuple[Canvas, Ground, float]:
+    def start(self, rng: np.random.Generator, side_px: int) -> tuple[Canvas, Ground]:
         """A new picture on one of the surfaces, cut at a chance place, scale and mirror.
 
-        Returns the canvas, the ground as it was cut (`image` is then empty), and the scale, ground pixels to picture.
+        Returns the canvas and what is known of its surface: kind and bricks in pixels of the picture, no image.
         """
         kinds = [(self.close, 0.42), (self.facades, 0.18), (self.painted, 0.4)]
         kinds = [(kind, weight) for kind, weight in kinds if kind]
@@ -116,7 +116,7 @@ def _facade(sample: Sample) -> Ground:
     return Ground(image=image, free=calm * np.uint8(255), kind="facade")
 
 
-def _cut(ground: Ground, rng: np.random.Generator, side_px: int) -> tuple[Canvas, Ground, float]:
+def _cut(ground: Ground, rng: np.random.Generator, side_px: int) -> tuple[Canvas, Ground]:
     height, width = ground.image.shape[:2]
     low, high = (0.55, 1.5) if ground.kind == "facade" else (0.65, 1.6)
     scale = max(float(np.exp(rng.uniform(np.log(low), np.log(high)))), side_px / min(height, width) * 1.001)
@@ -142,4 +142,4 @@ def _cut(ground: Ground, rng: np.random.Generator, side_px: int) -> tuple[Canvas
     )
     brick = ground.brick_px and (ground.brick_px[0] * scale, ground.brick_px[1] * scale)
     cut = Ground(image=ground.image[:0], free=ground.free[:0], kind=ground.kind, brick_px=brick, corner_px=corner)
-    return canvas, cut, scale
+    return canvas, cut

@@ -45,7 +45,7 @@ def make_picture(grounds: Grounds, seed: int, *, side_px: int = 416) -> Picture:
     rng = np.random.default_rng(seed)
     if grounds.bricks and rng.random() < LAID_SHARE:
         return _laid(rng, grounds, side_px)
-    canvas, ground, _ = grounds.start(rng, side_px)
+    canvas, ground = grounds.start(rng, side_px)
     distract(canvas, int(rng.choice([0, 1, 2, 3], p=[0.3, 0.33, 0.25, 0.12])))
     boxes: list[list[float]] = []
     classes: list[int] = []
@@ -114,9 +114,9 @@ def _crack(canvas: Canvas, ground: Ground, taken: list[list[float]]) -> list[lis
         path = cracks.along_joints(rng, ground.corner_px, ground.brick_px, side)
         cracks.draw(rng, mask, path, max(width, 0.06 * ground.brick_px[1]), (False, True))
     elif kind > 0.92:
-        _net(rng, mask, side, width)
+        cracks.draw_net(rng, mask, side, width)
     else:
-        _line(rng, mask, side, width)
+        cracks.draw_line(rng, mask, side, width)
     coverage = cracks.shrink(mask, side) * (canvas.free if ground.kind == "facade" else np.float32(1))
     box = _loose(rng, coverage > 0.25, side)
     if box is None or any(_overlap(box, other) > 0.5 for other in taken):
@@ -126,45 +126,6 @@ def _crack(canvas: Canvas, ground: Ground, taken: list[list[float]]) -> list[lis
         return []  # nobody could see it
     cracks.paint(canvas, coverage, depth=depth, halo=rng.choice([0.0, 0.05, 0.15, 0.3]))
     return [box]
-
-
-def _line(rng: np.random.Generator, mask: NDArray[np.uint8], side: int, width: float) -> None:
-    """A crack across all or part of the picture, with up to three branches."""
-    angle = rng.choice([0, np.pi / 2, rng.uniform(0, np.pi)]) + rng.normal(0, 0.12)
-    long = rng.random() < 0.65
-    reach = side * (1.6 if long else rng.uniform(0.15, 0.6))
-    middle = rng.uniform(0.15, 0.85, 2) * side
-    away = np.array([np.cos(angle), np.sin(angle)]) * reach / 2
-    path = cracks.wander(rng, middle - away, middle + away, rng.choice([0.02, 0.05, 0.09]))
-    if long and rng.random() < 0.4:  # it ends within the picture
-        path = path[: int(len(path) * rng.uniform(0.4, 0.75))]
-        cracks.draw(rng, mask, path, width, (False, True))
-    else:
-        cracks.draw(rng, mask, path, width, (not long, not long))
-    for _ in range(int(rng.choice([0, 1, 2, 3], p=[0.55, 0.25, 0.13, 0.07]))):
-        start = path[rng.integers(len(path))]
-        turn = angle + rng.choice([-1, 1]) * rng.uniform(0.35, 1.2)
-        end = start + np.array([np.cos(turn), np.sin(turn)]) * reach * rng.uniform(0.08, 0.25)
-        cracks.draw(rng, mask, cracks.wander(rng, start, end, 0.08), width * rng.uniform(0.35, 0.8), (False, True))
-
-
-def _net(rng: np.random.Generator, mask: NDArray[np.uint8], side: int, width: float) -> None:
-    """Map cracking: the borders of cells about chance points within a part of the picture."""
-    size = rng.uniform(0.3, 0.95) * side
-    corner = rng.uniform(0, side - size, 2)
-    count = int(rng.integers(8, 26))
-    points = rng.uniform(0, size, (count, 2))
-    subdivision = cv2.Subdiv2D((0, 0, int(size) + 2, int(size) + 2))
-    for x, y in points.tolist():
-        subdivision.insert((x, y))
-    facets, _ = subdivision.getVoronoiFacetList([])
-    for facet in facets:
-        ring = np.asarray(facet, dtype=np.float64)
-        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-            inside = bool(((a > 0) & (a < size) & (b > 0) & (b < size)).all())
-            if inside and tuple(a) < tuple(b) and rng.random() < 0.85:
-                part = cracks.wander(rng, a + corner, b + corner, 0.07)
-                cracks.draw(rng, mask, part, width * rng.uniform(0.4, 0.9), (False, False))
 
 
 def _spalling(canvas: Canvas, ground: Ground, grounds: Grounds, taken: list[list[float]]) -> list[list[float]]:
