@@ -23,7 +23,7 @@ from schemas.vocabulary import CrackWidthOutcome, DefectClass, DetectionOutcome
 _log = logging.getLogger(__name__)
 _MARGIN_PX = 40  # of photograph about a box, so that the wall beside a crack at its edge is seen
 _MASK_RIM_PX = 1.5  # a mask follows its crack this closely at best
-_PIXELS_MOST = 30_000_000  # of one piece; a larger box holds more than one crack
+_PIXELS_MOST = 12_000_000  # of one piece (half a gigabyte of work); a larger box holds more than one crack
 _BLUR_PIECE_PX, _BLUR_PIECES = 512, 16  # a photograph's blur is the median of that of pieces across it
 _LINE_FINE_PX = 0.3  # bends smaller than this are left out of a line that is stored
 
