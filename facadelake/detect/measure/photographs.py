@@ -130,6 +130,8 @@ def _mask(text: str, x0: int, y0: int, shape: tuple[int, ...]) -> NDArray[np.boo
     shape_px = shapely.buffer(shapely.make_valid(shapely.from_wkt(text)), _MASK_RIM_PX)
     out = np.zeros(shape, dtype=np.uint8)
     for part in shapely.get_parts(shape_px):
+        if part.is_empty:
+            continue
         rings = [part.exterior, *part.interiors]
         corners = [np.round((np.asarray(ring.coords) - [x0 + 0.5, y0 + 0.5]) * 256).astype(np.int32) for ring in rings]
         cv2.fillPoly(out, corners, 1, cv2.LINE_8, 8)
