@@ -2,7 +2,7 @@
 
 Sources: dacl10k (Flotzinger et al., WACV 2024: 13 damages and 6 parts) and CODEBRIM (Mundt et al., CVPR 2019: 5 defects
 and background), whole, beside plain words. A name without counterpart among our classes (rust, graffiti, drainage, ...)
-is reported, not guessed. A model card's ``classes`` and a building's ``class_names`` add names or change what one
+is reported, not guessed. ``classes`` of a model's card and of a building's detector add names or change what one
 stands for.
 """
 
@@ -85,7 +85,7 @@ def crosswalk_with(*class_names: Mapping[str, str]) -> Crosswalk:
     for name, target in (pair for names in class_names for pair in names.items()):
         if target not in set(DefectClass):
             raise InputDataError(
-                f"class_names: '{name}' is set to '{target}', which is not a defect class; "
+                f"classes: '{name}' is set to '{target}', which is not a defect class; "
                 f"use one of {', '.join(DefectClass)}"
             )
         own[_normal_form(name)] = DefectClass(target)

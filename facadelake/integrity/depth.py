@@ -64,7 +64,7 @@ def _masked_ssim(a: Array, b: Array, both: NDArray[np.bool_], whole: NDArray[np.
         return 1.0  # both are one and the same plane square to the axis
     # C1 depends on where zero is: depths count from the nearest surface, as in an image stretched to its range.
     filled = [np.where(both, image - low, 0.0) for image in (a, b)]
-    _, similarity = structural_similarity(  # type: ignore[no-untyped-call]
+    _, similarity = structural_similarity(
         *filled,
         data_range=data_range,
         gaussian_weights=True,
