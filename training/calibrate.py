@@ -1,14 +1,15 @@
 """Scores that mean probabilities, a threshold, and the card: `python -m training.calibrate --model ... --data ...`.
 
 Platt's line on the logit (Platt, Probabilistic outputs for support vector machines, 1999) is fitted to what the
-detector finds, as it is used, in the pictures kept for choosing; the test sites are not looked at.
+detector finds, as it is used, in the pictures kept for choosing, real and generated (the only ones with moisture);
+threshold and suppression are chosen by the real ones. The test sites are not looked at.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +31,11 @@ from facadelake.detect.detector import OnnxDetector
 from facadelake.detect.tiling import detect_image
 from training.assign import iou_matrix
 from training.data.sample import CLASSES, Sample
-from training.sources import TRAINED_ON, drawn_samples, validation_samples
+from training.sources import TRAINED_ON, drawn_samples, judged_samples, validation_samples
 
 INPUT_PX = 416
 LOWEST = 0.02  # of the uncalibrated score; what is below says nothing more
-NMS_IOUS = (0.4, 0.5, 0.6, 0.7)
+NMS_IOUS = (0.45, 0.6)
 HIT_IOU = 0.5
 F1_FOR_QUIET = 0.01  # the highest threshold is taken that costs no more than this of the best F1
 ALARM_RANGE = np.arange(0.2, 0.91, 0.01)
@@ -66,24 +67,23 @@ def main() -> None:
     parser.add_argument("--model", type=Path, required=True)
     parser.add_argument("--data", type=Path, required=True, help="folder with defects/ and drone/")
     parser.add_argument("--generated", type=Path, nargs="*", default=())
+    parser.add_argument("--judge", type=Path, nargs="*", default=(), help="real areas, as COCO, to choose by")
     parser.add_argument("--name", default="facadelake-nano")
     options = parser.parse_args()
-    real, drawn = validation_samples(options.data), drawn_samples(options.generated)
+    real = (*validation_samples(options.data), *judged_samples(options.judge))
+    drawn = drawn_samples(options.generated)
     tried = {iou: tell(options.model, base_card(options.name, nms_iou=iou), real) for iou in NMS_IOUS}
     best_f1 = {iou: max(told.f1(t) for t in ALARM_RANGE) for iou, told in tried.items()}
     nms_iou = max(best_f1, key=lambda iou: best_f1[iou])
     print("suppression IoU -> best F1:", {iou: round(f1, 3) for iou, f1 in best_f1.items()}, "chosen", nms_iou)
     card = base_card(options.name, nms_iou=nms_iou)
-    told = tell(options.model, card, (*real, *drawn))
-    line = platt(told.score, told.hit)
-    score = _line(told.score, line)
-    calibrated = Told(
-        score=score, hit=told.hit, truths=told.truths, quiet=told.quiet, quiet_pictures=told.quiet_pictures
-    )
-    enough = max(calibrated.f1(one) for one in ALARM_RANGE) - F1_FOR_QUIET
-    threshold = float(max(one for one in ALARM_RANGE if calibrated.f1(one) >= enough))
+    told, also = tried[nms_iou], tell(options.model, card, drawn)
+    line = platt(np.concatenate([told.score, also.score]), np.concatenate([told.hit, also.hit]))
+    told = replace(told, score=_line(told.score, line))
+    enough = max(told.f1(one) for one in ALARM_RANGE) - F1_FOR_QUIET
+    threshold = float(max(one for one in ALARM_RANGE if told.f1(one) >= enough))
     for one in (*np.arange(0.2, 0.91, 0.1), threshold):
-        print(f"score {one:.2f}: F1 {calibrated.f1(one):.3f}, false boxes a quiet picture {calibrated.alarms(one):.2f}")
+        print(f"score {one:.2f}: F1 {told.f1(one):.3f}, false boxes a quiet picture {told.alarms(one):.2f}")
     card = card.model_copy(update={"score_calibration": line, "score_threshold": round(threshold, 2)})
     card = card.model_copy(update={"metrics": {"model_sha256": file_hash(options.model)}})
     card_path(options.model).write_text(card_text(card), encoding="utf-8")

@@ -35,7 +35,7 @@ WARM_UP = 0.03  # share of the time
 LAST_PART = 0.15  # share of the time at the end without mosaics
 KEEP = 0.998  # of the running mean of the weights, a step
 REPORT = 20  # steps between lines of the log
-LOOK_S = 300.0  # between looks at the pictures kept for choosing, each with a checkpoint
+LOOK_S = 480.0  # between looks at the pictures kept for choosing, each with a checkpoint
 WORTH = {"real": 0.5, "areas": 0.3, "generated": 0.2}  # of the mean AP50 in choosing the best checkpoint
 CLIP = 10.0  # norm of the gradient
 
