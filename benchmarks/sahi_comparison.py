@@ -13,7 +13,8 @@ bare   the onnxruntime session alone, on as many inputs as our way looks at: the
 ours   ``detect_image``: tiles, inference and what the borders cut put together
 sahi   ``get_sliced_prediction``: slices of the same size with the same overlap and a look at the whole, merged by its
        default (greedy NMM on IOS). Its adapter below reads the model by our own letterbox and layout, so that what
-       differs is the way through the photograph, not the reading of the model.
+       differs is the way through the photograph, not the reading of the model. A model of layout yolov8 is measured a
+       second time with SAHI's own adapter, where ``ultralytics`` (AGPL-3.0) stands in that environment too
 
 Prints Markdown: seconds a photograph (the fastest and the median), tiles a second, processor seconds, boxes, and how
 many of either's boxes the other has too (IoU 0.5). No truth here: which of two different answers is better is measured
@@ -32,6 +33,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -40,13 +42,14 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from facadelake.detect.card import ModelCard
+from facadelake.detect.card import Layout, ModelCard
 from facadelake.detect.detector import Found, OnnxDetector, load_detector
 from facadelake.detect.tiling.look import detect_image
 from facadelake.detect.tiling.plan import OVERLAP, plan_looks
 
 try:
     import sahi
+    from sahi import AutoDetectionModel
     from sahi.models.base import DetectionModel
     from sahi.predict import get_sliced_prediction
     from sahi.prediction import ObjectPrediction
@@ -125,6 +128,15 @@ def compare(image: Image, model: Path, card: Path | None, *, threads: int, repea
     }
     for count in {1, threads}:
         _session_of(model, count)
+    if one_each.card.output.layout is Layout.YOLOV8 and find_spec("ultralytics"):
+        stock = AutoDetectionModel.from_pretrained(
+            "ultralytics",
+            model_path=str(model),
+            confidence_threshold=one_each.card.score_threshold,
+            image_size=spec.width_px,
+            device="cpu",
+        )
+        ways["sahi, its own adapter"] = Way(run=lambda photo: _sahi(stock, photo, spec.width_px, spec.height_px))
     slices = _slice_count(width, spec.width_px) * _slice_count(height, spec.height_px)
     for _ in range(repeats):
         for way in ways.values():
@@ -149,7 +161,7 @@ def _labelled(detector: OnnxDetector, one: Found) -> NDArray[np.float64]:
     return np.array([*_corners(one), detector.card.class_names.index(one.class_name)], dtype=np.float64)
 
 
-def _sahi(wrapped: Slices, image: Image, width: int, height: int) -> list[NDArray[np.float64]]:
+def _sahi(wrapped: DetectionModel, image: Image, width: int, height: int) -> list[NDArray[np.float64]]:
     rgb = np.ascontiguousarray(image[:, :, ::-1])
     result = get_sliced_prediction(
         rgb,
@@ -231,7 +243,7 @@ def _table(results: Sequence[tuple[str, dict[str, Any]]]) -> str:
     for name, result in results:
         fastest = min(result["ways"]["sahi"]["wall_s"])
         for way, took in result["ways"].items():
-            tiles = result["tiles"]["sahi" if way == "sahi" else "ours"]
+            tiles = result["tiles"]["sahi" if way.startswith("sahi") else "ours"]
             best, middle = min(took["wall_s"]), statistics.median(took["wall_s"])
             lines.append(
                 f"| {name} {result['image']} | {way} | {tiles} | {best:.2f} | {middle:.2f} | {min(took['cpu_s']):.2f} "
