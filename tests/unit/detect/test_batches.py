@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import onnx
 import pytest
@@ -12,6 +13,7 @@ from onnx import TensorProto, helper
 
 from facadelake.detect.card import ModelCard, Resize
 from facadelake.detect.detector import Found, OnnxDetector
+from facadelake.detect.find_card import find_card
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, card, save_spot_finder
 
 SIZES = [(1536, 1024), (1024, 1536), (2000, 251), (333, 1999), (60, 50), (WIDTH, HEIGHT)]
@@ -105,3 +107,21 @@ def test_calibrated_scores_and_their_threshold(tmp_path: Path) -> None:
     assert [one.class_name for one in strict] == ["crack"]
     stricter = detector(tmp_path / "spots.onnx", score_calibration=line, score_threshold=0.51).detect(image)
     assert stricter == ()
+
+
+def test_the_shipped_model_sees_the_same_in_a_batch() -> None:
+    model = Path(__file__).parents[3] / "data" / "detector" / "facadelake-nano.onnx"
+    everything = find_card(model).model_copy(update={"score_threshold": 0.0, "nms_iou": 1.0, "max_detections": 50})
+    shipped = OnnxDetector(model, everything, threads=1)
+    assert shipped.takes_batches
+    images = []
+    for seed in range(2):
+        wall = np.random.default_rng(seed).normal(150, 12, (300, 500, 3)).clip(0, 255).astype(np.uint8)
+        cv2.line(wall, (40 + 90 * seed, 0), (300, 299), (45, 45, 45), 3 + seed)
+        images.append(wall)
+    alone = [[found.score for found in shipped.detect(image)] for image in images]
+    together = [[found.score for found in one] for one in shipped.detect_batch(images)]
+    assert [len(scores) for scores in alone] == [50, 50]
+    assert alone[0] != pytest.approx(alone[1], rel=0, abs=1e-3)
+    for one, other in zip(alone, together, strict=True):
+        assert one == pytest.approx(other, rel=0, abs=1e-3)
