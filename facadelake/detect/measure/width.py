@@ -79,7 +79,7 @@ def width_of(profiles: Profiles, blur: Blur) -> Width:
     places = np.arange(len(profiles.even))
     local = np.interp(places, places[profiles.even], by_place)  # a crack's width goes on where a joint crosses it
     mean, contrast = float(local.mean()), float(share @ contrasts)
-    independent = max(len(smooth) / (_CORRELATED_PX + mean), 1.0)
+    independent = max(len(smooth) / max(_CORRELATED_PX + mean, _memory(profiles.beside_px)), 1.0)
     by_scatter = float(np.sqrt(np.mean(noise**2) / independent))
     error = float(np.hypot(np.hypot(by_fit, by_scatter), _FLOOR_PX))
     blur_error = sigma * float(np.sqrt(max(covariance[0, 0], 0.0)))
@@ -183,6 +183,17 @@ def _noise(rows: Array, mean: Array) -> float:
     """One sigma of the mean profile: scatter about it, and what the model does not know."""
     independent = max(len(rows) / _CORRELATED_PX, 1.0)
     return float(np.hypot(np.median(np.std(rows - mean, axis=0)) / np.sqrt(independent), _SHAPE))
+
+
+def _memory(values: Array) -> float:
+    """How many places (k,) tell as much as one: the sum of the autocorrelation to where it first falls below 0."""
+    away = values - values.mean()
+    along = np.correlate(away, away, mode="full")[len(away) - 1 :]
+    if along[0] <= 0:
+        return 1.0
+    share = along / along[0]
+    last = int(np.argmax(share < 0)) if (share < 0).any() else len(share)
+    return float(2 * share[:last].sum() - 1)
 
 
 def _widest(means: list[Array], across_px: Array, blur_px: float) -> float:
