@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from facadelake.detect.crosswalk import crosswalk_with
 from facadelake.errors import InputDataError
-from facadelake.lake.read import versions
+from facadelake.lake.read import read_table
 from facadelake.lake.reviews import Added, append_reviews
 from facadelake.registry import Building
 from facadelake.review.coco_words import Words, words_of_coco
@@ -29,7 +29,7 @@ _TABLES = ("runs", "photos", "detections", "observations", "defects", "reviews")
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewedCampaign:
-    """A committed campaign, its detections as persons left them, and the lake's version that was read.
+    """A committed campaign and its detections as persons left them.
 
     ``sizes``: (width, height) in px of the accepted photographs, by photo_id.
     """
@@ -37,7 +37,6 @@ class ReviewedCampaign:
     building_id: str
     campaign_id: str
     run_id: str
-    version: int
     tables: Mapping[str, pa.Table]
     sizes: Mapping[str, tuple[int, int]]
     judgement: Judgement
@@ -62,11 +61,6 @@ def reviewed_campaign(building: Building, campaign_id: str, *, lake: Path) -> Re
         building_id=building.id,
         campaign_id=campaign_id,
         run_id=tables["runs"].column("run_id")[0].as_py(),
-        version=max(
-            row["version"]
-            for row in versions(lake).to_pylist()
-            if (row["building_id"], row["campaign_id"]) == (building.id, campaign_id)
-        ),
         tables=tables,
         sizes={
             row["photo_id"]: (row["image_width_px"], row["image_height_px"])
@@ -165,8 +159,9 @@ def import_reviews(
         raise InputDataError(f"{file} holds no word that can be used: {told}")
     table = table_of_reviews(words.reviews, building_id=building.id, campaign_id=campaign_id)
     added = append_reviews(lake, table, building_id=building.id, campaign_id=campaign_id)
-    after = reviewed_campaign(building, campaign_id, lake=lake)
-    return Imported(words=words, added=added, unmatched=after.judgement.unmatched)
+    reviews = reviews_of(read_table(lake, "reviews", building_id=building.id, campaign_id=campaign_id))
+    after = judge(reviews, detected(campaign.tables["detections"]))
+    return Imported(words=words, added=added, unmatched=after.unmatched)
 
 
 def _task_of(path: Path, campaign: ReviewedCampaign) -> Task:

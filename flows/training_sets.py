@@ -7,7 +7,7 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 
 from facadelake.errors import InputDataError
-from facadelake.lake.read import read_table
+from facadelake.lake.read import read_table, versions
 from facadelake.registry import Building
 from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.splits import Split, chosen_splits, split_of
@@ -38,6 +38,7 @@ def make_training_set(
             f"--split names {', '.join(strange)}, but the set is of {', '.join(b.id for b in buildings)}"
         )
     placed = {building.id: split_of(building.id, chosen) for building in buildings}
+    newest = {(row["building_id"], row["campaign_id"]): row["version"] for row in versions(lake).to_pylist()}
     sources = []
     for building in buildings:
         held = read_table(lake, "reviews", building_id=building.id)
@@ -49,7 +50,7 @@ def make_training_set(
                     building_id=building.id,
                     campaign_id=campaign_id,
                     run_id=campaign.run_id,
-                    version=campaign.version,
+                    version=newest[building.id, campaign_id],
                     root=building.photographs_of(campaign_id),
                     split=placed[building.id],
                     judgement=campaign.judgement,
