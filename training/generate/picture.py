@@ -77,7 +77,7 @@ def _laid(rng: np.random.Generator, grounds: Grounds, side_px: int) -> Picture:
     )
 
 
-def _place(
+def place_for(
     canvas: Canvas, size: tuple[int, int], taken: list[list[float]], *, outside: float, bottom: bool = False
 ) -> Place | None:
     """A place for a patch of this size (height, width) that is wall and not yet taken, or None.
@@ -85,6 +85,8 @@ def _place(
     Up to `outside` of the patch may lie beyond the picture; `bottom`: it stands on the lower border.
     """
     side = canvas.side_px
+    if max(size) * (1 - 2 * outside) > side:
+        return None
     for _ in range(14):
         over = outside * np.array(size)
         y, x = canvas.rng.uniform(-over, side - np.array(size) + over)
@@ -140,10 +142,12 @@ def _spalling(canvas: Canvas, ground: Ground, grounds: Grounds, taken: list[list
     if row:
         size *= 0.35
     both = size * np.array([stretch**-0.5, stretch**0.5])
-    height, width = np.clip(both, 14 if facade else 22, (0.35 if facade else 1.3) * side).astype(int).tolist()
+    height, width = (
+        np.clip(both, 14 if facade else 22, (0.35 if facade else 0.5 if row else 1.3) * side).astype(int).tolist()
+    )
     boxes: list[list[float]] = []
     for _ in range(int(rng.integers(2, 6)) if row else 1):
-        place = _place(canvas, (height, width), taken + boxes, outside=0 if facade or row else 0.45)
+        place = place_for(canvas, (height, width), taken + boxes, outside=0 if facade or row else 0.45)
         if place is None:
             continue
         beneath = None
@@ -182,7 +186,7 @@ def _moisture(canvas: Canvas, ground: Ground, taken: list[list[float]]) -> list[
     if maker is moisture.rising_damp:
         width = int(width * rng.uniform(1, 2.5))
     foot = maker is moisture.rising_damp
-    place = _place(canvas, (height, width), taken, outside=0 if facade else 0.4, bottom=foot)
+    place = place_for(canvas, (height, width), taken, outside=0 if facade else 0.4, bottom=foot)
     if place is None:
         return []
     return _seen(canvas, place, partial(maker, canvas, place))

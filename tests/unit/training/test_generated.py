@@ -15,7 +15,7 @@ from training.generate.brickwork import Brick, lay_wall
 from training.generate.canvas import Canvas, Place
 from training.generate.folder import read_pictures
 from training.generate.grounds import Grounds
-from training.generate.picture import make_picture
+from training.generate.picture import make_picture, place_for
 from training.generate.spalling import spall
 from training.generate.surfaces import Ground, bricks, plaster
 
@@ -35,6 +35,15 @@ def _canvas(seed: int = 0, level: float = 0.3) -> Canvas:
         rng=np.random.default_rng(seed),
         light=np.array([0.6, -0.8]),
     )
+
+
+def test_a_patch_larger_than_the_picture_has_no_place_in_it() -> None:
+    canvas = _canvas()
+    assert place_for(canvas, (SIDE // 2, SIDE + 1), [], outside=0) is None
+    place = place_for(canvas, (SIDE // 2, SIDE + 20), [], outside=0.4)
+    assert place is not None
+    shown = (place.window[3] - place.window[2]) / 2 * (SIDE + 20)
+    assert abs(shown - place.width) < 2  # px: the window tells what is visible
 
 
 def test_the_seed_decides_the_picture(grounds: Grounds) -> None:
