@@ -14,9 +14,9 @@ from training.view import PAD_VALUE, Placing, View, lay_boxes, lay_image
 
 _CRACK, _MOISTURE = 0, 2
 _SCALES = (0.55, 2.2)
-_CLOSE_SHARE = 0.35  # of the pictures with spalling or moisture: one of them is shown close,
-_CLOSE_FILLS = (0.4, 0.95)  # so that it fills this much of the input,
-_CLOSE_MOST = 3.0  # enlarged so many times at most
+_CLOSE_SHARE = 0.5  # of the pictures with spalling or moisture: one of them is shown close,
+_CLOSE_FILLS = (0.35, 1.3)  # so that it fills this much of the input (more than 1: it is cut),
+_CLOSE_MOST = 4.0  # enlarged so many times at most
 
 
 @dataclass(frozen=True, kw_only=True)
