@@ -15,6 +15,7 @@ from facadelake.detect.tiling import detect_image
 from training.data.sample import CLASSES
 
 MODEL = MODELS / SHIPPED
+LOOSE_PX = 10.0  # people draw boxes of cracks so
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def _wall(seed: int, side_px: int = 416) -> np.ndarray:
 
 
 def _cracked(seed: int) -> tuple[np.ndarray, tuple[float, float, float, float]]:
-    """A wall with a crack of 2 to 4 px that wanders from side to side; its box."""
+    """A wall with a crack of 2 to 4 px that wanders from side to side; its box as drawn by hand."""
     image = _wall(seed)
     rng = np.random.default_rng(100 + seed)
     x = np.linspace(-5, 421, 90)
@@ -42,7 +43,7 @@ def _cracked(seed: int) -> tuple[np.ndarray, tuple[float, float, float, float]]:
         ends = [tuple(np.round(p * 16).astype(int).tolist()) for p in (start, end)]
         cv2.line(image, ends[0], ends[1], (48, 50, 55), int(rng.integers(2, 5)), cv2.LINE_AA, 4)
     image = cv2.GaussianBlur(image, (0, 0), 0.7)
-    return image, (0.0, float(points[:, 1].min()), 416.0, float(points[:, 1].max()))
+    return image, (0.0, float(points[:, 1].min()) - LOOSE_PX, 416.0, float(points[:, 1].max()) + LOOSE_PX)
 
 
 def test_it_is_small_and_its_card_names_its_hash() -> None:
@@ -70,7 +71,7 @@ def test_it_finds_drawn_cracks(detector: OnnxDetector) -> None:
             if one.class_name == "crack" and wide * high / union >= 0.5:
                 hits += 1
                 break
-    assert hits >= 5  # of 8
+    assert hits >= 7  # of 8
 
 
 def test_it_is_quiet_on_plain_walls(detector: OnnxDetector) -> None:
