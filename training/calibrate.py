@@ -47,14 +47,22 @@ class Told:
 
     score: NDArray[np.float64]
     hit: NDArray[np.bool_]
-    truths: int
+    kind: NDArray[np.int64]
+    truths: NDArray[np.int64]  # of each class
     quiet: NDArray[np.bool_]  # said in a picture without defects
     quiet_pictures: int
 
     def f1(self, threshold: float) -> float:
-        """Harmonic mean of precision and recall at a score."""
+        """Harmonic mean of precision and recall at a score; mean of the classes that are there to be found."""
         shown = self.score >= threshold
-        return 2 * int((self.hit & shown).sum()) / max(int(shown.sum()) + self.truths, 1)
+        scores = [
+            2
+            * int((self.hit & shown & (self.kind == kind)).sum())
+            / (int((shown & (self.kind == kind)).sum()) + truths)
+            for kind, truths in enumerate(self.truths)
+            if truths
+        ]
+        return float(np.mean(scores))
 
     def alarms(self, threshold: float) -> float:
         """Boxes in a picture without defects."""
@@ -110,6 +118,7 @@ def tell(model: Path, card: ModelCard, samples: Sequence[Sample]) -> Told:
     detector = OnnxDetector(model, card)
     scores: list[float] = []
     hits: list[bool] = []
+    kinds: list[int] = []
     quiet: list[bool] = []
     for sample in samples:
         free = np.ones(len(sample.classes), dtype=bool)
@@ -117,17 +126,20 @@ def tell(model: Path, card: ModelCard, samples: Sequence[Sample]) -> Told:
             box = one.box
             corners = np.array([[box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px]])
             iou = iou_matrix(corners.astype(np.float32), sample.boxes_px.astype(np.float32))[0]
-            iou[~free | (sample.classes != CLASSES.index(one.class_name))] = 0
+            kind = [str(name) for name in CLASSES].index(one.class_name)
+            iou[~free | (sample.classes != kind)] = 0
             hit = bool(len(iou)) and iou.max() >= HIT_IOU
             if hit:
                 free[iou.argmax()] = False
             scores.append(one.score)
             hits.append(hit)
+            kinds.append(kind)
             quiet.append(not len(sample.classes))
     return Told(
         score=np.array(scores, dtype=np.float64),
         hit=np.array(hits, dtype=bool),
-        truths=sum(len(sample.classes) for sample in samples),
+        kind=np.array(kinds, dtype=np.int64),
+        truths=np.bincount(np.concatenate([sample.classes for sample in samples]), minlength=len(CLASSES)),
         quiet=np.array(quiet, dtype=bool),
         quiet_pictures=sum(not len(sample.classes) for sample in samples),
     )

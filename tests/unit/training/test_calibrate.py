@@ -25,12 +25,13 @@ def test_f1_and_alarms_count_what_is_shown() -> None:
     told = Told(
         score=np.array([0.9, 0.8, 0.6, 0.3]),
         hit=np.array([True, False, True, True]),
-        truths=4,
+        kind=np.array([0, 0, 0, 1]),
+        truths=np.array([3, 1, 0]),
         quiet=np.array([False, True, False, False]),
         quiet_pictures=2,
     )
-    assert told.f1(0.85) == pytest.approx(2 * 1 / (1 + 4))
-    assert told.f1(0.5) == pytest.approx(2 * 2 / (3 + 4))
+    assert told.f1(0.85) == pytest.approx((2 * 1 / (1 + 3) + 0) / 2)
+    assert told.f1(0.2) == pytest.approx((2 * 2 / (3 + 3) + 1) / 2)
     assert told.alarms(0.5) == pytest.approx(0.5)
     assert told.alarms(0.85) == 0
 
