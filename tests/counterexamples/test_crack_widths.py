@@ -93,3 +93,15 @@ def test_a_bar_has_its_width_however_it_is_stored(tmp_path: Path, kind: str) -> 
     assert found["crack_width_outcome"] == "measured"
     assert found["crack_width_px"] == pytest.approx(6.0, rel=0, abs=0.5)  # px
     assert found["crack_length_px"] == pytest.approx(200.0, rel=0, abs=12.0)  # px
+
+
+def test_a_large_mask_of_two_parts_in_a_photograph_of_odd_sides_is_one_line(tmp_path: Path) -> None:
+    """So large that its way is searched by blocks of pixels, which do not divide the photograph."""
+    pixels = np.random.default_rng(3).normal(180, 3, (401, 703)).clip(0, 255).astype(np.uint8)
+    pixels[198:204, 50:650] = 20
+    Image.fromarray(pixels).save(tmp_path / "wall.png")
+    parts = "((50 195, 250 195, 250 207, 50 207, 50 195)), ((450 195, 650 195, 650 207, 450 207, 450 195))"
+    (crack,) = measured(tmp_path, row(1, "wall.png", (0.0, 0.0, 703.0, 401.0), f"MULTIPOLYGON ({parts})"))
+    assert crack["crack_width_outcome"] == "measured"
+    assert crack["crack_width_px"] == pytest.approx(6.0, rel=0, abs=0.6)  # px
+    assert crack["crack_length_px"] == pytest.approx(600.0, rel=0, abs=40.0)  # px, over the gap

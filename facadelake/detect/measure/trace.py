@@ -78,7 +78,8 @@ def _costs(ridges: Ridges, inside: Bools) -> tuple[Array, int]:
     strength = ridges.strength
     usual = max(float(np.percentile(strength[inside], 98)) if inside.any() else 0.0, 1e-6)
     if block > 1:
-        strength, inside = block_reduce(strength, (block, block), np.max), block_reduce(inside, (block, block), np.min)
+        strength = block_reduce(strength, (block, block), np.max)
+        inside = block_reduce(inside, (block, block), np.min, cval=True)  # a picture's last blocks may be cut
     cost = 1 / (_FLAT + np.minimum(strength / usual, 1.0))
     return np.where(inside, cost, np.inf), block
 
