@@ -139,7 +139,9 @@ def tell(model: Path, card: ModelCard, samples: Sequence[Sample]) -> Told:
         score=np.array(scores, dtype=np.float64),
         hit=np.array(hits, dtype=bool),
         kind=np.array(kinds, dtype=np.int64),
-        truths=np.bincount(np.concatenate([sample.classes for sample in samples]), minlength=len(CLASSES)),
+        truths=np.bincount(
+            np.concatenate([sample.classes for sample in samples] or [np.zeros(0, np.int64)]), minlength=len(CLASSES)
+        ),
         quiet=np.array(quiet, dtype=bool),
         quiet_pictures=sum(not len(sample.classes) for sample in samples),
     )
