@@ -10,6 +10,7 @@ from uuid import uuid4
 
 from prefect import flow
 
+from facadelake.detect.chosen import settled
 from facadelake.errors import FacadelakeError
 from facadelake.registry import CocoDetector, read_portfolio
 from flows.precheck import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
@@ -72,6 +73,7 @@ def inspect_building(
     campaign = resolved_campaign(building, campaign_id)
     warnings = list(check_files(building, campaign, detections))
     check_control(building, campaign, georeference, poses)
+    building = settled(building)
     job = InspectionJob(
         building=building,
         campaign_id=campaign,

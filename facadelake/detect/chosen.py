@@ -7,7 +7,18 @@ from pathlib import Path
 
 from facadelake.detect.detector import OnnxDetector, detector_fingerprint, load_detector
 from facadelake.detect.shelf import default_model
-from facadelake.registry import DEFAULT_MODEL, OnnxDetectorSetting
+from facadelake.registry import DEFAULT_MODEL, Building, OnnxDetectorSetting
+
+
+def settled(building: Building) -> Building:
+    """The building with the file that ``default`` means now in its place: a promotion does not reach a run under way.
+
+    Raises ModelError where there is no default model.
+    """
+    setting = building.detector
+    if not isinstance(setting, OnnxDetectorSetting) or setting.model != DEFAULT_MODEL:
+        return building
+    return building.model_copy(update={"detector": setting.model_copy(update={"model": str(model_file(setting))})})
 
 
 def model_file(setting: OnnxDetectorSetting) -> Path:

@@ -82,8 +82,10 @@ def default_model(folder: Path = MODELS) -> Path:
 def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | None, folder: Path = MODELS) -> Promotion:
     """Put ``model`` and its card on the shelf as ``<card's name>-<hash>.onnx`` and make it the default.
 
-    The caller has judged whether it may be. Doing it again for the model that is the default changes nothing.
-    Raises ModelError for a model without a card, StoreError where the folder cannot be written.
+    The caller has judged whether it may be, beside the default of hash ``replaces`` (None: there was none of use).
+    Doing it again for the model that is the default changes nothing.
+    Raises ModelError for a model without a card and where another was promoted meanwhile, StoreError where the folder
+    cannot be written.
     """
     card = find_card(model)
     sha256 = file_hash(model)
@@ -94,6 +96,11 @@ def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | No
             known = promotions(folder)
             if known and known[-1].sha256 == sha256:
                 return known[-1]
+            if known and replaces not in (None, known[-1].sha256):
+                raise ModelError(
+                    f"{model} is to replace {str(replaces)[:12]}, but the default is {known[-1].sha256[:12]} "
+                    f"since {known[-1].by} promoted it; compare with that one, then promote again"
+                )
             entry = Promotion(
                 file=f"{name}-{sha256[:12]}.onnx",
                 sha256=sha256,

@@ -8,8 +8,10 @@ import yaml
 
 from facadelake.cache import file_hash
 from facadelake.detect.card import read_card
+from facadelake.detect.chosen import model_file, settled
 from facadelake.detect.shelf import LIST, SHIPPED, default_model, promote, promotions
 from facadelake.errors import ModelError
+from facadelake.registry import Building, OnnxDetectorSetting
 from tests.unit.detect.onnx_models import card, save_model
 
 
@@ -63,3 +65,25 @@ def test_model_without_card_leaves_the_default(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r"bare\.card\.yaml does not exist"):
         promote(bare, by="A", why="b", evidence="", replaces=None, folder=tmp_path / "shelf")
     assert promotions(tmp_path / "shelf") == ()
+
+
+def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+    shelf = tmp_path / "shelf"
+    shipped, second, third = (_model(tmp_path, name, 0.1 * i) for i, name in enumerate(("first", "second", "third")))
+    given = {"by": "A. Mason", "why": "a trial", "evidence": "", "folder": shelf}
+    promote(second, replaces=file_hash(shipped), **given)
+    with pytest.raises(ModelError, match=rf"but the default is {file_hash(second)[:12]} since A. Mason promoted it"):
+        promote(third, replaces=file_hash(shipped), **given)
+    assert file_hash(default_model(shelf)) == file_hash(second)
+
+
+def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    old, new = _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
+    given = {"id": "a", "name": "A", "model": "a.ifc", "photographs": "{campaign}"}
+    monkeypatch.setattr("facadelake.detect.chosen.default_model", lambda: old)
+    begun = settled(Building.model_validate(given))
+    monkeypatch.setattr("facadelake.detect.chosen.default_model", lambda: new)
+    assert isinstance(begun.detector, OnnxDetectorSetting)
+    assert (model_file(begun.detector), settled(begun)) == (old, begun)
+    own = Building.model_validate({**given, "detector": {"kind": "onnx", "model": str(tmp_path / "own.onnx")}})
+    assert settled(own) == own
