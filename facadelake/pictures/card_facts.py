@@ -29,6 +29,7 @@ def card_facts(row: Row, inspection: Inspection, merges: Sequence[Row]) -> list[
     facts.append(("storey, facade", f"{row['storey'] or 'no storey'}, {row['facade']}"))
     facts += _place(row, inspection)
     facts.append(("seen", _seen(row)))
+    facts.append(("found by", f"{inspection.detectors}, score {row['score']:.2f}"))
     facts += _merged(row["defect_id"], merges)
     return facts
 

@@ -46,6 +46,11 @@ class Inspection:
         """What placed the campaign on the globe, in words; "unknown" where the passport is empty."""
         return str(self.georeference.column("method")[0]) if len(self.georeference) else "unknown"
 
+    @property
+    def detectors(self) -> str:
+        """Who found the detections, as column ``detector`` has it; "nobody" where there are none."""
+        return ", ".join(sorted(set(self.detections.column("detector").to_pylist()))) or "nobody"
+
 
 @dataclass(frozen=True, kw_only=True)
 class PictureSettings:

@@ -79,11 +79,14 @@ def defect_table(
     rules = ", ".join(sorted({row["severity_rule"] for row in rows}))
     drawn = {mark.defect_id for elevation in elevations for mark in elevation.marks}
     missing = sum(row["defect_id"] not in drawn for row in rows)
-    notes = (
-        [paragraph(f"Worst first, then largest. Severity is a proposal by {rules}, not a person's judgement.")]
-        if rows
-        else []
-    )
+    notes = []
+    if rows:
+        words = f"Worst first, then largest. Found by {inspection.detectors}. "
+        if "onnx:" in inspection.detectors:
+            words += (
+                "A model misses defects and shows some that are none; 'facadelake describe-detector' tells how often. "
+            )
+        notes.append(paragraph(f"{words}Severity is a proposal by {rules}, not a person's judgement."))
     if missing:
         notes.append(paragraph(f"{missing} of them lie on no elevation above (undersides, small facades)."))
     if cards:

@@ -54,7 +54,9 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     if passport["remarks"]:
         table.add_row("", escape(passport["remarks"]))
     found = [row["detection_outcome"] for row in detections if row["detection_outcome"] != "accepted"]
-    table.add_row("detections", f"{len(detections)}: {_counted([*found, *_outcomes(observations)])}")
+    detectors = ", ".join(sorted({row["detector"] for row in detections}))
+    by = f" by {escape(detectors)}" if detectors else ""
+    table.add_row("detections", f"{len(detections)}{by}: {_counted([*found, *_outcomes(observations)])}")
     table.add_row("defects", f"{len(defects)}: {_counted([row['defect_class'] for row in defects])}")
     table.add_row("  by storey", _counted([row["storey"] for row in defects]))
     table.add_row("  by facade", _counted([row["facade"] for row in defects]))

@@ -70,8 +70,8 @@ def _show_figures(console: Console, figures: Figures) -> None:
         )  # fmt: skip
         _table(
             console,
-            "What was taken for what (IoU 0.5)",
-            ("labelled", "shown as", "count"),
+            "What was taken for what",
+            ("labelled", "shown as", "boxes (IoU 0.5)"),
             [(one.truth, one.shown, str(one.count)) for one in figures.confusions],
         )
     if figures.negatives is not None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -12,7 +14,7 @@ from facadelake.errors import InputDataError
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table, versions
 from facadelake.registry import Portfolio, read_portfolio
-from schemas.vocabulary import DefectClass
+from schemas.vocabulary import CrackWidthOutcome, DefectClass
 
 ROOMY_COLUMNS = 120  # a narrower terminal is not shown where a defect is; 'facadelake sql' and 'export' tell
 
@@ -61,6 +63,14 @@ def require_known(lake: Path, portfolio: Path, building: str) -> None:
         read_portfolio(portfolio).building(building)
 
 
+def _crack_mm(row: Mapping[str, Any]) -> str:
+    """A crack's mean width, or the bound it lies below; nothing where neither is known."""
+    width, limit = row["crack_width_mm"], row["crack_width_limit_mm"]
+    if width is not None:
+        return f"{width:.1f}"
+    return f"< {limit:.1f}" if row["crack_width_outcome"] == CrackWidthOutcome.BELOW_LIMIT and limit is not None else ""
+
+
 def show_defects(
     console: Console,
     lake: Path,
@@ -87,12 +97,14 @@ def show_defects(
     for name in ("defect", "class", "severity", "facade", "storey", "size cm", "seen"):
         table.add_column(name, justify="right" if name in ("size cm", "seen") else "left", no_wrap=True)
     if roomy:
+        table.add_column("crack mm", justify="right", no_wrap=True)
         table.add_column("element")
         table.add_column("lon, lat, ellipsoidal height", no_wrap=True)
     for row in chosen[:limit]:
         cells = [row["defect_id"], row["defect_class"], row["severity"], row["facade"], row["storey"] or ""]
         cells += [f"{row['width_m'] * 100:.0f} x {row['height_m'] * 100:.0f}", str(row["sightings"])]
         if roomy:
+            cells.append(_crack_mm(row))
             cells.append(escape(row["element_name"] or row["ifc_class"]))
             cells.append(f"{row['lon_deg']:.7f}, {row['lat_deg']:.7f}, {row['height_ellipsoidal_m']:.2f}")
         table.add_row(*cells)

@@ -233,9 +233,10 @@ def test_cards_are_written_and_say_what_is_missing(
 
 
 def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) -> None:
-    inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], [])
+    inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0, score=0.537)], ["D1"])
     (row,) = inspection.defects.to_pylist()
     bare = dict(card_facts(row, inspection, []))
+    assert bare["found by"] == "coco:x, score 0.54"
     assert not {"deviation", "joined", "kept apart", "crack width", "one sigma", "position from"} & set(bare)
     assert "None" not in " ".join(bare.values())
     pairs = [

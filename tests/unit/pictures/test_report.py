@@ -73,8 +73,12 @@ def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, 
         defect_row("D3", 4.0, 2.0, severity="low"),
     ]
     settings = replace(COARSE, report_cards=1, report_overlays=1)
-    path = write_report(inspection_of(painted, defects, ["D1", "D2"]), painted.surface, tmp_path, settings)
+    inspection = inspection_of(painted, defects, ["D1", "D2"])
+    found = [{**row, "detector": "onnx:nano"} for row in inspection.detections.to_pylist()]
+    inspection = replace(inspection, detections=table_of_rows("detections", found))
+    path = write_report(inspection, painted.surface, tmp_path, settings)
     page = read(path)
+    assert "Found by onnx:nano. A model misses defects" in page.text
     assert [link for link in page.links if "card_" in link] == ["cards/card_2.png"] * 2  # from its number and its crop
     assert [link for link in page.links if "overlay_" in link] == ["overlay_a.jpg"] * 2
     assert "This one has a card" in page.text

@@ -1,0 +1,37 @@
+"""Lists of defects in the terminal."""
+
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from flows.terminal import listings
+from flows.terminal.listings import show_defects
+from tests.unit.lake.small_campaign import BUILDING, commit
+
+
+@pytest.mark.parametrize(
+    ("known", "told"),
+    [
+        ({"crack_width_mm": 0.44, "crack_width_limit_mm": 0.2, "crack_width_outcome": "measured"}, "0.4"),
+        ({"crack_width_mm": None, "crack_width_limit_mm": 3.21, "crack_width_outcome": "below_limit"}, "< 3.2"),
+        ({"crack_width_mm": None, "crack_width_limit_mm": 3.21, "crack_width_outcome": "no_line"}, ""),
+    ],
+)
+def test_a_cracks_width_or_its_bound_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, known: dict[str, Any], told: str
+) -> None:
+    commit(tmp_path, defects=1)
+    table = listings.read_table(tmp_path, "defects", building_id=BUILDING)
+    rows = [{**row, "defect_class": "crack", **known} for row in table.to_pylist()]
+    monkeypatch.setattr(
+        listings, "read_table", lambda *_, **__: type("Table", (), {"to_pylist": staticmethod(lambda: rows)})
+    )
+    console = Console(file=StringIO(), width=200)
+    show_defects(console, tmp_path, BUILDING, None, None, 10, None)
+    assert isinstance(console.file, StringIO)
+    head, line = (line for line in console.file.getvalue().splitlines() if "crack" in line)
+    column = [cell.strip() for cell in head.strip("\u2503").split("\u2503")].index("crack mm")
+    assert line.strip("\u2502").split("\u2502")[column].strip() == told
