@@ -38,7 +38,7 @@ def draft_card(session: ModelSession) -> Draft:
     outputs = _probe(session, height, width)
     base = _card(session.model.stem, metadata, names, height, width, Layout.YOLOV8)
     fitting: list[ModelCard] = []
-    for layout in Layout if outputs else ():
+    for layout in _possible(height, width) if outputs else ():
         card = _card(session.model.stem, metadata, names, height, width, layout)
         for count in (len(names),) if names else (1, *class_counts(outputs, card)):
             tried = card.model_copy(update={"class_names": names or _numbered(count)})
@@ -84,6 +84,12 @@ def _card(
     )
 
 
+def _possible(height: int, width: int) -> tuple[Layout, ...]:
+    """The layouts that an input of this size can have: YOLOX' grids must fit it."""
+    stride = max(CardOutput(layout=Layout.YOLOX).strides)
+    return tuple(layout for layout in Layout if layout is not Layout.YOLOX or not (height % stride or width % stride))
+
+
 def _probe(session: ModelSession, height: int, width: int) -> dict[str, Numbers]:
     """The outputs for noise; none where the model does not run."""
     noise = np.random.default_rng(0).random((1, 3, height, width), dtype=np.float32)
@@ -117,7 +123,9 @@ def _input_size(session: ModelSession, metadata: Mapping[str, str]) -> tuple[int
     said = _literal(metadata.get("imgsz", ""))
     if isinstance(said, int):
         said = [said, said]
-    if not (isinstance(said, list | tuple) and len(said) == 2 and all(isinstance(side, int) for side in said)):
+    if not (
+        isinstance(said, list | tuple) and len(said) == 2 and all(isinstance(side, int) and side > 0 for side in said)
+    ):
         said = [_USUAL_SIZE_PX, _USUAL_SIZE_PX]
     height, width = session.input_shape[2:]
     return height or said[0], width or said[1]

@@ -124,6 +124,13 @@ def test_a_draft_without_metadata_finds_layout_and_number_of_classes(tmp_path: P
     assert load_detector(tmp_path / "walls.onnx").detect(IMAGE)
 
 
+def test_a_draft_for_an_input_that_no_grid_of_yolox_fits(tmp_path: Path) -> None:
+    """RF-DETR is exported at 560 px."""
+    boxes, logits = np.full((1, 300, 4), 0.3), np.linspace(-4, 2, 1200).reshape(1, 300, 4)
+    said, draft = draft_of(save_model(tmp_path / "rf.onnx", {"dets": boxes, "labels": logits}, shape=(1, 3, 560, 560)))
+    assert (draft.output.layout, draft.input.width_px) == (Layout.RFDETR, 560), said
+
+
 def test_a_draft_of_outputs_that_nothing_fits(tmp_path: Path) -> None:
     said, draft = draft_of(save_model(tmp_path / "walls.onnx", np.zeros((1, 1000))))
     assert r"This draft is a guess: no layout fits the outputs of a probe image (output (1, 1000))" in said
