@@ -49,8 +49,8 @@ def against_words(
 ) -> OnWords:
     """Meet the words on ``photographs`` with both models' boxes there.
 
-    A defect is what a person confirmed, corrected or drew; sightings of one defect_id count as one, found where a box
-    of its class tells of any. A rejected box is found where a box of the class rejected tells of it.
+    A defect is what a person confirmed, corrected or drew; sightings of one run's defect_id count as one, found where
+    a box of its class tells of any. A rejected box is found where a box of the class rejected tells of it.
     """
     both = [_by_photo(boxes) for boxes in (old, new)]
     defects: dict[str, list[Review]] = defaultdict(list)
@@ -60,7 +60,8 @@ def against_words(
         if word.photo_id not in photographs:
             continue
         if word.box is not None and word.defect_class is not None:
-            defects[word.defect_id or word.subject].append(word)
+            # Each run names its defects anew.
+            defects[f"{word.run_id} {word.defect_id}" if word.defect_id else word.subject].append(word)
         else:
             by_old, by_new = (found_at(boxes.get(word.photo_id, ()), word.place, word.judged_class) for boxes in both)
             rejected.append(Place(words=(word,), by_old=by_old, by_new=by_new))

@@ -10,7 +10,7 @@ SELECT
     o.defect_class,
     d.detector,
     d.detector_sha256,
-    count(*) AS sightings,
+    count(DISTINCT d.detection_id) AS sightings,
     max(d.score) AS best_score,
     count(*) FILTER (r.verdict IN ('confirmed', 'corrected')) AS confirmed,
     count(*) FILTER (r.verdict = 'rejected') AS rejected
@@ -21,6 +21,11 @@ LEFT JOIN standing_reviews AS r
     AND r.campaign_id = d.campaign_id
     AND r.detection_id = d.detection_id
     AND r.detector_sha256 = d.detector_sha256
+    -- another run may have given a detection's name to another box
+    AND abs(r.judged_box_x_px - d.box_x_px) <= 1
+    AND abs(r.judged_box_y_px - d.box_y_px) <= 1
+    AND abs(r.judged_box_width_px - d.box_width_px) <= 1
+    AND abs(r.judged_box_height_px - d.box_height_px) <= 1
 WHERE o.defect_id IS NOT NULL
   AND ($building_id::VARCHAR IS NULL OR o.building_id = $building_id)
   AND ($campaign_id::VARCHAR IS NULL OR o.campaign_id = $campaign_id)

@@ -26,6 +26,7 @@ def word(subject: str, verdict: str = "confirmed", *, hours: int = 0, **changes:
     return {
         **HERE, "run_id": "run-1", "review_id": "", "subject": subject, "photo_id": photo, "detection_id": subject,
         "verdict": verdict, "defect_class": "crack", "judged_class": "crack", "detector_sha256": "d" * 64,
+        "judged_box_x_px": 10.0, "judged_box_y_px": 20.0, "judged_box_width_px": 300.0, "judged_box_height_px": 150.0,
         "reviewer": "A. Mason", "reviewed_at": THEN + timedelta(hours=hours), **changes,
     }  # fmt: skip
 
@@ -80,6 +81,14 @@ def test_which_model_found_a_defect_and_what_was_said_of_it(tmp_path: Path, firs
     assert (found["detector"], found["detector_sha256"]) == ("coco:boxes.json", "d" * 64)
     assert (found["sightings"], found["confirmed"], found["rejected"]) == (2, 1, 1)
     assert len(ask(tmp_path, "models_of_defects", HERE)) == 3
+
+
+def test_a_word_on_another_box_of_that_name_is_none_on_this_one(tmp_path: Path, first: Committed) -> None:
+    """A run on other poses looks at other tiles, and the same model's boxes are numbered otherwise."""
+    then = word("closerange/p0.jpg@then", detection_id="closerange/p0.jpg#0", judged_box_x_px=900.0)
+    append_reviews(tmp_path, words(word("closerange/p0.jpg#0"), then), **HERE)
+    (found,) = ask(tmp_path, "models_of_defects", {**HERE, "defect_id": "defect-0000"}).to_pylist()
+    assert (found["sightings"], found["confirmed"], found["rejected"]) == (2, 1, 0)
 
 
 def test_campaign_that_is_not_there_makes_no_lake(tmp_path: Path) -> None:

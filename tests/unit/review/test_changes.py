@@ -1,6 +1,7 @@
 """What a new model changes: each box of both models once, and what persons said decides what is a loss."""
 
 from collections import Counter
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -130,12 +131,20 @@ def test_words_tell_losses_from_gains() -> None:
     assert words(("p0.jpg",)).counts()["confirmed"] == 1
 
 
+LATER = replace(SAID, run_id="run-2")
+
+
 def test_a_defect_seen_in_another_of_its_photographs_is_not_lost() -> None:
     found = (("p1.jpg", "crack", box(50, 50)), ("p2.jpg", "crack", box(50, 50)))
     places = shown_places(judge((), seen(*found)), {"p1.jpg#1": "D1", "p2.jpg#2": "D1"})
     judgement = judge([word_on(place, Verdict.CONFIRMED, SAID) for place in places], seen(*found))
     one = against_words(judgement, seen(*found), detected(NEW), ("p1.jpg", "p2.jpg"))
     assert (len(one.defects), one.lost) == (1, ())
+    # Another run's D1 is another defect: it does not hide that this one is lost.
+    reviews = [word_on(place, Verdict.CONFIRMED, said) for place, said in zip(places, (SAID, LATER), strict=True)]
+    judgement = judge(reviews, seen(*found))
+    two = against_words(judgement, seen(*found), detected(NEW), ("p1.jpg", "p2.jpg"))
+    assert (len(two.defects), len(two.lost)) == (2, 1)
 
 
 def report(on_words: OnWords) -> Comparison:
