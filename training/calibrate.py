@@ -37,7 +37,8 @@ INPUT_PX = 416
 LOWEST = 0.02  # of the uncalibrated score; what is below says nothing more
 NMS_IOUS = (0.45, 0.6)
 HIT_IOU = 0.5
-F1_FOR_QUIET = 0.01  # the highest threshold is taken that costs no more than this of the best F1
+F1_TIE = 0.015  # thresholds are alike in F1 up to this; the lowest of them is taken: a missed defect is worse,
+ALARMS_MOST = 0.5  # while no more boxes than this are shown in a picture without defects (a facade of some 150 m2)
 ALARM_RANGE = np.arange(0.2, 0.91, 0.01)
 
 
@@ -88,8 +89,9 @@ def main() -> None:
     told, also = tried[nms_iou], tell(options.model, card, drawn)
     line = platt(np.concatenate([told.score, also.score]), np.concatenate([told.hit, also.hit]))
     told = replace(told, score=_line(told.score, line))
-    enough = max(told.f1(one) for one in ALARM_RANGE) - F1_FOR_QUIET
-    threshold = float(max(one for one in ALARM_RANGE if told.f1(one) >= enough))
+    quiet = [one for one in ALARM_RANGE if told.alarms(one) <= ALARMS_MOST]
+    enough = max(told.f1(one) for one in quiet) - F1_TIE
+    threshold = float(min(one for one in quiet if told.f1(one) >= enough))
     for one in (*np.arange(0.2, 0.91, 0.1), threshold):
         print(f"score {one:.2f}: F1 {told.f1(one):.3f}, false boxes a quiet picture {told.alarms(one):.2f}")
     card = card.model_copy(update={"score_calibration": line, "score_threshold": round(threshold, 2)})
