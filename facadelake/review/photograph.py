@@ -6,6 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image as PilImage
+from PIL.ExifTags import Base
 
 from facadelake.detect.letterbox import Image
 
@@ -17,3 +19,9 @@ def read_photograph(path: Path) -> Image | None:
     except (cv2.error, MemoryError):  # a size beyond OpenCV's limit, or the machine's
         return None
     return None if image is None else np.asarray(image, dtype=np.uint8)
+
+
+def turned_by_exif(path: Path) -> bool:
+    """Whether EXIF asks for another orientation than the pixels of a readable photograph are stored in."""
+    with PilImage.open(path) as image:
+        return bool(image.getexif().get(Base.Orientation, 1) not in (0, 1))

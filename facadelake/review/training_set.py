@@ -22,7 +22,7 @@ from facadelake.progress import track
 from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.label_files import CLASSES, Picture, write_labels
 from facadelake.review.material import Labelled, Material, material_of
-from facadelake.review.photograph import read_photograph
+from facadelake.review.photograph import read_photograph, turned_by_exif
 from facadelake.review.splits import Split
 from facadelake.review.standing import Judgement
 from facadelake.review.tiles import picture_of, tiles_of
@@ -133,6 +133,9 @@ def _pictures(source: Source, folder: Path, kind: Pictures, side_px: int, left_o
         image = read_photograph(path)
         if image is None:
             left_out["photographs that cannot be read"] += 1
+            continue
+        if kind is not Pictures.TILES and turned_by_exif(path):  # most readers would turn it away from its labels
+            left_out["photographs that EXIF turns (tiles can be made of them)"] += 1
             continue
         if kind is Pictures.TILES:
             yield from _tiles(source, material, image, folder, side_px)

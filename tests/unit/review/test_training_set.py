@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 from pycocotools.coco import COCO
 
 from facadelake.detect.boxes import Box
@@ -153,7 +154,9 @@ def test_import_takes_it_as_detections(sets: Path) -> None:
 
 
 def test_yolo_lines_by_hand(sets: Path) -> None:
-    names = yaml.safe_load((sets / "yolo" / "data.yaml").read_text())["names"]
+    content = yaml.safe_load((sets / "yolo" / "data.yaml").read_text())
+    assert "path" not in content  # '.' would be a folder of the trainer's, not this one
+    names = content["names"]
     assert names == {0: "crack", 1: "spalling", 2: "moisture"}
     lines = [
         (path, line.split())
@@ -200,6 +203,22 @@ def test_whole_photographs_only_where_everything_was_judged(tmp_path: Path) -> N
         assert path.read_bytes() == (tmp_path / "p" / "a" / "p0.png").read_bytes()
     with pytest.raises(InputDataError, match="is not written over: name another"):
         write_training_set([whole], tmp_path / "copy", form=LabelForm.YOLO, pictures=Pictures.COPY, side_px=256)
+
+
+def test_whole_photographs_that_readers_would_turn_are_left_out(tmp_path: Path) -> None:
+    given = source(tmp_path / "p", "one", Split.TRAIN, photo="p0.jpg")
+    found = seen(("p0.jpg", "crack", CONFIRMED))
+    words = [word_on(place, Verdict.CONFIRMED, SAID) for place in shown_places(judge((), found), {})]
+    whole = Source(**{**vars(given), "judgement": judge(words, found)})
+    path = tmp_path / "p" / "p0.jpg"
+    exif = Image.Exif()
+    exif[0x0112] = 3  # upside down
+    with Image.open(path) as image:
+        image.save(path, exif=exif)
+    with pytest.raises(InputDataError, match=r"1 photographs that EXIF turns"):
+        write_training_set([whole], tmp_path / "set", form=LabelForm.YOLO, pictures=Pictures.COPY, side_px=256)
+    tiles = write_training_set([whole], tmp_path / "set", form=LabelForm.YOLO, pictures=Pictures.TILES, side_px=256)
+    assert len(tiles.pictures) == 1
 
 
 def test_splits_are_the_buildings_own_and_near_their_shares() -> None:
