@@ -53,8 +53,9 @@ def write_labels(form: LabelForm, folder: Path, pictures: Sequence[Picture]) -> 
                 path = (folder / "labels" / picture.name).with_suffix(".txt")
                 path.write_text("".join(_yolo_line(one, picture) for one in picture.defects), encoding="utf-8")
     if form is LabelForm.YOLO:
+        # No key 'path': trainers take the places from this file's folder then, and '.' from a folder of their own.
         places: dict[str, Any] = {str(split): f"images/{split}" for split in Split}
-        content = {"path": ".", **places, "names": {i: str(name) for i, name in enumerate(CLASSES)}}
+        content = {**places, "names": {i: str(name) for i, name in enumerate(CLASSES)}}
         (folder / "data.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
