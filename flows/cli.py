@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -185,6 +186,12 @@ def serve_prefect(
     serve_schedules(console, portfolio_at(portfolio), portfolio=portfolio, lake=lake, port=port)
 
 
+# What a user's path or disk is to blame for; anything else of the system is a fault of ours and shows where.
+_PLACE_TAKES_NOTHING = {
+    errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST
+}  # fmt: skip
+
+
 def main() -> None:
     """Entry point: errors as messages, never as tracebacks of ours."""
     try:
@@ -192,4 +199,13 @@ def main() -> None:
     except FacadelakeError as error:
         problems.print(f"[bold red]{type(error).__name__}[/bold red]: ", end="")
         problems.print(str(error), markup=False, highlight=False, soft_wrap=True)
+        sys.exit(1)
+    except OSError as error:
+        if error.errno not in _PLACE_TAKES_NOTHING:
+            raise
+        problems.print("[bold red]the disk[/bold red]: ", end="")
+        words = (
+            f"{error.strerror}: {error.filename or 'a file that was being written'}; choose another place or make room"
+        )
+        problems.print(words, markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)

@@ -76,7 +76,9 @@ def compare_models(
     chosen = [_campaign(portfolio, word) for word in dict.fromkeys(campaigns)]
     models = [load_detector(path, threads=1) for path in (old, new)]
     if models[0].sha256 == models[1].sha256:
-        raise InputDataError(f"{old} and {new} are the same file; give two models")
+        raise InputDataError(
+            f"{old} and {new} are the same file; give two models (a card alone is tried with evaluate-detector)"
+        )
     place = folder or comparison_folder(lake, models[0].sha256, models[1].sha256)
     done = [_compared(building, campaign_id, models, lake, sample) for building, campaign_id in chosen]
     comparison = Comparison(

@@ -83,6 +83,8 @@ def evaluate_detector(
         image_labels=tuple(image_labels or ()),
     )
     looker, crosswalk = looker_of(path, threshold)
+    if plots is not None:
+        plots.mkdir(parents=True, exist_ok=True)  # before the work, so that a place that takes nothing costs none
     with ProgressBars(problems) as bars, listening(bars):
         answer = evaluate_looker(looker, crosswalk, question)
     figures = None if answer.boxes is None else answer.boxes.figures

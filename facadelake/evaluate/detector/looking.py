@@ -13,6 +13,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image as PilImage
 
 from facadelake.detect.boxes import Box, clip_box
 from facadelake.detect.crosswalk import Crosswalk
@@ -99,7 +100,12 @@ def collect(looker: Looker, images: Sequence[LabelledImage], crosswalk: Crosswal
 
 
 def read_pixels(path: Path) -> NDArray[np.uint8] | None:
-    """A photograph (h, w, 3: blue, green, red) as stored, or None where it cannot be decoded."""
+    """A photograph (h, w, 3: blue, green, red) as stored, or None where it cannot be decoded to its end."""
+    try:
+        with PilImage.open(path) as whole:
+            whole.load()  # OpenCV makes grey of what a torn file lacks; an inspection refuses such a photograph
+    except (OSError, SyntaxError, ValueError, PilImage.DecompressionBombError):
+        return None
     try:
         pixels = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:  # a size beyond OpenCV's limit

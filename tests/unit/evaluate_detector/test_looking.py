@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -69,6 +70,12 @@ def test_a_broken_photograph_is_left_out(tmp_path: Path) -> None:
     file = tmp_path / "found.json"
     file.write_text(json.dumps({"images": [], "annotations": [], "categories": []}))
     (tmp_path / "broken.png").write_bytes(b"nothing")
-    one = replace(image("a"), path=tmp_path / "broken.png")
-    found = collect(FileLooker(file), [one], crosswalk_with({}))
-    assert not found.images and found.left_out == {"photographs that cannot be decoded": 1}
+    noise = np.random.default_rng(5).integers(0, 255, (80, 100, 3), dtype=np.uint8)
+    jpeg = cv2.imencode(".jpg", noise)[1].tobytes()
+    (tmp_path / "whole.jpg").write_bytes(jpeg)
+    (tmp_path / "torn.jpg").write_bytes(jpeg[: len(jpeg) // 2])  # OpenCV opens it, half of it grey
+    names = ("broken.png", "torn.jpg", "whole.jpg")
+    images = [replace(image(name), path=tmp_path / name) for name in names]
+    found = collect(FileLooker(file), images, crosswalk_with({}))
+    assert [one.key for one in found.images] == ["whole.jpg"]
+    assert found.left_out == {"photographs that cannot be decoded": 2}

@@ -162,7 +162,7 @@ def test_command_line_exports_imports_and_lists(tower: tuple[Portfolio, Path], t
 def test_refusals_say_what_to_do(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:
     portfolio, lake = tower
     one = model(tmp_path, "one", AT_THE_BOX)
-    with pytest.raises(InputDataError, match=r"are the same file; give two models"):
+    with pytest.raises(InputDataError, match=r"are the same file; give two models \(a card"):
         compare_models(portfolio, one, one, [HERE], lake=lake, sample=None, folder=None)
     with pytest.raises(InputDataError, match=r"--campaign 'tower' is not BUILDING/CAMPAIGN, such as demo/2026-04"):
         compare_models(portfolio, one, one, ["tower"], lake=lake, sample=None, folder=None)
