@@ -67,6 +67,11 @@ def polygons_of(shape: Any) -> Any | None:
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
 
+def polygons_of_text(text: str) -> Any | None:
+    """A mask kept as WKT, as ``polygons_of``; where rounding made its rings cross, they are mended."""
+    return polygons_of(shapely.make_valid(shapely.from_wkt(text), method="structure", keep_collapsed=False))
+
+
 class _UnusableError(ValueError):
     """Why a segmentation cannot be read, in words."""
 

@@ -16,7 +16,7 @@ import shapely
 
 from facadelake.detect.boxes import Box, clip_box, describe
 from facadelake.detect.coco_file import CocoAnnotation, number, read_coco
-from facadelake.detect.coco_mask import box_about, mask_of
+from facadelake.detect.coco_mask import box_about, mask_of, polygons_of_text
 from facadelake.detect.crosswalk import Crosswalk
 from facadelake.errors import InputDataError
 from facadelake.photo_names import PhotoNames
@@ -142,9 +142,10 @@ def _words_of_photograph(
 def _unchanged(place: Shown, one: _Drawn) -> bool:
     if one.defect_class is not place.defect_class:
         return False
-    if one.mask is not None:
-        before = shapely.box(*corners_of([place.box])[0]) if place.mask is None else shapely.from_wkt(place.mask)
-        after = shapely.from_wkt(one.mask)
+    after = None if one.mask is None else polygons_of_text(one.mask)
+    if after is not None:
+        shown = None if place.mask is None else polygons_of_text(place.mask)
+        before = shapely.box(*corners_of([place.box])[0]) if shown is None else shown
         return bool(before.intersection(after).area >= _UNCHANGED * before.union(after).area)
     both = corners_of([place.box, one.box])
     return bool(abs(both[0] - both[1]).max() <= _UNCHANGED_PX or overlaps(both[:1], both[1:])[0, 0] >= _UNCHANGED)

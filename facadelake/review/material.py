@@ -6,9 +6,8 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import Any
 
-import shapely
-
 from facadelake.detect.boxes import Box
+from facadelake.detect.coco_mask import polygons_of_text
 from facadelake.review.standing import Judgement
 from schemas.vocabulary import DefectClass
 
@@ -47,7 +46,7 @@ def material_of(judgement: Judgement) -> tuple[Material, ...]:
         if word.box is None or word.defect_class is None:
             there.rejected.append(word.place)
             continue
-        mask = None if word.mask is None else shapely.from_wkt(word.mask)
+        mask = None if word.mask is None else polygons_of_text(word.mask)
         there.defects.append(Labelled(box=word.box, defect_class=word.defect_class, mask=mask))
     for detection in judgement.unreviewed:
         if detection.photo_id in photographs:

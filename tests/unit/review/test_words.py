@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,12 @@ from facadelake.detect.crosswalk import crosswalk_with
 from facadelake.errors import InputDataError
 from facadelake.review.coco_words import words_of_coco
 from facadelake.review.csv_words import words_of_csv
+from facadelake.review.material import material_of
 from facadelake.review.record import latest, reviews_of, table_of_reviews
 from facadelake.review.shown import Shown, shown_places, word_on
 from facadelake.review.standing import judge
 from facadelake.review.task_files import Task, coco_task, defects_csv, read_task, write_task
+from facadelake.review.tiles import tiles_of
 from schemas.vocabulary import Verdict
 from tests.unit.review.reviewed import CRACK, MOISTURE, SAID, SIZES, SPALLING, box, seen, unreviewed
 
@@ -113,6 +116,21 @@ def test_mask_drawn_into_a_box_is_a_correction_and_comes_back_as_it_was(tmp_path
     assert read_task(path).shown == shown
     same = words_of_coco(path, shown, SIZES, NAMES, SAID, deletions_count=True)
     assert {word.verdict for word in same.reviews} == {Verdict.CONFIRMED}
+
+
+def test_mask_whose_rings_cross_stops_neither_words_nor_tiles(tmp_path: Path) -> None:
+    """Masks are kept to a hundredth of a pixel, which can make thin ones cross themselves."""
+    crossing = "POLYGON ((50 50, 350 350, 350 50, 50 350, 50 50))"
+    found = tuple(replace(one, mask=crossing) if one.photo_id == "p1.jpg" else one for one in seen(*FOUND))
+    shown = shown_places(judge((), found), {})
+    given = Task(building_id="tower", campaign_id="2026-04", run_id="run-1", photographs=tuple(SIZES), shown=shown)
+    path = save(tmp_path / "a.json", coco_task(given, SIZES, photographs_uri="photos"))
+    words = words_of_coco(path, shown, SIZES, NAMES, SAID, deletions_count=True)
+    assert {word.verdict for word in words.reviews} == {Verdict.CONFIRMED}
+    (material,) = (one for one in material_of(judge(words.reviews, found)) if one.photo_id == "p1.jpg")
+    (tile,) = tiles_of(material, image_width_px=1600, image_height_px=1200, side_px=512)
+    assert tile.defects[0].mask is not None
+    assert tile.defects[0].mask.area == pytest.approx(45000.0, rel=0, abs=1.0)  # px2: two triangles
 
 
 def test_what_cannot_be_used_is_a_remark_and_the_rest_counts(tmp_path: Path) -> None:
