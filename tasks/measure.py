@@ -24,4 +24,4 @@ def measure(job: InspectionJob, photos: StageResult, detections: StageResult) ->
         return Counter(word for word in table.column("crack_width_outcome").to_pylist() if word is not None)
 
     inputs = {"photos": photos.key, "detections": detections.key}
-    return run_stage(job, "measure", code=["detect/measure"], inputs=inputs, make=make)
+    return run_stage(job, "measure", code=["detect/measure", "detect/photograph.py"], inputs=inputs, make=make)

@@ -10,8 +10,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import cv2
-import numpy as np
 import pyarrow as pa
 import shapely
 
@@ -19,6 +17,7 @@ from facadelake.detect.boxes import clip_box
 from facadelake.detect.crosswalk import Crosswalk, crosswalk_with
 from facadelake.detect.detector import Found, OnnxDetector, load_detector
 from facadelake.detect.letterbox import Image
+from facadelake.detect.photograph import read_photograph
 from facadelake.detect.tiling import detect_image
 from facadelake.detect.view import View
 from facadelake.progress import track
@@ -74,18 +73,9 @@ def _read_ahead(root: Path, photo_ids: Sequence[str]) -> Iterator[tuple[str, Ima
     with ThreadPoolExecutor(1) as reader:
         coming: Future[Image | None] | None = None
         for photo_id, after in zip(photo_ids, [*photo_ids[1:], None], strict=True):
-            image = (coming or reader.submit(_read, root / photo_id)).result()
-            coming = reader.submit(_read, root / after) if after is not None else None
+            image = (coming or reader.submit(read_photograph, root / photo_id)).result()
+            coming = reader.submit(read_photograph, root / after) if after is not None else None
             yield photo_id, image
-
-
-def _read(path: Path) -> Image | None:
-    """The photograph (h, w, 3: blue, green, red), or None where it cannot be decoded."""
-    try:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    except (cv2.error, MemoryError):  # a size beyond OpenCV's limit, or the machine's
-        return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
 def _row(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from facadelake.detect.measure.blur import UNKNOWN, Blur, blur_of
 from facadelake.detect.measure.crack import CrackMeasure, measure_crack
 from facadelake.detect.measure.light import coded_grey, linear
+from facadelake.detect.photograph import read_photograph
 from facadelake.progress import stage_progress
 from facadelake.tables import table_of_rows
 from schemas.vocabulary import CrackWidthOutcome, DefectClass, DetectionOutcome
@@ -46,7 +47,7 @@ def measure_detections(detections: pa.Table, root: Path) -> pa.Table:
             cracks[row["photo_id"]].append(row)
     with stage_progress("Measuring cracks", sum(map(len, cracks.values()))) as step:
         for photo_id in sorted(cracks):
-            image = _read(root / photo_id)
+            image = read_photograph(root / photo_id)
             if image is None:
                 _log.warning("%s cannot be read: its %d cracks are not measured", photo_id, len(cracks[photo_id]))
             blur = UNKNOWN if image is None else blur_of_photograph(image)
@@ -87,15 +88,6 @@ def blur_of_photograph(image: Image) -> Blur:
     if not known:
         return UNKNOWN
     return Blur(sigma_px=float(np.median([blur.sigma_px for blur in known])), known_to=known[0].known_to)
-
-
-def _read(path: Path) -> Image | None:
-    """The photograph as stored, or None where it cannot be decoded."""
-    try:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:  # a size beyond OpenCV's limit
-        return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
 def _columns(row: Row, found: CrackMeasure | None) -> Row:
