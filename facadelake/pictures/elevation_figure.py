@@ -197,12 +197,14 @@ def _title(
     title = f"{plain(scene.building_name)} — {facade.title} (faces {facade.azimuth_deg:.0f}°)"
     figure.text(left, 1 - 0.18 / height, title, fontsize=12, weight="bold", va="top")
     count = "no defects" if not marks else f"{len(marks)} defect{'s' if len(marks) != 1 else ''}"
-    figure.text(
+    told = figure.text(
         left, 1 - 0.47 / height,
         f"campaign {plain(scene.campaign_id)} · placed by {scene.control} · {count} · {1000 * cell_m:.0f} mm a cell · "
         f"photographs show {100 * covered:.0f} %",
         fontsize=8.5, va="top", color="#303030",
     )  # fmt: skip
+    room = figure.bbox.width * (1 - 2 * left)
+    told.set_fontsize(8.5 * min(1.0, room / told.get_window_extent().width))  # a narrow facade's sheet is narrow
     counts = Counter(mark.defect_class for mark in marks)
     handles = [
         Line2D(
