@@ -204,7 +204,9 @@ def main() -> None:
     options = parser.parse_args()
     if options.write_card and options.every > 1:
         parser.error("--write-card wants all photographs, not --every n-th")
-    command = shlex.join(["python", "-m", "benchmarks.detector_quality", *sys.argv[1:]])
+    # Where a file lay on this machine is nobody's business: its name and its folder's are.
+    told = ["/".join(Path(word).parts[-2:]) if Path(word).is_absolute() else word for word in sys.argv[1:]]
+    command = shlex.join(["python", "-m", "benchmarks.detector_quality", *told])
     with tempfile.TemporaryDirectory() as folder:
         asked = exams(Path(folder), options.spalling)
         asked = [replace(exam, labelled=_thinned(exam.labelled, options.every)) for exam in asked]

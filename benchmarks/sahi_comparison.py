@@ -1,8 +1,8 @@
 """Measure our way through large photographs beside SAHI's: one model, the same photographs, tiles and threads, one run.
 
-    uv venv /tmp/sahi && uv pip install -p /tmp/sahi sahi onnxruntime scipy scikit-image pydantic filelock
-    PYTHONPATH=. /tmp/sahi/bin/python -m benchmarks.sahi_comparison data/detector/facadelake-nano.onnx A.JPG B.JPG
-    PYTHONPATH=. /tmp/sahi/bin/python -m benchmarks.sahi_comparison data/detector/facadelake-nano.onnx A.JPG \
+    uv venv build/sahi && uv pip install -p build/sahi sahi onnxruntime scipy scikit-image pydantic filelock
+    PYTHONPATH=. build/sahi/bin/python -m benchmarks.sahi_comparison data/detector/facadelake-nano.onnx A.JPG B.JPG
+    PYTHONPATH=. build/sahi/bin/python -m benchmarks.sahi_comparison data/detector/facadelake-nano.onnx A.JPG \
         --size 8000x6000
 
 SAHI (MIT) is no dependency of ours: without it, this says so. Three ways, in turns, ``--repeats`` times, each
