@@ -51,4 +51,5 @@ def test_facades_without_defects_stay_quiet(shared_data: Path, looker: OnnxLooke
     ).figures
     assert figures.negatives is not None
     every = figures.negatives.rates[0]
-    assert every.photographs == 6 and every.count <= 3
+    # Held-out facades of that set show 48 to 502 m2 each: one a photograph is far below the goal of 1 per 10 m2.
+    assert every.photographs == 6 and every.count <= 6

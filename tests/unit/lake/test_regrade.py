@@ -60,7 +60,8 @@ def test_nothing_but_the_grades_changes(twice: tuple[Path, int, Regrading]) -> N
     now, then = (read_tables(twice[0], list(TABLES), as_of=version) for version in (None, twice[1]))
     for name in TABLES:
         kept = [c for c in TABLES[name].arrow.names if c not in ("severity", "severity_rule", "graded_by")]
-        key = [(column, "ascending") for column in TABLES[name].key]
+        # made-up campaigns may share a run's id, which is the key of table runs
+        key = [(column, "ascending") for column in dict.fromkeys(("campaign_id", *TABLES[name].key))]
         assert now[name].select(kept).sort_by(key).equals(then[name].select(kept).sort_by(key)), name
 
 
