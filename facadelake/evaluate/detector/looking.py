@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 from PIL import Image as PilImage
 
 from facadelake.detect.boxes import Box, clip_box
 from facadelake.detect.crosswalk import Crosswalk
 from facadelake.detect.detector import Found
 from facadelake.detect.letterbox import Image
+from facadelake.detect.photograph import read_photograph
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.progress import track
 from schemas.vocabulary import DefectClass
@@ -99,18 +97,14 @@ def collect(looker: Looker, images: Sequence[LabelledImage], crosswalk: Crosswal
     return Collected(images=tuple(read), down_to_floor=low, shown=shown, left_out=dict(left_out), seconds=seconds)
 
 
-def read_pixels(path: Path) -> NDArray[np.uint8] | None:
+def read_pixels(path: Path) -> Image | None:
     """A photograph (h, w, 3: blue, green, red) as stored, or None where it cannot be decoded to its end."""
     try:
         with PilImage.open(path) as whole:
             whole.load()  # OpenCV makes grey of what a torn file lacks; an inspection refuses such a photograph
     except (OSError, SyntaxError, ValueError, PilImage.DecompressionBombError):
         return None
-    try:
-        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    except cv2.error:  # a size beyond OpenCV's limit
-        return None
-    return None if pixels is None else np.asarray(pixels, dtype=np.uint8)
+    return read_photograph(path)
 
 
 def _predictions(
