@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from PIL import Image
 
 from facadelake.detect.boxes import Box
 from facadelake.detect.crosswalk import Crosswalk
+from facadelake.detect.photograph import turned_by_exif
 from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import Gathering, LabelledSet, TrueBox, photographs_below
 
 # Labelling tools show the turned view and write shares of it; the pixels as stored are another view.
 _TURNED = "photographs that EXIF turns (YOLO does not say of which view its shares are; store them upright)"
-_EXIF_ORIENTATION = 274
 _NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names", "labels/classes.txt")
 
 
@@ -51,7 +50,7 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
             except (OSError, UnicodeDecodeError):
                 gathered.left_out["photographs whose text file cannot be read"] += 1
                 continue
-        if lines and _turned(path):
+        if lines and turned_by_exif(path):
             gathered.left_out[_TURNED] += 1
             continue
         boxes = []
@@ -87,12 +86,6 @@ def _text_file(photograph: Path, folder: Path) -> Path | None:
             return twin if twin.is_file() else None
     twin = (folder / "labels").joinpath(*parts).with_suffix(".txt")
     return twin if twin.is_file() else None
-
-
-def _turned(path: Path) -> bool:
-    """Whether EXIF asks for another orientation than the pixels are stored in."""
-    with Image.open(path) as image:
-        return bool(image.getexif().get(_EXIF_ORIENTATION, 1) not in (0, 1))
 
 
 def _of_line(line: str, size: tuple[int, int]) -> tuple[int | None, Box | None]:
