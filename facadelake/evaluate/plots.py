@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
+from facadelake.evaluate.axes import dress
 from facadelake.evaluate.comparison import Comparison
 from facadelake.evaluate.honesty import CHI_SQUARE_95, normalised_squares
 from facadelake.evaluate.samples import PositionSamples
@@ -63,15 +63,6 @@ _TITLES = {
 }
 
 
-def _dressed(axes: Axes, x: str, y: str) -> None:
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-
-
 def _errors(figure: Figure, compared: Comparison) -> bool:
     """Share of errors below a size, and the histogram of defects and observations."""
     sizes = {
@@ -96,7 +87,7 @@ def _errors(figure: Figure, compared: Comparison) -> bool:
     shares.set_xscale("log")
     shares.set_ylim(0, 1.01)
     shares.legend(loc="lower right", fontsize=8)
-    _dressed(shares, "error (cm), logarithmic", "share of samples below")
+    dress(shares, "error (cm), logarithmic", "share of samples below")
     widest = max((np.percentile(100 * sizes[name], 95) for name in _PLACED if len(sizes[name])), default=1.0)
     bins = np.linspace(0, max(widest, _FLOOR_CM), 41)
     for name in _PLACED:
@@ -110,7 +101,7 @@ def _errors(figure: Figure, compared: Comparison) -> bool:
         )  # fmt: skip
     if counts.patches:
         counts.legend(fontsize=8)
-    _dressed(counts, "3D error (cm)", "share of samples")
+    dress(counts, "3D error (cm)", "share of samples")
     return True
 
 
@@ -149,7 +140,7 @@ def _vectors(figure: Figure, compared: Comparison) -> bool:
         axes.set_title(
             f"{view}, errors {enlarged:g} times{'; red: longer than drawn' if shortened else ''}", fontsize=9
         )
-        _dressed(axes, f"{names[0]} (m)", f"{names[1]} (m)")
+        dress(axes, f"{names[0]} (m)", f"{names[1]} (m)")
         if (i, j) == (0, 1):
             axes.legend(fontsize=8)
     return True
@@ -176,7 +167,7 @@ def _deviation(figure: Figure, compared: Comparison) -> bool:
         )  # fmt: skip
     left.axvline(0, color="#999999", linewidth=0.8)
     left.legend(fontsize=8)
-    _dressed(left, "error along the outward normal (cm)", "share of samples")
+    dress(left, "error along the outward normal (cm)", "share of samples")
     if not measured.any():
         return True
     right = panels[1]
@@ -185,7 +176,7 @@ def _deviation(figure: Figure, compared: Comparison) -> bool:
         100 * compared.defects.deviation_m[measured], alongs["defects"][measured], s=12, color=colour, marker=marker
     )
     right.axhline(0, color="#999999", linewidth=0.8)
-    _dressed(right, "measured deviation from the model (cm)", "what is left along the normal (cm)")
+    dress(right, "measured deviation from the model (cm)", "what is left along the normal (cm)")
     return True
 
 
@@ -221,7 +212,7 @@ def _sigmas(figure: Figure, compared: Comparison) -> bool:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.legend(fontsize=8, loc="upper left")
-    _dressed(axes, "expected normalised squared error (above the line: too sure)", "found")
+    dress(axes, "expected normalised squared error (above the line: too sure)", "found")
     return True
 
 
@@ -249,5 +240,5 @@ def _views(figure: Figure, compared: Comparison) -> bool:
         )  # fmt: skip
         axes.set_yscale("log")
         axes.legend(fontsize=8)
-        _dressed(axes, name, "3D error (cm), logarithmic")
+        dress(axes, name, "3D error (cm), logarithmic")
     return True

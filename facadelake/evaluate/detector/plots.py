@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from facadelake.evaluate.axes import dress
 from facadelake.evaluate.detector.calibration import BINS
 from facadelake.evaluate.detector.figures import Judgement
 from facadelake.evaluate.detector.matching import IOU_THRESHOLDS, RECALLS, precision_at_recalls
@@ -50,15 +50,6 @@ def write_plots(judgement: Judgement, folder: Path) -> list[Path]:
     return written
 
 
-def _dressed(axes: Axes, x: str, y: str) -> None:
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-
-
 def _precision_recall(figure: Figure, judgement: Judgement) -> bool:
     """A panel a class: the envelope at IoU 0.5 and 0.75, and the point at which a user is."""
     told = [one for one in judgement.figures.classes if one.truths]
@@ -83,7 +74,7 @@ def _precision_recall(figure: Figure, judgement: Judgement) -> bool:
         axes.set_ylim(0, 1.02)
         axes.set_title(f"{one.defect_class}: {one.truths} in {one.photographs} photographs", fontsize=9)
         axes.legend(fontsize=8)
-        _dressed(axes, "recall", "precision")
+        dress(axes, "recall", "precision")
     return True
 
 
@@ -113,8 +104,8 @@ def _reliability(figure: Figure, judgement: Judgement) -> bool:
     upper.set_ylim(0, 1.02)
     upper.legend(fontsize=8)
     lower.set_yscale("log")
-    _dressed(upper, "", "share that hit (IoU ≥ 0.5)")
-    _dressed(lower, "score (grey: the threshold)", "boxes")
+    dress(upper, "", "share that hit (IoU ≥ 0.5)")
+    dress(lower, "score (grey: the threshold)", "boxes")
     return True
 
 
@@ -146,7 +137,7 @@ def _sites(figure: Figure, judgement: Judgement) -> bool:
     axes.set_yticks(range(at), names, fontsize=8)
     axes.invert_yaxis()
     axes.set_xlim(0, 1.01)
-    _dressed(axes, "AP50 (diamond: all sites, line: 95 % by sites drawn again)", "")
+    dress(axes, "AP50 (diamond: all sites, line: 95 % by sites drawn again)", "")
     return True
 
 
@@ -169,5 +160,5 @@ def _false_alarms(figure: Figure, judgement: Judgement) -> bool:
     area = f"{alarms.rates[0].area_m2:.0f} m² of facade{gsd}" if known else f"{alarms.rates[0].photographs} photographs"
     axes.set_title(f"{alarms.name}: {area}", fontsize=9)
     what = "false alarms per 10 m² (dotted: the goal)" if known else "false alarms a photograph"
-    _dressed(axes, "only boxes of this score and above (grey: the threshold)", what)
+    dress(axes, "only boxes of this score and above (grey: the threshold)", what)
     return True

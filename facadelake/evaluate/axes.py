@@ -1,0 +1,15 @@
+"""How the axes of every evaluation's plots look."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+
+
+def dress(axes: Axes, x: str, y: str) -> None:
+    """Label the axes ``x`` and ``y``, with a faint grid behind what is drawn and no frame above and at the right."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(visible=True, color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
