@@ -28,7 +28,7 @@ help:  ## list the targets
 
 setup: $(STAMP)  ## install all that Facadelake needs into .venv (and, as root, missing system libraries)
 
-$(STAMP): pyproject.toml uv.lock scripts/bootstrap.py scripts/uv-requirements.txt facadelake/libraries.py
+$(STAMP): pyproject.toml uv.lock scripts/bootstrap.py scripts/uv-requirements.txt facadelake/core/system_libraries.py
 	@$(PYTHON3) scripts/bootstrap.py
 	@.tools/bin/uv sync --locked
 	@touch $@

@@ -34,8 +34,8 @@ from benchmarks.synthetic_block import (
     Flight,
     fly,
 )
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Similarity
 from facadelake.pose.adjustment.adjust import adjust
 from facadelake.pose.adjustment.evidence import Evidence
 from facadelake.pose.adjustment.problem import AttitudeTerms, PositionTerms

@@ -23,13 +23,13 @@ from scipy.optimize import minimize
 from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import skeletonize
 
+from facadelake.core.frames import Array
 from facadelake.detect.boxes import Box
 from facadelake.detect.detector import Found
 from facadelake.detect.letterbox import Image
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Looks, Prediction, read_pixels
 from facadelake.evaluate.detector.matching import average_precision, match
-from facadelake.frames import Array
 from schemas.vocabulary import DefectClass
 
 _SIDE_PX = 640  # larger pictures are shrunk to it: finer texture than cracks drowns them

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from benchmarks.foundation import ROOT, SHARED
 from benchmarks.published_poses import write_published
-from facadelake.camera import PosedCamera
+from facadelake.core.camera import PosedCamera
+from facadelake.core.pose_table import posed_cameras
 from facadelake.detect.boxes import Box
 from facadelake.detect.crosswalk import crosswalk_with
 from facadelake.evaluate.detector.labels import (
@@ -35,7 +36,6 @@ from facadelake.photo.ingest import ingest_photographs
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported.placing import place_imported
 from facadelake.pose.imported.reading import read_poses
-from facadelake.posed import posed_cameras
 from facadelake.registry import read_portfolio
 from schemas.vocabulary import DefectClass
 from tasks.load_model import read_model

@@ -24,12 +24,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from facadelake.camera import PosedCamera
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.detect.coco_file import read_coco
-from facadelake.errors import GeoreferenceError
 from facadelake.evaluate.truth import Truth, read_truth
-from facadelake.frames import Array, Similarity
-from facadelake.geodesy import SiteOrigin
 from facadelake.photo.ingest import ingest_photographs
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import Reconstruction, read_descriptors, read_reconstruction

@@ -19,12 +19,12 @@ import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import stage_schema, table_of_rows
 from facadelake.geobim.model import BuildingModel
-from facadelake.geodesy import SiteOrigin
 from facadelake.register.merge import MergeResult, merge
-from facadelake.tables import stage_schema, table_of_rows
 from schemas.vocabulary import DefectClass, DetectionOutcome, ObservationOutcome
 
 _HEIGHT_M = 20.0

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.geodesy import SiteOrigin
 
 # What the published cameras are known to: check points were triangulated with them, so hardly anything.
 EXACT_SIGMA_M, EXACT_SIGMA_DEG = 0.001, 0.005

@@ -29,6 +29,7 @@ import pyarrow as pa
 from benchmarks.foundation import DEMO, ROOT, SHARED, evaluated, facadelake
 from benchmarks.published_poses import write_published
 from benchmarks.registration_report import Report
+from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.detect.coco import import_coco
 from facadelake.evaluate.comparison import compare
 from facadelake.evaluate.evaluation import figures_of
@@ -40,7 +41,6 @@ from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported.placing import PlacedByImport, place_imported
 from facadelake.pose.imported.reading import read_poses
-from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.appearance import Photographs
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.merge import merge

@@ -61,7 +61,7 @@ class Cost:
 
 def camera_errors_m(centres: dict[str, Any], truth: dict[str, Any]) -> dict[str, float]:
     """Distances of the centres to the true ones after the similarity that fits them best."""
-    from facadelake.frames import similarity_between
+    from facadelake.core.frames import similarity_between
 
     names = sorted(centres.keys() & truth.keys())
     found, true = np.array([centres[name] for name in names]), np.array([truth[name] for name in names])

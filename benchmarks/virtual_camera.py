@@ -28,12 +28,12 @@ import psutil
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.camera import Camera, PosedCamera
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.virtual_view import write_scene
 from facadelake.lake.read import read_tables
-from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.observe import cast, observe
 from facadelake.registry import read_portfolio
 from tasks.load_model import read_model

@@ -1,5 +1,5 @@
 """Facadelake: photographs of a building in, versioned tables of its facade defects out."""
 
-from facadelake.quiet import silence
+from facadelake.core.environment import silence
 
 silence()

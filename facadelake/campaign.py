@@ -11,8 +11,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.cache import code_hash
-from facadelake.tables import table_of_rows, with_run_keys
+from facadelake.core.cache import code_hash
+from facadelake.core.tables import table_of_rows, with_run_keys
 from schemas.vocabulary import PhotoOutcome, PoseSource
 
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+from facadelake.core.errors import ModelError
+from facadelake.core.system_libraries import LIBRARIES, Library, install_command, is_present
 from facadelake.detect.shelf import default_model
-from facadelake.errors import ModelError
-from facadelake.libraries import LIBRARIES, Library, install_command, is_present
 
 GIB = 1024**3
 DISK_WANTED_GIB = 5.0  # a campaign's photographs, reconstruction, depth maps and tables, with some to spare

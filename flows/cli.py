@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from facadelake.errors import FacadelakeError
+from facadelake.core.errors import FacadelakeError
 from flows import improving, judging, looking
 from flows.options import (
     DEFAULT_LAKE,

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.cache import file_hash
-from facadelake.errors import InputDataError, StoreError
+from facadelake.core.cache import file_hash
+from facadelake.core.errors import InputDataError, StoreError
+from facadelake.core.progress import stage_progress
 from facadelake.geobim.model import BuildingModel
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_tables
-from facadelake.progress import stage_progress
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
 from tasks.load_model import read_model

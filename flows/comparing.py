@@ -13,11 +13,12 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.cache import StageCache, code_hash, file_hash, key_of
+from facadelake.core.cache import StageCache, code_hash, file_hash, key_of
+from facadelake.core.errors import FacadelakeError, InputDataError
+from facadelake.core.tables import read_table, write_table
 from facadelake.detect.detector import OnnxDetector, load_detector
 from facadelake.detect.onnx import detect_photographs
 from facadelake.detect.view import View
-from facadelake.errors import FacadelakeError, InputDataError
 from facadelake.geobim.model import BuildingModel
 from facadelake.photo.files import find_masks
 from facadelake.registry import Building, Portfolio
@@ -36,7 +37,6 @@ from facadelake.review.on_the_wall import WallDefect, joint_detections, wall_def
 from facadelake.review.on_words import OnWords, against_words
 from facadelake.review.record import reviews_of
 from facadelake.review.standing import Detected, detected, judge
-from facadelake.tables import read_table, write_table
 from flows.committed import committed_model, committed_tables
 from flows.evaluation import registered_again
 from schemas.vocabulary import PhotoOutcome

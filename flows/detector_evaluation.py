@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from facadelake.core.errors import InputDataError
 from facadelake.detect.crosswalk import Crosswalk, crosswalk_with
 from facadelake.detect.shelf import default_model
-from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.figures import Judgement, judge
 from facadelake.evaluate.detector.form import Form
 from facadelake.evaluate.detector.image_level import ImageLevelFigures, judge_image_labels, open_image_labels

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.review.forms import LabelForm, Pictures
 from flows.options import (
     DEFAULT_LAKE,

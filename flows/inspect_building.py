@@ -10,8 +10,8 @@ from uuid import uuid4
 
 from prefect import flow
 
+from facadelake.core.errors import FacadelakeError
 from facadelake.detect.chosen import settled
-from facadelake.errors import FacadelakeError
 from facadelake.registry import CocoDetector, read_portfolio
 from flows.precheck import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
 from flows.regrading import regrading_replaced

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from prefect import flow
 
-from facadelake.errors import FacadelakeError
+from facadelake.core.errors import FacadelakeError
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table
 from facadelake.registry import read_portfolio

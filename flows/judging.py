@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.evaluate.detector.form import Form
 from flows.options import console, problems
 from schemas.vocabulary import DefectClass
@@ -62,8 +62,8 @@ def evaluate_detector(
 
     Nothing is tuned: the card's threshold is used as it is. Judge on sites that the model never learned from.
     """
+    from facadelake.core.progress import listening
     from facadelake.evaluate.detector.card_results import write_results
-    from facadelake.progress import listening
     from flows.detector_evaluation import Question, evaluate_looker, looker_of, model_file
     from flows.terminal.bars import ProgressBars
     from flows.terminal.judging import show_answer, write_pictures

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from flows.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,

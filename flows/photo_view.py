@@ -9,15 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import InputDataError
+from facadelake.core.pose_table import posed_cameras
+from facadelake.core.progress import stage_progress
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.view_images import ViewImages, view_images
 from facadelake.geobim.virtual_view import virtual_photograph
 from facadelake.pictures.photofile import read_photograph
 from facadelake.pictures.view_sheet import Panels, view_sheet
-from facadelake.posed import posed_cameras
-from facadelake.progress import stage_progress
 from facadelake.registry import Building
 from flows.committed import committed_model, committed_tables
 from flows.precheck import resolved_campaign

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from facadelake.core.pose_table import posed_cameras
+from facadelake.core.tables import stage_schema
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.on_request import (
@@ -13,9 +15,7 @@ from facadelake.pictures.on_request import (
     wanted_by_name,
     what_the_report_shows,
 )
-from facadelake.posed import posed_cameras
 from facadelake.registry import Building
-from facadelake.tables import stage_schema
 from flows.committed import committed_model, committed_tables
 
 _TABLES = (

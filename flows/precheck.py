@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from facadelake.core.errors import InputDataError
 from facadelake.detect.chosen import chosen_detector
-from facadelake.errors import InputDataError
 from facadelake.lake.severity import rule_file
 from facadelake.pose.imported.records import pose_files
 from facadelake.registry import Building, CocoDetector

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.errors import InputDataError, ModelError
 from facadelake.detect.detector import load_detector
 from facadelake.detect.find_card import find_card
 from facadelake.detect.shelf import LIST, MODELS, Promotion, default_model, promote, promotions
-from facadelake.errors import InputDataError, ModelError
 from facadelake.evaluate.detector.card_results import evaluations
 from facadelake.review.comparison_report import REPORT, comparison_folder, read_comparison
 from facadelake.review.promotion import evidence, objections

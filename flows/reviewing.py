@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from facadelake.core.errors import InputDataError
 from facadelake.detect.crosswalk import crosswalk_with
-from facadelake.errors import InputDataError
 from facadelake.lake.read import read_table
 from facadelake.lake.reviews import Added, append_reviews
 from facadelake.registry import Building

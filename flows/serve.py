@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from facadelake.errors import StoreError
+from facadelake.core.errors import StoreError
 from facadelake.registry import Portfolio
 from flows.prefect_session import ADDRESS_FILE, prefect_home, prepare
 

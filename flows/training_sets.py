@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib.metadata import version as version_of
 from pathlib import Path
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.lake.read import read_table, versions
 from facadelake.registry import Building
 from facadelake.review.forms import LabelForm, Pictures

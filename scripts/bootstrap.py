@@ -137,7 +137,7 @@ if __name__ == "__main__":
     check_python()
     sys.path.insert(0, str(REPOSITORY))
     # Only now: these lines need Python 3.11.
-    from facadelake.libraries import LIBRARIES, install_command, is_present
+    from facadelake.core.system_libraries import LIBRARIES, install_command, is_present
 
     wanted = missing_packages()
     if wanted:

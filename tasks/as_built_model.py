@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from prefect import task
 
+from facadelake.core.pose_table import posed_cameras
+from facadelake.core.tables import read_table
 from facadelake.geobim.mesh_building import place_without_model
 from facadelake.geobim.model import read_building
 from facadelake.pose.as_built import as_built_building
 from facadelake.pose.reconstruction import read_reconstruction
-from facadelake.posed import posed_cameras
-from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
 from tasks.load_model import bare_settings
 from tasks.stage import Counts, run_stage

@@ -5,9 +5,9 @@ from __future__ import annotations
 from prefect import task
 
 from facadelake.campaign import lake_tables
+from facadelake.core.tables import read_table
 from facadelake.lake.commit import Committed, commit_campaign
 from facadelake.pose.references import REFERENCE, drop_reference, keep_reference
-from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
 from tasks.record import StageFolders, whole_campaign
 

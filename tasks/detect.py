@@ -10,7 +10,9 @@ from pathlib import Path
 import pyarrow as pa
 from prefect import task
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.pose_table import posed_cameras
+from facadelake.core.tables import read_table, write_table
 from facadelake.detect.chosen import chosen_detector, chosen_fingerprint, threads_of
 from facadelake.detect.coco import import_coco
 from facadelake.detect.detector import detector_fingerprint
@@ -19,10 +21,8 @@ from facadelake.detect.view import View
 from facadelake.geobim.model import BuildingModel, read_building
 from facadelake.geobim.surface import Surface
 from facadelake.photo.files import find_masks
-from facadelake.posed import posed_cameras
 from facadelake.register.target_view import target_view
 from facadelake.registry import CocoDetector, OnnxDetectorSetting
-from facadelake.tables import read_table, write_table
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

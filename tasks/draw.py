@@ -6,12 +6,12 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.core.pose_table import posed_cameras
+from facadelake.core.tables import read_table
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.report import write_report
-from facadelake.posed import posed_cameras
-from facadelake.tables import read_table
 from tasks.job import InspectionJob, StageResult
 from tasks.record import StageFolders, stage_tables
 from tasks.stage import Counts, run_stage

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.tables import read_table, write_table
 from facadelake.geobim.model import read_building
 from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Control, Place, georeference
@@ -15,7 +16,6 @@ from facadelake.pose.poses import poses_table
 from facadelake.pose.reconstruction import read_descriptors, read_reconstruction
 from facadelake.pose.reference import read_reference
 from facadelake.pose.references import REFERENCE, earlier_references
-from facadelake.tables import read_table, write_table
 from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

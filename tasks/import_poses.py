@@ -6,7 +6,8 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.cache import hash_of_files
+from facadelake.core.cache import hash_of_files
+from facadelake.core.tables import read_table, write_table
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.pose.control_points import read_control_points
@@ -14,7 +15,6 @@ from facadelake.pose.georeference import Place
 from facadelake.pose.imported.placing import place_imported
 from facadelake.pose.imported.reading import read_poses
 from facadelake.pose.imported.records import pose_files
-from facadelake.tables import read_table, write_table
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

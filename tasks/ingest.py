@@ -7,12 +7,12 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.cache import hash_of_files
+from facadelake.core.cache import hash_of_files
+from facadelake.core.tables import write_table
 from facadelake.geobim.footprint import horizontal_distance
 from facadelake.geobim.model import read_building
 from facadelake.photo.files import find_photographs
 from facadelake.photo.ingest import ingest_photographs
-from facadelake.tables import write_table
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

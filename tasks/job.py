@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from facadelake.cache import StageCache
+from facadelake.core.cache import StageCache
 from facadelake.registry import Building
 from schemas.vocabulary import ControlKind
 

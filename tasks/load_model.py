@@ -6,7 +6,9 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.progress import stage_progress
 from facadelake.geobim.control_fit import ControlPair
 from facadelake.geobim.georeference import MapPlacement
 from facadelake.geobim.load import load_building
@@ -14,8 +16,6 @@ from facadelake.geobim.mesh_building import BareSettings, load_mesh_building
 from facadelake.geobim.mesh_file import MeshAxes
 from facadelake.geobim.model import BuildingModel, ModelSettings
 from facadelake.geobim.storeys import NamedFloor
-from facadelake.geodesy import SiteOrigin
-from facadelake.progress import stage_progress
 from facadelake.registry import Building
 from facadelake.registry.bare import UNITS_M, files_beside
 from schemas.vocabulary import SurfaceKind

@@ -8,14 +8,14 @@ from typing import Any
 
 from prefect import task
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.core.tables import read_table, write_table
 from facadelake.geobim.model import read_building
 from facadelake.lake.severity import grade, rule_file
-from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.appearance import Photographs
 from facadelake.register.merge import merge
 from facadelake.register.settings import MergeSettings
-from facadelake.tables import read_table, write_table
 from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

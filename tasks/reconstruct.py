@@ -6,10 +6,10 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.core.tables import read_table
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import read_reconstruction
 from facadelake.pose.settings import ReconstructionSettings
-from facadelake.tables import read_table
 from schemas.vocabulary import PoseSource
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

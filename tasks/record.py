@@ -9,12 +9,12 @@ from datetime import UTC, datetime
 
 import pyarrow as pa
 
-from facadelake.cache import file_hash, key_of
 from facadelake.campaign import BuildingRecord, RunRecord, campaign_tables
+from facadelake.core.cache import file_hash, key_of
+from facadelake.core.tables import read_table
 from facadelake.detect.chosen import model_file
 from facadelake.geobim.model import SURFACE_FILE, read_building
 from facadelake.registry import OnnxDetectorSetting
-from facadelake.tables import read_table
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 

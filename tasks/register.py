@@ -8,18 +8,18 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.core.tables import read_table, write_table
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.photo.files import find_masks
 from facadelake.pose.reconstruction import Reconstruction, read_reconstruction
-from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.observe import observe
 from facadelake.register.settings import TIE_POINTS_GRAZING_DEG, RegisterSettings
 from facadelake.register.tie_points import Tracks, tie_points
 from facadelake.registry import Building
-from facadelake.tables import read_table, write_table
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

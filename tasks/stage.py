@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from facadelake.cache import code_hash, key_of
-from facadelake.metering import Meter
+from facadelake.core.cache import code_hash, key_of
+from facadelake.core.metering import Meter
 from tasks.job import InspectionJob, StageResult
 
 log = logging.getLogger("facadelake.tasks")

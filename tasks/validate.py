@@ -6,10 +6,10 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.errors import SchemaError
+from facadelake.core.errors import SchemaError
+from facadelake.core.progress import stage_progress
+from facadelake.core.tables import read_table, write_table
 from facadelake.lake.expectations import checks_sha256, failure_text, failures, validate
-from facadelake.progress import stage_progress
-from facadelake.tables import read_table, write_table
 from tasks.job import InspectionJob, StageResult
 from tasks.record import StageFolders, whole_campaign
 from tasks.stage import Counts, run_stage

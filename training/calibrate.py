@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
 from facadelake.detect.card import (
     CardInput,
     CardOutput,

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.core.frames import Array
 from facadelake.demo.canvas import Canvas
 from facadelake.demo.charts import Chart
 from facadelake.demo.defects import draw_defect, draw_target
@@ -16,7 +17,6 @@ from facadelake.demo.parts import DETAIL, RenderPart, face_normals
 from facadelake.demo.recipe import Box, Campaign, Light
 from facadelake.demo.surroundings import paint_box, paint_ground, paint_roof
 from facadelake.demo.world import World, seeded
-from facadelake.frames import Array
 
 TILE_M = 4.0
 LIGHT_GRID_M = 0.012

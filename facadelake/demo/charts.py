@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from facadelake.core.frames import Array
 from facadelake.demo.recipe import Box, Building
-from facadelake.frames import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,10 +8,10 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from facadelake.camera import Camera, PosedCamera
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Array, Similarity
 from facadelake.demo.recipe import Building, Campaign, Optics
 from facadelake.demo.world import World
-from facadelake.frames import Array, Similarity
 
 SECONDS_APART = 4
 

@@ -20,7 +20,9 @@ from pathlib import Path
 import numpy as np
 from filelock import FileLock
 
-from facadelake.cache import code_hash, key_of
+from facadelake.core.cache import code_hash, key_of
+from facadelake.core.errors import FacadelakeError
+from facadelake.core.progress import stage_progress
 from facadelake.demo.annotations import FALSE_SHARE, exact_boxes, false_boxes, noisy_boxes, write_coco
 from facadelake.demo.exif_writer import exif_bytes, xmp_bytes
 from facadelake.demo.flight import Shot, camera_of, plan_flight
@@ -42,8 +44,6 @@ from facadelake.demo.truth import (
 )
 from facadelake.demo.visibility import sightings, spot_of
 from facadelake.demo.world import World, make_world
-from facadelake.errors import FacadelakeError
-from facadelake.progress import stage_progress
 
 log = logging.getLogger(__name__)
 

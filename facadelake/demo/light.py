@@ -8,8 +8,8 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
+from facadelake.core.frames import Array
 from facadelake.demo.recipe import Light
-from facadelake.frames import Array
 
 FAR_M = 400.0
 

@@ -13,9 +13,9 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Array
 from facadelake.demo.recipe import Box, Tree
-from facadelake.errors import ModelError
-from facadelake.frames import Array
 
 # Chord error of the round corner's triangles; the radius is metres, so this is a few degrees a facet.
 DEFLECTION_M = 0.0005

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.core.frames import Array
 from facadelake.demo.charts import Chart, building_charts
 from facadelake.demo.light import shade
 from facadelake.demo.mesh import Solid, ground_solid
 from facadelake.demo.recipe import Box, Light
 from facadelake.demo.world import World
-from facadelake.frames import Array
 
 # The texture of everything that no chart draws.
 DETAIL = "detail"

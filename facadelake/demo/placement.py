@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pyproj
 
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import GEO, SiteOrigin, transform
 from facadelake.demo.recipe import Place
-from facadelake.frames import Array
-from facadelake.geodesy import GEO, SiteOrigin, transform
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

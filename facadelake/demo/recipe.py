@@ -8,7 +8,7 @@ from typing import Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 
 DefectClass = Literal["crack", "spalling", "moisture"]
 DefectState = Literal["absent", "present", "new", "grown", "repaired"]

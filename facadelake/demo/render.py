@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from facadelake.camera import Camera
-from facadelake.frames import Array
+from facadelake.core.camera import Camera
+from facadelake.core.frames import Array
 
 # Rendered this much finer and averaged; pyrender's four samples a pixel smooth edges alone, not textures.
 FINE = 1.5

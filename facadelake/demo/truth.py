@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Array
 from facadelake.demo.annotations import Box
 from facadelake.demo.defects import size_in
 from facadelake.demo.flight import Shot
@@ -18,8 +20,6 @@ from facadelake.demo.placement import Placement
 from facadelake.demo.recipe import ControlPoint, Defect, DefectState
 from facadelake.demo.visibility import Spot, sighting_of, spot_of
 from facadelake.demo.world import World
-from facadelake.errors import ModelError
-from facadelake.frames import Array
 
 SURVEY_SIGMA_M = 0.003
 CLICK_SIGMA_PX = 0.3

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from facadelake.core.frames import Array
 from facadelake.demo.defects import size_in
 from facadelake.demo.flight import Shot
 from facadelake.demo.light import RayScene
 from facadelake.demo.recipe import Defect, DefectState
 from facadelake.demo.world import World
-from facadelake.frames import Array
 
 MAX_INCIDENCE_DEG = 75.0
 MIN_SHARE_SEEN = 0.6

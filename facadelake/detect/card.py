@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from facadelake.errors import ModelError
+from facadelake.core.errors import ModelError
 from schemas.vocabulary import DefectClass
 
 Positive = Annotated[int, Field(gt=0)]

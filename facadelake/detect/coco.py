@@ -12,15 +12,15 @@ from typing import Any
 import pyarrow as pa
 import shapely
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.errors import InputDataError
+from facadelake.core.photo_names import PhotoNames
+from facadelake.core.progress import track
+from facadelake.core.tables import table_of_rows
 from facadelake.detect.boxes import Box, clip_box, describe
 from facadelake.detect.coco_file import CocoAnnotation, CocoFile, CocoImage, number, read_coco
 from facadelake.detect.coco_mask import box_about, mask_of
 from facadelake.detect.crosswalk import Crosswalk, crosswalk_with
-from facadelake.errors import InputDataError
-from facadelake.photo_names import PhotoNames
-from facadelake.progress import track
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome
 
 _log = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 
 _EXPORT = "export it again as COCO (object detection) with images, annotations and categories"
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from schemas.vocabulary import DefectClass
 
 # dacl10k: ACrack is alligator crack; ExposedRebars lie where concrete has come off, as CODEBRIM's ExposedBars do;

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from facadelake.cache import file_hash, key_of
+from facadelake.core.cache import file_hash, key_of
+from facadelake.core.errors import InputDataError, ModelError
 from facadelake.detect.boxes import Box
 from facadelake.detect.calibration import calibrated, score_for
 from facadelake.detect.card import ModelCard
@@ -23,7 +24,6 @@ from facadelake.detect.layouts.table import READERS
 from facadelake.detect.letterbox import Image, Letterbox, letterbox
 from facadelake.detect.outline import outline
 from facadelake.detect.session import ModelSession
-from facadelake.errors import InputDataError, ModelError
 
 _log = logging.getLogger(__name__)
 

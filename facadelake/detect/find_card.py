@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from facadelake.core.errors import ModelError
 from facadelake.detect.card import ModelCard, card_path, parse_card, read_card
 from facadelake.detect.draft_card import draft_card
 from facadelake.detect.session import ModelSession
-from facadelake.errors import ModelError
 
 METADATA_KEY = "facadelake.card"
 

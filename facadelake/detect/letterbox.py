@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.core.frames import Array
 from facadelake.detect.card import CardInput, Resize
-from facadelake.frames import Array
 
 Image = NDArray[np.uint8]
 

@@ -13,6 +13,8 @@ from typing import Any
 import pyarrow as pa
 import shapely
 
+from facadelake.core.progress import track
+from facadelake.core.tables import table_of_rows
 from facadelake.detect.boxes import clip_box
 from facadelake.detect.crosswalk import Crosswalk, crosswalk_with
 from facadelake.detect.detector import Found, OnnxDetector, load_detector
@@ -20,8 +22,6 @@ from facadelake.detect.letterbox import Image
 from facadelake.detect.photograph import read_photograph
 from facadelake.detect.tiling import detect_image
 from facadelake.detect.view import View
-from facadelake.progress import track
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome
 
 __all__ = ["OnnxDetector", "detect_photographs", "load_detector"]

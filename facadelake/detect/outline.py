@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 from skimage.measure import find_contours
 
+from facadelake.core.frames import Array
 from facadelake.detect.letterbox import Letterbox
 from facadelake.detect.masks import Masks
-from facadelake.frames import Array
 
 _MARGIN_CELLS = 2  # beyond the box, so that the outline is interpolated up to its edge
 _OUTSIDE = -1.0

@@ -10,8 +10,8 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from facadelake.core.errors import ModelError
 from facadelake.detect.card import CardInput
-from facadelake.errors import ModelError
 
 _IMAGE_TYPES: Mapping[str, type] = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 _SIZE_TYPES: Mapping[str, type] = {**_IMAGE_TYPES, "tensor(int64)": np.int64, "tensor(int32)": np.int32}

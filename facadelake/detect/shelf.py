@@ -18,10 +18,10 @@ import yaml
 from filelock import FileLock, Timeout
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.errors import ModelError, StoreError
 from facadelake.detect.card import card_path, card_text
 from facadelake.detect.find_card import find_card
-from facadelake.errors import ModelError, StoreError
 
 MODELS = Path(os.environ.get("FACADELAKE_MODELS") or Path(__file__).resolve().parents[2] / "data" / "detector")
 LIST = "models.yaml"

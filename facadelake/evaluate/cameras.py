@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from facadelake.errors import InputDataError, SchemaError
+from facadelake.core.errors import InputDataError, SchemaError
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.photo_names import PhotoNames
+from facadelake.core.pose_table import posed_cameras
 from facadelake.evaluate.truth import Truth
-from facadelake.frames import Array
-from facadelake.geodesy import SiteOrigin
-from facadelake.photo_names import PhotoNames
-from facadelake.posed import posed_cameras
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError, SchemaError
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import InputDataError, SchemaError
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.pose_table import posed_cameras
 from facadelake.evaluate.cameras import ComparedCameras, found_and_true
 from facadelake.evaluate.samples import PositionSamples, Row, position_samples
 from facadelake.evaluate.truth import Truth, read_truth
-from facadelake.frames import Array
-from facadelake.geodesy import SiteOrigin
-from facadelake.posed import posed_cameras
 from schemas.vocabulary import DetectionOutcome, ObservationOutcome
 
 _COCO = "coco:"

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.evaluate.checkpoints import check_points_of
 from facadelake.evaluate.comparison import Comparison, compare
 from facadelake.evaluate.figures import Figures
@@ -15,7 +16,6 @@ from facadelake.evaluate.honesty import honesty_of
 from facadelake.evaluate.merging import merging_of
 from facadelake.evaluate.stats import position_stats, stats_of, surface_stats
 from facadelake.evaluate.table2 import table2_of
-from facadelake.geodesy import SiteOrigin
 
 
 def evaluate(

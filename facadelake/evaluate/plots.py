@@ -9,11 +9,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
+from facadelake.core.frames import Array
 from facadelake.evaluate.axes import dress
 from facadelake.evaluate.comparison import Comparison
 from facadelake.evaluate.honesty import CHI_SQUARE_95, normalised_squares
 from facadelake.evaluate.samples import PositionSamples
-from facadelake.frames import Array
 
 _DPI = 130
 _FLOOR_CM = 0.01  # a logarithm has no zero

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from facadelake.errors import SchemaError
-from facadelake.frames import Array
+from facadelake.core.errors import SchemaError
+from facadelake.core.frames import Array
 
 Row = Mapping[str, Any]
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 
 @dataclass(frozen=True, kw_only=True)

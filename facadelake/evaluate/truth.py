@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
 
 OFF_TARGET = "off_target"
 _GEO = ("lon_deg", "lat_deg", "height_ellipsoidal_m")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array
 from facadelake.geobim.placement import MapPlacement, geo_from_map, grid_at, turned
 
 _LIMIT_M = 0.1  # walls stand 2 to 3 cm off their model (DIN 18202); beyond this a pair is wrong

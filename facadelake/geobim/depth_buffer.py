@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 
 def eye_depth(z_s: Array, near_m: float, far_m: float) -> Array:

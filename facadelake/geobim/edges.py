@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 _WELD_M = 0.001
 # Directions have no sign; the sign is taken from a vector that no building is built along.

@@ -14,7 +14,10 @@ import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.progress import track
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.detail import detail_level
 from facadelake.geobim.facade import LEVEL, open_sides_of
 from facadelake.geobim.facade_directions import directions_of, names_of, turn_deg
@@ -25,9 +28,6 @@ from facadelake.geobim.material_layers import layers_json, layers_of, material_n
 from facadelake.geobim.mesh import ElementMesh
 from facadelake.geobim.properties import as_json, is_external, property_sets
 from facadelake.geobim.surface import Surface
-from facadelake.geodesy import SiteOrigin
-from facadelake.progress import track
-from facadelake.tables import table_of_rows
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.geobim.facade import COMPASS, INSIDE, LEVEL, compass_of
 
 _BIN_DEG = 0.5

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks, peak_prominences
 from scipy.spatial import cKDTree
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.facade import INSIDE, LEVEL, compass_of, openness
 from facadelake.geobim.footprint import in_lon_lat, outline_of
 from facadelake.geobim.storeys import StoreyLevel, storey_at
 from facadelake.geobim.surface import Surface
-from facadelake.geodesy import SiteOrigin
-from facadelake.tables import table_of_rows
 
 SURFACE_CLASS = "Surface"  # stands where an IFC's class would: such an element is a part of a surface, no component
 _NEIGHBOURS = 16

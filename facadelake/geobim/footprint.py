@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import shapely
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.geobim.model import BuildingModel
-from facadelake.geodesy import SiteOrigin
 
 _MANY = 8_000
 _CELL_M = 0.1

@@ -14,8 +14,8 @@ import ifcopenshell
 import numpy as np
 import pyproj
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array
 from facadelake.geobim.control_fit import ControlPair, placed_by
 from facadelake.geobim.map_conversion import operation_of, placements_of, stated_crs
 from facadelake.geobim.placement import Georeference, GridAt, MapPlacement, grid_at

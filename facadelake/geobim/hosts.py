@@ -5,7 +5,7 @@ from __future__ import annotations
 import ifcopenshell
 import ifcopenshell.util.element
 
-from facadelake.errors import ModelError
+from facadelake.core.errors import ModelError
 
 
 def host_of(element: ifcopenshell.entity_instance) -> ifcopenshell.entity_instance | None:

@@ -9,7 +9,8 @@ from pathlib import Path
 import ifcopenshell
 import numpy as np
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.geobim.elements import elements_table
 from facadelake.geobim.georeference import Georeference, chosen, georeferences_of
 from facadelake.geobim.hosts import building_named, label_of
@@ -19,7 +20,6 @@ from facadelake.geobim.model import BuildingModel, ModelSettings
 from facadelake.geobim.plausible import without_strays
 from facadelake.geobim.storeys import NamedFloor, StoreyLevel
 from facadelake.geobim.surface import Surface
-from facadelake.geodesy import SiteOrigin
 
 _log = logging.getLogger(__name__)
 _FAR_M = 10_000.0  # a map conversion further from the building than this is a false origin, not the site's

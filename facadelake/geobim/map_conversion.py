@@ -14,10 +14,10 @@ import ifcopenshell.util.element
 import ifcopenshell.util.unit
 import numpy as np
 
-from facadelake.errors import GeoreferenceError
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.geodesy import as_3d
 from facadelake.geobim.placement import MapPlacement
 from facadelake.geobim.vertical import ELLIPSOIDAL
-from facadelake.geodesy import as_3d
 
 _SCALE_LIMIT = 0.1  # a grid factor beyond 1 +- this is a wrong unit, not a projection
 _UNITS_2X3 = {"METRE": 1.0, "METER": 1.0, "METRES": 1.0, "METERS": 1.0, "M": 1.0, "MILLIMETRE": 0.001, "MM": 0.001,

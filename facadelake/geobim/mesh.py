@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from facadelake.errors import ModelError
-from facadelake.frames import Array
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Array
+from facadelake.core.progress import stage_progress
 from facadelake.geobim.hosts import building_of
-from facadelake.progress import stage_progress
 
 _log = logging.getLogger(__name__)
 _AT_ONCE = 500  # elements an iterator is given: it holds all its shapes until it goes

@@ -10,8 +10,10 @@ import numpy as np
 import pyproj
 from numpy.typing import NDArray
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin, as_3d
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.facade_planes import elements_of_planes, facade_planes
 from facadelake.geobim.mesh_file import MeshAxes, read_mesh_file
 from facadelake.geobim.mesh_offset import MeshOffset, read_mesh_offset
@@ -21,8 +23,6 @@ from facadelake.geobim.site_georeference import utm_of
 from facadelake.geobim.storeys import NamedFloor, StoreyLevel
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.vertical import horizontal_and_vertical, vertical_named
-from facadelake.geodesy import SiteOrigin, as_3d
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import SurfaceKind
 
 _REGISTRY = "registry"

@@ -11,8 +11,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from facadelake.errors import ModelError
-from facadelake.frames import Array
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Array
 
 _log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ import defusedxml.ElementTree as ElementTree
 import pyproj
 from pyproj.exceptions import CRSError
 
-from facadelake.errors import GeoreferenceError
+from facadelake.core.errors import GeoreferenceError
 
 _UTM = re.compile(r"^WGS\s?84\s+UTM\s+(\d{1,2})\s*([NS])$", re.IGNORECASE)
 

@@ -10,14 +10,14 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from facadelake.errors import ModelError
-from facadelake.frames import Array
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin, as_3d
+from facadelake.core.tables import read_table, write_table
 from facadelake.geobim.control_fit import ControlPair
 from facadelake.geobim.placement import MapPlacement
 from facadelake.geobim.storeys import NamedFloor, StoreyLevel
 from facadelake.geobim.vertical import ELLIPSOIDAL
-from facadelake.geodesy import SiteOrigin, as_3d
-from facadelake.tables import read_table, write_table
 from schemas.vocabulary import SurfaceKind
 
 SURFACE_FILE = "surface.npz"

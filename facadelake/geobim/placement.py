@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
 from facadelake.geobim.vertical import ELLIPSOIDAL
-from facadelake.geodesy import GEO, SiteOrigin, as_3d, transform
 
 _ARM_M = 50.0  # half the base over which the map's stretch and turn are measured
 

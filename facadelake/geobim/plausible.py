@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from facadelake.errors import ModelError
+from facadelake.core.errors import ModelError
 from facadelake.geobim.mesh import ElementMesh
 
 _log = logging.getLogger(__name__)

@@ -15,11 +15,11 @@ import ifcopenshell.util.unit
 import numpy as np
 import pyproj
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import GEO, transform
 from facadelake.geobim.map_conversion import is_angle, operation_entity
 from facadelake.geobim.placement import GridAt, MapPlacement, geo_from_map, grid_at, standing_at
-from facadelake.geodesy import GEO, transform
 
 _SURVEYED_SIGMA_M = 10.0  # authoring tools take the place from a map or an address, whatever digits they write
 _SECOND_M = 31.0  # a second of arc on the meridian

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 _RISE_M = 0.1  # a place may lie this far below its storey's floor
 _PART_OF_NEXT_M = 1.0  # an element that reaches further than this beyond its storey spans several

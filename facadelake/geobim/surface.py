@@ -8,9 +8,9 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import ModelError
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Array
 from facadelake.geobim.model import BuildingModel
 
 MISS = -1

@@ -9,7 +9,7 @@ from pyproj.database import get_codes, query_crs_info
 from pyproj.enums import PJType
 from pyproj.exceptions import CRSError
 
-from facadelake.errors import GeoreferenceError
+from facadelake.core.errors import GeoreferenceError
 
 ELLIPSOIDAL = "ellipsoidal"
 _ELLIPSOIDS = {"ellipsoid", "ellipsoidal", "grs80", "grs 80", "grs1980", "grs 1980", "wgs84", "wgs 84", "etrs89"}

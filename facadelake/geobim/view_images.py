@@ -15,8 +15,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import InputDataError
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.targets import target_elements
 

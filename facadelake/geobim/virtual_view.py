@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.errors import ModelError
-from facadelake.frames import Array
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Array
 from facadelake.geobim.depth_buffer import eye_depth
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 from skimage.metrics import structural_similarity
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 SIGMA_PX = 1.5
 WINDOW_PX = 11  # where scikit-image cuts the Gaussian of 1.5 px off

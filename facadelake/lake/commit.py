@@ -11,7 +11,7 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from facadelake.errors import SchemaError, StoreError
+from facadelake.core.errors import SchemaError, StoreError
 from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, quoted, store_errors, writing
 from facadelake.lake.migrate import migrate, roll_back
 from schemas.column import Kind

@@ -18,7 +18,7 @@ from pathlib import Path
 import duckdb
 from filelock import FileLock, Timeout
 
-from facadelake.errors import StoreError
+from facadelake.core.errors import StoreError
 
 CATALOG = "catalog.sqlite"
 DATA = "tables"

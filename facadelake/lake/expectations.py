@@ -12,11 +12,11 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
-import facadelake.quiet
-from facadelake.errors import SchemaError, StoreError
+import facadelake.core.environment
+from facadelake.core.errors import SchemaError, StoreError
+from facadelake.core.sql_files import Statement, statements
+from facadelake.core.tables import stage_schema, table_of_rows
 from facadelake.lake.connect import bare_connection
-from facadelake.lake.sqlfiles import Statement, statements
-from facadelake.tables import stage_schema, table_of_rows
 from schemas.expectations import Expectation, expectations
 from schemas.tables import RUN_KEYS, TABLES
 
@@ -65,7 +65,7 @@ def failure_text(checks: pa.Table) -> str:
 
 
 def _each_table(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
-    facadelake.quiet.silence()
+    facadelake.core.environment.silence()
     # Great Expectations takes seconds to import; only a run that validates pays for it.
     import great_expectations as gx
     from great_expectations.data_context.types.base import ProgressBarsConfig

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import duckdb
 
-from facadelake.errors import StoreError
+from facadelake.core.errors import StoreError
 from facadelake.lake.connect import store_errors
 
 SQL = Path(__file__).resolve().parents[2] / "sql"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
+from facadelake.core.sql_files import Statement, statements
 from facadelake.lake.read import Value, query
-from facadelake.lake.sqlfiles import Statement, statements
 
 
 def list_questions() -> tuple[Statement, ...]:

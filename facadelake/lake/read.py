@@ -9,11 +9,11 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from facadelake.errors import InputDataError, SchemaError, StoreError
+from facadelake.core.errors import InputDataError, SchemaError, StoreError
+from facadelake.core.sql_files import statements
+from facadelake.core.sql_guard import refuse_unless_plain_select
 from facadelake.lake.connect import DATA, extension_file, quoted, reading, store_errors
-from facadelake.lake.guard import refuse_unless_plain_select
 from facadelake.lake.migrate import refuse_newer, schema_version
-from facadelake.lake.sqlfiles import statements
 from schemas.column import Kind
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 

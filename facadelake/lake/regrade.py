@@ -16,7 +16,7 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.lake.commit import last_version
 from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, quoted, store_errors, writing
 from facadelake.lake.migrate import migrate, roll_back

@@ -13,7 +13,7 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from facadelake.errors import InputDataError, SchemaError
+from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.lake.commit import insert, last_version
 from facadelake.lake.connect import LOCK_TIMEOUT_S, exists, locked, quoted, store_errors, writing
 from facadelake.lake.migrate import migrate, roll_back

@@ -12,9 +12,9 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from facadelake.errors import InputDataError, SchemaError
+from facadelake.core.errors import InputDataError, SchemaError
+from facadelake.core.sql_guard import refuse_unless_plain_select
 from facadelake.lake.connect import bare_connection
-from facadelake.lake.guard import refuse_unless_plain_select
 from schemas.tables import TABLES
 
 RULES = Path(__file__).resolve().parents[2] / "data" / "severity"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PIL import Image, UnidentifiedImageError
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.photo.masks import mask_files
 
 FORMATS_OF_SUFFIX: dict[str, frozenset[str]] = {

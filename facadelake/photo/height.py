@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from pyproj.transformer import TransformerGroup
 
-from facadelake.errors import GeoreferenceError
-from facadelake.geodesy import GEO, transform
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.geodesy import GEO, transform
 from facadelake.photo.drone import DroneMetadata
 from facadelake.photo.exif import ExifMetadata
 from schemas.vocabulary import HeightDatum

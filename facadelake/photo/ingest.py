@@ -12,15 +12,15 @@ import numpy as np
 import pyarrow as pa
 from PIL import Image
 
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.progress import track
+from facadelake.core.tables import table_of_rows
 from facadelake.photo.clock import is_set
 from facadelake.photo.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.photo.files import find_photographs
 from facadelake.photo.photograph import Photo, read_photos
 from facadelake.photo.statements import Metadata, Statement, statements_of
-from facadelake.progress import track
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import HeightDatum, PhotoOutcome, PhotoRole, PositionSource
 
 

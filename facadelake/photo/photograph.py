@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.photo.drone import DroneMetadata, parse_drone_metadata
 from facadelake.photo.exif import ExifMetadata, read_exif
 from facadelake.photo.files import decode, hash_and_size

@@ -10,7 +10,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.photo.prior import METRES_PER_DEGREE, PositionPrior, Sigma
 from schemas.vocabulary import PositionSource
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.photo.attitude import AttitudePrior, attitude_prior, pitch_is_djis, with_dji_pitch
 from facadelake.photo.clock import Tick, clock_warnings, is_set
 from facadelake.photo.drone import DroneMetadata

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
 from facadelake.geobim.surface import MISS, Surface
 from facadelake.pictures.inspection import PictureSettings
 from facadelake.pictures.relief import Relief

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
+from facadelake.core.progress import track
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.backdrop import Backdrop
 from facadelake.pictures.card import BEST_PX, DPI, TILE_PX, CardMaterial, SightingPiece, draw_card
@@ -25,7 +26,6 @@ from facadelake.pictures.photofile import read_photograph
 from facadelake.pictures.relief import Picture
 from facadelake.pictures.sightings import Sighting, sightings_of
 from facadelake.pictures.storeys import storey_levels
-from facadelake.progress import track
 
 log = logging.getLogger(__name__)
 

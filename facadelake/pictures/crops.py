@@ -10,14 +10,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.progress import track
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.palette import bgr_of, class_colour, short_ids
 from facadelake.pictures.photofile import read_photograph
 from facadelake.pictures.relief import Picture
 from facadelake.pictures.sightings import Outline, Sighting, sightings_of
-from facadelake.progress import track
 
 log = logging.getLogger(__name__)
 

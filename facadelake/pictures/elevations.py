@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.backdrop import Backdrop

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import InputDataError
 from facadelake.geobim.model import BuildingModel
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pictures.relief import Picture
 
 Bgr = tuple[int, int, int]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.sight import sees

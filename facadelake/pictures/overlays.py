@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import InputDataError
+from facadelake.core.progress import track
 from facadelake.geobim.surface import MISS, Surface
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.legend_strip import Entry, with_legend, write_text
@@ -23,7 +24,6 @@ from facadelake.pictures.photofile import decoded, read_photograph
 from facadelake.pictures.relief import Picture, edges_of, edges_tell, openings_of
 from facadelake.pictures.sight import pixels_of, sees
 from facadelake.pictures.sightings import outline_of
-from facadelake.progress import track
 
 log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.palette import POINT_STYLES
 from facadelake.pictures.passport_facts import AXES, Fact, Verdict, facts_of, length_text, summary

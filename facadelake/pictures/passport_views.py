@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.palette import POINT_STYLES
 from facadelake.pictures.passport_facts import AXES

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera
-from facadelake.errors import InputDataError
+from facadelake.core.camera import Camera
+from facadelake.core.errors import InputDataError
 
 _REDUCED = {
     1: cv2.IMREAD_COLOR,

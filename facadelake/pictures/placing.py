@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 _DIRECTIONS = 16
 _RINGS = 9

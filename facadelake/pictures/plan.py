@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.palette import class_colour, plain
 from facadelake.pictures.projected_model import draw_model

@@ -7,7 +7,7 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.geobim.model import BuildingModel
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import MISS, Surface
 from facadelake.pictures.facades import Facade

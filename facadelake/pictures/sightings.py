@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from shapely.errors import ShapelyError
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pictures.inspection import Inspection
 
 _FLATTEST_COS = 0.02

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.geobim.view_images import ViewImages
 from facadelake.pictures.palette import OTHER_COLOUR, plain
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
 from facadelake.geobim.mesh_building import with_surface
 from facadelake.geobim.model import BuildingModel
 from facadelake.pose.reconstruction import Reconstruction

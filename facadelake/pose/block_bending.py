@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pose.reference_evidence import cells, chi_square
 
 # A quadratic on fewer 1 m cells would explain away what single windows are off by; so small a part hardly domes.

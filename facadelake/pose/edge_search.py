@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array
 from facadelake.geobim.edges import ModelEdges
 from facadelake.geobim.surface import Surface
 from facadelake.pose.edge_scores import EdgeScene, moved_camera, score_shifts

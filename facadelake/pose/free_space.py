@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 _ON_FACE = 1e-9
 

@@ -14,10 +14,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity, similarity_between
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity, similarity_between
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_of_rows
 from facadelake.pose.adjustment.adjust import Adjusted, adjust
 from facadelake.pose.adjustment.evidence import Evidence
 from facadelake.pose.control_points import ControlPoints
@@ -39,7 +40,6 @@ from facadelake.pose.plumb_lines import vertical_of
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.reference import ReferencePoints, reference_of
 from facadelake.pose.starts import Start, start_by
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import ControlKind, PointKind
 
 logger = logging.getLogger(__name__)

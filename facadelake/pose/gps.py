@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.similarity_fit import parameters_applied, robust_similarity
 from schemas.vocabulary import HeightDatum, PositionSource

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pose.adjustment.problem import AttitudeTerms, PositionTerms
 from facadelake.pose.gps import ATTITUDE_SIGMA_DEG, DATUM_SIGMA_M, GpsPriors
 

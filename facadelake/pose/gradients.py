@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.camera import Camera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
 
 _GREY = {
     1: cv2.IMREAD_GRAYSCALE,

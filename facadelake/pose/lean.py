@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pose.adjustment.adjust import Adjusted
 from facadelake.pose.adjustment.linearise import cross_matrices
 from facadelake.pose.plumb_lines import Vertical

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
 from facadelake.pose.adjustment.model_terms import SurfaceLike
 from facadelake.pose.gps import GpsPriors, check_against_gps
 from facadelake.pose.reconstruction import Reconstruction

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
 from facadelake.geobim.edges import ModelEdges, model_edges
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface

@@ -10,14 +10,14 @@ import numpy as np
 import pyarrow as pa
 import shapely
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_of_rows
 from facadelake.pose.adjustment.adjust import Adjusted, held_out_residuals
 from facadelake.pose.adjustment.model_terms import SurfaceLike, walls_of
 from facadelake.pose.gps import GpsPriors
 from facadelake.pose.reconstruction import Reconstruction
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import ControlKind, PointKind
 
 if TYPE_CHECKING:

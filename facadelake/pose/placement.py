@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.control_points import ControlPoints, control_in_site, has_own_heights, match_photo_names
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.similarity_fit import robust_similarity

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.progress import track
 from facadelake.pose.gradients import GreyPhotographs, reduction_for
-from facadelake.progress import track
 
 logger = logging.getLogger(__name__)
 

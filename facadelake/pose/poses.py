@@ -8,14 +8,14 @@ import numpy as np
 import pyarrow as pa
 import shapely
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.pose_table import pose_columns
+from facadelake.core.tables import table_of_rows
 from facadelake.pose.georeference import Georeferenced
 from facadelake.pose.prior_poses import prior_pose
 from facadelake.pose.reconstruction import Reconstruction
-from facadelake.posed import pose_columns
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import PhotoOutcome, PoseSource
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Array, Similarity
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.georeference import Georeferenced
 from facadelake.pose.gps import ATTITUDE_SIGMA_DEG, rotation_of_attitude
 from schemas.vocabulary import PointKind, PositionSource

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.cache import code_hash, key_of
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.cache import code_hash, key_of
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.photo.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.pose.pairing import choose_pairs, poorly_placed, viewing_directions
 from facadelake.pose.runner import run_worker

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera
-from facadelake.errors import InputDataError
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import Camera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array, Similarity
 from schemas.vocabulary import PoseSource
 
 

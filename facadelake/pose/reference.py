@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import GeoreferenceError, InputDataError
-from facadelake.frames import Array
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError, InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.tie_point_quality import how_seen
 

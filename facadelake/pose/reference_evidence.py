@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 _CELL_M = 1.0
 # A cell counts as seen by a campaign with so many tie points in it.

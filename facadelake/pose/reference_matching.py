@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity, similarity_between
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity, similarity_between
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.block_bending import agreeing_when_bent, without_bending
 from facadelake.pose.descriptor_pairs import DescriptorPairs, Rows, mutual_pairs
 from facadelake.pose.reconstruction import Reconstruction

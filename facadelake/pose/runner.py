@@ -13,8 +13,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from facadelake.errors import FacadelakeError, InputDataError
-from facadelake.progress import Step, stage_progress
+from facadelake.core.errors import FacadelakeError, InputDataError
+from facadelake.core.progress import Step, stage_progress
 
 logger = logging.getLogger(__name__)
 

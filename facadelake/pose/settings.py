@@ -6,7 +6,7 @@ import os
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 
 
 @dataclass(frozen=True, kw_only=True)

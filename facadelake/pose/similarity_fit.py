@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity, similarity_between
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity, similarity_between
 
 # Three points fix a similarity; a draw whose triangle is thinner than this (height over longest side) is not tried.
 _THINNEST_TRIANGLE = 0.02

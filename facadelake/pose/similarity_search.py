@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity, similarity_between
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity, similarity_between
 
 Rows = NDArray[np.int64]
 

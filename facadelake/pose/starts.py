@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
 from facadelake.pose.adjustment.adjust import Adjusted
 from facadelake.pose.adjustment.evidence import KnownPoints, MarkedPoints, ModelEvidence
 from facadelake.pose.control_points import ControlPoints, control_in_site

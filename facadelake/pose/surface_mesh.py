@@ -15,11 +15,11 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import Delaunay, cKDTree
 
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.progress import stage_progress
 from facadelake.pose.free_space import Crossings, cross
 from facadelake.pose.reconstruction import Reconstruction, read_reconstruction
-from facadelake.progress import stage_progress
 
 _MOST_POINTS = 30_000
 _LEAST_POINTS = 50

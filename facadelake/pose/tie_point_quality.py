@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
 from facadelake.pose.reconstruction import Reconstruction
 
 # The mean length of a residual of two coordinates is 1.25 times the sigma of one (Rayleigh).

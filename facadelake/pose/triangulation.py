@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from facadelake.camera import Camera
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import Camera
+from facadelake.core.frames import Array, Similarity
 
 # A mark that misses the point's own rays by more than this is on something else.
 WRONG_MARK_PX = 8.0

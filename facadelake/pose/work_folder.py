@@ -11,7 +11,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 
 logger = logging.getLogger(__name__)
 

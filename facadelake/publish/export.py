@@ -11,7 +11,7 @@ import pyarrow.csv as csv
 import pyarrow.parquet as pq
 import pyogrio
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.publish.columns import GEOMETRIES, GEOMETRY, PATCH, ordered, plain, wkt
 from facadelake.publish.geopackage import facade_layers, geo_layers, write_layers, write_plain
 from facadelake.publish.geoparquet import CRS_2D, frame, write_geoparquet

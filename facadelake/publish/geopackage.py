@@ -17,8 +17,8 @@ import pyarrow.compute as pc
 import pyogrio
 import shapely
 
-from facadelake.frames import Array
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.publish.columns import FIRST, GEOMETRY, PATCH, plain, shapes
 from facadelake.publish.geoparquet import CRS_2D, CRS_3D
 from schemas.tables import RUN_KEYS

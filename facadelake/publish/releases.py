@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.errors import InputDataError, StoreError
+from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake.read import read_tables
 from facadelake.publish.export import export
 from facadelake.publish.geopackage import facade_layers, geo_layers, write_layers

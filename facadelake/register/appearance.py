@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Array
-from facadelake.progress import track
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Array
+from facadelake.core.progress import track
 from facadelake.register.patch import tangents_of
 from facadelake.register.sightings import Sightings
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Hits, Surface
 from facadelake.register.outline import Outlines

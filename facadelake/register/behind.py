@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.geobim.surface import MISS, Surface
 from facadelake.register.cluster import numbered
 from facadelake.register.gate import Noise, measured, placing_m2

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
 from facadelake.geobim.surface import Hits, Surface
 from facadelake.register.continuity import main_side, members_of
 from facadelake.register.middle import middle_of_mask, middles_of_boxes

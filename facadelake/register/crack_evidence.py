@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.register.sightings import column
 from facadelake.register.votes import weighted_median
 from schemas.vocabulary import CrackWidthOutcome

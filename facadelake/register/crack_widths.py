@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.register.casts import Casts
 from facadelake.register.rays import rays_of
 from schemas.vocabulary import CrackWidthOutcome

@@ -8,13 +8,13 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.tables import check_table, stage_schema
 from facadelake.register.gate import joined_pairs, measured, placing_m2
 from facadelake.register.grouping import Grouping
 from facadelake.register.settings import MergeSettings
 from facadelake.register.sightings import Sightings
 from facadelake.register.votes import commonest
-from facadelake.tables import check_table, stage_schema
 from schemas.vocabulary import MergeDecision, MergeReason
 
 _JOINED_EACH = 1  # pairs that are kept for each sighting: its nearest companion in the defect

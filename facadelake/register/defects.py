@@ -10,14 +10,14 @@ import pyarrow.compute as pc
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.tables import check_table, stage_schema
 from facadelake.geobim.facade import COMPASS
 from facadelake.geobim.model import BuildingModel
 from facadelake.register.crack_evidence import crack_evidence
 from facadelake.register.position import Positions
 from facadelake.register.sightings import CLASSES, Sightings, codes_of, column
 from facadelake.register.votes import commonest, greatest, weighted_median
-from facadelake.tables import check_table, stage_schema
 from schemas.vocabulary import PositionFrom
 
 Rows = NDArray[np.int64]

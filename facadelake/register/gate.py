@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.parallel import side_by_side
 from facadelake.register.patch import tangents_of
 from facadelake.register.settings import MergeSettings
 from facadelake.register.sightings import Sightings
-from facadelake.register.threads import side_by_side
 
 _GRAZING_COSINE = 0.15  # a ray flatter than this says nothing more of relief
 _FACING_MIN = -0.2  # surfaces that turn further from one another do not show one defect

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.register.cluster import clusters_of, numbered
 from facadelake.register.gate import Noise, Pairs, measured_again, pairs_of
 from facadelake.register.seams import united, units_of

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import shapely
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
 from facadelake.geobim.facade_directions import facades_in
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.storeys import storeys_of_places

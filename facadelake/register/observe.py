@@ -15,17 +15,17 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
+from facadelake.core.progress import stage_progress
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
-from facadelake.progress import stage_progress
 from facadelake.register.attribution import Attribution
 from facadelake.register.casts import Casts, cast
 from facadelake.register.places import Places
 from facadelake.register.settings import RegisterSettings
 from facadelake.register.uncertainty import ray_covariance, surface_covariance
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import DetectionOutcome, ObservationOutcome
 
 _log = logging.getLogger(__name__)
@@ -52,8 +52,8 @@ def observe(
     """Table ``observations``: one row an accepted detection, with its outcome; ``defect_id`` is left to ``merge``.
 
     ``posed`` holds the localised photographs by photo_id, ``covariances`` their poses' (6, 6) as
-    ``facadelake.posed.pose_covariances`` gives them; a pose without one is taken for exact. A surface that was measured
-    stands off the building by its own ``surface_sigma_m`` instead of ``settings.model_sigma_m``.
+    ``facadelake.core.pose_table.pose_covariances`` gives them; a pose without one is taken for exact. A surface that
+    was measured stands off the building by its own ``surface_sigma_m`` instead of ``settings.model_sigma_m``.
     """
     if building.surface_sigma_m is not None:
         settings = replace(settings, model_sigma_m=building.surface_sigma_m)

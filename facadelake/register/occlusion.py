@@ -19,9 +19,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 from shapely import STRtree
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
 from facadelake.geobim.surface import Surface
 from facadelake.register.tie_points import TiePoints
 

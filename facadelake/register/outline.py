@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 APART = 1e7  # pitches; keeps the detections of one search tree apart
 _NEIGHBOURS = 1.5  # of a mask's pixels, in pitches of its lattice: the eight around it

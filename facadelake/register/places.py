@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.geobim.facade_directions import facades_in
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.storeys import storeys_of_places

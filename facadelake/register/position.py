@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.register.gate import Noise
 from facadelake.register.settings import MergeSettings
 from facadelake.register.sightings import Sightings

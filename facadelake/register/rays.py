@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Array
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.register.cluster import numbered
 from facadelake.register.gate import Pairs
 from facadelake.register.sightings import Sightings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import hypot, inf
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from schemas.vocabulary import ControlKind
 
 _CHECK_POINTS_LEAST = 3

@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
 from facadelake.register.patch import tangents_of
 from schemas.vocabulary import DefectClass
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.register.cluster import numbered
 from facadelake.register.gate import Pairs
 from facadelake.register.settings import MergeSettings

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
 
 _LEAST_SIGHTS = 3  # with two, a wrong match along the epipolar line leaves no residual
 _LEAST_SIGMA_PX = 0.5  # features are not found better

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.parallel import side_by_side
 from facadelake.register.gate import Noise, placing_m2
 from facadelake.register.patch import tangents_of
 from facadelake.register.sightings import Sightings
-from facadelake.register.threads import side_by_side
 
 _ROUNDS = 12
 _FREEDOM = 4.0  # of Student's t: one residual in fifty lies beyond 3.5 sigmas instead of one in 2,000

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 _LEAST_COSINE = 0.01  # of a ray flatter than 89.4 deg to the normal nothing finite can be said
 

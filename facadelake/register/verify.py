@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.register.appearance import Likeness
 from facadelake.register.gate import Noise, Pairs
 from facadelake.register.settings import MergeSettings

@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 from cronsim import CronSim, CronSimError
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.registry.bare import require_fitting_keys, surface_kind_of
 from schemas.vocabulary import DefectClass, SurfaceKind
 

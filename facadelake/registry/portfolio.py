@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlparse
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.registry.bare import AS_BUILT
 from facadelake.registry.building import DEFAULT_MODEL, Building
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from facadelake.errors import InputDataError, StoreError
+from facadelake.core.errors import InputDataError, StoreError
 from facadelake.review.changes import Change, Changed
 from facadelake.review.on_the_wall import WallDefect
 from facadelake.review.on_words import OnWords, Place

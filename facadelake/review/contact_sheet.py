@@ -10,11 +10,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from facadelake.core.errors import StoreError
+from facadelake.core.progress import track
 from facadelake.detect.boxes import Box
 from facadelake.detect.letterbox import Image
 from facadelake.detect.photograph import read_photograph
-from facadelake.errors import StoreError
-from facadelake.progress import track
 
 _CELL_PX, _CAPTION_PX, _COLUMNS = 220, 34, 6
 _AROUND = 2.2  # side of a crop over its box's longer side: a person needs to see where it is

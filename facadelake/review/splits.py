@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from enum import StrEnum
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 
 VAL_SHARE, TEST_SHARE = 0.15, 0.15  # of all buildings there may ever be
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
+from facadelake.core.frames import Array
 from facadelake.detect.boxes import Box
-from facadelake.frames import Array
 from facadelake.review.overlap import corners_of, overlaps, pairs_of
 from facadelake.review.record import Review, box_of_row, latest
 from schemas.vocabulary import DefectClass, DetectionOutcome

@@ -12,8 +12,8 @@ from typing import Any
 
 import shapely
 
+from facadelake.core.errors import InputDataError, StoreError
 from facadelake.detect.boxes import Box
-from facadelake.errors import InputDataError, StoreError
 from facadelake.review.record import box_of_row
 from facadelake.review.shown import Shown, polygons
 from schemas.vocabulary import DefectClass, Verdict

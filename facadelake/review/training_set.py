@@ -16,10 +16,10 @@ from typing import Any
 
 import cv2
 
+from facadelake.core.errors import InputDataError, StoreError
+from facadelake.core.progress import track
 from facadelake.detect.letterbox import Image
 from facadelake.detect.photograph import read_photograph, turned_by_exif
-from facadelake.errors import InputDataError, StoreError
-from facadelake.progress import track
 from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.label_files import CLASSES, Picture, write_labels
 from facadelake.review.material import Labelled, Material, material_of

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 
 _READABLE = 24  # a longer text may be wrapped in a cell
 

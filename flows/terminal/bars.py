@@ -18,7 +18,7 @@ from rich.progress import (
 
 
 class ProgressBars:
-    """A listener of facadelake.progress that draws with rich; a context manager."""
+    """A listener of facadelake.core.progress that draws with rich; a context manager."""
 
     def __init__(self, console: Console) -> None:
         self._console = console

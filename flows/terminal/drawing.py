@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from facadelake.progress import listening
+from facadelake.core.progress import listening
 from flows.terminal.bars import ProgressBars
 from flows.terminal.stopping import stoppable
 

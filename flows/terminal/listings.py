@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table, versions
 from facadelake.registry import Portfolio, read_portfolio

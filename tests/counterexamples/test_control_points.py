@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from facadelake.errors import GeoreferenceError, InputDataError
+from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.pose.control_points import ControlPoint, ControlPoints, read_control_points
 from facadelake.pose.georeference import Control, Georeferenced, Place, georeference
 from schemas.vocabulary import ControlKind, PositionSource

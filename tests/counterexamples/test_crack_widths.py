@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from facadelake.core.tables import table_of_rows
 from facadelake.detect.measure.photographs import measure_detections
-from facadelake.tables import table_of_rows
 
 Sides = tuple[float, float, float, float]
 

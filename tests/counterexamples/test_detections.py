@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from facadelake.core.errors import InputDataError, ModelError
+from facadelake.core.tables import table_of_rows
 from facadelake.detect.card import ModelCard
 from facadelake.detect.coco import import_coco
 from facadelake.detect.detector import load_detector
 from facadelake.detect.onnx import OnnxDetector
-from facadelake.errors import InputDataError, ModelError
-from facadelake.tables import table_of_rows
 from tests.unit.detect.onnx_models import answer, card, save_model
 
 PHOTOS = table_of_rows(

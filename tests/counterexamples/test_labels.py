@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from facadelake.core.errors import InputDataError
 from facadelake.detect.crosswalk import crosswalk_with
-from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledSet
 from facadelake.evaluate.detector.labels_open import Form, open_labels
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.errors import StoreError
+from facadelake.core.errors import StoreError
 from facadelake.lake.connect import locked, writing
 from facadelake.lake.read import read_table, versions
 from schemas.tables import SCHEMA_VERSION
@@ -42,7 +42,7 @@ def test_disk_full_at_commit_leaves_nothing_half_written(tmp_path: Path, defects
     """A real write error of the system: a limit on file size stops a large data file, or the small catalog."""
     first = commit(tmp_path)
     code = f"""
-        from facadelake.errors import StoreError
+        from facadelake.core.errors import StoreError
         try:
             commit(Path({str(tmp_path)!r}), run_id="run-2", inputs="j" * 64, defects={defects}, sightings=1)
         except StoreError as error:

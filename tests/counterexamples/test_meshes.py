@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.errors import FacadelakeError, GeoreferenceError, ModelError
+from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
 from facadelake.geobim.mesh_building import BareSettings, load_mesh_building, place_without_model
 
 SETTINGS = BareSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.errors import FacadelakeError, GeoreferenceError, ModelError
+from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
 from facadelake.geobim.georeference import MapPlacement
 from facadelake.geobim.load import load_building
 from facadelake.geobim.model import ModelSettings

@@ -10,8 +10,8 @@ import pyarrow as pa
 import pytest
 from PIL import Image
 
+from facadelake.core.errors import InputDataError
 from facadelake.detect.coco import import_coco
-from facadelake.errors import InputDataError
 from facadelake.photo.ingest import ingest_photographs
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.settings import ReconstructionSettings

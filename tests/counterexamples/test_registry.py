@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.errors import FacadelakeError, InputDataError
+from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.lake.severity import rule_file
 from facadelake.registry import Building, read_portfolio
 from tests.counterexamples.command_line import facadelake

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import yaml
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Similarity
-from facadelake.posed import pose_columns
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Similarity
+from facadelake.core.pose_table import pose_columns
+from facadelake.core.tables import read_table, table_of_rows, write_table
 from facadelake.registry import Building
-from facadelake.tables import read_table, table_of_rows, write_table
 from tasks.detect import WITHOUT_POSE, detect
 from tasks.job import InspectionJob, StageResult
 from tests.synthetic.registration_scene import Wall, building_of

@@ -13,11 +13,11 @@ import pytest
 import yaml
 
 from benchmarks.published_poses import write_published
+from facadelake.core.pose_table import posed_cameras
 from facadelake.detect.tiling.plan import SCALES_APART
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.lake.read import read_table
-from facadelake.posed import posed_cameras
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Similarity
+from facadelake.core.pose_table import pose_columns
+from facadelake.core.tables import read_table, table_of_rows, write_table
 from facadelake.geobim.model import read_building
-from facadelake.posed import pose_columns
 from facadelake.registry import Building
-from facadelake.tables import read_table, table_of_rows, write_table
 from schemas.vocabulary import SurfaceKind
 from tasks.as_built_model import as_built_model, place_building
 from tasks.job import InspectionJob, StageResult

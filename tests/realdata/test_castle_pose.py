@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from facadelake.frames import similarity_between
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.frames import similarity_between
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.photo.ingest import ingest_photographs
 from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Control, Georeferenced, Place, georeference

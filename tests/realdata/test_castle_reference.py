@@ -13,10 +13,10 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Similarity, similarity_between
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Similarity, similarity_between
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.photo.ingest import ingest_photographs
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import Reconstruction, read_descriptors, read_reconstruction

@@ -15,6 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.published_poses import write_published
+from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.detect.coco import import_coco
 from facadelake.evaluate.evaluation import evaluate
 from facadelake.evaluate.figures import Figures
@@ -25,7 +26,6 @@ from facadelake.photo.ingest import ingest_photographs
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported.placing import PlacedByImport, place_imported
 from facadelake.pose.imported.reading import read_poses
-from facadelake.posed import pose_covariances, posed_cameras
 from facadelake.register.merge import merge
 from facadelake.register.observe import observe
 from facadelake.register.settings import MergeSettings, RegisterSettings

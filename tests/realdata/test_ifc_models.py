@@ -12,9 +12,10 @@ import pyproj
 import pytest
 import shapely
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Similarity
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.georeference import MapPlacement
 from facadelake.geobim.load import load_building
 from facadelake.geobim.mesh import meshes_of, open_ifc
@@ -23,7 +24,6 @@ from facadelake.geobim.surface import Surface
 from facadelake.register.merge import MergeResult, merge
 from facadelake.register.observe import observe
 from facadelake.register.settings import RegisterSettings
-from facadelake.tables import table_of_rows
 
 pytestmark = pytest.mark.realdata
 XYZ = ("x_site_m", "y_site_m", "z_site_m")

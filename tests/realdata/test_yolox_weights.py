@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from facadelake.core.errors import ModelError
 from facadelake.detect.card import ModelCard
 from facadelake.detect.detector import Found, OnnxDetector
-from facadelake.errors import ModelError
 
 pytestmark = pytest.mark.realdata
 

@@ -8,10 +8,10 @@ import duckdb
 import pytest
 import shapely
 
+from facadelake.core.sql_files import statements
+from facadelake.core.tables import table_of_rows
 from facadelake.lake.connect import bare_connection
 from facadelake.lake.expectations import CHECKED, across_tables
-from facadelake.lake.sqlfiles import statements
-from facadelake.tables import table_of_rows
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, rows
 
 

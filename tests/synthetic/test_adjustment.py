@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from facadelake.camera import Camera
+from facadelake.core.camera import Camera
 from facadelake.pose.adjustment.adjust import Adjusted, adjust, held_out_residuals
 from facadelake.pose.adjustment.evidence import Evidence, MarkedPoints, ModelEvidence
 from facadelake.pose.adjustment.linearise import Layout

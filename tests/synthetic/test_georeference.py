@@ -8,16 +8,16 @@ import pyarrow as pa
 import pytest
 from scipy.spatial.transform import Rotation
 
-from facadelake.camera import Camera
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Similarity
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.camera import Camera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Similarity
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_of_rows
 from facadelake.pose.control_points import ControlPoint, ControlPoints, Sighting
 from facadelake.pose.georeference import Control, Georeferenced, Place, georeference
 from facadelake.pose.model_control import ModelControl
 from facadelake.pose.poses import poses_table
 from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import ControlKind
 from tests.unit.pose.small_block import BoxSurface, looking
 

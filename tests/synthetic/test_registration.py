@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from facadelake.camera import PosedCamera
+from facadelake.core.camera import PosedCamera
 from facadelake.geobim.surface import Surface
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.merge import MergeResult, merge

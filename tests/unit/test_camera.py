@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.errors import InputDataError
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Similarity
 
 CAMERA = Camera(
     width_px=3072, height_px=2048, fx_px=2759.5, fy_px=2764.2, cx_px=1520.7, cy_px=1006.8,

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from facadelake import doctor
+from facadelake.core.system_libraries import Library
 from facadelake.detect.shelf import default_model
 from facadelake.doctor import Check, Probe, Status, run_checks
-from facadelake.libraries import Library
 
 
 def probe(code: str) -> Check:

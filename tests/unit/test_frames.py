@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Similarity, similarity_between
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Similarity, similarity_between
 
 numbers = st.floats(-1e4, 1e4, allow_nan=False)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)

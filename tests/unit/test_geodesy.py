@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from facadelake.errors import GeoreferenceError
-from facadelake.geodesy import ECEF, GEO, SiteOrigin, as_3d, transform
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.geodesy import ECEF, GEO, SiteOrigin, as_3d, transform
 
 A, F = 6378137.0, 1 / 298.257223563  # WGS 84
 E2 = F * (2 - F)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.quiet import DEFAULTS
+from facadelake.core.environment import DEFAULTS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.errors import FacadelakeError
+from facadelake.core.errors import FacadelakeError
 from schemas.vocabulary import DefectClass
 from training.data.sample import CLASSES, Sample
 from training.data.sites import sites_of

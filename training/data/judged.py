@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from facadelake.errors import FacadelakeError
+from facadelake.core.errors import FacadelakeError
 from schemas.vocabulary import DefectClass
 from training.data.sample import CLASSES
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.errors import FacadelakeError
+from facadelake.core.errors import FacadelakeError
 from schemas.vocabulary import DefectClass
 
 CLASSES: tuple[DefectClass, ...] = (DefectClass.CRACK, DefectClass.SPALLING, DefectClass.MOISTURE)

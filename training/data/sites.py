@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from facadelake.errors import FacadelakeError
+from facadelake.core.errors import FacadelakeError
 from training.data.sample import Split
 
 SITES_PATH = Path(__file__).with_name("sites.yaml")

@@ -7,10 +7,10 @@ from itertools import permutations
 
 import numpy as np
 
+from facadelake.core.errors import ModelError
 from facadelake.detect.card import Layout, ModelCard
 from facadelake.detect.layouts.reader import EVERYTHING, Numbers, Part, fits
 from facadelake.detect.layouts.table import READERS
-from facadelake.errors import ModelError
 
 _REMEDY = "correct output.layout or class_names in the card, or export the model again"
 _MOST_CLASSES = 1000  # of a model whose number of classes is looked for

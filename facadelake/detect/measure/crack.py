@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.core.frames import Array
 from facadelake.detect.measure.blur import Blur, blur_of
 from facadelake.detect.measure.light import coded_grey, linear
 from facadelake.detect.measure.profiles import Profiles, half_width_wanted, profiles_of
@@ -14,7 +15,6 @@ from facadelake.detect.measure.ridges import dark_lines
 from facadelake.detect.measure.strip import moved_across, onto_the_darkest, straightened
 from facadelake.detect.measure.trace import Line, line_along_mask, line_through_box
 from facadelake.detect.measure.width import Width, width_of
-from facadelake.frames import Array
 from schemas.vocabulary import CrackWidthOutcome
 
 _BLURS = 2.5  # of the blur beyond a crack's edge, where its darkness ends

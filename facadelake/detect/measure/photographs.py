@@ -13,12 +13,12 @@ import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
 
+from facadelake.core.progress import stage_progress
+from facadelake.core.tables import table_of_rows
 from facadelake.detect.measure.blur import UNKNOWN, Blur, blur_of
 from facadelake.detect.measure.crack import CrackMeasure, measure_crack
 from facadelake.detect.measure.light import coded_grey, linear
 from facadelake.detect.photograph import read_photograph
-from facadelake.progress import stage_progress
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import CrackWidthOutcome, DefectClass, DetectionOutcome
 
 _log = logging.getLogger(__name__)

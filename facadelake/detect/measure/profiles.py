@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, median_filter
 
+from facadelake.core.frames import Array
 from facadelake.detect.measure.strip import STEP_PX, Strip
-from facadelake.frames import Array
 
 _FLANK_PX = 3.0  # of wall beside the crack, at least
 _FLANK_SHARE = 0.5  # of the crack's width

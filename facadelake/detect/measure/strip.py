@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates
 
+from facadelake.core.frames import Array
 from facadelake.detect.measure.trace import evenly_spaced
-from facadelake.frames import Array
 
 STEP_PX = 0.25
 _SMOOTH_PX = 2.0  # along the line

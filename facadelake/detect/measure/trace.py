@@ -10,8 +10,8 @@ from scipy.ndimage import binary_dilation, gaussian_filter1d
 from skimage.graph import MCP_Geometric
 from skimage.measure import block_reduce
 
+from facadelake.core.frames import Array
 from facadelake.detect.measure.ridges import Ridges
-from facadelake.frames import Array
 
 _PIXELS_MOST = 200_000  # of a path search; a larger box is searched on the strongest ridge of each block of pixels
 _FLAT = 0.03  # cost of a pixel is 1 / (this + strength), so that a gap of some pixels is cheaper than a way round

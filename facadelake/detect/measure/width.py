@@ -15,9 +15,9 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 from scipy.special import erf
 
+from facadelake.core.frames import Array
 from facadelake.detect.measure.blur import Blur
 from facadelake.detect.measure.profiles import Profiles
-from facadelake.frames import Array
 
 _PLACES_A_BIN = 25
 _BINS_MOST = 6

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 
 Corners = Array  # (n, 4): left, top, right, bottom in pixels of the photograph
 Indices = NDArray[np.int64]

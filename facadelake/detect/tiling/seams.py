@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from facadelake.core.frames import Array
 from facadelake.detect.boxes import Box
 from facadelake.detect.detector import Found
 from facadelake.detect.tiling.agreement import agreement, areas, common, grown, overlap, shares
 from facadelake.detect.tiling.plan import Look, Tile
-from facadelake.frames import Array
 
 # A box that ends so near a tile's border, in pixels of the model's input, was cut by it; edges jitter by as much.
 EDGE_PX = 8.0

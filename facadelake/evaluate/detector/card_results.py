@@ -11,9 +11,9 @@ from typing import Any
 
 import yaml
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.errors import ModelError, StoreError
 from facadelake.detect.card import card_path, read_card
-from facadelake.errors import ModelError, StoreError
 from facadelake.evaluate.detector.false_alarms import FalseAlarms
 from facadelake.evaluate.detector.figures import ClassFigures, Figures
 from facadelake.evaluate.detector.image_level import ImageLevelFigures

@@ -10,9 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from facadelake.core.errors import StoreError
 from facadelake.detect.boxes import Box
 from facadelake.detect.letterbox import Image
-from facadelake.errors import StoreError
 from facadelake.evaluate.detector.figures import Judgement
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Collected, read_pixels

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Prediction
 from facadelake.evaluate.detector.resampling import interval_of

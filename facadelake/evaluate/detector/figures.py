@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from facadelake.core.frames import Array
 from facadelake.evaluate.detector.calibration import Calibration, calibration_of
 from facadelake.evaluate.detector.false_alarms import FalseAlarms, false_alarms_of
 from facadelake.evaluate.detector.labels import LabelledImage, LabelledSet
@@ -21,7 +22,6 @@ from facadelake.evaluate.detector.operating import (
     operating_of,
 )
 from facadelake.evaluate.detector.resampling import FEW, Interval, interval_of
-from facadelake.frames import Array
 from schemas.vocabulary import DefectClass
 
 _EVERY = 10**6  # at the threshold every box is shown, however many

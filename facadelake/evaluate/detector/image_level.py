@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import rankdata
 
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
 from facadelake.detect.crosswalk import Crosswalk
-from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.figures import Judged
 from facadelake.evaluate.detector.labels import Gathering, LabelledImage, LabelledSet, photographs_below
 from facadelake.evaluate.detector.looking import Collected, Looker
 from facadelake.evaluate.detector.resampling import Interval, interval_of
-from facadelake.frames import Array
 from schemas.vocabulary import DefectClass
 
 _SOUND = frozenset({"intact", "clean", "sound", "negative", "negatives", "none", "normal", "background", "undamaged"})

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from facadelake.core.errors import InputDataError
 from facadelake.detect.boxes import Box, clip_box
-from facadelake.errors import InputDataError
 from schemas.vocabulary import DefectClass
 
 PHOTOGRAPHS = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})

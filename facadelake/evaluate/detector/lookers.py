@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.errors import InputDataError
 from facadelake.detect.boxes import Box
 from facadelake.detect.card import ModelCard
 from facadelake.detect.coco_file import CocoAnnotation, number, read_coco
@@ -13,7 +14,6 @@ from facadelake.detect.detector import Found, OnnxDetector
 from facadelake.detect.find_card import find_card
 from facadelake.detect.letterbox import Image
 from facadelake.detect.tiling import detect_image
-from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Looks
 

@@ -12,13 +12,13 @@ from typing import Protocol
 
 from PIL import Image as PilImage
 
+from facadelake.core.progress import track
 from facadelake.detect.boxes import Box, clip_box
 from facadelake.detect.crosswalk import Crosswalk
 from facadelake.detect.detector import Found
 from facadelake.detect.letterbox import Image
 from facadelake.detect.photograph import read_photograph
 from facadelake.evaluate.detector.labels import LabelledImage
-from facadelake.progress import track
 from schemas.vocabulary import DefectClass
 
 _log = logging.getLogger(__name__)

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
+from facadelake.core.frames import Array
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Prediction
-from facadelake.frames import Array
 from schemas.vocabulary import DefectClass
 
 IOU_THRESHOLDS = np.linspace(0.5, 0.95, 10)

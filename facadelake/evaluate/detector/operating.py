@@ -10,10 +10,10 @@ from itertools import product
 import numpy as np
 from pycocotools.mask import iou
 
+from facadelake.core.frames import Array
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Prediction
 from facadelake.evaluate.detector.matching import Matches
-from facadelake.frames import Array
 
 NOTHING = "nothing"
 IOU = 0.5

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
 from facadelake.detect.card import ModelCard
 from facadelake.detect.find_card import find_card
 from facadelake.evaluate.detector.card_results import evaluations

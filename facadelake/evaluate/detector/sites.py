@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.evaluate.detector.labels import LabelledImage, LabelledSet
 
 _MANY = frozenset("*?[")

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array, Similarity
 from facadelake.pose.adjustment.evidence import Evidence, MarkedPoints, ModelEvidence, lens_beforehand
 from facadelake.pose.adjustment.linearise import PRIOR_LIMIT, Layout, State, cauchy, sighting_residuals, start_of
 from facadelake.pose.adjustment.model_terms import no_walls, walls_of

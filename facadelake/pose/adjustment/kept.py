@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pose.adjustment.linearise import PRIOR_LIMIT, Layout, State, cauchy
 from facadelake.pose.adjustment.problem import Problem
 

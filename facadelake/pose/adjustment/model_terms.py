@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pose.adjustment.linearise import State
 from facadelake.pose.adjustment.problem import Rows, WallTerms
 from facadelake.pose.adjustment.ties import Ties

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera
-from facadelake.frames import Array
+from facadelake.core.camera import Camera
+from facadelake.core.frames import Array
 
 Rows = NDArray[np.int64]
 

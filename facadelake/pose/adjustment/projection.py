@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera
-from facadelake.frames import Array
+from facadelake.core.camera import Camera
+from facadelake.core.frames import Array
 
 LENS_TERMS = ("focal_px", "aspect", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 _NEAREST = 1e-6  # a point at or behind the camera has no image

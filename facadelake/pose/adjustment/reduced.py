@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pose.adjustment.kept import add_kept
 from facadelake.pose.adjustment.linearise import (
     Layout,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array
 from facadelake.pose.adjustment.kept import held
 from facadelake.pose.adjustment.linearise import Layout, State, moved, sighting_residuals, start_of
 from facadelake.pose.adjustment.problem import Problem, Rows

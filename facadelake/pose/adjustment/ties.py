@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.frames import Array, Similarity
+from facadelake.core.frames import Array, Similarity
 from facadelake.pose.adjustment.problem import Block, Rows
 from facadelake.pose.reconstruction import Reconstruction
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.cluster.vq import kmeans2
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pose.adjustment.linearise import Layout
 from facadelake.pose.adjustment.problem import Problem, Rows
 from facadelake.pose.adjustment.reduced import Reduced, reduce

@@ -13,8 +13,8 @@ from enum import StrEnum
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
 from facadelake.pose.gps import rotation_of_attitude
 
 # Programs write six digits and more; what is further from a rotation is none.

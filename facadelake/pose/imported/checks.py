@@ -7,9 +7,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
 from facadelake.geobim.surface import Hits
 from facadelake.pose.georeference import Place
 from facadelake.pose.gps import rotation_of_attitude

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.errors import InputDataError
-from facadelake.frames import Array, Similarity
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.imported.attitude import CameraAxes, Direction, from_quaternion
 from facadelake.pose.imported.head import read_head
 from facadelake.pose.imported.records import ImportedLens, ImportedPose, ImportedPoses, UnusablePose

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from facadelake.camera import PosedCamera
-from facadelake.frames import Array
-from facadelake.geodesy import SiteOrigin
-from facadelake.photo_names import PhotoNames
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.photo_names import PhotoNames
 from facadelake.pose.control_points import ControlPoints, control_in_site
 from facadelake.pose.georeference import Place
 from facadelake.pose.passport import PassportPoint

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 
 _SAID = re.compile(r"#?\s*([A-Za-z_]+)\s*:\s*(.*)")
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.camera import PosedCamera
-from facadelake.errors import GeoreferenceError, InputDataError
-from facadelake.frames import Array, Similarity
-from facadelake.photo_names import PhotoNames
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError, InputDataError
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.photo_names import PhotoNames
+from facadelake.core.tables import table_of_rows
 from facadelake.pose.control_points import ControlPoints
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported.checks import SurfaceLike, refuse_impossible
@@ -21,7 +22,6 @@ from facadelake.pose.imported.evidence import Evidence, evidence_of
 from facadelake.pose.imported.records import ImportedPose, ImportedPoses
 from facadelake.pose.passport import points_table, require_good
 from facadelake.pose.poses import placed_columns
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import ControlKind, PhotoOutcome, PoseSource
 
 # What a good bundle adjustment knows of its cameras on a building; taken where the file states no sigma.

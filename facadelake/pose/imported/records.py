@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from facadelake.camera import Camera
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
+from facadelake.core.camera import Camera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
 from facadelake.pose.imported.world import PoseWorld
 
 

@@ -12,9 +12,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from facadelake.errors import InputDataError
-from facadelake.frames import Array
-from facadelake.geodesy import GEO, SiteOrigin
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import GEO, SiteOrigin
 from facadelake.pose.imported.attitude import (
     CameraAxes,
     Direction,

@@ -7,9 +7,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
-from facadelake.geodesy import GEO, SiteOrigin, as_3d, transform
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
 from facadelake.pose.control_points import control_crs_3d, has_own_heights
 from facadelake.pose.georeference import Place
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.pose.worker.report import Report
 
 _PR_SET_PDEATHSIG = 1

@@ -9,7 +9,7 @@ from typing import Any
 
 import pycolmap
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.pose.worker.report import Report
 
 # With fewer photographs of one camera its principal point trades off against their attitudes.

@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.pose.worker.mapping import tolerance_factor
 from facadelake.pose.worker.report import Report
 

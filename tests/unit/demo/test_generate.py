@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.core.errors import InputDataError, ModelError
 from facadelake.demo import generate
 from facadelake.demo.generate import DemoFiles, generate_demo
 from facadelake.demo.recipe import DemoRecipe, load_recipe
-from facadelake.errors import InputDataError, ModelError
 
 
 def _pretend(recipe: DemoRecipe, out: Path) -> None:

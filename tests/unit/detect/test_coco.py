@@ -9,10 +9,10 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.errors import InputDataError
+from facadelake.core.tables import table_of_rows
 from facadelake.detect.coco import import_coco
-from facadelake.errors import InputDataError
-from facadelake.tables import table_of_rows
 
 WIDTH, HEIGHT = 640, 480
 

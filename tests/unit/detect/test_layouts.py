@@ -10,12 +10,12 @@ import pytest
 import shapely
 from onnx import TensorProto, helper
 
+from facadelake.core.errors import ModelError
 from facadelake.detect.card import Layout, ModelCard
 from facadelake.detect.detector import OnnxDetector, load_detector
 from facadelake.detect.letterbox import letterbox
 from facadelake.detect.masks import QueryMasks
 from facadelake.detect.outline import outline
-from facadelake.errors import ModelError
 from tests.unit.detect.onnx_models import CLASSES, GRID, HEIGHT, WIDTH, answer, answers, card, save_model, save_triple
 
 NEW = ("yolov5_seg", "yolov8_seg", "nms6_seg", "rtdetr", "rtdetr_triple", "rtdetr_rows", "rfdetr", "rfdetr_seg")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import yaml
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.errors import ModelError
 from facadelake.detect.card import read_card
 from facadelake.detect.chosen import model_file, settled
 from facadelake.detect.shelf import LIST, SHIPPED, default_model, promote, promotions
-from facadelake.errors import ModelError
 from facadelake.registry import Building, OnnxDetectorSetting
 from tests.unit.detect.onnx_models import card, save_model
 

@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from facadelake.geodesy import SiteOrigin
-from facadelake.tables import table_of_rows
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_of_rows
 
 Array = NDArray[np.float64]
 CRS = "EPSG:25832"

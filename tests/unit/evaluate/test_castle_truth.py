@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_of_rows
 from facadelake.detect.coco import import_coco
 from facadelake.evaluate.evaluation import evaluate
-from facadelake.geodesy import SiteOrigin
-from facadelake.tables import table_of_rows
 
 pytestmark = pytest.mark.realdata
 # Not truth's own origin: 30 m off, so that positions must come through EPSG:4979.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from facadelake.errors import SchemaError
+from facadelake.core.errors import SchemaError
 from facadelake.evaluate.checkpoints import check_points_of
 from facadelake.evaluate.evaluation import evaluate
 from facadelake.evaluate.figures import Figures

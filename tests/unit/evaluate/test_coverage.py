@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from facadelake.errors import SchemaError
+from facadelake.core.errors import SchemaError
 from facadelake.evaluate.evaluation import evaluate
 from facadelake.evaluate.figures import Figures
 from facadelake.evaluate.honesty import CHI_SQUARE_95

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.errors import InputDataError, SchemaError
+from facadelake.core.errors import InputDataError, SchemaError
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.evaluate.evaluation import evaluate
 from facadelake.evaluate.figures import Figures
-from facadelake.geodesy import SiteOrigin
 from tests.unit.evaluate.campaigns import CRS, ORIGIN, Made, Sighting, pixel, tables, write_csv, write_truth
 
 CAMERAS = {f"near/{i}.jpg": np.array([-8.0 + 4 * i, -15.0, 3.0 + 0.5 * i]) for i in range(5)}

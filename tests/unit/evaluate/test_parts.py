@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.evaluate.merging import merging_of
 from facadelake.evaluate.stats import Stats, stats_of, surface_axes
 from facadelake.evaluate.truth import read_truth

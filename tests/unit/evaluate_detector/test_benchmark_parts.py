@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.classical_cracks import ClassicalCracks
 from benchmarks.detector_sets import seen_area
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Similarity
 from facadelake.geobim.surface import Surface
 from tests.unit.evaluate_detector.labelled import image
 

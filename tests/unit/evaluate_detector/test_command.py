@@ -12,8 +12,8 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from facadelake.core.errors import InputDataError, ModelError
 from facadelake.detect.card import read_card
-from facadelake.errors import InputDataError, ModelError
 from flows.cli import app
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.evaluate.detector.calibration import calibration_of
 from facadelake.evaluate.detector.false_alarms import false_alarms_of
 from facadelake.evaluate.detector.matching import average_precision, match

@@ -4,7 +4,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from facadelake.errors import GeoreferenceError
+from facadelake.core.errors import GeoreferenceError
 from facadelake.geobim.control_fit import ControlPair, placed_by
 from facadelake.geobim.load import load_building
 from facadelake.geobim.model import ModelSettings

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
 from facadelake.geobim.edges import ModelEdges, model_edges
 
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])

@@ -6,7 +6,7 @@ import ifcopenshell.api.owner.settings
 import numpy as np
 import pytest
 
-from facadelake.errors import GeoreferenceError
+from facadelake.core.errors import GeoreferenceError
 from facadelake.geobim.georeference import MapPlacement
 from facadelake.geobim.load import load_building
 from facadelake.geobim.model import ModelSettings

@@ -7,7 +7,7 @@ import ifcopenshell.guid
 import numpy as np
 import pytest
 
-from facadelake.errors import ModelError
+from facadelake.core.errors import ModelError
 from facadelake.geobim.load import load_building
 from facadelake.geobim.model import ModelSettings
 from facadelake.geobim.storeys import NamedFloor

@@ -9,7 +9,8 @@ import numpy as np
 import pyproj
 import pytest
 
-from facadelake.errors import GeoreferenceError, ModelError
+from facadelake.core.errors import GeoreferenceError, ModelError
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.geobim.mesh_building import BareSettings, load_mesh_building, place_without_model
 from facadelake.geobim.mesh_file import MeshAxes, read_mesh_file
 from facadelake.geobim.mesh_offset import read_mesh_offset
@@ -17,7 +18,6 @@ from facadelake.geobim.model import BuildingModel, read_building
 from facadelake.geobim.placement import MapPlacement
 from facadelake.geobim.storeys import NamedFloor, storey_at
 from facadelake.geobim.surface import Surface
-from facadelake.geodesy import SiteOrigin
 from schemas.vocabulary import SurfaceKind
 
 # A corner of the box in EPSG:25832 with ellipsoidal height; the box is 20 m east, 10 m north, 8 m high.

@@ -7,9 +7,9 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.errors import ModelError
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Similarity
 from facadelake.geobim.surface import MISS, Surface
 
 UNIT = st.floats(-1, 1, allow_nan=False)

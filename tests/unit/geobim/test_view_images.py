@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.errors import InputDataError
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Similarity
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.view_images import read_view_images, view_images
-from facadelake.tables import table_of_rows
 
 # Looks along +y from the origin.
 POSED = PosedCamera(

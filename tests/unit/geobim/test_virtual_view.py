@@ -7,15 +7,15 @@ import pytest
 import shapely
 import trimesh
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Similarity
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.depth_buffer import buffer_step, eye_depth
 from facadelake.geobim.mesh import meshes_of, open_ifc
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.geobim.virtual_view import VirtualView, straightened, virtual_photograph, virtual_view
-from facadelake.geodesy import SiteOrigin
-from facadelake.tables import table_of_rows
 from tests.unit.geobim.conftest import Box, Ifc
 
 NEAR, FAR = 2.0, 80.0

@@ -12,8 +12,8 @@ from typing import Any
 import pyarrow as pa
 import shapely
 
+from facadelake.core.tables import table_of_rows, with_run_keys
 from facadelake.lake.commit import Committed, commit_campaign
-from facadelake.tables import table_of_rows, with_run_keys
 from schemas.tables import TABLES
 
 REPOSITORY = Path(__file__).resolve().parents[3]

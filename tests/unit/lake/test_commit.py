@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 import shapely
 
-from facadelake.errors import SchemaError, StoreError
+from facadelake.core.errors import SchemaError, StoreError
 from facadelake.lake import commit as commit_module
 from facadelake.lake.commit import Committed, commit_campaign
 from facadelake.lake.connect import locked
@@ -155,7 +155,7 @@ def test_waiting_for_another_writer_ends_with_a_message(tmp_path: Path) -> None:
     with locked(tmp_path):
         code = f"""
             from facadelake.lake.connect import locked
-            from facadelake.errors import StoreError
+            from facadelake.core.errors import StoreError
             try:
                 with locked(Path({str(tmp_path)!r}), timeout_s=0.2):
                     print("got it")

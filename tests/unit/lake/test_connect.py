@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.errors import SchemaError, StoreError
+from facadelake.core.errors import SchemaError, StoreError
 from facadelake.lake.commit import Committed
 from facadelake.lake.connect import bare_connection, locked, writing
 from facadelake.lake.migrate import migrate, migrations, schema_version

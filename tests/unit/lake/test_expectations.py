@@ -8,11 +8,11 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from facadelake.errors import SchemaError
+from facadelake.core.errors import SchemaError
+from facadelake.core.sql_files import statements
+from facadelake.core.tables import stage_schema
 from facadelake.lake import expectations as module
 from facadelake.lake.expectations import CHECKED, checks_sha256, failure_text, failures, validate
-from facadelake.lake.sqlfiles import statements
-from facadelake.tables import stage_schema
 from schemas.expectations import expectations
 from schemas.tables import RUN_KEYS, TABLES
 from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_tables

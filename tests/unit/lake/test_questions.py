@@ -6,12 +6,12 @@ from pathlib import Path
 import duckdb
 import pytest
 
-from facadelake.errors import InputDataError, StoreError
+from facadelake.core.errors import InputDataError, StoreError
+from facadelake.core.sql_files import read_statement
+from facadelake.core.sql_guard import refuse_unless_plain_select
 from facadelake.lake.connect import extension_file
-from facadelake.lake.guard import refuse_unless_plain_select
 from facadelake.lake.questions import ask
 from facadelake.lake.read import query, sealed
-from facadelake.lake.sqlfiles import read_statement
 from schemas.tables import TABLES
 from tests.unit.lake.small_campaign import CAMPAIGN, commit
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from facadelake.errors import InputDataError, StoreError
+from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake import regrade as regrade_module
 from facadelake.lake.commit import Committed
 from facadelake.lake.connect import writing

@@ -7,7 +7,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from facadelake.errors import InputDataError, SchemaError, StoreError
+from facadelake.core.errors import InputDataError, SchemaError, StoreError
 from facadelake.lake import reviews as reviews_module
 from facadelake.lake.commit import Committed
 from facadelake.lake.connect import locked

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.photo.plausibility import Located, check_priors
 from facadelake.photo.prior import PositionPrior, Sigma
 from schemas.vocabulary import PositionSource

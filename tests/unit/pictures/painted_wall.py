@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import pyarrow as pa
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import stage_schema, table_of_rows
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
-from facadelake.geodesy import SiteOrigin
 from facadelake.pictures.inspection import Inspection
-from facadelake.tables import stage_schema, table_of_rows
 
 WALL_WIDTH_M, WALL_HEIGHT_M, WALL_THICK_M = 8.0, 4.0, 0.3
 PAINT_PX_PER_M = 100

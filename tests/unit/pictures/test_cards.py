@@ -11,6 +11,7 @@ import shapely
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.backdrop import draw_place, model_backdrop, place_on
 from facadelake.pictures.card import bar_length_m, length_words
@@ -26,7 +27,6 @@ from facadelake.pictures.photofile import read_photograph
 from facadelake.pictures.places import places_on_model
 from facadelake.pictures.sightings import outline_of, sightings_of
 from facadelake.pictures.storeys import storey_levels
-from facadelake.tables import table_of_rows
 from tests.unit.pictures.painted_wall import PAINT_PX_PER_M, WALL_HEIGHT_M, Painted, box, defect_row, inspection_of
 
 SETTINGS = PictureSettings(cell_m=0.02)

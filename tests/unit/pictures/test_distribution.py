@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from facadelake.core.tables import table_of_rows
 from facadelake.pictures.distribution import (
     NO_STOREY,
     distribution_of,
@@ -17,7 +18,6 @@ from facadelake.pictures.distribution import (
 )
 from facadelake.pictures.inspection import Inspection
 from facadelake.pictures.palette import bgr_of, class_colour
-from facadelake.tables import table_of_rows
 from tests.unit.pictures.painted_wall import Painted, defect_row, inspection_of
 
 

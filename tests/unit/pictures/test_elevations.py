@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.frames import Array
+from facadelake.core.frames import Array
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.elevations import compose, facade_elevations
 from facadelake.pictures.facades import Facade, find_facades
@@ -16,7 +17,6 @@ from facadelake.pictures.marks import marks_also_seen, marks_of, marks_per_facad
 from facadelake.pictures.rectify import RectifiedElevation, rectify
 from facadelake.pictures.relief import look_square_on
 from facadelake.pictures.storeys import storey_levels
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import SurfaceKind
 from tests.unit.pictures.painted_wall import (
     PAINT_PX_PER_M,

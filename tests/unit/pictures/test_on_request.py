@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.on_request import (
     Wanted,

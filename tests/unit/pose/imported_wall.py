@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.surface import Surface
-from facadelake.geodesy import SiteOrigin
 from facadelake.pose.georeference import Place
-from facadelake.tables import table_of_rows
 
 Array = NDArray[np.float64]
 ORIGIN = SiteOrigin(lon_deg=8.4083, lat_deg=48.9409, height_ellipsoidal_m=171.5)

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Array, Similarity
 from facadelake.pose.adjustment.evidence import MarkedPoints
 from facadelake.pose.adjustment.linearise import State
 from facadelake.pose.adjustment.model_terms import no_walls

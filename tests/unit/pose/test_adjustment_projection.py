@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.camera import Camera
+from facadelake.core.camera import Camera
 from facadelake.pose.adjustment.projection import LENS_TERMS, camera_of, lens_of, project
 
 CAMERA = Camera(

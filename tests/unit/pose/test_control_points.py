@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.errors import GeoreferenceError
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.control_points import (
     ControlPoints,
     control_crs_3d,

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
 from facadelake.geobim.edges import ModelEdges, model_edges
 from facadelake.geobim.surface import Surface
 from facadelake.pose.edge_search import find_shift

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.pose.imported.attitude import (
     CameraAxes,
     Direction,

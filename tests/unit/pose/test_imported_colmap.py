@@ -8,7 +8,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.pose.imported.colmap import read_colmap_text
 from facadelake.pose.imported.reading import read_poses
 from tests.unit.pose.imported_wall import CENTRES, LOOKS_NORTH, NAMES, ORIGIN, PLACE, write

@@ -8,7 +8,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.pose.imported.reading import read_poses
 from facadelake.pose.imported.table import read_poses_csv
 from tests.unit.pose.imported_wall import CENTRES, LENS, LOOKS_NORTH, ORIGIN, PLACE, geo, geo_csv, quaternion, write

@@ -8,11 +8,11 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from facadelake.errors import GeoreferenceError, InputDataError
+from facadelake.core.errors import GeoreferenceError, InputDataError
+from facadelake.core.pose_table import posed_cameras
 from facadelake.pose.control_points import ControlPoint, ControlPoints, Sighting
 from facadelake.pose.imported.placing import SIGMA_POSITION_M, PlacedByImport, place_imported
 from facadelake.pose.imported.reading import read_poses
-from facadelake.posed import posed_cameras
 from tests.unit.pose.imported_wall import CENTRES, NAMES, ORIGIN, PLACE, geo, geo_csv, photos, wall, write
 
 

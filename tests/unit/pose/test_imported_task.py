@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.core.tables import read_table, table_of_rows, write_table
 from facadelake.geobim.model import BuildingModel
 from facadelake.registry import read_portfolio
-from facadelake.tables import read_table, table_of_rows, write_table
 from tasks.import_poses import import_poses
 from tasks.job import InspectionJob, StageResult
 from tasks.merge import merge_duplicates

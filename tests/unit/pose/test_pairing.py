@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.pose.gps import rotation_of_attitude
 from facadelake.pose.pairing import choose_pairs, poorly_placed, viewing_directions
 from facadelake.pose.settings import ReconstructionSettings

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facadelake.errors import GeoreferenceError
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.adjustment.adjust import Adjusted, adjust
 from facadelake.pose.adjustment.evidence import Evidence
 from facadelake.pose.passport import PassportPoint, model_fit, points_table, require_good

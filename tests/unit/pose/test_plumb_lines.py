@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.errors import InputDataError
-from facadelake.frames import Array, Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array, Similarity
 from facadelake.pose.adjustment.adjust import Adjusted
 from facadelake.pose.lean import lean_of, upright
 from facadelake.pose.plumb_lines import BUILT_SIGMA_RAD, Vertical, vertical_of

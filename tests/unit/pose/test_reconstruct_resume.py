@@ -15,14 +15,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from facadelake.errors import FacadelakeError, InputDataError
-from facadelake.frames import similarity_between
+from facadelake.core.errors import FacadelakeError, InputDataError
+from facadelake.core.frames import similarity_between
+from facadelake.core.progress import listening
 from facadelake.pose import runner
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import read_descriptors, read_reconstruction
 from facadelake.pose.settings import ReconstructionSettings
 from facadelake.pose.work_folder import work_folder
-from facadelake.progress import listening
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 620.0
 PHOTOS, PAIRS = 8, 28

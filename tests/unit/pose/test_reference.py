@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.errors import GeoreferenceError, InputDataError
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.errors import GeoreferenceError, InputDataError
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.reference import ReferencePoints, choose_spread, read_reference, reference_of
 from facadelake.pose.tie_point_quality import how_seen, pixel_sigma, tie_point_covariance
 from facadelake.pose.triangulation import View, intersect

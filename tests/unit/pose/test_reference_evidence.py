@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facadelake.errors import GeoreferenceError
+from facadelake.core.errors import GeoreferenceError
 from facadelake.pose.block_bending import agreeing_when_bent, without_bending
 from facadelake.pose.reference_evidence import chi_square, misfit, shared_places
 from facadelake.pose.reference_matching import match_reference

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Similarity
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Similarity
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.reference import ReferencePoints, reference_of
 from facadelake.pose.reference_matching import ReferenceMatch, match_reference
 from facadelake.pose.tie_point_quality import tie_point_covariance

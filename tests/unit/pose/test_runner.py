@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.errors import FacadelakeError, InputDataError
+from facadelake.core.errors import FacadelakeError, InputDataError
+from facadelake.core.progress import listening
 from facadelake.pose import runner
-from facadelake.progress import listening
 
 SCRIPT = """
 import json, os, signal, sys

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from facadelake.camera import Camera
-from facadelake.errors import InputDataError
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Similarity
 from facadelake.pose.free_space import cross
 from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction
 from facadelake.pose.surface_mesh import mesh_of, read_mesh

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.camera import Camera
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera
+from facadelake.core.frames import Similarity
 from facadelake.pose.triangulation import View, intersect
 
 CAMERA = Camera(width_px=4000, height_px=3000, fx_px=3000, fy_px=3000, cx_px=2000, cy_px=1500, k1=-0.05)

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Similarity
-from facadelake.geodesy import SiteOrigin
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Similarity
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction
 
 ORIGIN = SiteOrigin(lon_deg=9.1, lat_deg=48.74, height_ellipsoidal_m=480.0)

@@ -9,7 +9,7 @@ import pyogrio
 import pytest
 import shapely
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.publish.releases import export
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, lake_tables
 

@@ -14,7 +14,7 @@ import pyproj
 import pytest
 import shapely
 
-from facadelake.errors import InputDataError, StoreError
+from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake.connect import bare_connection
 from facadelake.lake.regrade import regrade
 from facadelake.lake.severity import rule_file

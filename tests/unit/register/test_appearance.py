@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.camera import Camera, PosedCamera
-from facadelake.frames import Similarity
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Similarity
 from facadelake.register.appearance import Photographs
 from facadelake.register.grouping import grouped
 from facadelake.register.settings import MergeSettings

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import shapely
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
+from facadelake.core.geodesy import GEO, transform
 from facadelake.geobim.surface import Surface
-from facadelake.geodesy import GEO, transform
 from facadelake.register.observe import observe
 from facadelake.register.settings import RegisterSettings
 from schemas.vocabulary import ObservationOutcome

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import shapely
 
+from facadelake.core.tables import table_of_rows
 from facadelake.geobim.model import BuildingModel
 from facadelake.geobim.surface import Surface
 from facadelake.register.observe import observe
 from facadelake.register.patch import patches_in_site, patches_on_the_globe
 from facadelake.register.settings import RegisterSettings
-from facadelake.tables import table_of_rows
 from tests.unit.register.conftest import looking, sheet
 
 SETTINGS = RegisterSettings()

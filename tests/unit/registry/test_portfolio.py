@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.registry import CocoDetector, OnnxDetectorSetting, read_portfolio
 
 GOOD = """

@@ -5,10 +5,10 @@ from typing import Any
 
 import pyarrow as pa
 
+from facadelake.core.tables import table_of_rows
 from facadelake.detect.boxes import Box
 from facadelake.review.shown import Said, Shown, shown_places
 from facadelake.review.standing import Detected, Judgement, detected, judge
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import DefectClass
 
 CRACK, SPALLING, MOISTURE = DefectClass.CRACK, DefectClass.SPALLING, DefectClass.MOISTURE

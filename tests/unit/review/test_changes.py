@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 from facadelake.review.changes import Change, changes_between, covered_share
 from facadelake.review.comparison_report import (
     CampaignComparison,

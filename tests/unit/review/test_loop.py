@@ -11,9 +11,9 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
+from facadelake.core.errors import InputDataError, ModelError
 from facadelake.detect.shelf import default_model, promotions
-from facadelake.errors import InputDataError, ModelError
 from facadelake.registry import Portfolio, read_portfolio
 from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.splits import Split

@@ -11,10 +11,11 @@ import yaml
 from PIL import Image
 from pycocotools.coco import COCO
 
+from facadelake.core.errors import InputDataError
+from facadelake.core.tables import table_of_rows
 from facadelake.detect.boxes import Box
 from facadelake.detect.coco import import_coco
 from facadelake.detect.crosswalk import crosswalk_with
-from facadelake.errors import InputDataError
 from facadelake.evaluate.detector.labels_open import open_labels
 from facadelake.evaluate.detector.sites import with_sites
 from facadelake.review.forms import LabelForm, Pictures
@@ -22,7 +23,6 @@ from facadelake.review.shown import shown_places, word_on, word_on_missed
 from facadelake.review.splits import Split, chosen_splits, split_of
 from facadelake.review.standing import judge
 from facadelake.review.training_set import Source, write_training_set
-from facadelake.tables import table_of_rows
 from schemas.vocabulary import Verdict
 from tests.unit.review.reviewed import CRACK, MOISTURE, SAID, box, seen
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from facadelake.tables import stage_schema
+from facadelake.core.tables import stage_schema
 from schemas.column import Kind
 from schemas.columns import COLUMNS
 from schemas.document import document

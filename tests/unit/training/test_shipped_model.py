@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.cache import file_hash
+from facadelake.core.cache import file_hash
 from facadelake.detect.detector import OnnxDetector, load_detector
 from facadelake.detect.shelf import MODELS, SHIPPED
 from facadelake.detect.tiling import detect_image

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.errors import FacadelakeError
+from facadelake.core.errors import FacadelakeError
 from training.data import judged
 from training.data.copies import COPY, likest_across_splits
 from training.data.cracks import read_omu_quays

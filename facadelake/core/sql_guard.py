@@ -12,7 +12,7 @@ from typing import Any
 
 import duckdb
 
-from facadelake.errors import InputDataError
+from facadelake.core.errors import InputDataError
 
 # Table functions that make rows out of their arguments alone.
 FUNCTIONS = frozenset({"range", "generate_series", "unnest"})

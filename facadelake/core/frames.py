@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.errors import GeoreferenceError
+from facadelake.core.errors import GeoreferenceError
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from facadelake.errors import StoreError
+from facadelake.core.errors import StoreError
 
 SQL = Path(__file__).resolve().parents[2] / "sql"
 _LINE = re.compile(r"^-- (\$?\w+): (.*\S)\s*$")

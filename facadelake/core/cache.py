@@ -14,7 +14,7 @@ from typing import Any
 
 from filelock import FileLock
 
-PACKAGE = Path(__file__).resolve().parent
+PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def file_hash(path: Path) -> str:

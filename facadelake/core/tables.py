@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from facadelake.errors import SchemaError
+from facadelake.core.errors import SchemaError
 from schemas.tables import RUN_KEYS, TABLES
 
 

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.errors import InputDataError
-from facadelake.frames import Array, Similarity
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array, Similarity
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,8 @@ from pyproj import network
 from pyproj.exceptions import CRSError
 from pyproj.transformer import TransformerGroup
 
-from facadelake.errors import GeoreferenceError
-from facadelake.frames import Array, Similarity
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity
 
 network.set_network_enabled(active=False)
 
