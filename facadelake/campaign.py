@@ -11,14 +11,13 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.core.cache import code_hash
 from facadelake.core.tables import table_of_rows, with_run_keys
 from schemas.vocabulary import PhotoOutcome, PoseSource
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
-    """Who made the rows, from what, and at what cost; ``configuration`` and the two costs are JSON."""
+    """Who made the rows, from what, and at what cost; ``configuration`` and what tells of the stages are JSON."""
 
     building_id: str
     campaign_id: str
@@ -26,10 +25,12 @@ class RunRecord:
     started_at: datetime
     finished_at: datetime
     inputs_sha256: str
+    code_sha256: str
     detector_sha256: str
     configuration: str
     stage_seconds: str
     stage_peak_mib: str
+    stage_keys: str
 
     def row(self) -> dict[str, Any]:
         """The row of table ``runs``, without the run's keys."""
@@ -37,12 +38,13 @@ class RunRecord:
             "started_at": self.started_at,
             "finished_at": self.finished_at,
             "inputs_sha256": self.inputs_sha256,
-            "code_sha256": code_hash(""),
+            "code_sha256": self.code_sha256,
             "detector_sha256": self.detector_sha256,
             "facadelake_version": version("facadelake"),
             "configuration": self.configuration,
             "stage_seconds": self.stage_seconds,
             "stage_peak_mib": self.stage_peak_mib,
+            "stage_keys": self.stage_keys,
         }
 
 

@@ -10,12 +10,12 @@ from typing import Annotated
 
 import typer
 
+from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import FacadelakeError
 from flows import improving, judging, looking
 from flows.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
-    ROOT,
     BuildingId,
     CampaignId,
     LakePath,
@@ -25,7 +25,7 @@ from flows.options import (
     problems,
 )
 
-DEMO_RECIPE = ROOT / "data" / "demo" / "recipe.yaml"
+DEMO_RECIPE = CHECKOUT / "data" / "demo" / "recipe.yaml"
 
 app = typer.Typer(
     name="facadelake",
@@ -104,7 +104,7 @@ def inspect(
 
 @app.command()
 def demo(
-    folder: Annotated[Path, typer.Option(help="Where the demo building is made.")] = ROOT / "build" / "demo",
+    folder: Annotated[Path, typer.Option(help="Where the demo building is made.")] = CHECKOUT / "build" / "demo",
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.core.cache import file_hash
 from facadelake.core.errors import InputDataError, StoreError
+from facadelake.core.hashing import file_sha256
 from facadelake.core.progress import stage_progress
 from facadelake.geobim.model import BuildingModel
 from facadelake.lake.connect import exists
@@ -64,6 +64,6 @@ def committed_model(building: Building, campaign_id: str, committed: Mapping[str
             f"committed (limit {_SAME_PLACE_M} m), so nothing would fit; inspect the campaign again, or give the "
             "registry the model of then"
         )
-    if file_hash(path) != committed["model_sha256"]:
+    if file_sha256(path) != committed["model_sha256"]:
         log.warning("the model %s was changed since the campaign was committed; edges may not fit", path)
     return model

@@ -13,8 +13,10 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.core.cache import StageCache, code_hash, file_hash, key_of
+from facadelake.core.cache import StageCache
+from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError, InputDataError
+from facadelake.core.hashing import file_sha256, key_of
 from facadelake.core.tables import read_table, write_table
 from facadelake.detect.detector import OnnxDetector, load_detector
 from facadelake.detect.onnx import detect_photographs
@@ -40,13 +42,12 @@ from facadelake.review.standing import Detected, detected, judge
 from flows.committed import committed_model, committed_tables
 from flows.evaluation import registered_again
 from schemas.vocabulary import PhotoOutcome
-from tasks.detect import VIEWS, views_of
+from tasks.detect import views_of
 
 log = logging.getLogger("facadelake.flows")
 
 _TABLES = ("runs", "photos", "poses", "georeference", "detections", "observations", "reviews")
 _MOST_CROPS = 48  # a sheet
-_CODE = ("detect", "photo_names.py", *VIEWS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,8 +130,8 @@ def _compared(
             "photographs": sorted(photos.column("sha256").to_pylist()),
             "run": run_id,
             "views": model is not None,
-            "masks": {photo_id: file_hash(mask) for photo_id, mask in masks.items()},
-            "code": code_hash(*_CODE),
+            "masks": {photo_id: file_sha256(mask) for photo_id, mask in masks.items()},
+            "code": code_version(__name__).sha256,
         }
         found.append(_found(lake, key_of(parts), photos, root, one, building.detector.classes, view_of))
     old, new = (detected(table) for table in found)

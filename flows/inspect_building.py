@@ -10,26 +10,28 @@ from uuid import uuid4
 
 from prefect import flow
 
+from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError
 from facadelake.detect.chosen import settled
 from facadelake.registry import CocoDetector, read_portfolio
 from flows.precheck import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
 from flows.regrading import regrading_replaced
 from schemas.vocabulary import ControlKind, SurfaceKind
-from tasks.as_built_model import as_built_model, place_building
+from tasks.as_built_model import as_built_model
 from tasks.commit import commit
-from tasks.detect import detect, import_detections
+from tasks.detect import detect
 from tasks.draw import draw
 from tasks.georeference import georeference_block
+from tasks.import_detections import import_detections
 from tasks.import_poses import import_poses
 from tasks.ingest import ingest
-from tasks.job import InspectionJob, StageResult
+from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.load_model import load_model
 from tasks.measure import measure
 from tasks.merge import merge_duplicates
+from tasks.place_building import place_building
 from tasks.publish import publish
 from tasks.reconstruct import reconstruct_block
-from tasks.record import StageFolders
 from tasks.register import register
 from tasks.validate import validate_tables
 from tasks.verify_model import verify_model
@@ -79,6 +81,7 @@ def inspect_building(
         campaign_id=campaign,
         run_id=f"{started_at:%Y%m%dT%H%M%SZ}-{uuid4().hex[:8]}",
         started_at=started_at,
+        code_sha256=code_version(__name__).sha256,
         lake=Path(lake).resolve(),
         control=None if georeference == AUTO else ControlKind(georeference),
         detections=detections,
@@ -104,9 +107,9 @@ def inspect_building(
     found = imported or detect(job, model, photos, placed)
     measured = measure(job, photos, found)
     registered = register(job, model, placed, measured, block)
-    merged = merge_duplicates(job, model, placed, registered, measured)
+    merged = merge_duplicates(job, model, photos, placed, registered, measured)
     integrity = verify_model(job, model, block, placed)
-    folders = StageFolders(
+    results = StageResults(
         model=model,
         photos=photos,
         detections=found,
@@ -117,12 +120,12 @@ def inspect_building(
         merged=merged,
         integrity=integrity,
     )
-    checks = validate_tables(job, folders)
-    committed = commit(job, folders, checks)
+    checks = validate_tables(job, results)
+    committed = commit(job, results, checks)
     warnings += [regrading_replaced(building, campaign, rules) for rules in committed.regraded_before]
     pictures: StageResult | None = None
     try:
-        pictures = draw(job, folders, checks)
+        pictures = draw(job, results, checks)
     except (FacadelakeError, OSError) as error:  # the campaign is committed; a missing picture must not undo that
         warnings.append(f"no pictures: {error}")
         log.warning("%s", warnings[-1])
@@ -134,6 +137,6 @@ def inspect_building(
         version=committed.version,
         changed=committed.changed,
         release=release,
-        stages=(*folders.stages(), checks, *([pictures] if pictures else [])),
+        stages=(*results.stages(), checks, *([pictures] if pictures else [])),
         warnings=tuple(warnings),
     )

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from facadelake.core.checkout import CHECKOUT
+
 if TYPE_CHECKING:
     from facadelake.registry import Portfolio
 
-ROOT = Path(__file__).resolve().parent.parent
 # Where the output goes to a file or a pipe there is no width to keep to.
 console = Console(width=None if sys.stdout.isatty() else 160)
 problems = Console(stderr=True)
@@ -29,8 +30,8 @@ AnyPortfolioPath = Annotated[
 ]
 BuildingId = Annotated[str, typer.Argument(help="Id of the building in the registry.")]
 CampaignId = Annotated[str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' for the newest.")]
-DEFAULT_PORTFOLIO = ROOT / "data" / "portfolio.yaml"
-DEFAULT_LAKE = ROOT / "lake"
+DEFAULT_PORTFOLIO = CHECKOUT / "data" / "portfolio.yaml"
+DEFAULT_LAKE = CHECKOUT / "lake"
 
 
 def portfolio_at(path: Path) -> Portfolio:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-from facadelake.core.cache import file_hash
 from facadelake.core.errors import InputDataError, ModelError
+from facadelake.core.hashing import file_sha256
 from facadelake.detect.detector import load_detector
 from facadelake.detect.find_card import find_card
 from facadelake.detect.shelf import LIST, MODELS, Promotion, default_model, promote, promotions
@@ -37,7 +37,7 @@ def promote_model(
     for name, text in (("--by", by), ("--why", why)):
         if not text.strip():
             raise InputDataError(f"{name} is empty; a promotion says who decided it and why")
-    new_sha256 = file_hash(new)
+    new_sha256 = file_sha256(new)
     old_sha256 = _default_sha256(models)
     known = promotions(models)
     if known and known[-1].sha256 == new_sha256:
@@ -64,7 +64,7 @@ def promote_model(
 def _default_sha256(models: Path) -> str | None:
     """The default detector's hash, None where there is none yet."""
     try:
-        return file_hash(default_model(models))
+        return file_sha256(default_model(models))
     except ModelError as error:
         log.warning("%s", error)
         return None

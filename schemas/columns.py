@@ -56,10 +56,11 @@ _ALL = [
     time("started_at", "when the run began"),
     time("finished_at", "when its stages were done and the commit began"),
     text("inputs_sha256", "hash over photographs, model, detections, control points and settings"),
-    text("code_sha256", "hash of the domain's source"),
+    text("code_sha256", "hash of all the source, SQL and library versions that the inspection runs"),
     text("facadelake_version", "version of Facadelake"),
     text("configuration", "the run's settings, as JSON"),
     text("stage_seconds", "wall time of each stage in seconds, as JSON; stages answered from the cache are left out"),
+    text("stage_keys", "key of each stage's result in the cache, as JSON"),
     text("stage_peak_mib", "peak memory of each stage (the process and its children) in MiB, as JSON"),
     # photographs
     text("sha256", "hash of the file"),

@@ -10,7 +10,7 @@ import pyarrow as pa
 from schemas.column import Column, Kind
 from schemas.columns import COLUMNS
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 RUN_KEYS = ("building_id", "campaign_id", "run_id")
 
 
@@ -88,7 +88,7 @@ _LIST = [
         "what made the rows: hashes of inputs and code, settings, times",
         "run_id",
         "started_at finished_at inputs_sha256 code_sha256 detector_sha256 facadelake_version configuration "
-        "stage_seconds stage_peak_mib",
+        "stage_seconds stage_peak_mib stage_keys?",
     ),
     _table(
         "photos",

@@ -8,14 +8,14 @@ from facadelake.campaign import lake_tables
 from facadelake.core.tables import read_table
 from facadelake.lake.commit import Committed, commit_campaign
 from facadelake.pose.references import REFERENCE, drop_reference, keep_reference
-from tasks.job import InspectionJob, StageResult
-from tasks.record import StageFolders, whole_campaign
+from tasks.job import InspectionJob, StageResult, StageResults
+from tasks.record import whole_campaign
 
 
 @task(name="commit")
-def commit(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Committed:
+def commit(job: InspectionJob, results: StageResults, checks: StageResult) -> Committed:
     """The lake's version that holds the campaign, and whether it is new; later campaigns find it by its reference."""
-    run, tables = whole_campaign(job, folders)
+    run, tables = whole_campaign(job, results)
     tables["checks"] = read_table("checks", checks.folder)
     committed = commit_campaign(
         job.lake,
@@ -25,7 +25,7 @@ def commit(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Co
         tables=lake_tables(tables, run),
         inputs_sha256=run.inputs_sha256,
     )
-    reference = folders.placed.folder / REFERENCE
+    reference = results.placed.folder / REFERENCE
     if reference.is_file():
         keep_reference(reference, job.lake, job.building.id, job.campaign_id)
     else:

@@ -1,4 +1,4 @@
-"""Task: detections, imported from a COCO file or made by an ONNX model, as the registry says."""
+"""Task: detections made by an ONNX model, as the registry says."""
 
 from __future__ import annotations
 
@@ -10,41 +10,22 @@ from pathlib import Path
 import pyarrow as pa
 from prefect import task
 
-from facadelake.core.cache import file_hash
+from facadelake.core.hashing import file_sha256
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.detect.chosen import chosen_detector, chosen_fingerprint, threads_of
-from facadelake.detect.coco import import_coco
-from facadelake.detect.detector import detector_fingerprint
 from facadelake.detect.onnx import detect_photographs
 from facadelake.detect.view import View
 from facadelake.geobim.model import BuildingModel, read_building
 from facadelake.geobim.surface import Surface
 from facadelake.photo.files import find_masks
 from facadelake.register.target_view import target_view
-from facadelake.registry import CocoDetector, OnnxDetectorSetting
+from facadelake.registry import OnnxDetectorSetting
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
 WITHOUT_POSE = "the photograph has no pose: it was looked at everywhere, at its own pixels"
-VIEWS = ("geobim", "posed.py", "register/target_view.py", "register/masks.py", "photo/files.py", "photo/masks.py")
-
-
-@task(name="import detections")
-def import_detections(job: InspectionJob, photos: StageResult) -> StageResult:
-    """Table ``detections`` of a COCO file."""
-    detector = job.building.detector
-    assert isinstance(detector, CocoDetector)
-    file = job.building.detections_of(job.campaign_id, job.detections)
-
-    def make(folder: Path) -> Counts:
-        table = import_coco(file, read_table("photos", photos.folder), class_names=detector.classes)
-        write_table("detections", table, folder)
-        return Counter(table.column("detection_outcome").to_pylist())
-
-    inputs = {"photos": photos.key, "detector": detector_fingerprint(file, detector.classes)}
-    return run_stage(job, "detect", code=["detect", "photo_names.py"], inputs=inputs, make=make)
 
 
 @task(name="detect")
@@ -68,14 +49,12 @@ def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: 
         return Counter(table.column("detection_outcome").to_pylist())
 
     inputs = {
-        "photos": photos.key,
         "detector": chosen_fingerprint(setting),
         "score_threshold": setting.score_threshold,
-        "model": model.key,
-        "poses": placed.key,
-        "masks": {photo_id: [mask.name, file_hash(mask)] for photo_id, mask in masks.items()},
+        "masks": {photo_id: [mask.name, file_sha256(mask)] for photo_id, mask in masks.items()},
     }
-    return run_stage(job, "detect", code=["detect", *VIEWS], inputs=inputs, make=make)
+    reads = {"model": model, "photos": photos, "placed": placed}
+    return run_stage(job, "detect", reads=reads, inputs=inputs, make=make)
 
 
 def views_of(building: BuildingModel, poses: pa.Table, masks: Mapping[str, Path]) -> Callable[[str], View]:

@@ -12,20 +12,20 @@ from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.report import write_report
-from tasks.job import InspectionJob, StageResult
-from tasks.record import StageFolders, stage_tables
+from tasks.job import InspectionJob, StageResult, StageResults
+from tasks.record import stage_tables
 from tasks.stage import Counts, run_stage
 
 PICTURES = "pictures"  # the stage's folder holds its counts too, which are not to be published
 
 
 @task(name="draw")
-def draw(job: InspectionJob, folders: StageFolders, checks: StageResult) -> StageResult:
+def draw(job: InspectionJob, results: StageResults, checks: StageResult) -> StageResult:
     """A folder ``pictures`` with ``report.html`` and what it shows."""
 
     def make(folder: Path) -> Counts:
-        tables = stage_tables(folders)
-        building = read_building(folders.model.folder)
+        tables = stage_tables(results)
+        building = read_building(results.model.folder)
         inspection = Inspection(
             building_name=job.building.name,
             campaign_id=job.campaign_id,
@@ -47,5 +47,9 @@ def draw(job: InspectionJob, folders: StageFolders, checks: StageResult) -> Stag
         write_report(inspection, Surface(building), folder / PICTURES, PictureSettings())
         return {"pictures": len(list(folder.rglob("*.png"))) + len(list(folder.rglob("*.jpg")))}
 
-    inputs = {"tables": folders.keys(), "checks": checks.key, "name": job.building.name, "campaign": job.campaign_id}
-    return run_stage(job, "draw", code=["pictures", "geobim"], inputs=inputs, make=make)
+    inputs = {
+        "building": job.building.name,
+        "campaign": job.campaign_id,
+        "placement_sigma_max_m": job.building.tolerances.placement_sigma_max_m,
+    }
+    return run_stage(job, "draw", reads={**results.by_name(), "checks": checks}, inputs=inputs, make=make)

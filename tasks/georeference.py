@@ -6,7 +6,7 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.core.cache import file_hash
+from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import read_table, write_table
 from facadelake.geobim.model import read_building
 from facadelake.pose.control_points import read_control_points
@@ -73,15 +73,13 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         return {"localised": len(placed.cameras), "not localised": len(reconstruction.unlocalised)}
 
     inputs = {
-        "model": model.key,
-        "photos": photos.key,
-        "block": block.key,
         "named": [building.id, job.campaign_id],  # in the reference, by which later campaigns name it
         "control": job.control,
-        "control_points": file_hash(gcp_file) if gcp_file else None,
-        "check_points": file_hash(check_file) if check_file else None,
-        "references": [file_hash(path) for path in references],
+        "control_points": file_sha256(gcp_file) if gcp_file else None,
+        "check_points": file_sha256(check_file) if check_file else None,
+        "references": [file_sha256(path) for path in references],
         "model_sigma_m": tolerances.model_sigma_m,
         "placement_sigma_max_m": tolerances.placement_sigma_max_m,
     }
-    return run_stage(job, "georeference", code=["pose", "geobim", "posed.py"], inputs=inputs, make=make)
+    reads = {"model": model, "photos": photos, "block": block}
+    return run_stage(job, "georeference", reads=reads, inputs=inputs, make=make)

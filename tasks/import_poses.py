@@ -6,7 +6,7 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.core.cache import hash_of_files
+from facadelake.core.hashing import files_sha256
 from facadelake.core.tables import read_table, write_table
 from facadelake.geobim.model import read_building
 from facadelake.geobim.surface import Surface
@@ -17,8 +17,6 @@ from facadelake.pose.imported.reading import read_poses
 from facadelake.pose.imported.records import pose_files
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
-
-CODE = ("pose", "geobim", "posed.py", "photo_names.py")
 
 
 @task(name="import poses")
@@ -55,11 +53,9 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
         return {"localised": placed.localised, "not localised": len(placed.poses) - placed.localised}
 
     inputs = {
-        "model": model.key,
-        "photos": photos.key,
-        "poses": hash_of_files(pose_files(path)),
+        "poses": files_sha256(pose_files(path)),
         "name": path.name,
-        "surveyed": hash_of_files(surveyed),
+        "surveyed": files_sha256(surveyed),
         "placement_sigma_max_m": limit_m,
     }
-    return run_stage(job, "import-poses", code=CODE, inputs=inputs, make=make)
+    return run_stage(job, "import-poses", reads={"model": model, "photos": photos}, inputs=inputs, make=make)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.core.cache import hash_of_files
+from facadelake.core.hashing import files_sha256
 from facadelake.core.tables import write_table
 from facadelake.geobim.footprint import horizontal_distance
 from facadelake.geobim.model import read_building
@@ -35,8 +35,7 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
 
     inputs = {
         "photographs": [str(path.relative_to(root)) for path in paths],
-        "bytes": hash_of_files(paths),
+        "bytes": files_sha256(paths),
         "close_range_below_m": close_range_below_m,
-        "model": model.key if model else None,
     }
-    return run_stage(job, "ingest", code=["photo", "geobim"], inputs=inputs, make=make)
+    return run_stage(job, "ingest", reads={"model": model}, inputs=inputs, make=make)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import datetime
 from pathlib import Path
 
@@ -15,6 +15,8 @@ from schemas.vocabulary import ControlKind
 class InspectionJob:
     """One inspection: which building and campaign, into which lake, under which control (None: by what there is).
 
+    ``code_sha256``: the version of all the code that the inspection runs.
+
     ``poses``: the file or folder that poses are imported from; None: they are found anew.
     """
 
@@ -22,6 +24,7 @@ class InspectionJob:
     campaign_id: str
     run_id: str
     started_at: datetime
+    code_sha256: str
     lake: Path
     control: ControlKind | None = None
     detections: str | None = None
@@ -35,12 +38,39 @@ class InspectionJob:
 
 @dataclass(frozen=True, kw_only=True)
 class StageResult:
-    """What a stage left behind: its folder, whether it was there before, what it cost and what it counted."""
+    """What a stage left behind: its folder, whether it was there before, what it cost and what it counted.
+
+    ``key`` stands for what it was made of, ``content_sha256`` for what it holds: later stages depend on that alone.
+    """
 
     stage: str
     key: str
     folder: Path
+    content_sha256: str
     hit: bool
     seconds: float
     peak_mib: float
     counts: tuple[tuple[str, int], ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageResults:
+    """The results of the stages whose tables go into the lake; ``block`` is None where poses were imported."""
+
+    model: StageResult
+    photos: StageResult
+    block: StageResult | None
+    placed: StageResult
+    detections: StageResult
+    measured: StageResult
+    registered: StageResult
+    merged: StageResult
+    integrity: StageResult
+
+    def by_name(self) -> dict[str, StageResult | None]:
+        """All of them by the names of the fields."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def stages(self) -> list[StageResult]:
+        """Those there are, in the order they ran."""
+        return [stage for stage in self.by_name().values() if stage is not None]

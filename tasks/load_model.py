@@ -6,8 +6,8 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.core.cache import file_hash
 from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.hashing import file_sha256
 from facadelake.core.progress import stage_progress
 from facadelake.geobim.control_fit import ControlPair
 from facadelake.geobim.georeference import MapPlacement
@@ -36,13 +36,13 @@ def load_model(job: InspectionJob) -> StageResult:
         return {"elements": len(model.elements), "triangles": len(model.triangles)}
 
     inputs = {
-        "model": file_hash(path),
-        **{f"beside {file.name}": file_hash(file) for file in files_beside(path)},
+        "model": file_sha256(path),
+        **{f"beside {file.name}": file_sha256(file) for file in files_beside(path)},
         "kind": building.surface_kind,
-        "offset": file_hash(offset) if offset else None,
+        "offset": file_sha256(offset) if offset else None,
         **building.model_dump(mode="json", include={"crs", "storeys", "model_building"}),
     }
-    return run_stage(job, "load-model", code=["geobim"], inputs=inputs, make=make)
+    return run_stage(job, "load-model", reads={}, inputs=inputs, make=make)
 
 
 def read_model(building: Building) -> BuildingModel:

@@ -15,7 +15,7 @@ from tasks.stage import Counts, run_stage
 
 @task(name="measure")
 def measure(job: InspectionJob, photos: StageResult, detections: StageResult) -> StageResult:
-    """Table ``detections``, its cracks with widths and lengths; the photographs are in the key through ``photos``."""
+    """Table ``detections``, its cracks with widths and lengths; table ``photos`` has the photographs' hashes."""
 
     def make(folder: Path) -> Counts:
         root = job.building.photographs_of(job.campaign_id)
@@ -23,5 +23,4 @@ def measure(job: InspectionJob, photos: StageResult, detections: StageResult) ->
         write_table("detections", table, folder)
         return Counter(word for word in table.column("crack_width_outcome").to_pylist() if word is not None)
 
-    inputs = {"photos": photos.key, "detections": detections.key}
-    return run_stage(job, "measure", code=["detect/measure", "detect/photograph.py"], inputs=inputs, make=make)
+    return run_stage(job, "measure", reads={"photos": photos, "detections": detections}, inputs={}, make=make)

@@ -8,7 +8,6 @@ from typing import Any
 
 from prefect import task
 
-from facadelake.core.cache import file_hash
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.geobim.model import read_building
@@ -25,13 +24,14 @@ from tasks.stage import Counts, run_stage
 def merge_duplicates(
     job: InspectionJob,
     model: StageResult,
+    photos: StageResult,
     placed: StageResult,
     observations: StageResult,
     detections: StageResult,
 ) -> StageResult:
     """Tables ``defects``, ``observations`` (each with the defect it shows) and ``merges``.
 
-    The photographs that doubtful pairs are compared by are in the key through the poses, which rest on them.
+    Doubtful pairs are compared in the photographs, whose hashes table ``photos`` has.
     """
     rules = rule_file(job.building.severity_rules)
 
@@ -54,14 +54,11 @@ def merge_duplicates(
         write_table("defects", grade(merged.defects, rules), folder)
         return {"defects": len(merged.defects), "decisions": len(merged.merges)}
 
-    inputs = {
-        "observations": observations.key,
-        "rules": file_hash(rules),
-        "prefix": [job.building.id, job.campaign_id],
-    }
-    return run_stage(
-        job, "merge", code=["register", "geobim", "posed.py", "lake/severity.py"], inputs=inputs, make=make
-    )
+    inputs = {"rules": rules.stem, "prefix": [job.building.id, job.campaign_id]}
+    reads = {
+        "model": model, "photos": photos, "placed": placed, "observations": observations, "detections": detections
+    }  # fmt: skip
+    return run_stage(job, "merge", reads=reads, inputs=inputs, make=make)
 
 
 def merge_settings(passport: Mapping[str, Any]) -> MergeSettings:

@@ -14,9 +14,6 @@ from schemas.vocabulary import PoseSource
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
-# Not all of pose/: a change in how a block is placed must not make the block anew.
-CODE = ("pose/worker", "pose/reconstruct.py", "pose/pairing.py", "pose/settings.py", "pose/reconstruction.py")
-
 
 @task(name="reconstruct")
 def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
@@ -30,6 +27,4 @@ def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
         resected = sum(photo.source == PoseSource.RESECTED for photo in block.photos)
         return {"cameras": len(block.photos), "of them resected": resected, "tie points": len(block.xyz_sfm)}
 
-    return run_stage(
-        job, "reconstruct", code=CODE, inputs={"photos": photos.key, "settings": settings.key()}, make=make
-    )
+    return run_stage(job, "reconstruct", reads={"photos": photos}, inputs={"settings": settings.key()}, make=make)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.core.cache import file_hash
+from facadelake.core.hashing import file_sha256
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.geobim.model import read_building
@@ -23,8 +23,6 @@ from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
-
-CODE = ("register", "geobim", "posed.py", "photo/files.py", "photo/masks.py", "pose/reconstruction.py")
 
 
 @task(name="register")
@@ -59,15 +57,12 @@ def register(
         return Counter(table.column("observation_outcome").to_pylist())
 
     inputs = {
-        "model": model.key,
-        "poses": placed.key,
-        "detections": detections.key,
-        "block": block.key if block else None,
-        "masks": {photo_id: [mask.name, file_hash(mask)] for photo_id, mask in masks.items()},
+        "masks": {photo_id: [mask.name, file_sha256(mask)] for photo_id, mask in masks.items()},
         "limits": asdict(settings),
         "exclusion": asdict(exclusion),
     }
-    return run_stage(job, "register", code=CODE, inputs=inputs, make=make)
+    reads = {"model": model, "placed": placed, "detections": detections, "block": block}
+    return run_stage(job, "register", reads=reads, inputs=inputs, make=make)
 
 
 def _tracks(block: Reconstruction) -> Tracks:

@@ -2,43 +2,58 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from facadelake.core.cache import code_hash, key_of
+from facadelake.core.cache import DIAGNOSTICS
+from facadelake.core.code_version import code_version
+from facadelake.core.hashing import key_of
 from facadelake.core.metering import Meter
-from tasks.job import InspectionJob, StageResult
+from tasks.job import InspectionJob, StageResult, StageResults
 
 log = logging.getLogger("facadelake.tasks")
 
-COMMON_CODE = ("camera.py", "frames.py", "geodesy.py", "tables.py", "cache.py")
 Counts = Mapping[str, int]
+Reads = Mapping[str, StageResult | None]
+_COUNTS = "counts.json"
 
 
 def run_stage(
     job: InspectionJob,
     stage: str,
     *,
-    code: Sequence[str],
+    reads: Reads,
     inputs: Mapping[str, Any],
     make: Callable[[Path], Counts],
 ) -> StageResult:
     """The stage's result folder, made by ``make(folder)`` unless the cache has it for these inputs and this code.
 
-    ``code`` names the rooms of the domain that the result depends on; ``make`` returns what it counted.
+    The key covers what ``make`` depends on: the contents of the stages it ``reads`` (None: there is none), its other
+    ``inputs`` (settings, hashes of files), and the version of all the code that its module may run. ``make`` returns
+    what it counted.
     """
-    key = key_of({"stage": stage, "code": code_hash(*code, *COMMON_CODE), **inputs})
+    _check_reads(stage, reads, make)
+    key = key_of(
+        {
+            "stage": stage,
+            "code": code_version(make.__module__).sha256,
+            "reads": {name: result.content_sha256 if result else None for name, result in reads.items()},
+            "inputs": dict(inputs),
+        }
+    )
 
     def make_and_count(folder: Path) -> None:
         counts = dict(make(folder))
-        (folder / "counts.json").write_text(json.dumps(counts))
+        (folder / DIAGNOSTICS).mkdir(exist_ok=True)
+        (folder / DIAGNOSTICS / _COUNTS).write_text(json.dumps(counts))
 
     with Meter() as meter:
         entry = job.cache.entry(stage, key, make_and_count)
-    counts = json.loads((entry.folder / "counts.json").read_text())
+    counts = json.loads((entry.folder / DIAGNOSTICS / _COUNTS).read_text())
     log.info(
         "%s %s: %s%s",
         job.building.id,
@@ -50,8 +65,18 @@ def run_stage(
         stage=stage,
         key=key,
         folder=entry.folder,
+        content_sha256=entry.content_sha256,
         hit=entry.hit,
         seconds=meter.seconds,
         peak_mib=meter.peak_mib,
         counts=tuple(counts.items()),
     )
+
+
+def _check_reads(stage: str, reads: Reads, make: Callable[[Path], Counts]) -> None:
+    """A result that ``make`` can see and that is not in the key would let the cache answer with something stale."""
+    for name, value in inspect.getclosurevars(make).nonlocals.items():
+        seen = value.stages() if isinstance(value, StageResults) else [value]
+        for one in seen:
+            if isinstance(one, StageResult):
+                assert one in reads.values(), f"stage {stage} uses {name} without naming it in reads"

@@ -9,30 +9,24 @@ from prefect import task
 from facadelake.core.errors import SchemaError
 from facadelake.core.progress import stage_progress
 from facadelake.core.tables import read_table, write_table
-from facadelake.lake.expectations import checks_sha256, failure_text, failures, validate
-from tasks.job import InspectionJob, StageResult
-from tasks.record import StageFolders, whole_campaign
+from facadelake.lake.expectations import failure_text, failures, validate
+from tasks.job import InspectionJob, StageResult, StageResults
+from tasks.record import whole_campaign
 from tasks.stage import Counts, run_stage
 
 
 @task(name="validate")
-def validate_tables(job: InspectionJob, folders: StageFolders) -> StageResult:
+def validate_tables(job: InspectionJob, results: StageResults) -> StageResult:
     """Table ``checks``: all expectations of schemas/ and sql/checks; a failed one ends the run before the commit."""
 
     def make(folder: Path) -> Counts:
         with stage_progress("Checking the tables"):
-            _, tables = whole_campaign(job, folders)
+            _, tables = whole_campaign(job, results)
             checks = validate(tables)
         write_table("checks", checks, folder)
         return {"checks": len(checks), "failed": len(failures(checks))}
 
-    result = run_stage(
-        job,
-        "validate",
-        code=["lake", "campaign.py"],
-        inputs={"tables": folders.keys(), "checks": checks_sha256()},
-        make=make,
-    )
+    result = run_stage(job, "validate", reads=results.by_name(), inputs={}, make=make)
     checks = read_table("checks", result.folder)
     failed = len(failures(checks))
     if failed:

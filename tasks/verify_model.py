@@ -40,20 +40,8 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult | No
         write_table("integrity_views", table, folder)
         return Counter(table.column("integrity_outcome").to_pylist())
 
-    inputs = {"model": model.key, "block": block.key if block else None, "poses": placed.key}
     return run_stage(
-        job,
-        "verify-model",
-        code=[
-            "integrity",
-            "geobim",
-            "posed.py",
-            "pose/surface_mesh.py",
-            "pose/free_space.py",
-            "pose/reconstruction.py",
-        ],
-        inputs=inputs,
-        make=make,
+        job, "verify-model", reads={"model": model, "block": block, "placed": placed}, inputs={}, make=make
     )
 
 

@@ -1,1 +1,1 @@
-"""What every room stands on: errors, frames, geodesy, cameras, tables between stages, the cache. Each module is public."""
+"""What every package stands on: errors, frames, geodesy, cameras, tables, the cache. Each module is public."""

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from facadelake.core.errors import StoreError
 
-SQL = Path(__file__).resolve().parents[2] / "sql"
 _LINE = re.compile(r"^-- (\$?\w+): (.*\S)\s*$")
 
 
@@ -52,6 +51,6 @@ def read_statement(path: Path) -> Statement:
 
 
 @cache
-def statements(kind: str) -> tuple[Statement, ...]:
-    """The statements of ``sql/<kind>/`` (views, questions, checks) by name."""
-    return tuple(read_statement(path) for path in sorted((SQL / kind).glob("*.sql")))
+def statements(folder: Path) -> tuple[Statement, ...]:
+    """The statements of a folder (``sql/views``, ``sql/questions``, ``sql/checks``) by name."""
+    return tuple(read_statement(path) for path in sorted(folder.glob("*.sql")))

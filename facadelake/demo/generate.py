@@ -20,8 +20,9 @@ from pathlib import Path
 import numpy as np
 from filelock import FileLock
 
-from facadelake.core.cache import code_hash, key_of
+from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError
+from facadelake.core.hashing import key_of
 from facadelake.core.progress import stage_progress
 from facadelake.demo.annotations import FALSE_SHARE, exact_boxes, false_boxes, noisy_boxes, write_coco
 from facadelake.demo.exif_writer import exif_bytes, xmp_bytes
@@ -75,9 +76,7 @@ def generate_demo(recipe: DemoRecipe, out: Path) -> DemoFiles:
 
     It is made in a folder beside ``out`` that takes its place at the end, so a killed run leaves nothing half-written.
     """
-    key = key_of(
-        {"recipe": recipe.model_dump(mode="json"), "code": code_hash("demo", "camera.py", "frames.py", "geodesy.py")}
-    )
+    key = key_of({"recipe": recipe.model_dump(mode="json"), "code": code_version(__name__).sha256})
     out = out.resolve()
     out.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(out.parent / f".{out.name}.lock"):

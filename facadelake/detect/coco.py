@@ -12,8 +12,8 @@ from typing import Any
 import pyarrow as pa
 import shapely
 
-from facadelake.core.cache import file_hash
 from facadelake.core.errors import InputDataError
+from facadelake.core.hashing import file_sha256
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.progress import track
 from facadelake.core.tables import table_of_rows
@@ -60,7 +60,7 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
     _refuse_normalised_boxes(coco)
     places = _places(coco, photos)
     _refuse_if_nothing_fits(coco, places, len(photos))
-    sha256 = file_hash(file)
+    sha256 = file_sha256(file)
     used: Counter[str] = Counter()
     rows: list[dict[str, Any]] = []
     for annotation in track(coco.annotations, label="Reading boxes"):

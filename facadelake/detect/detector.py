@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from facadelake.core.cache import file_hash, key_of
 from facadelake.core.errors import InputDataError, ModelError
+from facadelake.core.hashing import file_sha256, key_of
 from facadelake.detect.boxes import Box
 from facadelake.detect.calibration import calibrated, score_for
 from facadelake.detect.card import ModelCard
@@ -56,7 +56,7 @@ class OnnxDetector:
         self.card = card
         self.name = card.name
         self._session = ModelSession(model, threads=threads)
-        self.sha256 = file_hash(model)
+        self.sha256 = file_sha256(model)
         self._session.check_input(card.input)
         self._reader = READERS[card.output.layout]
         self._threshold = score_for(card.score_threshold, card.score_calibration)
@@ -191,7 +191,7 @@ def detector_fingerprint(file: Path, class_names: Mapping[str, str], card: Path 
     """
     if not file.is_file():
         raise InputDataError(f"detector {file} does not exist; correct the detector's path in the registry")
-    parts: dict[str, object] = {"class_names": dict(class_names), "name": file.name, "file": file_hash(file)}
+    parts: dict[str, object] = {"class_names": dict(class_names), "name": file.name, "file": file_sha256(file)}
     if file.suffix.lower() == ".onnx":
         parts["card"] = find_card(file, card).model_dump(mode="json", exclude=_REMARKS)
     return key_of(parts)

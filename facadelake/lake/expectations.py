@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 import duckdb
@@ -13,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 import facadelake.core.environment
+from facadelake.core.checkout import source_path
 from facadelake.core.errors import SchemaError, StoreError
 from facadelake.core.sql_files import Statement, statements
 from facadelake.core.tables import stage_schema, table_of_rows
@@ -21,6 +20,7 @@ from schemas.expectations import Expectation, expectations
 from schemas.tables import RUN_KEYS, TABLES
 
 CHECKED = tuple(name for name in TABLES if name != "checks")
+CHECKS = source_path("sql/checks")
 EXAMPLES = 5  # unexpected values or rows kept in a result's detail
 
 
@@ -41,13 +41,6 @@ def validate(tables: Mapping[str, pa.Table]) -> pa.Table:
                 f"schemas/ wants {stage_schema(name).to_string()}"
             )
     return table_of_rows("checks", [*_each_table(stage), *across_tables(stage)])
-
-
-def checks_sha256() -> str:
-    """Hash of all that ``validate`` checks, so that a kept result is not taken for that of other checks."""
-    wanted = {name: [asdict(one) for one in expectations(TABLES[name])] for name in CHECKED}
-    text = json.dumps([wanted, [[check.name, check.sql] for check in statements("checks")]], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def failures(checks: pa.Table) -> pa.Table:
@@ -124,7 +117,7 @@ def across_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
     try:
         for name in CHECKED:
             connection.register(name, tables[name])
-        return [_sql_row(connection, check) for check in statements("checks")]
+        return [_sql_row(connection, check) for check in statements(CHECKS)]
     finally:
         connection.close()
 

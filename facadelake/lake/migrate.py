@@ -9,11 +9,11 @@ from pathlib import Path
 
 import duckdb
 
+from facadelake.core.checkout import source_path
 from facadelake.core.errors import StoreError
 from facadelake.lake.connect import store_errors
 
-SQL = Path(__file__).resolve().parents[2] / "sql"
-MIGRATIONS = SQL / "migrations"
+MIGRATIONS = source_path("sql/migrations")
 # The one table that is not a migration's: it says which of them were applied.
 LEDGER = """CREATE TABLE IF NOT EXISTS migrations (
     number BIGINT NOT NULL, name VARCHAR NOT NULL, applied_at TIMESTAMP WITH TIME ZONE NOT NULL)"""

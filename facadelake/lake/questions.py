@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from facadelake.core.checkout import source_path
 from facadelake.core.errors import InputDataError
 from facadelake.core.sql_files import Statement, statements
 from facadelake.lake.read import Value, query
@@ -14,7 +15,7 @@ from facadelake.lake.read import Value, query
 
 def list_questions() -> tuple[Statement, ...]:
     """The named questions, each with its grain, meaning and parameters."""
-    return statements("questions")
+    return statements(source_path("sql/questions"))
 
 
 def ask(lake: Path, name: str, parameters: Mapping[str, Value] | None = None, *, as_of: int | None = None) -> pa.Table:

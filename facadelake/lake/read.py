@@ -9,6 +9,7 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
+from facadelake.core.checkout import source_path
 from facadelake.core.errors import InputDataError, SchemaError, StoreError
 from facadelake.core.sql_files import statements
 from facadelake.core.sql_guard import refuse_unless_plain_select
@@ -17,6 +18,7 @@ from facadelake.lake.migrate import refuse_newer, schema_version
 from schemas.column import Kind
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 
+VIEWS = source_path("sql/views")
 Value = str | int | float | bool | None
 
 
@@ -87,7 +89,7 @@ def versions(lake: Path) -> pa.Table:
     with reading(lake) as connection:
         check_version(connection, lake)
         with store_errors(f"reading the versions of the lake {lake}", "check that the lake's files are whole"):
-            view = next(view for view in statements("views") if view.name == "versions")
+            view = next(view for view in statements(VIEWS) if view.name == "versions")
             rows = connection.execute(f"SELECT * FROM ({view.sql}) ORDER BY version, campaign_id").to_arrow_table()
     return rows.cast(
         pa.schema(
@@ -111,7 +113,7 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
     SELECT over tables and views, or one that DuckDB cannot answer; StoreError where the lake cannot be read.
     """
     with sealed(lake, as_of) as connection:
-        views = {view.name for view in statements("views")}
+        views = {view.name for view in statements(VIEWS)}
         refuse_unless_plain_select(connection, sql, frozenset(LAKE_TABLES) | views)
         try:
             rows = connection.execute(sql, dict(parameters) if parameters else None).to_arrow_table()
@@ -130,7 +132,7 @@ def sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]
         check_version(connection, lake)
         with store_errors(f"preparing the lake {lake} for questions", "check that its files are whole"):
             connection.execute(f"LOAD {quoted(extension_file('spatial'))}")
-            for view in statements("views"):
+            for view in statements(VIEWS):
                 connection.execute(f"CREATE TEMP VIEW {view.name} AS {view.sql}")
             data = quoted(f"{lake.resolve() / DATA}/")
             connection.execute(f"SET allowed_directories = [{data}]")

@@ -12,12 +12,13 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
+from facadelake.core.checkout import source_path
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_guard import refuse_unless_plain_select
 from facadelake.lake.connect import bare_connection
 from schemas.tables import TABLES
 
-RULES = Path(__file__).resolve().parents[2] / "data" / "severity"
+RULES = source_path("data/severity")
 GRADES = ("severity", "severity_rule", "graded_by")
 BY_RULES = "rules"  # graded_by: a proposal; a person's grade has the person's name
 _SEVERITIES = re.compile(r"^-- severities: (.+)$", re.MULTILINE)

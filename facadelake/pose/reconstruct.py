@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.core.cache import code_hash, key_of
+from facadelake.core.code_version import code_version
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array
 from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.hashing import key_of
 from facadelake.photo.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.pose.pairing import choose_pairs, poorly_placed, viewing_directions
 from facadelake.pose.runner import run_worker
@@ -58,8 +59,9 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
         "pairs": choose_pairs(xyz_m, direction, close_range, settings, half_view_deg=half_view_deg),
         "sought": np.flatnonzero(poorly_placed(xyz_m, sigma_m, settings)).tolist(),
     }
-    hashes = [row["sha256"] for row in rows]
-    with work_folder(folder.parent, key_of({"job": job, "photos": hashes, "code": code_hash("pose/worker")})) as work:
+    code = code_version("facadelake.pose.worker.__main__").sha256
+    key = key_of({"job": job, "photos": [row["sha256"] for row in rows], "code": code})
+    with work_folder(folder.parent, key) as work:
         here = {"photographs_root": str(photographs_root), "cores": settings.cores, "work": str(work)}
         run_worker(job | here, folder)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array, Similarity
@@ -104,6 +105,7 @@ def read_reconstruction(folder: Path) -> Reconstruction:
     """Read what ``reconstruct`` left in ``folder``; raises InputDataError where there is no whole reconstruction."""
     try:
         said = json.loads((folder / "reconstruction.json").read_text(encoding="utf-8"))
+        costs = json.loads((folder / DIAGNOSTICS / "costs.json").read_text(encoding="utf-8"))
         with np.load(folder / "reconstruction.npz") as loaded:
             arrays = dict(loaded)
     except (OSError, ValueError) as error:
@@ -128,7 +130,7 @@ def read_reconstruction(folder: Path) -> Reconstruction:
         track_point=arrays["track_point"],
         track_xy_img=arrays["track_xy_img"],
         mean_reprojection_error_px=said["mean_reprojection_error_px"],
-        costs=tuple(StepCost(**cost) for cost in said["costs"]),
+        costs=tuple(StepCost(**cost) for cost in costs),
     )
 
 

@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.progress import Step, stage_progress
 
@@ -23,15 +24,16 @@ _TAIL_LINES = 12
 
 
 def run_worker(job: Mapping[str, Any], folder: Path) -> None:
-    """Run ``job`` in a process of its own; what it makes lies in ``folder``, its chatter in ``folder/worker.log``.
+    """Run ``job`` in a process of its own; results are in ``folder``, its log in ``diagnostics/worker.log`` there.
 
     Progress lines become progress bars. An interrupt (Ctrl-C) ends the worker too, and the worker ends when this
     process dies. Raises InputDataError for what the worker found wrong with the photographs, FacadelakeError, with
     the log's end, where the worker crashed or was killed.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    job_path, log_path = folder / "job.json", folder / LOG_NAME
-    job_path.write_text(json.dumps({**job, "parent": os.getpid()}), encoding="utf-8")
+    diagnostics = folder / DIAGNOSTICS
+    diagnostics.mkdir(parents=True, exist_ok=True)
+    job_path, log_path = diagnostics / "job.json", diagnostics / LOG_NAME
+    job_path.write_text(json.dumps({**job, "folder": str(folder), "parent": os.getpid()}), encoding="utf-8")
     with log_path.open("ab") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "facadelake.pose.worker", str(job_path)],

@@ -38,7 +38,7 @@ TILE = (2 * WIDTH, 2 * HEIGHT)  # of a model that wants 25 mm a pixel
 def stage(folder: Path, name: str) -> StageResult:
     """An earlier stage's result, made by the test."""
     (folder / name).mkdir()
-    return StageResult(stage=name, key=name, folder=folder / name, hit=True, seconds=0, peak_mib=0)
+    return StageResult(stage=name, key=name, content_sha256=name, folder=folder / name, hit=True, seconds=0, peak_mib=0)
 
 
 @pytest.fixture
@@ -63,7 +63,12 @@ def job(tmp_path: Path) -> InspectionJob:
         }
     )  # fmt: skip
     return InspectionJob(
-        building=building, campaign_id="2026-04", run_id="r", started_at=datetime.now(UTC), lake=tmp_path / "lake"
+        building=building,
+        campaign_id="2026-04",
+        run_id="r",
+        started_at=datetime.now(UTC),
+        code_sha256="c",
+        lake=tmp_path / "lake",
     )
 
 
@@ -101,7 +106,7 @@ def test_a_model_looks_where_the_building_is(
     assert "torn.png" not in rows and "torn.png cannot be read" in caplog.text
 
     assert detect.fn(job, model, photos, placed).hit
-    assert not detect.fn(job, model, photos, replace(placed, key="placed anew")).hit
+    assert not detect.fn(job, model, photos, replace(placed, content_sha256="placed anew")).hit
     stricter = job.building.detector.model_copy(update={"score_threshold": 0.8})
     strict = replace(job, building=job.building.model_copy(update={"detector": stricter}))
     assert len(read_table("detections", detect.fn(strict, model, photos, placed).folder)) == 0

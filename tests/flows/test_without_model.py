@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.pose_table import pose_columns
@@ -16,8 +17,9 @@ from facadelake.core.tables import read_table, table_of_rows, write_table
 from facadelake.geobim.model import read_building
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
-from tasks.as_built_model import as_built_model, place_building
+from tasks.as_built_model import as_built_model
 from tasks.job import InspectionJob, StageResult
+from tasks.place_building import place_building
 from tasks.verify_model import verify_model
 
 CAMERA = Camera(width_px=1600, height_px=1200, fx_px=1000, fy_px=1000, cx_px=800, cy_px=600)
@@ -35,14 +37,21 @@ def job(tmp_path: Path) -> InspectionJob:
         }
     )  # fmt: skip
     return InspectionJob(
-        building=building, campaign_id="2026-04", run_id="r", started_at=datetime.now(UTC), lake=tmp_path / "lake"
+        building=building,
+        campaign_id="2026-04",
+        run_id="r",
+        started_at=datetime.now(UTC),
+        code_sha256="c",
+        lake=tmp_path / "lake",
     )
 
 
 def given(folder: Path, stage: str) -> StageResult:
     """An earlier stage's result, made by the test."""
     (folder / stage).mkdir()
-    return StageResult(stage=stage, key=stage, folder=folder / stage, hit=True, seconds=0, peak_mib=0)
+    return StageResult(
+        stage=stage, key=stage, content_sha256=stage, folder=folder / stage, hit=True, seconds=0, peak_mib=0
+    )
 
 
 def cameras() -> dict[str, PosedCamera]:
@@ -80,7 +89,9 @@ def save_block(folder: Path, posed: dict[str, PosedCamera]) -> None:
         track_xy_img=np.vstack(pixel),
     )
     photos = [{"photo_id": name, "reprojection_error_px": 0.5, "tie_points": 600} for name in posed]
-    said = {"photos": photos, "unlocalised": [], "mean_reprojection_error_px": 0.5, "costs": []}
+    said = {"photos": photos, "unlocalised": [], "mean_reprojection_error_px": 0.5}
+    (folder / DIAGNOSTICS).mkdir()
+    (folder / DIAGNOSTICS / "costs.json").write_text("[]")
     (folder / "reconstruction.json").write_text(json.dumps(said))
 
 

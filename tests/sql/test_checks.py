@@ -8,6 +8,7 @@ import duckdb
 import pytest
 import shapely
 
+from facadelake.core.checkout import source_path
 from facadelake.core.sql_files import statements
 from facadelake.core.tables import table_of_rows
 from facadelake.lake.connect import bare_connection
@@ -80,8 +81,8 @@ COUNTEREXAMPLES = {
 
 
 def test_each_sql_check_has_a_counterexample_and_one_header() -> None:
-    assert {check.name for check in statements("checks")} == COUNTEREXAMPLES.keys()
-    assert {check.table for check in statements("checks")} <= set(CHECKED)
+    assert {check.name for check in statements(source_path("sql/checks"))} == COUNTEREXAMPLES.keys()
+    assert {check.table for check in statements(source_path("sql/checks"))} <= set(CHECKED)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +93,7 @@ def connection() -> Iterator[duckdb.DuckDBPyConnection]:
     opened.close()
 
 
-CHECKS = {check.name: check.sql for check in statements("checks")}
+CHECKS = {check.name: check.sql for check in statements(source_path("sql/checks"))}
 
 
 def _found(connection: duckdb.DuckDBPyConnection, name: str, made: dict[str, list[dict[str, Any]]]) -> int:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from facadelake.core.cache import file_hash
 from facadelake.core.errors import InputDataError
+from facadelake.core.hashing import file_sha256
 from facadelake.detect.boxes import Box
 from facadelake.detect.card import ModelCard
 from facadelake.detect.coco_file import CocoAnnotation, number, read_coco
@@ -81,7 +81,7 @@ class FileLooker:
     def __init__(self, file: Path, threshold: float = 0.0) -> None:
         """Read ``file``. Raises InputDataError where it cannot be used."""
         coco = read_coco(file)
-        self.name, self.sha256, self.threshold = file.name, file_hash(file), threshold
+        self.name, self.sha256, self.threshold = file.name, file_sha256(file), threshold
         self._found: dict[str, list[Found]] = {}
         self.unusable = 0
         for annotation in coco.annotations:

@@ -31,7 +31,7 @@ def main(job_path: Path) -> int:
     from facadelake.pose.worker.reconstruct import reconstruct  # pycolmap loads after its output was redirected
 
     try:
-        reconstruct(job, job_path.parent, report)
+        reconstruct(job, Path(job["folder"]), report)
     except InputDataError as error:
         report.refused(str(error))
         return 2

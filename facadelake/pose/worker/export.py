@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from facadelake.core.cache import DIAGNOSTICS
 from facadelake.pose.worker.descriptors import representative_descriptors
 from facadelake.pose.worker.report import Report
 from schemas.vocabulary import PoseSource
@@ -117,13 +118,15 @@ def export(
         track_xy_img=np.concatenate(track_xy),
     )
     np.save(folder / "descriptors.npy", representative_descriptors(model, database_path, row_of_point))
+    diagnostics = folder / DIAGNOSTICS
+    diagnostics.mkdir(exist_ok=True)
+    (diagnostics / "costs.json").write_text(json.dumps([asdict(cost) for cost in report.costs], indent=1), "utf-8")
     (folder / "reconstruction.json").write_text(
         json.dumps(
             {
                 "photos": photos,
                 "unlocalised": lost,
                 "mean_reprojection_error_px": float(model.compute_mean_reprojection_error()),
-                "costs": [asdict(cost) for cost in report.costs],
                 "pycolmap": pycolmap.__version__,
             },
             indent=1,

@@ -9,8 +9,8 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from facadelake.core.cache import file_hash
 from facadelake.core.errors import InputDataError
+from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import table_of_rows
 from facadelake.detect.coco import import_coco
 
@@ -75,7 +75,7 @@ def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
         "mask": None,
         **dict.fromkeys(name for name in first if name.startswith("crack_")),  # nothing is measured here
         "detector": "coco:boxes.json",
-        "detector_sha256": file_hash(path),
+        "detector_sha256": file_sha256(path),
     }
     assert second["score"] == 1.0  # a person's box
 

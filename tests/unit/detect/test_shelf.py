@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from facadelake.core.cache import file_hash
 from facadelake.core.errors import ModelError
+from facadelake.core.hashing import file_sha256
 from facadelake.detect.card import read_card
 from facadelake.detect.chosen import model_file, settled
 from facadelake.detect.shelf import LIST, SHIPPED, default_model, promote, promotions
@@ -29,12 +29,13 @@ def test_shipped_model_is_the_default_until_another_is_promoted(tmp_path: Path) 
     shipped = _model(shelf, SHIPPED.removesuffix(".onnx"), 0.1)
     assert default_model(shelf) == shipped
     new = _model(tmp_path, "second try", 0.2)
-    done = promote(new, by="A. Mason", why="fewer joints", evidence="7 of 7", replaces=file_hash(shipped), folder=shelf)
+    given = {"by": "A. Mason", "why": "fewer joints", "evidence": "7 of 7", "folder": shelf}
+    done = promote(new, replaces=file_sha256(shipped), **given)
     held = default_model(shelf)
-    assert held.name == done.file == f"second-try-{file_hash(new)[:12]}.onnx"
-    assert file_hash(held) == file_hash(new)
+    assert held.name == done.file == f"second-try-{file_sha256(new)[:12]}.onnx"
+    assert file_sha256(held) == file_sha256(new)
     assert read_card(held.with_suffix(".card.yaml")).name == "second try"
-    assert (done.by, done.why, done.replaces) == ("A. Mason", "fewer joints", file_hash(shipped))
+    assert (done.by, done.why, done.replaces) == ("A. Mason", "fewer joints", file_sha256(shipped))
     assert shipped.is_file()
 
 
@@ -44,9 +45,9 @@ def test_again_changes_nothing_and_back_is_one_more_entry(tmp_path: Path) -> Non
     first = promote(old, replaces=None, **given)
     promote(new, replaces=first.sha256, **given)
     assert promote(new, replaces=first.sha256, **given) == promotions(shelf)[-1]
-    promote(old, replaces=file_hash(new), **given)
-    assert [entry.sha256 for entry in promotions(shelf)] == [first.sha256, file_hash(new), first.sha256]
-    assert file_hash(default_model(shelf)) == first.sha256
+    promote(old, replaces=file_sha256(new), **given)
+    assert [entry.sha256 for entry in promotions(shelf)] == [first.sha256, file_sha256(new), first.sha256]
+    assert file_sha256(default_model(shelf)) == first.sha256
 
 
 def test_changed_model_and_damaged_list_are_refused(tmp_path: Path) -> None:
@@ -71,10 +72,10 @@ def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     shelf = tmp_path / "shelf"
     shipped, second, third = (_model(tmp_path, name, 0.1 * i) for i, name in enumerate(("first", "second", "third")))
     given = {"by": "A. Mason", "why": "a trial", "evidence": "", "folder": shelf}
-    promote(second, replaces=file_hash(shipped), **given)
-    with pytest.raises(ModelError, match=rf"but the default is {file_hash(second)[:12]} since A. Mason promoted it"):
-        promote(third, replaces=file_hash(shipped), **given)
-    assert file_hash(default_model(shelf)) == file_hash(second)
+    promote(second, replaces=file_sha256(shipped), **given)
+    with pytest.raises(ModelError, match=rf"but the default is {file_sha256(second)[:12]} since A. Mason promoted it"):
+        promote(third, replaces=file_sha256(shipped), **given)
+    assert file_sha256(default_model(shelf)) == file_sha256(second)
 
 
 def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

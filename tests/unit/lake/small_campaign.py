@@ -82,7 +82,7 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
             {"started_at": START, "finished_at": START + timedelta(minutes=5), "inputs_sha256": inputs,
              "code_sha256": "c" * 64, "detector_sha256": "d" * 64, "facadelake_version": "0.1.0",
              "configuration": json.dumps({"note": note}), "stage_seconds": json.dumps({"ingest": 1.5}),
-             "stage_peak_mib": json.dumps({"ingest": 200})}
+             "stage_peak_mib": json.dumps({"ingest": 200}), "stage_keys": json.dumps({"ingest": "k" * 24})}
         ],
         "photos": [
             *({"photo_id": photo, "sha256": f"{i:064d}", "bytes": 1000, "role": "closerange",

@@ -11,9 +11,7 @@ import pytest
 from facadelake.core.errors import SchemaError
 from facadelake.core.sql_files import statements
 from facadelake.core.tables import stage_schema
-from facadelake.lake import expectations as module
-from facadelake.lake.expectations import CHECKED, checks_sha256, failure_text, failures, validate
-from schemas.expectations import expectations
+from facadelake.lake.expectations import CHECKED, CHECKS, failure_text, failures, validate
 from schemas.tables import RUN_KEYS, TABLES
 from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_tables
 
@@ -57,7 +55,7 @@ def test_results_of_a_good_campaign_are_silent_and_a_row_per_expectation_of_ever
     assert set(checks["table_name"].to_pylist()) == set(CHECKED)
     keys = checks.select([name for name in TABLES["checks"].key if name not in RUN_KEYS]).to_pylist()
     assert len({tuple(key.values()) for key in keys}) == len(keys) > 200
-    assert sum(key["expectation"].startswith("sql:") for key in keys) == len(statements("checks"))
+    assert sum(key["expectation"].startswith("sql:") for key in keys) == len(statements(CHECKS))
     assert all(checks["passed"].to_pylist()), failure_text(checks)
 
 
@@ -83,12 +81,3 @@ def test_wrong_columns_are_refused_at_once() -> None:
         validate({name: table for name, table in tables.items() if name != "poses"})
     with pytest.raises(SchemaError, match="table poses has the columns"):
         validate({**tables, "poses": tables["poses"].drop_columns(["qw"])})
-
-
-def test_hash_of_the_checks_changes_with_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = checks_sha256()
-    assert checks_sha256() == before
-    monkeypatch.setattr(module, "expectations", lambda table: expectations(table)[1:])
-    fewer = checks_sha256()
-    monkeypatch.setattr(module, "statements", lambda kind: statements(kind)[1:])
-    assert len({before, fewer, checks_sha256()}) == 3

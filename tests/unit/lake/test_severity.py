@@ -5,6 +5,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
+from facadelake.core.checkout import source_path
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement, statements
 from facadelake.core.tables import check_table
@@ -174,7 +175,7 @@ def test_fisp_errs_towards_the_worse_word(values: dict[str, object], word: str) 
 
 def test_every_pack_tells_what_it_is_and_the_lake_ranks_its_words() -> None:
     assert {"extent_v1", "paper_crack_width_v1", "bre251_v1", "concrete_03_v1", "nyc_fisp_v1"} <= set(rule_packs())
-    (view,) = (view for view in statements("views") if view.name == "severities")
+    (view,) = (view for view in statements(source_path("sql/views")) if view.name == "severities")
     ranked: dict[str, list[str]] = {}
     for pack, word, _ in bare_connection().execute(f"{view.sql} ORDER BY severity_rule, severity_rank").fetchall():
         ranked.setdefault(pack, []).append(word)

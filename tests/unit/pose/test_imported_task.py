@@ -25,7 +25,7 @@ buildings:
 
 def stage(folder: Path, name: str) -> StageResult:
     folder.mkdir()
-    return StageResult(stage=name, key=name, folder=folder, hit=False, seconds=0.0, peak_mib=0.0)
+    return StageResult(stage=name, key=name, content_sha256=name, folder=folder, hit=False, seconds=0.0, peak_mib=0.0)
 
 
 @pytest.fixture
@@ -37,6 +37,7 @@ def stages(tmp_path: Path) -> tuple[InspectionJob, StageResult, StageResult]:
         campaign_id="2026-04",
         run_id="run",
         started_at=datetime(2026, 4, 1, tzinfo=UTC),
+        code_sha256="c",
         lake=tmp_path / "lake",
         poses=geo_csv(tmp_path / "poses"),
     )
@@ -92,5 +93,5 @@ def test_masks_that_change_places_register_anew_and_nothing_detected_is_no_error
     (folder / "masks" / "b.png").rename(folder / "masks" / "a.png")
     again = register.fn(job, model, placed, found, None)
     assert not again.hit
-    merged = merge_duplicates.fn(job, model, placed, again, found)
+    merged = merge_duplicates.fn(job, model, ingested, placed, again, found)
     assert dict(merged.counts) == {"defects": 0, "decisions": 0}

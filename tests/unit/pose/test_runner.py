@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.progress import listening
 from facadelake.pose import runner
@@ -69,7 +70,7 @@ def test_progress_reaches_the_listener_and_bars_end(tmp_path: Path) -> None:
     assert heard.said == [
         ("Finding features", 4), ("advance", 4), ("end", 1), ("Comparing", 9), ("advance", 2), ("end", 4),
     ]  # fmt: skip
-    assert "last words" in (tmp_path / "out" / runner.LOG_NAME).read_text()
+    assert "last words" in (tmp_path / "out" / DIAGNOSTICS / runner.LOG_NAME).read_text()
 
 
 @pytest.mark.usefixtures("scripted")

@@ -132,6 +132,7 @@ def test_coordinates_beside_a_gltf_are_part_of_its_cache_key(tmp_path: Path) -> 
         campaign_id="2026-04",
         run_id="run",
         started_at=datetime(2026, 4, 1, tzinfo=UTC),
+        code_sha256="c",
         lake=tmp_path / "lake",
     )
     first = load_model.fn(job)

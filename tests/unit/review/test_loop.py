@@ -11,8 +11,8 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from facadelake.core.cache import file_hash
 from facadelake.core.errors import InputDataError, ModelError
+from facadelake.core.hashing import file_sha256
 from facadelake.detect.shelf import default_model, promotions
 from facadelake.registry import Portfolio, read_portfolio
 from facadelake.review.forms import LabelForm, Pictures
@@ -65,7 +65,7 @@ def model(folder: Path, name: str, centre_and_size: tuple[float, float, float, f
     path = save_model(folder / f"{name}.onnx", answer, shape=(1, 3, 600, 800))
     content = card("yolov8")
     content |= {"name": name, "input": {**content["input"], "width_px": 800, "height_px": 600}}
-    content["metrics"] = {"evaluations": [{"model_sha256": file_hash(path), "data": "held-out walls", "ap50": 0.5}]}
+    content["metrics"] = {"evaluations": [{"model_sha256": file_sha256(path), "data": "held-out walls", "ap50": 0.5}]}
     path.with_suffix(".card.yaml").write_text(yaml.safe_dump(content))
     return path
 
@@ -124,12 +124,12 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
         promote_model(blind, **settings, lost_max=0, confirmed_min=1)
     assert promotions(shelf) == ()
     entry, told = promote_model(blind, **settings, lost_max=1, confirmed_min=1)
-    assert (entry.by, entry.replaces) == ("A. Mason", file_hash(finds))
+    assert (entry.by, entry.replaces) == ("A. Mason", file_sha256(finds))
     assert "1 of 1 confirmed defects lost (allowed 1)" in told
-    assert file_hash(default_model(shelf)) == file_hash(blind)
+    assert file_sha256(default_model(shelf)) == file_sha256(blind)
     assert promote_model(blind, **settings, lost_max=0, confirmed_min=1)[0] == entry
     back, _ = promote_model(finds, **settings, lost_max=0, confirmed_min=1)
-    assert (back.replaces, len(promotions(shelf))) == (file_hash(blind), 2)
+    assert (back.replaces, len(promotions(shelf))) == (file_sha256(blind), 2)
 
 
 def test_command_line_exports_imports_and_lists(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:

@@ -1,0 +1,31 @@
+"""Task: detections imported from a COCO file, as the registry says."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+from prefect import task
+
+from facadelake.core.tables import read_table, write_table
+from facadelake.detect.coco import import_coco
+from facadelake.detect.detector import detector_fingerprint
+from facadelake.registry import CocoDetector
+from tasks.job import InspectionJob, StageResult
+from tasks.stage import Counts, run_stage
+
+
+@task(name="import detections")
+def import_detections(job: InspectionJob, photos: StageResult) -> StageResult:
+    """Table ``detections`` of a COCO file."""
+    detector = job.building.detector
+    assert isinstance(detector, CocoDetector)
+    file = job.building.detections_of(job.campaign_id, job.detections)
+
+    def make(folder: Path) -> Counts:
+        table = import_coco(file, read_table("photos", photos.folder), class_names=detector.classes)
+        write_table("detections", table, folder)
+        return Counter(table.column("detection_outcome").to_pylist())
+
+    inputs = {"detector": detector_fingerprint(file, detector.classes)}
+    return run_stage(job, "detect", reads={"photos": photos}, inputs=inputs, make=make)

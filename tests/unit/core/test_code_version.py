@@ -1,0 +1,221 @@
+"""A stage's key covers all the code that makes its result: what is planted in a copy of the checkout changes it."""
+
+from __future__ import annotations
+
+import shutil
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from facadelake.core import code_version as module
+from facadelake.core.checkout import CHECKOUT
+from facadelake.core.code_version import code_version
+
+FOLDERS = ("facadelake", "flows", "tasks", "schemas", "sql", "data")
+STAGES = (
+    "as_built_model", "detect", "draw", "georeference", "import_detections", "import_poses", "ingest", "load_model",
+    "measure", "merge", "place_building", "reconstruct", "register", "validate", "verify_model",
+)  # fmt: skip
+
+# What is changed, and stages whose results it makes: (kind, file, stages).
+PLANTED = [
+    *(("task", f"tasks/{stage}.py", [stage]) for stage in STAGES),
+    ("what all tasks share", "tasks/stage.py", STAGES),
+    ("vocabulary", "schemas/vocabulary.py", STAGES),
+    ("columns", "schemas/columns.py", STAGES),
+    ("environment of all", "facadelake/core/environment.py", STAGES),
+    ("how the worker is run", "facadelake/pose/runner.py", ["reconstruct"]),
+    ("the worker, named by a string", "facadelake/pose/worker/mapping.py", ["reconstruct"]),
+    ("the worker's folder", "facadelake/pose/work_folder.py", ["reconstruct"]),
+    ("deep import", "facadelake/geobim/placement.py", ["load_model", "georeference", "merge", "draw"]),
+    ("deep import", "facadelake/register/rays.py", ["register", "merge"]),
+    ("deep import", "facadelake/photo/xmp.py", ["ingest"]),
+    ("deep import", "facadelake/detect/measure/width.py", ["measure"]),
+    ("deep import", "facadelake/detect/layouts/reader.py", ["detect"]),
+    ("deep import", "facadelake/detect/coco_mask.py", ["import_detections"]),
+    ("deep import", "facadelake/pose/imported/colmap.py", ["import_poses"]),
+    ("deep import", "facadelake/pose/free_space.py", ["verify_model", "as_built_model"]),
+    ("SQL check", "sql/checks/covariances_of_poses.sql", ["validate"]),
+    ("rule pack", "data/severity/bre251_v1.sql", ["merge"]),
+]
+# What only draws, prints, evaluates, reviews or demonstrates, and stages that must not be made anew for it.
+COMPUTING = tuple(stage for stage in STAGES if stage != "draw")
+UNRELATED = [
+    ("picture", "facadelake/pictures/elevations.py", COMPUTING),
+    ("report", "facadelake/pictures/report.py", COMPUTING),
+    ("terminal", "flows/terminal/inspection.py", STAGES),
+    ("command line", "flows/cli.py", STAGES),
+    ("the flow itself", "flows/inspect_building.py", STAGES),
+    ("evaluation", "facadelake/evaluate/comparison.py", STAGES),
+    ("reviews", "facadelake/review/record.py", STAGES),
+    ("demo", "facadelake/demo/generate.py", STAGES),
+    ("publishing", "facadelake/publish/geopackage.py", STAGES),
+    ("question", "sql/questions/passport.sql", STAGES),
+    ("placing a block", "facadelake/pose/starts.py", ["reconstruct", "ingest", "load_model"]),
+    ("merging", "facadelake/register/merge.py", ["register", "georeference", "reconstruct"]),
+    ("the portfolio's model", "data/detector/facadelake-nano.card.yaml", STAGES),
+    ("a note beside the code", "facadelake/pose/NOTES.txt", STAGES),
+]
+
+
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the checkout's code."""
+    root = tmp_path_factory.mktemp("checkout")
+    for name in FOLDERS:
+        shutil.copytree(CHECKOUT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.onnx"))
+    return root
+
+
+def sha256(stage: str, root: Path) -> str:
+    for cached in (module._version_of, module._is_face, module._names_of_face):
+        cached.cache_clear()
+    return code_version(f"tasks.{stage}", root).sha256
+
+
+@pytest.fixture(scope="module")
+def before(copied: Path) -> dict[str, str]:
+    return {stage: sha256(stage, copied) for stage in STAGES}
+
+
+def plant(path: Path) -> str | None:
+    """Change a file; returns what it held."""
+    held = path.read_text() if path.exists() else None
+    comment = "--" if path.suffix == ".sql" else "#"
+    path.write_text(f"{held or ''}\n{comment} planted\n")
+    return held
+
+
+def restore(path: Path, held: str | None) -> None:
+    if held is None:
+        path.unlink()
+    else:
+        path.write_text(held)
+
+
+def test_every_stage_is_here() -> None:
+    """Tasks that keep a result in the cache: those that call run_stage."""
+    using = {path.stem for path in (CHECKOUT / "tasks").glob("*.py") if "run_stage(" in path.read_text()} - {"stage"}
+    assert using == set(STAGES)
+
+
+def test_a_copy_has_the_keys_of_the_checkout(before: dict[str, str]) -> None:
+    assert before == {stage: code_version(f"tasks.{stage}").sha256 for stage in STAGES}
+    assert len(set(before.values())) == len(STAGES)
+
+
+@pytest.mark.parametrize(("kind", "file", "stages"), PLANTED, ids=[f"{kind}: {file}" for kind, file, _ in PLANTED])
+def test_changed_code_changes_the_keys(
+    kind: str, file: str, stages: list[str], copied: Path, before: dict[str, str]
+) -> None:
+    held = plant(copied / file)
+    try:
+        same = [stage for stage in stages if sha256(stage, copied) == before[stage]]
+    finally:
+        restore(copied / file, held)
+    assert held is not None and same == [], kind
+
+
+@pytest.mark.parametrize(("kind", "file", "stages"), UNRELATED, ids=[f"{kind}: {file}" for kind, file, _ in UNRELATED])
+def test_unrelated_code_leaves_them(
+    kind: str, file: str, stages: list[str], copied: Path, before: dict[str, str]
+) -> None:
+    held = plant(copied / file)
+    try:
+        changed = [stage for stage in stages if sha256(stage, copied) != before[stage]]
+    finally:
+        restore(copied / file, held)
+    assert changed == [], kind
+
+
+def test_a_new_file_of_a_folder_that_code_reads_counts(copied: Path, before: dict[str, str]) -> None:
+    new = copied / "sql" / "checks" / "new_check.sql"
+    held = plant(new)
+    try:
+        assert sha256("validate", copied) != before["validate"]
+        assert sha256("merge", copied) == before["merge"]
+    finally:
+        restore(new, held)
+
+
+@pytest.mark.parametrize(
+    ("library", "stages", "others"),
+    [
+        ("pycolmap", ["reconstruct"], ["georeference", "merge", "ingest"]),
+        ("open3d", ["register", "merge", "verify_model", "load_model"], ["reconstruct", "measure"]),
+        ("onnxruntime", ["detect"], ["measure", "merge"]),
+        ("opencv-python-headless", ["detect", "measure", "draw"], []),
+        ("ifcopenshell", ["load_model"], ["merge", "reconstruct"]),
+        ("numpy", STAGES, []),
+        ("scipy", ["georeference", "merge", "verify_model"], []),
+        ("duckdb", ["merge", "validate"], ["reconstruct", "georeference"]),
+        ("great-expectations", ["validate"], ["merge"]),
+        ("prefect", [], STAGES),
+    ],
+)
+def test_versions_of_the_computing_libraries_count(
+    library: str, stages: list[str], others: list[str], before: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    version = metadata.version
+    monkeypatch.setattr(
+        metadata, "version", lambda name: "99" if name.lower().replace("_", "-") == library else version(name)
+    )
+    after = {stage: sha256(stage, CHECKOUT) for stage in {*stages, *others}}
+    assert [stage for stage in stages if after[stage] == before[stage]] == []
+    assert [stage for stage in others if after[stage] != before[stage]] == []
+
+
+def test_the_flow_covers_every_stage() -> None:
+    """``runs.code_sha256``: what any stage runs, the flow runs."""
+    flow = code_version("flows.inspect_building").files
+    for stage in STAGES:
+        assert code_version(f"tasks.{stage}").files.keys() <= flow.keys(), stage
+    assert "facadelake/evaluate/comparison.py" not in flow
+
+
+def test_a_name_of_a_face_is_followed_to_its_module_alone(tmp_path: Path) -> None:
+    face = "import lazy_loader\n\n__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)\n"
+    stub = "from .walls import wall as wall\nfrom .roofs import roof as roof\n"
+    (tmp_path / "house").mkdir()
+    for name, text in {
+        "house/__init__.py": f'"""A face."""\n\n{face}', "house/__init__.pyi": stub, "house/walls.py": "wall = 1\n",
+        "house/roofs.py": "roof = 2\n", "use.py": "from house import wall\n",
+        "whole.py": "import house.roofs\n", "late.py": "def f():\n    from house import roof\n    return roof\n",
+        "typed.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from house import roof\n",
+    }.items():  # fmt: skip
+        (tmp_path / name).write_text(text)
+    assert set(code_version("use", tmp_path).files) == {"use.py", "house/walls.py"}
+    assert set(code_version("whole", tmp_path).files) == {"whole.py", "house/roofs.py"}
+    assert set(code_version("late", tmp_path).files) == {"late.py", "house/roofs.py"}
+    assert set(code_version("typed", tmp_path).files) == {"typed.py"}
+
+
+def test_an_init_that_does_something_is_code(tmp_path: Path) -> None:
+    (tmp_path / "house").mkdir()
+    (tmp_path / "house" / "__init__.py").write_text("import settings\n\nsettings.switch_off()\n")
+    (tmp_path / "house" / "walls.py").write_text("wall = 1\n")
+    (tmp_path / "settings.py").write_text("def switch_off(): ...\n")
+    (tmp_path / "use.py").write_text("from house.walls import wall\n")
+    assert set(code_version("use", tmp_path).files) == {"use.py", "house/walls.py", "house/__init__.py", "settings.py"}
+
+
+def test_what_the_closure_cannot_follow_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "relative.py").write_text("from . import walls\n")
+    with pytest.raises(ValueError, match="relative imports are not followed"):
+        code_version("relative", tmp_path)
+    (tmp_path / "computed.py").write_text("from facadelake.core.checkout import source_path\nsource_path(name)\n")
+    with pytest.raises(ValueError, match=r"computed\.py:2: source_path takes a literal"):
+        code_version("computed", tmp_path)
+    with pytest.raises(LookupError, match="has no module nowhere"):
+        code_version("nowhere", tmp_path)
+
+
+def test_only_one_module_knows_where_the_checkout_lies() -> None:
+    """A path built from ``__file__`` elsewhere would be a file that the keys do not see."""
+    folders = ("facadelake", "flows", "tasks", "schemas")
+    product = [path for folder in folders for path in (CHECKOUT / folder).rglob("*.py")]
+    using = [path for path in product if "Path(__file__)" in path.read_text()]
+    assert [path.relative_to(CHECKOUT).as_posix() for path in using] == ["facadelake/core/checkout.py"]
+    dynamic = [path for path in product if "import_module(" in path.read_text() or "__import__(" in path.read_text()]
+    assert dynamic == []
