@@ -24,9 +24,9 @@ from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import skeletonize
 
 from facadelake.core.frames import Array
-from facadelake.detect.boxes import Box
-from facadelake.detect.detector import Found
-from facadelake.detect.letterbox import Image
+from facadelake.detection.boxes import Box
+from facadelake.detection.inference.detector import Found
+from facadelake.detection.inference.letterbox import Image
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Looks, Prediction, read_pixels
 from facadelake.evaluate.detector.matching import average_precision, match

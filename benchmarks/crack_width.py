@@ -22,8 +22,8 @@ import numpy as np
 from skimage.morphology import medial_axis
 
 from benchmarks.drawn_cracks import Camera, draw_crack
-from facadelake.detect.measure.crack import CrackMeasure
-from facadelake.detect.measure.photographs import blur_of_photograph, measured_in
+from facadelake.measurement.campaign import blur_of_photograph, measured_in
+from facadelake.measurement.crack import CrackMeasure
 from schemas.vocabulary import CrackWidthOutcome
 
 matplotlib.use("Agg")

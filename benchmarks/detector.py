@@ -26,11 +26,11 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from benchmarks.detector_seams import compare
-from facadelake.detect.detector import load_detector
-from facadelake.detect.letterbox import Image, letterbox
-from facadelake.detect.shelf import default_model
-from facadelake.detect.tiling import detect_image
-from facadelake.detect.tiling.plan import plan_looks
+from facadelake.detection.inference.detector import load_detector
+from facadelake.detection.inference.letterbox import Image, letterbox
+from facadelake.detection.model_registry import default_model
+from facadelake.detection.tiling.detect_image import detect_image
+from facadelake.detection.tiling.plan import plan_looks
 
 
 @dataclass(frozen=True, kw_only=True)

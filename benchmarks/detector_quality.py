@@ -32,7 +32,7 @@ from benchmarks.detector_sets import (
     with_sources,
 )
 from benchmarks.foundation import SHARED
-from facadelake.detect.crosswalk import Crosswalk, crosswalk_with
+from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
 from facadelake.evaluate.detector.card_results import write_results
 from facadelake.evaluate.detector.contact_sheet import write_sheets
 from facadelake.evaluate.detector.false_alarms import Rate

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from benchmarks.box_merging import Boxes, nmm, nms, wbf
-from facadelake.detect.boxes import Box
-from facadelake.detect.card import CardInput, Resize
-from facadelake.detect.detector import Found
-from facadelake.detect.tiling.plan import Look, plan_looks
-from facadelake.detect.tiling.seams import TileFound, united_parts
+from facadelake.detection.boxes import Box
+from facadelake.detection.card import CardInput, Resize
+from facadelake.detection.inference.detector import Found
+from facadelake.detection.tiling.plan import Look, plan_looks
+from facadelake.detection.tiling.seams import TileFound, united_parts
 
 WIDTH, HEIGHT, INPUT = 4000, 3000, 416
 _RIGHT = 0.7  # intersection over union with the crack's own box, from which it was found as one

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from benchmarks.foundation import ROOT, SHARED
 from benchmarks.published_poses import write_published
+from facadelake.building.surface.footprint import horizontal_distance
+from facadelake.building.surface.raycasting import Surface
+from facadelake.building.target_elements import target_elements
 from facadelake.core.camera import PosedCamera
 from facadelake.core.pose_table import posed_cameras
-from facadelake.detect.boxes import Box
-from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.detection.boxes import Box
+from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.evaluate.detector.labels import (
     Gathering,
     LabelledImage,
@@ -29,10 +32,7 @@ from facadelake.evaluate.detector.labels import (
 )
 from facadelake.evaluate.detector.labels_open import open_labels
 from facadelake.evaluate.detector.sites import with_scale, with_sites
-from facadelake.geobim.footprint import horizontal_distance
-from facadelake.geobim.surface import Surface
-from facadelake.geobim.targets import target_elements
-from facadelake.photo.ingest import ingest_photographs
+from facadelake.photos.ingest import ingest_photographs
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported.placing import place_imported
 from facadelake.pose.imported.reading import read_poses

@@ -28,9 +28,9 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.detect.coco_file import read_coco
+from facadelake.detection.coco.file import read_coco
 from facadelake.evaluate.truth import Truth, read_truth
-from facadelake.photo.ingest import ingest_photographs
+from facadelake.photos.ingest import ingest_photographs
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import Reconstruction, read_descriptors, read_reconstruction
 from facadelake.pose.reference import ReferencePoints, reference_of

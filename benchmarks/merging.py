@@ -19,11 +19,11 @@ import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
 
+from facadelake.building.model import BuildingModel
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import stage_schema, table_of_rows
-from facadelake.geobim.model import BuildingModel
 from facadelake.register.merge import MergeResult, merge
 from schemas.vocabulary import DefectClass, DetectionOutcome, ObservationOutcome
 

@@ -29,14 +29,14 @@ import pyarrow as pa
 from benchmarks.foundation import DEMO, ROOT, SHARED, evaluated, facadelake
 from benchmarks.published_poses import write_published
 from benchmarks.registration_report import Report
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.footprint import horizontal_distance
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import pose_covariances, posed_cameras
-from facadelake.detect.coco import import_coco
+from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluate.comparison import compare
 from facadelake.evaluate.evaluation import figures_of
-from facadelake.geobim.footprint import horizontal_distance
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
-from facadelake.photo.ingest import ingest_photographs
+from facadelake.photos.ingest import ingest_photographs
 from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported.placing import PlacedByImport, place_imported

@@ -43,10 +43,10 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from facadelake.detect.card import Layout, ModelCard
-from facadelake.detect.detector import Found, OnnxDetector, load_detector
-from facadelake.detect.tiling.look import detect_image
-from facadelake.detect.tiling.plan import OVERLAP, plan_looks
+from facadelake.detection.card import Layout, ModelCard
+from facadelake.detection.inference.detector import Found, OnnxDetector, load_detector
+from facadelake.detection.tiling.detect_image import detect_image
+from facadelake.detection.tiling.plan import OVERLAP, plan_looks
 
 try:
     import sahi

@@ -141,7 +141,7 @@ def mapping(counts: list[int], scene: str) -> None:
 
 def table_of(photographs: Path) -> Any:
     """Table `photos` of a folder, as ``ingest`` makes it."""
-    from facadelake.photo.ingest import ingest_photographs
+    from facadelake.photos.ingest import ingest_photographs
 
     return ingest_photographs(photographs, distance_to_model_m=None, close_range_below_m=8.0)
 

@@ -28,11 +28,11 @@ import psutil
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface.virtual_view import write_scene
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.pose_table import pose_covariances, posed_cameras
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
-from facadelake.geobim.virtual_view import write_scene
 from facadelake.lake.read import read_tables
 from facadelake.register.observe import cast, observe
 from facadelake.registry import read_portfolio
@@ -118,7 +118,7 @@ def rendering(model: BuildingModel, posed: PosedCamera) -> tuple[Cost, Cost]:
 
 def render_ready(folder: Path) -> None:
     """The renderer's own process: print wall and processor seconds of the second depth image."""
-    from facadelake.geobim.render_worker import View
+    from facadelake.building.surface.render_worker import View
 
     view = View(folder)
     cost = cost_of(view.buffer, 2)

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from facadelake.building.model import BuildingModel
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.hashing import file_sha256
 from facadelake.core.progress import stage_progress
-from facadelake.geobim.model import BuildingModel
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_tables
 from facadelake.registry import Building

@@ -13,16 +13,15 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from facadelake.building.model import BuildingModel
 from facadelake.core.cache import StageCache
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.hashing import file_sha256, key_of
 from facadelake.core.tables import read_table, write_table
-from facadelake.detect.detector import OnnxDetector, load_detector
-from facadelake.detect.onnx import detect_photographs
-from facadelake.detect.view import View
-from facadelake.geobim.model import BuildingModel
-from facadelake.photo.files import find_masks
+from facadelake.detection.campaign import View, detect_photographs
+from facadelake.detection.inference.detector import OnnxDetector, load_detector
+from facadelake.photos.files import find_masks
 from facadelake.registry import Building, Portfolio
 from facadelake.review.changes import Change, Changed, changes_between
 from facadelake.review.comparison_report import (

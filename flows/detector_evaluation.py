@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.crosswalk import Crosswalk, crosswalk_with
-from facadelake.detect.shelf import default_model
+from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
+from facadelake.detection.model_registry import default_model
 from facadelake.evaluate.detector.figures import Judgement, judge
 from facadelake.evaluate.detector.form import Form
 from facadelake.evaluate.detector.image_level import ImageLevelFigures, judge_image_labels, open_image_labels

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import pose_covariances, posed_cameras
-from facadelake.detect.coco import import_coco
+from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluate.comparison import Comparison, compare
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table
-from facadelake.photo.files import find_masks
+from facadelake.photos.files import find_masks
 from facadelake.register.appearance import Photographs
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.merge import MergeResult, merge

@@ -179,7 +179,7 @@ def compare_models(
     Against reviews it tells which confirmed defects the new one loses and which rejected ones it drops. Nothing that is
     committed changes; what a model found is cached, so that running it again is quick.
     """
-    from facadelake.detect.shelf import default_model
+    from facadelake.detection.model_registry import default_model
     from flows.comparing import compare_models as compare
     from flows.terminal.comparing import show_comparison
 

@@ -12,7 +12,7 @@ from prefect import flow
 
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError
-from facadelake.detect.chosen import settled
+from facadelake.detection.configured import settled
 from facadelake.registry import CocoDetector, read_portfolio
 from flows.precheck import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
 from flows.regrading import regrading_replaced

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface.view_images import ViewImages, view_images
+from facadelake.building.surface.virtual_view import virtual_photograph
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.progress import stage_progress
-from facadelake.geobim.surface import Surface
-from facadelake.geobim.view_images import ViewImages, view_images
-from facadelake.geobim.virtual_view import virtual_photograph
 from facadelake.pictures.photofile import read_photograph
 from facadelake.pictures.view_sheet import Panels, view_sheet
 from facadelake.registry import Building

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import stage_schema
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.on_request import (
     Drawn,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.chosen import chosen_detector
+from facadelake.detection.configured import chosen_detector
 from facadelake.lake.severity import rule_file
 from facadelake.pose.imported.records import pose_files
 from facadelake.registry import Building, CocoDetector

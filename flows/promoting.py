@@ -7,9 +7,9 @@ from pathlib import Path
 
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import file_sha256
-from facadelake.detect.detector import load_detector
-from facadelake.detect.find_card import find_card
-from facadelake.detect.shelf import LIST, MODELS, Promotion, default_model, promote, promotions
+from facadelake.detection.inference.detector import load_detector
+from facadelake.detection.inference.find_card import find_card
+from facadelake.detection.model_registry import LIST, MODELS, Promotion, default_model, promote, promotions
 from facadelake.evaluate.detector.card_results import evaluations
 from facadelake.review.comparison_report import REPORT, comparison_folder, read_comparison
 from facadelake.review.promotion import evidence, objections

@@ -11,7 +11,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.lake.read import read_table
 from facadelake.lake.reviews import Added, append_reviews
 from facadelake.registry import Building

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.building.model import read_building
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table
-from facadelake.geobim.model import read_building
 from facadelake.pose.as_built import as_built_building
 from facadelake.pose.reconstruction import read_reconstruction
 from tasks.job import InspectionJob, StageResult

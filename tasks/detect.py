@@ -10,15 +10,14 @@ from pathlib import Path
 import pyarrow as pa
 from prefect import task
 
+from facadelake.building.model import BuildingModel, read_building
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.hashing import file_sha256
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table, write_table
-from facadelake.detect.chosen import chosen_detector, chosen_fingerprint, threads_of
-from facadelake.detect.onnx import detect_photographs
-from facadelake.detect.view import View
-from facadelake.geobim.model import BuildingModel, read_building
-from facadelake.geobim.surface import Surface
-from facadelake.photo.files import find_masks
+from facadelake.detection.campaign import View, detect_photographs
+from facadelake.detection.configured import chosen_detector, chosen_fingerprint, threads_of
+from facadelake.photos.files import find_masks
 from facadelake.register.target_view import target_view
 from facadelake.registry import OnnxDetectorSetting
 from schemas.vocabulary import SurfaceKind

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.building.model import read_building
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table
-from facadelake.geobim.model import read_building
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.report import write_report
 from tasks.job import InspectionJob, StageResult, StageResults

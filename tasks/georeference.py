@@ -6,9 +6,9 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.building.model import read_building
 from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.geobim.model import read_building
 from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Control, Place, georeference
 from facadelake.pose.model_control import model_control

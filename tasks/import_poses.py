@@ -6,10 +6,10 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.building.model import read_building
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.hashing import files_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.geobim.model import read_building
-from facadelake.geobim.surface import Surface
 from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported.placing import place_imported

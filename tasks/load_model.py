@@ -6,16 +6,16 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.building.ifc.load import load_building
+from facadelake.building.mesh.files import MeshAxes
+from facadelake.building.mesh.load import BareSettings, load_mesh_building
+from facadelake.building.model import BuildingModel, ModelSettings
+from facadelake.building.model_georeference.control_pairs import ControlPair
+from facadelake.building.model_georeference.selection import MapPlacement
+from facadelake.building.storeys import NamedFloor
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.hashing import file_sha256
 from facadelake.core.progress import stage_progress
-from facadelake.geobim.control_fit import ControlPair
-from facadelake.geobim.georeference import MapPlacement
-from facadelake.geobim.load import load_building
-from facadelake.geobim.mesh_building import BareSettings, load_mesh_building
-from facadelake.geobim.mesh_file import MeshAxes
-from facadelake.geobim.model import BuildingModel, ModelSettings
-from facadelake.geobim.storeys import NamedFloor
 from facadelake.registry import Building
 from facadelake.registry.bare import UNITS_M, files_beside
 from schemas.vocabulary import SurfaceKind

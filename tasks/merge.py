@@ -8,9 +8,9 @@ from typing import Any
 
 from prefect import task
 
+from facadelake.building.model import read_building
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
-from facadelake.geobim.model import read_building
 from facadelake.lake.severity import grade, rule_file
 from facadelake.register.appearance import Photographs
 from facadelake.register.merge import merge

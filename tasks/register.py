@@ -8,12 +8,12 @@ from pathlib import Path
 
 from prefect import task
 
+from facadelake.building.model import read_building
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.hashing import file_sha256
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
-from facadelake.geobim.model import read_building
-from facadelake.geobim.surface import Surface
-from facadelake.photo.files import find_masks
+from facadelake.photos.files import find_masks
 from facadelake.pose.reconstruction import Reconstruction, read_reconstruction
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.observe import observe

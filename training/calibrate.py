@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from facadelake.core.hashing import file_sha256
-from facadelake.detect.card import (
+from facadelake.detection.card import (
     CardInput,
     CardOutput,
     Layout,
@@ -27,8 +27,8 @@ from facadelake.detect.card import (
     card_path,
     card_text,
 )
-from facadelake.detect.detector import OnnxDetector
-from facadelake.detect.tiling import detect_image
+from facadelake.detection.inference.detector import OnnxDetector
+from facadelake.detection.tiling.detect_image import detect_image
 from training.assign import iou_matrix
 from training.data.sample import CLASSES, Sample
 from training.sources import TRAINED_ON, drawn_samples, judged_samples, validation_samples

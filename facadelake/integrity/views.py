@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.surface import Surface
 from facadelake.integrity.depth import DepthComparison, compare_depth
 from schemas.vocabulary import IntegrityOutcome
 

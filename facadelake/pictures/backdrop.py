@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
 from facadelake.pictures.facades import Facade
 from facadelake.pictures.marks import Mark
 from facadelake.pictures.palette import class_colour

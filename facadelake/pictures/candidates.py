@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import MISS, Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array
-from facadelake.geobim.surface import MISS, Surface
 from facadelake.pictures.inspection import PictureSettings
 from facadelake.pictures.relief import Relief
 from facadelake.pictures.sight import pixels_of, sees

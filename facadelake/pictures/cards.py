@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.backdrop import Backdrop
 from facadelake.pictures.card import BEST_PX, DPI, TILE_PX, CardMaterial, SightingPiece, draw_card
 from facadelake.pictures.card_facts import Row, card_facts, merges_by_defect

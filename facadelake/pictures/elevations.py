@@ -10,9 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.backdrop import Backdrop
 from facadelake.pictures.elevation_figure import DPI, Scene, draw_elevation
 from facadelake.pictures.facades import Facade, find_facades

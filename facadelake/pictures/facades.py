@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.inspection import PictureSettings
 from facadelake.pictures.outward import Walls, azimuth_of, element_azimuths, turn_deg, walls_of
 from facadelake.pictures.palette import compass_word

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from facadelake.building.model import BuildingModel
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.geobim.model import BuildingModel
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow as pa
 import shapely
 
+from facadelake.building.model import BuildingModel
 from facadelake.core.frames import Array
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.geobim.model import BuildingModel
 from facadelake.pictures.facades import Facade
 from facadelake.pictures.palette import short_ids
 from facadelake.pictures.relief import Relief

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.cards import defect_cards
 from facadelake.pictures.distribution import (
     distribution_of,

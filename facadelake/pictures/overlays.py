@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import MISS, Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.geobim.surface import MISS, Surface
 from facadelake.pictures.inspection import Inspection, PictureSettings
 from facadelake.pictures.legend_strip import Entry, with_legend, write_text
 from facadelake.pictures.marks import Mark, marks_of

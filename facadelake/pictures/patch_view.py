@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.marks import Mark, surface_axes
 from facadelake.pictures.photofile import reduction_for
 from facadelake.pictures.rectify import sampled

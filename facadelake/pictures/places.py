@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from facadelake.geobim.surface import Surface
+from facadelake.building.surface.raycasting import Surface
 from facadelake.pictures.backdrop import Backdrop, model_backdrop
 from facadelake.pictures.elevations import Elevation
 from facadelake.pictures.facades import Facade

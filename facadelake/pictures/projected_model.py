@@ -7,8 +7,8 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
+from facadelake.building.model import BuildingModel
 from facadelake.core.frames import Array
-from facadelake.geobim.model import BuildingModel
 
 
 def draw_model(axes: Axes, building: BuildingModel, across: Array, up: Array) -> tuple[Array, Array]:

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import MISS, Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array
 from facadelake.core.progress import track
-from facadelake.geobim.surface import MISS, Surface
 from facadelake.pictures.candidates import Share, find_candidates, share_out
 from facadelake.pictures.inspection import PictureSettings
 from facadelake.pictures.photofile import read_photograph, reduction_for

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import MISS, Surface
 from facadelake.core.frames import Array
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import MISS, Surface
 from facadelake.pictures.facades import Facade
 from facadelake.pictures.inspection import PictureSettings
 from schemas.vocabulary import SurfaceKind

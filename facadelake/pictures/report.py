@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from facadelake.geobim.surface import Surface
+from facadelake.building.surface.raycasting import Surface
 from facadelake.pictures.cards import defect_cards
 from facadelake.pictures.crops import defect_crops
 from facadelake.pictures.distribution import (

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Array
-from facadelake.geobim.surface import Surface
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from facadelake.building.surface.view_images import ViewImages
 from facadelake.core.frames import Array
-from facadelake.geobim.view_images import ViewImages
 from facadelake.pictures.palette import OTHER_COLOUR, plain
 
 _PANEL_IN = 8.0

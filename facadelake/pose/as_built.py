@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from facadelake.building.mesh.load import with_surface
+from facadelake.building.model import BuildingModel
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array
-from facadelake.geobim.mesh_building import with_surface
-from facadelake.geobim.model import BuildingModel
 from facadelake.pose.reconstruction import Reconstruction
 from facadelake.pose.surface_mesh import mesh_of
 from facadelake.pose.tie_point_quality import pixel_sigma, tie_point_covariance

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array, Similarity
-from facadelake.geobim.surface import Surface
 from facadelake.pose.edge_views import EdgeSamples, SeenSamples, seen_samples
 from facadelake.pose.gradients import Gradients, GreyPhotographs, gradients, reduction_for
 

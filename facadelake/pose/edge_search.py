@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter
 
+from facadelake.building.surface.edges import ModelEdges
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Array
-from facadelake.geobim.edges import ModelEdges
-from facadelake.geobim.surface import Surface
 from facadelake.pose.edge_scores import EdgeScene, moved_camera, score_shifts
 from facadelake.pose.edge_views import sample_edges, seen_samples
 from facadelake.pose.gradients import GreyPhotographs

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.edges import ModelEdges
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array
-from facadelake.geobim.edges import ModelEdges
-from facadelake.geobim.surface import Surface
 
 _CREASE_COSINE = np.cos(np.radians(20.0))
 _SIDE_PX = 1.5  # where the rays beside an edge are cast, pixels of the photograph

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.edges import ModelEdges, model_edges
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Array, Similarity
-from facadelake.geobim.edges import ModelEdges, model_edges
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
 from facadelake.pose.adjustment.model_terms import SurfaceLike
 from facadelake.pose.edge_search import ShiftFound, find_shift
 from facadelake.pose.gps import GpsPriors, align_to_gps

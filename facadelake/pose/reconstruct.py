@@ -14,7 +14,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.hashing import key_of
-from facadelake.photo.exif import FULL_FRAME_DIAGONAL_MM
+from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.pose.pairing import choose_pairs, poorly_placed, viewing_directions
 from facadelake.pose.runner import run_worker
 from facadelake.pose.settings import ReconstructionSettings

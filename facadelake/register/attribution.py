@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Hits, Surface
 from facadelake.core.frames import Array
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Hits, Surface
 from facadelake.register.outline import Outlines
 
 _FILLINGS = ("IfcWindow", "IfcDoor")  # and their standard cases

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from facadelake.building.surface.raycasting import MISS, Surface
 from facadelake.core.frames import Array
-from facadelake.geobim.surface import MISS, Surface
 from facadelake.register.cluster import numbered
 from facadelake.register.gate import Noise, measured, placing_m2
 from facadelake.register.grouping import Grouping

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import Hits, Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array
-from facadelake.geobim.surface import Hits, Surface
 from facadelake.register.continuity import main_side, members_of
 from facadelake.register.middle import middle_of_mask, middles_of_boxes
 from facadelake.register.outline import Outlines, outlines_of

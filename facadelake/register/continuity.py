@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.geobim.surface import Hits
+from facadelake.building.surface.raycasting import Hits
 from facadelake.register.attribution import most_voted
 from facadelake.register.outline import APART, Outlines
 

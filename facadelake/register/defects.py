@@ -10,10 +10,10 @@ import pyarrow.compute as pc
 import shapely
 from numpy.typing import NDArray
 
+from facadelake.building.facades.openness import COMPASS
+from facadelake.building.model import BuildingModel
 from facadelake.core.frames import Array
 from facadelake.core.tables import check_table, stage_schema
-from facadelake.geobim.facade import COMPASS
-from facadelake.geobim.model import BuildingModel
 from facadelake.register.crack_evidence import crack_evidence
 from facadelake.register.position import Positions
 from facadelake.register.sightings import CLASSES, Sightings, codes_of, column

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from facadelake.building.surface.raycasting import Surface
+from facadelake.building.target_elements import target_elements
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array
 from facadelake.core.progress import stage_progress
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.surface import Surface
-from facadelake.geobim.targets import target_elements
 from facadelake.register.masks import masked_shares
 from facadelake.register.occlusion import Occluders, OcclusionSettings
 from facadelake.register.tie_points import TiePoints

@@ -11,12 +11,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import shapely
 
+from facadelake.building.facades.directions import facades_in
+from facadelake.building.model import BuildingModel
+from facadelake.building.storeys import storeys_of_places
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array
-from facadelake.geobim.facade_directions import facades_in
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.storeys import storeys_of_places
-from facadelake.geobim.surface import Surface
 from facadelake.register.appearance import Photographs
 from facadelake.register.behind import Moved, looked_behind
 from facadelake.register.decisions import merges_table

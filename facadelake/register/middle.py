@@ -8,9 +8,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import Hits
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array
-from facadelake.geobim.surface import Hits
 from facadelake.register.outline import Outlines
 from facadelake.register.patch import tangents_of
 

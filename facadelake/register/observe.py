@@ -15,12 +15,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array
 from facadelake.core.progress import stage_progress
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
 from facadelake.register.attribution import Attribution
 from facadelake.register.casts import Casts, cast
 from facadelake.register.places import Places

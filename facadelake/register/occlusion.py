@@ -19,10 +19,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 from shapely import STRtree
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array
-from facadelake.geobim.surface import Surface
 from facadelake.register.tie_points import TiePoints
 
 _DIRECTIONS = 8  # of walls; what lies level is a ninth

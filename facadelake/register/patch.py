@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
+from facadelake.building.surface.raycasting import Hits
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Array
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.geobim.surface import Hits
 from facadelake.register.outline import APART, Outlines
 from facadelake.register.rays import rays_of
 

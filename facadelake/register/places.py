@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from facadelake.building.facades.directions import facades_in
+from facadelake.building.model import BuildingModel
+from facadelake.building.storeys import storeys_of_places
 from facadelake.core.frames import Array
-from facadelake.geobim.facade_directions import facades_in
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.storeys import storeys_of_places
 from facadelake.register.attribution import Attribution
 from facadelake.register.casts import Casts
 from facadelake.register.crack_widths import crack_columns

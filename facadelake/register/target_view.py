@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import Surface
+from facadelake.building.target_elements import target_elements
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.geobim.surface import Surface
-from facadelake.geobim.targets import target_elements
 from facadelake.register.masks import read_mask
 
 _log = logging.getLogger(__name__)

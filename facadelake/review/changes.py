@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from facadelake.core.frames import Array
-from facadelake.detect.boxes import Box
+from facadelake.detection.boxes import Box
 from facadelake.review.overlap import corners_of, overlaps, pairs_of
 from facadelake.review.standing import Detected
 from schemas.vocabulary import DefectClass

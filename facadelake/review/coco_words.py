@@ -16,10 +16,10 @@ import shapely
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
-from facadelake.detect.boxes import Box, clip_box, describe
-from facadelake.detect.coco_file import CocoAnnotation, number, read_coco
-from facadelake.detect.coco_mask import box_about, mask_of, polygons_of_text
-from facadelake.detect.crosswalk import Crosswalk
+from facadelake.detection.boxes import Box, clip_box, describe
+from facadelake.detection.coco.file import CocoAnnotation, number, read_coco
+from facadelake.detection.coco.mask import box_about, mask_of, polygons_of_text
+from facadelake.detection.crosswalk import Crosswalk
 from facadelake.review.overlap import corners_of, overlaps, pairs_of
 from facadelake.review.record import Review
 from facadelake.review.shown import Said, Shown, word_on, word_on_missed

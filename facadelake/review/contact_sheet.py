@@ -12,9 +12,9 @@ import numpy as np
 
 from facadelake.core.errors import StoreError
 from facadelake.core.progress import track
-from facadelake.detect.boxes import Box
-from facadelake.detect.letterbox import Image
-from facadelake.detect.photograph import read_photograph
+from facadelake.detection.boxes import Box
+from facadelake.detection.inference.letterbox import Image
+from facadelake.detection.inference.photograph import read_photograph
 
 _CELL_PX, _CAPTION_PX, _COLUMNS = 220, 34, 6
 _AROUND = 2.2  # side of a crop over its box's longer side: a person needs to see where it is

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
-from facadelake.detect.boxes import Box, clip_box
-from facadelake.detect.crosswalk import Crosswalk
+from facadelake.detection.boxes import Box, clip_box
+from facadelake.detection.crosswalk import Crosswalk
 from facadelake.review.coco_words import Words
 from facadelake.review.record import Review
 from facadelake.review.shown import Said, Shown, word_on, word_on_missed

@@ -6,8 +6,8 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import Any
 
-from facadelake.detect.boxes import Box
-from facadelake.detect.coco_mask import polygons_of_text
+from facadelake.detection.boxes import Box
+from facadelake.detection.coco.mask import polygons_of_text
 from facadelake.review.standing import Judgement
 from schemas.vocabulary import DefectClass
 

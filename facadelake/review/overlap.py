@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.frames import Array
-from facadelake.detect.boxes import Box
+from facadelake.detection.boxes import Box
 
 
 @dataclass(frozen=True, kw_only=True)

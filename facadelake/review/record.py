@@ -9,7 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from facadelake.detect.boxes import Box
+from facadelake.detection.boxes import Box
 from schemas.tables import LAKE_TABLES
 from schemas.vocabulary import DefectClass, Verdict
 

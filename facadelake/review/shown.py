@@ -9,7 +9,7 @@ from typing import Any
 
 import shapely
 
-from facadelake.detect.boxes import Box
+from facadelake.detection.boxes import Box
 from facadelake.review.record import Review, subject_of
 from facadelake.review.standing import Judgement
 from schemas.vocabulary import DefectClass, Verdict

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.core.frames import Array
-from facadelake.detect.boxes import Box
+from facadelake.detection.boxes import Box
 from facadelake.review.overlap import corners_of, overlaps, pairs_of
 from facadelake.review.record import Review, box_of_row, latest
 from schemas.vocabulary import DefectClass, DetectionOutcome

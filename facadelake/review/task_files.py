@@ -13,7 +13,7 @@ from typing import Any
 import shapely
 
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.detect.boxes import Box
+from facadelake.detection.boxes import Box
 from facadelake.review.record import box_of_row
 from facadelake.review.shown import Shown, polygons
 from schemas.vocabulary import DefectClass, Verdict

@@ -10,9 +10,9 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from facadelake.detect.boxes import Box
-from facadelake.detect.coco_mask import polygons_of
-from facadelake.detect.letterbox import Image
+from facadelake.detection.boxes import Box
+from facadelake.detection.coco.mask import polygons_of
+from facadelake.detection.inference.letterbox import Image
 from facadelake.review.material import Labelled, Material
 
 _ROOM = 1.2  # a tile's side over its place's, so that what surrounds it is seen too

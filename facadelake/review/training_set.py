@@ -18,8 +18,8 @@ import cv2
 
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.progress import track
-from facadelake.detect.letterbox import Image
-from facadelake.detect.photograph import read_photograph, turned_by_exif
+from facadelake.detection.inference.letterbox import Image
+from facadelake.detection.inference.photograph import read_photograph, turned_by_exif
 from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.label_files import CLASSES, Picture, write_labels
 from facadelake.review.material import Labelled, Material, material_of

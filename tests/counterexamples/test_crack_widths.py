@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from facadelake.core.tables import table_of_rows
-from facadelake.detect.measure.photographs import measure_detections
+from facadelake.measurement.campaign import measure_detections
 
 Sides = tuple[float, float, float, float]
 

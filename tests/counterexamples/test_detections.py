@@ -11,10 +11,10 @@ import pytest
 
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.tables import table_of_rows
-from facadelake.detect.card import ModelCard
-from facadelake.detect.coco import import_coco
-from facadelake.detect.detector import load_detector
-from facadelake.detect.onnx import OnnxDetector
+from facadelake.detection.campaign import OnnxDetector
+from facadelake.detection.card import ModelCard
+from facadelake.detection.coco.import_detections import import_coco
+from facadelake.detection.inference.detector import load_detector
 from tests.unit.detect.onnx_models import answer, card, save_model
 
 PHOTOS = table_of_rows(

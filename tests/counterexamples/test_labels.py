@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.evaluate.detector.labels import LabelledSet
 from facadelake.evaluate.detector.labels_open import Form, open_labels
 

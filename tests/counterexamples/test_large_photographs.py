@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.detect.detector import Found
-from facadelake.detect.letterbox import Image
-from facadelake.detect.tiling import detect_image
-from facadelake.detect.tiling.plan import plan_looks
+from facadelake.detection.inference.detector import Found
+from facadelake.detection.inference.letterbox import Image
+from facadelake.detection.tiling.detect_image import detect_image
+from facadelake.detection.tiling.plan import plan_looks
 from tests.unit.detect.blobs import BlobDetector, card
 
 INPUT_PX = 160

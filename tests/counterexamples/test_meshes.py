@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from facadelake.building.mesh.load import BareSettings, load_mesh_building, place_without_model
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
-from facadelake.geobim.mesh_building import BareSettings, load_mesh_building, place_without_model
 
 SETTINGS = BareSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal")
 WALL = "v 0 0 0\nv 9 0 0\nv 9 0 9\nf 1 2 3\n"

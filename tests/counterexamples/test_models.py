@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.building.ifc.load import load_building
+from facadelake.building.model import ModelSettings
+from facadelake.building.model_georeference.selection import MapPlacement
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
-from facadelake.geobim.georeference import MapPlacement
-from facadelake.geobim.load import load_building
-from facadelake.geobim.model import ModelSettings
 from facadelake.registry.building import Building
 from tests.unit.geobim.conftest import Box, Ifc
 

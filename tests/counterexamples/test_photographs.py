@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.coco import import_coco
-from facadelake.photo.ingest import ingest_photographs
+from facadelake.detection.coco.import_detections import import_coco
+from facadelake.photos.ingest import ingest_photographs
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.settings import ReconstructionSettings
 from tests.unit.photo.small_photographs import photograph

@@ -14,7 +14,7 @@ import cv2
 import geopandas as gpd
 import pytest
 
-from facadelake.geobim.view_images import read_view_images
+from facadelake.building.surface.view_images import read_view_images
 from facadelake.lake.read import read_table, versions
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
 

@@ -13,10 +13,10 @@ import pytest
 import yaml
 
 from benchmarks.published_poses import write_published
+from facadelake.building.model import read_building
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import posed_cameras
-from facadelake.detect.tiling.plan import SCALES_APART
-from facadelake.geobim.model import read_building
-from facadelake.geobim.surface import Surface
+from facadelake.detection.tiling.plan import SCALES_APART
 from facadelake.lake.read import read_table
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from facadelake.building.model import read_building
 from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.pose_table import pose_columns
 from facadelake.core.tables import read_table, table_of_rows, write_table
-from facadelake.geobim.model import read_building
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
 from tasks.as_built_model import as_built_model

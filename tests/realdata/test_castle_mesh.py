@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.geobim.load import load_building
-from facadelake.geobim.mesh_building import BareSettings, load_mesh_building
-from facadelake.geobim.model import ModelSettings
-from facadelake.geobim.surface import Surface
+from facadelake.building.ifc.load import load_building
+from facadelake.building.mesh.load import BareSettings, load_mesh_building
+from facadelake.building.model import ModelSettings
+from facadelake.building.surface.raycasting import Surface
 
 pytestmark = pytest.mark.realdata
 

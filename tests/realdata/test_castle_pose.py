@@ -14,7 +14,7 @@ import pytest
 
 from facadelake.core.frames import similarity_between
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.photo.ingest import ingest_photographs
+from facadelake.photos.ingest import ingest_photographs
 from facadelake.pose.control_points import read_control_points
 from facadelake.pose.georeference import Control, Georeferenced, Place, georeference
 from facadelake.pose.poses import poses_table

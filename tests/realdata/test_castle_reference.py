@@ -17,7 +17,7 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity, similarity_between
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.photo.ingest import ingest_photographs
+from facadelake.photos.ingest import ingest_photographs
 from facadelake.pose.reconstruct import reconstruct
 from facadelake.pose.reconstruction import Reconstruction, read_descriptors, read_reconstruction
 from facadelake.pose.reference import ReferencePoints, read_reference, reference_of

@@ -15,14 +15,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.published_poses import write_published
+from facadelake.building.ifc.load import load_building
+from facadelake.building.model import BuildingModel, ModelSettings
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import pose_covariances, posed_cameras
-from facadelake.detect.coco import import_coco
+from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluate.evaluation import evaluate
 from facadelake.evaluate.figures import Figures
-from facadelake.geobim.load import load_building
-from facadelake.geobim.model import BuildingModel, ModelSettings
-from facadelake.geobim.surface import Surface
-from facadelake.photo.ingest import ingest_photographs
+from facadelake.photos.ingest import ingest_photographs
 from facadelake.pose.georeference import Place
 from facadelake.pose.imported.placing import PlacedByImport, place_imported
 from facadelake.pose.imported.reading import read_poses

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.detect.crosswalk import crosswalk_with
-from facadelake.detect.shelf import MODELS, SHIPPED
+from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.detection.model_registry import MODELS, SHIPPED
 from facadelake.evaluate.detector.figures import judge
 from facadelake.evaluate.detector.labels import LabelledSet, sound_photographs
 from facadelake.evaluate.detector.labels_open import open_labels

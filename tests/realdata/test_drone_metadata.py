@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from facadelake.photo.ingest import ingest_photographs
+from facadelake.photos.ingest import ingest_photographs
 
 pytestmark = pytest.mark.realdata
 

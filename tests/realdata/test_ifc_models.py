@@ -12,15 +12,15 @@ import pyproj
 import pytest
 import shapely
 
+from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.meshes import meshes_of, open_ifc
+from facadelake.building.model import BuildingModel, ModelSettings
+from facadelake.building.model_georeference.selection import MapPlacement
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.georeference import MapPlacement
-from facadelake.geobim.load import load_building
-from facadelake.geobim.mesh import meshes_of, open_ifc
-from facadelake.geobim.model import BuildingModel, ModelSettings
-from facadelake.geobim.surface import Surface
 from facadelake.register.merge import MergeResult, merge
 from facadelake.register.observe import observe
 from facadelake.register.settings import RegisterSettings

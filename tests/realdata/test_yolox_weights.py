@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import ModelError
-from facadelake.detect.card import ModelCard
-from facadelake.detect.detector import Found, OnnxDetector
+from facadelake.detection.card import ModelCard
+from facadelake.detection.inference.detector import Found, OnnxDetector
 
 pytestmark = pytest.mark.realdata
 

@@ -14,11 +14,11 @@ from itertools import pairwise
 import numpy as np
 import pyarrow as pa
 
+from facadelake.building.model import BuildingModel
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.model import BuildingModel
 
 Array = np.ndarray
 FOCAL, WIDTH, HEIGHT = 3000.0, 4000, 3000

@@ -15,8 +15,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.geobim.surface import Surface
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.merge import MergeResult, merge
 from facadelake.register.observe import observe

@@ -6,7 +6,7 @@ import pytest
 
 from facadelake import doctor
 from facadelake.core.system_libraries import Library
-from facadelake.detect.shelf import default_model
+from facadelake.detection.model_registry import default_model
 from facadelake.doctor import Check, Probe, Status, run_checks
 
 

@@ -13,7 +13,7 @@ import yaml
 
 from facadelake.core.errors import ModelError, StoreError
 from facadelake.core.hashing import file_sha256
-from facadelake.detect.card import card_path, read_card
+from facadelake.detection.card import card_path, read_card
 from facadelake.evaluate.detector.false_alarms import FalseAlarms
 from facadelake.evaluate.detector.figures import ClassFigures, Figures
 from facadelake.evaluate.detector.image_level import ImageLevelFigures

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from facadelake.core.errors import StoreError
-from facadelake.detect.boxes import Box
-from facadelake.detect.letterbox import Image
+from facadelake.detection.boxes import Box
+from facadelake.detection.inference.letterbox import Image
 from facadelake.evaluate.detector.figures import Judgement
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Collected, read_pixels

@@ -12,7 +12,7 @@ from scipy.stats import rankdata
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array
-from facadelake.detect.crosswalk import Crosswalk
+from facadelake.detection.crosswalk import Crosswalk
 from facadelake.evaluate.detector.figures import Judged
 from facadelake.evaluate.detector.labels import Gathering, LabelledImage, LabelledSet, photographs_below
 from facadelake.evaluate.detector.looking import Collected, Looker

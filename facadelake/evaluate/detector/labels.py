@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.boxes import Box, clip_box
+from facadelake.detection.boxes import Box, clip_box
 from schemas.vocabulary import DefectClass
 
 PHOTOGRAPHS = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})

@@ -6,10 +6,10 @@ from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
-from facadelake.detect.boxes import Box
-from facadelake.detect.coco_file import CocoAnnotation, CocoImage, number, read_coco
-from facadelake.detect.coco_mask import box_about
-from facadelake.detect.crosswalk import Crosswalk
+from facadelake.detection.boxes import Box
+from facadelake.detection.coco.file import CocoAnnotation, CocoImage, number, read_coco
+from facadelake.detection.coco.mask import box_about
+from facadelake.detection.crosswalk import Crosswalk
 from facadelake.evaluate.detector.labels import Gathering, LabelledSet, TrueBox, photographs_below
 
 

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.crosswalk import Crosswalk
+from facadelake.detection.crosswalk import Crosswalk
 from facadelake.evaluate.detector.form import Form
 from facadelake.evaluate.detector.labels import PHOTOGRAPHS, LabelledSet
 from facadelake.evaluate.detector.labels_coco import read_coco_labels

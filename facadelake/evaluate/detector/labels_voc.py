@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
-from facadelake.detect.boxes import Box
-from facadelake.detect.crosswalk import Crosswalk
+from facadelake.detection.boxes import Box
+from facadelake.detection.crosswalk import Crosswalk
 from facadelake.evaluate.detector.labels import Gathering, LabelledSet, TrueBox, photographs_below
 from schemas.vocabulary import DefectClass
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import file_sha256
-from facadelake.detect.boxes import Box
-from facadelake.detect.card import ModelCard
-from facadelake.detect.coco_file import CocoAnnotation, number, read_coco
-from facadelake.detect.detector import Found, OnnxDetector
-from facadelake.detect.find_card import find_card
-from facadelake.detect.letterbox import Image
-from facadelake.detect.tiling import detect_image
+from facadelake.detection.boxes import Box
+from facadelake.detection.card import ModelCard
+from facadelake.detection.coco.file import CocoAnnotation, number, read_coco
+from facadelake.detection.inference.detector import Found, OnnxDetector
+from facadelake.detection.inference.find_card import find_card
+from facadelake.detection.inference.letterbox import Image
+from facadelake.detection.tiling.detect_image import detect_image
 from facadelake.evaluate.detector.labels import LabelledImage
 from facadelake.evaluate.detector.looking import Looks
 

@@ -13,11 +13,11 @@ from typing import Protocol
 from PIL import Image as PilImage
 
 from facadelake.core.progress import track
-from facadelake.detect.boxes import Box, clip_box
-from facadelake.detect.crosswalk import Crosswalk
-from facadelake.detect.detector import Found
-from facadelake.detect.letterbox import Image
-from facadelake.detect.photograph import read_photograph
+from facadelake.detection.boxes import Box, clip_box
+from facadelake.detection.crosswalk import Crosswalk
+from facadelake.detection.inference.detector import Found
+from facadelake.detection.inference.letterbox import Image
+from facadelake.detection.inference.photograph import read_photograph
 from facadelake.evaluate.detector.labels import LabelledImage
 from schemas.vocabulary import DefectClass
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from facadelake.core.hashing import file_sha256
-from facadelake.detect.card import ModelCard
-from facadelake.detect.find_card import find_card
+from facadelake.detection.card import ModelCard
+from facadelake.detection.inference.find_card import find_card
 from facadelake.evaluate.detector.card_results import evaluations
 
 

@@ -32,7 +32,7 @@ class HitsLike(Protocol):
 
 
 class SurfaceLike(Protocol):
-    """The building's surface in site; ``facadelake.geobim.surface.Surface`` is one."""
+    """The building's surface in site; ``facadelake.building.surface.raycasting.Surface`` is one."""
 
     def cast(self, origins_site_m: Array, directions_site: Array, /) -> HitsLike:
         """First hits of rays (n, 3) from origins (n, 3), in site metres."""

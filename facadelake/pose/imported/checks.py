@@ -7,10 +7,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from facadelake.building.surface.raycasting import Hits
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Array, Similarity
-from facadelake.geobim.surface import Hits
 from facadelake.pose.georeference import Place
 from facadelake.pose.gps import rotation_of_attitude
 from facadelake.pose.imported.attitude import other_readings

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import shapely
 
-from facadelake.detect.boxes import Box
-from facadelake.detect.card import ModelCard
-from facadelake.detect.detector import Found
-from facadelake.detect.letterbox import Image
+from facadelake.detection.boxes import Box
+from facadelake.detection.card import ModelCard
+from facadelake.detection.inference.detector import Found
+from facadelake.detection.inference.letterbox import Image
 
 
 def card(input_px: int, gsd_mm: Sequence[float] = ()) -> ModelCard:

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
-from facadelake.detect.card import ModelCard, Resize
-from facadelake.detect.detector import Found, OnnxDetector
-from facadelake.detect.find_card import find_card
+from facadelake.detection.card import ModelCard, Resize
+from facadelake.detection.inference.detector import Found, OnnxDetector
+from facadelake.detection.inference.find_card import find_card
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, card, save_spot_finder
 
 SIZES = [(1536, 1024), (1024, 1536), (2000, 251), (333, 1999), (60, 50), (WIDTH, HEIGHT)]

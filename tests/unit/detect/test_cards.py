@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from facadelake.core.errors import ModelError
-from facadelake.detect.card import Layout, ModelCard, card_path, card_text, parse_card, read_card
-from facadelake.detect.detector import detector_fingerprint, load_detector
-from facadelake.detect.find_card import find_card
+from facadelake.detection.card import Layout, ModelCard, card_path, card_text, parse_card, read_card
+from facadelake.detection.inference.detector import detector_fingerprint, load_detector
+from facadelake.detection.inference.find_card import find_card
 from schemas.vocabulary import DefectClass
 from tests.unit.detect.onnx_models import CLASSES, HEIGHT, WIDTH, answer, answers, card, save_model
 

@@ -12,7 +12,7 @@ import pytest
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import table_of_rows
-from facadelake.detect.coco import import_coco
+from facadelake.detection.coco.import_detections import import_coco
 
 WIDTH, HEIGHT = 640, 480
 

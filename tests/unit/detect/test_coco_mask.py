@@ -10,8 +10,8 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.detect.boxes import Box
-from facadelake.detect.coco_mask import mask_of
+from facadelake.detection.boxes import Box
+from facadelake.detection.coco.mask import mask_of
 from tests.unit.detect.test_coco import HEIGHT, WIDTH, coco_file, rows_of
 
 SLANTING = [100, 100, 200, 190, 200, 200, 100, 110]  # a crack 10 px high, 100 px long

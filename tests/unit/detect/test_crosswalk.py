@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import crosswalk_with
 from schemas.vocabulary import DefectClass
 
 # Written down from the sets' own lists: dacl10k-toolkit's TARGET_LIST, CODEBRIM's paper.

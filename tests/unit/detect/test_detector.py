@@ -11,8 +11,8 @@ import yaml
 from onnx import TensorProto
 
 from facadelake.core.errors import ModelError
-from facadelake.detect.card import ModelCard, card_path, read_card
-from facadelake.detect.detector import OnnxDetector, detector_fingerprint, load_detector
+from facadelake.detection.card import ModelCard, card_path, read_card
+from facadelake.detection.inference.detector import OnnxDetector, detector_fingerprint, load_detector
 from tests.unit.detect.onnx_models import CLASSES, answer, card, cells, save_model
 
 LAYOUTS = ("yolox", "yolov5", "yolov8", "nms6")

@@ -11,11 +11,11 @@ import shapely
 from onnx import TensorProto, helper
 
 from facadelake.core.errors import ModelError
-from facadelake.detect.card import Layout, ModelCard
-from facadelake.detect.detector import OnnxDetector, load_detector
-from facadelake.detect.letterbox import letterbox
-from facadelake.detect.masks import QueryMasks
-from facadelake.detect.outline import outline
+from facadelake.detection.card import Layout, ModelCard
+from facadelake.detection.inference.detector import OnnxDetector, load_detector
+from facadelake.detection.inference.letterbox import letterbox
+from facadelake.detection.inference.outline import outline
+from facadelake.detection.layouts.masks import QueryMasks
 from tests.unit.detect.onnx_models import CLASSES, GRID, HEIGHT, WIDTH, answer, answers, card, save_model, save_triple
 
 NEW = ("yolov5_seg", "yolov8_seg", "nms6_seg", "rtdetr", "rtdetr_triple", "rtdetr_rows", "rfdetr", "rfdetr_seg")

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.detect.card import CardInput, Resize
-from facadelake.detect.letterbox import letterbox
+from facadelake.detection.card import CardInput, Resize
+from facadelake.detection.inference.letterbox import letterbox
 
 INPUT = {"width_px": 416, "height_px": 320, "colour": "bgr", "scale": 1.0, "pad_value": 0}
 SIZES = [(3072, 2048), (2048, 3072), (4000, 501), (333, 1999), (200, 150), (416, 320), (1, 1)]

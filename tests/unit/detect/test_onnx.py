@@ -11,9 +11,8 @@ import pytest
 from PIL import Image as PillowImage
 
 from facadelake.core.tables import stage_schema, table_of_rows
-from facadelake.detect.card import ModelCard
-from facadelake.detect.onnx import OnnxDetector, detect_photographs
-from facadelake.detect.view import View
+from facadelake.detection.campaign import OnnxDetector, View, detect_photographs
+from facadelake.detection.card import ModelCard
 from tests.unit.detect.onnx_models import answer, card, save_model
 
 CRACK = (10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)

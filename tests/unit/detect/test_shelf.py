@@ -8,9 +8,9 @@ import yaml
 
 from facadelake.core.errors import ModelError
 from facadelake.core.hashing import file_sha256
-from facadelake.detect.card import read_card
-from facadelake.detect.chosen import model_file, settled
-from facadelake.detect.shelf import LIST, SHIPPED, default_model, promote, promotions
+from facadelake.detection.card import read_card
+from facadelake.detection.configured import model_file, settled
+from facadelake.detection.model_registry import LIST, SHIPPED, default_model, promote, promotions
 from facadelake.registry import Building, OnnxDetectorSetting
 from tests.unit.detect.onnx_models import card, save_model
 
@@ -81,9 +81,9 @@ def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
 def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     old, new = _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
     given = {"id": "a", "name": "A", "model": "a.ifc", "photographs": "{campaign}"}
-    monkeypatch.setattr("facadelake.detect.chosen.default_model", lambda: old)
+    monkeypatch.setattr("facadelake.detection.configured.default_model", lambda: old)
     begun = settled(Building.model_validate(given))
-    monkeypatch.setattr("facadelake.detect.chosen.default_model", lambda: new)
+    monkeypatch.setattr("facadelake.detection.configured.default_model", lambda: new)
     assert isinstance(begun.detector, OnnxDetectorSetting)
     assert (model_file(begun.detector), settled(begun)) == (old, begun)
     own = Building.model_validate({**given, "detector": {"kind": "onnx", "model": str(tmp_path / "own.onnx")}})

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
-from facadelake.detect.coco import import_coco
+from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluate.evaluation import evaluate
 
 pytestmark = pytest.mark.realdata

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from facadelake.detect.boxes import Box
+from facadelake.detection.boxes import Box
 from facadelake.evaluate.detector.labels import LabelledImage, TrueBox
 from facadelake.evaluate.detector.looking import Prediction
 from schemas.vocabulary import DefectClass

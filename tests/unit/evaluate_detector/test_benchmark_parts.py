@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.classical_cracks import ClassicalCracks
 from benchmarks.detector_sets import seen_area
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.geobim.surface import Surface
 from tests.unit.evaluate_detector.labelled import image
 
 SIDE_M = 6.0

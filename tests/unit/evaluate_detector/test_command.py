@@ -13,7 +13,7 @@ import yaml
 from typer.testing import CliRunner
 
 from facadelake.core.errors import InputDataError, ModelError
-from facadelake.detect.card import read_card
+from facadelake.detection.card import read_card
 from flows.cli import app
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.evaluate.detector.form import Form
 from facadelake.evaluate.detector.labels import LabelledSet, joined, labelled_only, sound_photographs
 from facadelake.evaluate.detector.labels_open import open_labels

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import yaml
 
-from facadelake.detect.crosswalk import crosswalk_with
-from facadelake.detect.detector import load_detector
-from facadelake.detect.tiling import detect_image
+from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.detection.inference.detector import load_detector
+from facadelake.detection.tiling.detect_image import detect_image
 from facadelake.evaluate.detector.lookers import FLOOR, FileLooker, OnnxLooker
 from facadelake.evaluate.detector.looking import collect
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model

@@ -4,10 +4,10 @@ import numpy as np
 import pyproj
 import pytest
 
+from facadelake.building.ifc.load import load_building
+from facadelake.building.model import ModelSettings
+from facadelake.building.model_georeference.control_pairs import ControlPair, placed_by
 from facadelake.core.errors import GeoreferenceError
-from facadelake.geobim.control_fit import ControlPair, placed_by
-from facadelake.geobim.load import load_building
-from facadelake.geobim.model import ModelSettings
 from tests.unit.geobim.conftest import Box, Ifc
 from tests.unit.geobim.globe_by_hand import assert_same_places, corners_of, geo_of_east_north_up
 

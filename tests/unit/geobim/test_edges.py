@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from facadelake.building.surface.edges import ModelEdges, model_edges
 from facadelake.core.frames import Array
-from facadelake.geobim.edges import ModelEdges, model_edges
 
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
 _BOX = np.array(

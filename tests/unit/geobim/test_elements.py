@@ -10,13 +10,13 @@ import pytest
 import shapely
 import trimesh
 
-from facadelake.geobim.elements import facades_of
-from facadelake.geobim.facade import COMPASS, compass_of, open_sides_of
-from facadelake.geobim.facade_directions import Facades
-from facadelake.geobim.load import load_building
-from facadelake.geobim.mesh import meshes_of, open_ifc
-from facadelake.geobim.model import ModelSettings
-from facadelake.geobim.surface import Surface
+from facadelake.building.facades.directions import Facades
+from facadelake.building.facades.openness import COMPASS, compass_of, open_sides_of
+from facadelake.building.ifc.elements import facades_of
+from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.meshes import meshes_of, open_ifc
+from facadelake.building.model import ModelSettings
+from facadelake.building.surface.raycasting import Surface
 from tests.unit.geobim.conftest import Box, Ifc
 
 PLACED = {

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from facadelake.building.facades.directions import Facades, directions_of, facades_in, names_of, turn_deg
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.facade_directions import Facades, directions_of, facades_in, names_of, turn_deg
 
 
 def facing(azimuth_deg, up=0.0):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from facadelake.building.mesh.facade_planes import elements_of_planes, facade_planes
+from facadelake.building.storeys import StoreyLevel
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.geobim.facade_planes import elements_of_planes, facade_planes
-from facadelake.geobim.storeys import StoreyLevel
-from facadelake.geobim.surface import Surface
 
 ORIGIN = SiteOrigin(lon_deg=8.4, lat_deg=48.9, height_ellipsoidal_m=180.0)
 

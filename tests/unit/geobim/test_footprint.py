@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from facadelake.geobim.footprint import outline_of
+from facadelake.building.surface.footprint import outline_of
 
 
 def roof(step_m: float) -> np.ndarray:

@@ -6,12 +6,12 @@ import ifcopenshell.api.owner.settings
 import numpy as np
 import pytest
 
+from facadelake.building.ifc.load import load_building
+from facadelake.building.model import ModelSettings, read_building
+from facadelake.building.model_georeference.selection import MapPlacement
+from facadelake.building.model_georeference.vertical_datum import horizontal_and_vertical, vertical_named
 from facadelake.core.errors import GeoreferenceError, ModelError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.geobim.georeference import MapPlacement
-from facadelake.geobim.load import load_building
-from facadelake.geobim.model import ModelSettings, read_building
-from facadelake.geobim.vertical import horizontal_and_vertical, vertical_named
 from tests.unit.geobim.conftest import Box, Ifc
 from tests.unit.geobim.globe_by_hand import CONVERSION, CRS, assert_same_places, corners_of, ecef, expected_geo
 

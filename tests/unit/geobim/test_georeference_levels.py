@@ -6,10 +6,10 @@ import ifcopenshell.api.owner.settings
 import numpy as np
 import pytest
 
+from facadelake.building.ifc.load import load_building
+from facadelake.building.model import ModelSettings
+from facadelake.building.model_georeference.selection import MapPlacement
 from facadelake.core.errors import GeoreferenceError
-from facadelake.geobim.georeference import MapPlacement
-from facadelake.geobim.load import load_building
-from facadelake.geobim.model import ModelSettings
 from tests.unit.geobim.conftest import Box, Ifc
 from tests.unit.geobim.globe_by_hand import (
     CONVERSION,

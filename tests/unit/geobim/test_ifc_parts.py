@@ -7,10 +7,10 @@ import ifcopenshell.guid
 import numpy as np
 import pytest
 
+from facadelake.building.ifc.load import load_building
+from facadelake.building.model import ModelSettings
+from facadelake.building.storeys import NamedFloor
 from facadelake.core.errors import ModelError
-from facadelake.geobim.load import load_building
-from facadelake.geobim.model import ModelSettings
-from facadelake.geobim.storeys import NamedFloor
 from tests.unit.geobim.conftest import Box, Ifc
 
 SCHEMAS = ("IFC2X3", "IFC4", "IFC4X3")

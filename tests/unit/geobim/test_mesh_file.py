@@ -9,15 +9,15 @@ import numpy as np
 import pyproj
 import pytest
 
+from facadelake.building.mesh.files import MeshAxes, read_mesh_file
+from facadelake.building.mesh.load import BareSettings, load_mesh_building, place_without_model
+from facadelake.building.mesh.offset import read_mesh_offset
+from facadelake.building.model import BuildingModel, read_building
+from facadelake.building.model_georeference.map_placement import MapPlacement
+from facadelake.building.storeys import NamedFloor, storey_at
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import GeoreferenceError, ModelError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.geobim.mesh_building import BareSettings, load_mesh_building, place_without_model
-from facadelake.geobim.mesh_file import MeshAxes, read_mesh_file
-from facadelake.geobim.mesh_offset import read_mesh_offset
-from facadelake.geobim.model import BuildingModel, read_building
-from facadelake.geobim.placement import MapPlacement
-from facadelake.geobim.storeys import NamedFloor, storey_at
-from facadelake.geobim.surface import Surface
 from schemas.vocabulary import SurfaceKind
 
 # A corner of the box in EPSG:25832 with ellipsoidal height; the box is 20 m east, 10 m north, 8 m high.

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from facadelake.geobim.load import load_building
-from facadelake.geobim.model import ModelSettings, read_building
-from facadelake.geobim.storeys import StoreyLevel, storey_at, storeys_of_places
+from facadelake.building.ifc.load import load_building
+from facadelake.building.model import ModelSettings, read_building
+from facadelake.building.storeys import StoreyLevel, storey_at, storeys_of_places
 from tests.unit.geobim.conftest import Box, Ifc
 
 LEVELS = (

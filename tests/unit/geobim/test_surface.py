@@ -7,10 +7,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from facadelake.building.surface.raycasting import MISS, Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import ModelError
 from facadelake.core.frames import Similarity
-from facadelake.geobim.surface import MISS, Surface
 
 UNIT = st.floats(-1, 1, allow_nan=False)
 VECTOR = st.tuples(UNIT, UNIT, UNIT).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.1)

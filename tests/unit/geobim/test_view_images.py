@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface.view_images import read_view_images, view_images
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.surface import Surface
-from facadelake.geobim.view_images import read_view_images, view_images
 
 # Looks along +y from the origin.
 POSED = PosedCamera(
@@ -66,7 +66,7 @@ def test_each_pixel_tells_depth_element_and_target(surface, elements, scale):
 
 def test_bands_make_no_seam(surface, elements, monkeypatch):
     whole = view_images(POSED, surface, elements, 1.0)
-    monkeypatch.setattr("facadelake.geobim.surface._CHUNK", 700)  # three rows and a half
+    monkeypatch.setattr("facadelake.building.surface.raycasting._CHUNK", 700)  # three rows and a half
     bands = view_images(POSED, surface, elements, 1.0)
     np.testing.assert_array_equal(bands.depth_m, whole.depth_m)
     np.testing.assert_array_equal(bands.element, whole.element)

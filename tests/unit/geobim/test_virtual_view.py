@@ -7,15 +7,21 @@ import pytest
 import shapely
 import trimesh
 
+from facadelake.building.ifc.meshes import meshes_of, open_ifc
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface.virtual_view import (
+    VirtualView,
+    buffer_step,
+    eye_depth,
+    straightened,
+    virtual_photograph,
+    virtual_view,
+)
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.depth_buffer import buffer_step, eye_depth
-from facadelake.geobim.mesh import meshes_of, open_ifc
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
-from facadelake.geobim.virtual_view import VirtualView, straightened, virtual_photograph, virtual_view
 from tests.unit.geobim.conftest import Box, Ifc
 
 NEAR, FAR = 2.0, 80.0
@@ -146,7 +152,7 @@ def by_rays(building, posed, *, scale):
 
 def test_a_virtual_photograph_has_the_photographs_distortion(scene, monkeypatch):
     """Half the size, 30 px of barrel distortion at the corner: its depths are those of the photograph's own rays."""
-    monkeypatch.setattr("facadelake.geobim.virtual_view.virtual_view", by_rays)
+    monkeypatch.setattr("facadelake.building.surface.virtual_view.virtual_view", by_rays)
     camera = Camera(
         width_px=800, height_px=600, fx_px=840, fy_px=830, cx_px=414.6, cy_px=292.2, k1=-0.18, k2=0.03, p1=0.001,
         p2=-0.001,

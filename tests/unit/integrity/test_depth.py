@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
-from facadelake.geobim.surface import Surface
 from facadelake.integrity.depth import SIGMA_PX, WINDOW_PX, compare_depth
 from facadelake.integrity.views import IntegritySettings, integrity_views
 

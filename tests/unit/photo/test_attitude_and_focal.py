@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from facadelake.photo.attitude import attitude_prior
-from facadelake.photo.drone import Dewarp, DroneMetadata
-from facadelake.photo.exif import ExifMetadata
-from facadelake.photo.focal import focal_prior
+from facadelake.photos.attitude_prior import attitude_prior
+from facadelake.photos.drone_xmp import Dewarp, DroneMetadata
+from facadelake.photos.exif import ExifMetadata
+from facadelake.photos.focal_prior import focal_prior
 
 NOTHING = ExifMetadata()
 GIMBAL = DroneMetadata(maker="DJI", yaw_deg=10.0, pitch_deg=-20.0, roll_deg=0.0, attitude_tags="Gimbal*Degree")

@@ -9,10 +9,10 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from facadelake.photo.attitude import attitude_prior
-from facadelake.photo.drone import DroneMetadata
-from facadelake.photo.exif import ExifMetadata, read_exif
-from facadelake.photo.prior import PositionPrior, Sigma, position_prior
+from facadelake.photos.attitude_prior import attitude_prior
+from facadelake.photos.drone_xmp import DroneMetadata
+from facadelake.photos.exif import ExifMetadata, read_exif
+from facadelake.photos.position_prior import PositionPrior, Sigma, position_prior
 
 Tags = dict[int, object]
 

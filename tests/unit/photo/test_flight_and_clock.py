@@ -5,8 +5,8 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from facadelake.photo.clock import Tick, clock_warnings
-from facadelake.photo.flight import Shot, flights_of
+from facadelake.photos.clock import Tick, clock_warnings
+from facadelake.photos.flights import Shot, flights_of
 
 START = datetime(2026, 4, 14, 10, 0, tzinfo=UTC)
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.photo.drone import DroneMetadata
-from facadelake.photo.exif import ExifMetadata
-from facadelake.photo.height import stated_datum
-from facadelake.photo.prior import position_prior
+from facadelake.photos.drone_xmp import DroneMetadata
+from facadelake.photos.exif import ExifMetadata
+from facadelake.photos.height_datum import stated_datum
+from facadelake.photos.position_prior import position_prior
 
 PARROT = DroneMetadata(maker="Parrot", lat_deg=48.94, lon_deg=8.4, absolute_altitude_m=120.0)
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from facadelake.photo.files import find_photographs
-from facadelake.photo.ingest import ingest_photographs
+from facadelake.photos.files import find_photographs
+from facadelake.photos.ingest import ingest_photographs
 from tests.unit.photo.small_photographs import photograph
 
 

@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from facadelake.photo.attitude import attitude_prior, pitch_is_djis, with_dji_pitch
-from facadelake.photo.drone import DroneMetadata, parse_drone_metadata
-from facadelake.photo.exif import ExifMetadata
-from facadelake.photo.prior import Sigma, position_prior
-from facadelake.photo.xmp import parse_packet
+from facadelake.photos.attitude_prior import attitude_prior, pitch_is_djis, with_dji_pitch
+from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
+from facadelake.photos.exif import ExifMetadata
+from facadelake.photos.position_prior import Sigma, position_prior
+from facadelake.photos.xmp import parse_packet
 
 RDF = '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.photo.files import find_masks, find_photographs
+from facadelake.photos.files import find_masks, find_photographs
 
 
 def files(root: Path, *names: str) -> None:

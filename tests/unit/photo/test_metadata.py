@@ -4,9 +4,16 @@ import math
 
 import pytest
 
-from facadelake.photo.drone import DroneMetadata, parse_drone_metadata
-from facadelake.photo.exif import ExifMetadata
-from facadelake.photo.prior import SIGMA_DRONE, SIGMA_HANDHELD, SIGMA_RTK_FIXED, SIGMA_RTK_FLOAT, Sigma, position_prior
+from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
+from facadelake.photos.exif import ExifMetadata
+from facadelake.photos.position_prior import (
+    SIGMA_DRONE,
+    SIGMA_HANDHELD,
+    SIGMA_RTK_FIXED,
+    SIGMA_RTK_FLOAT,
+    Sigma,
+    position_prior,
+)
 from schemas.vocabulary import HeightDatum, PositionSource
 
 HEAD = (

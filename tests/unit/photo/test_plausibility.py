@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.photo.plausibility import Located, check_priors
-from facadelake.photo.prior import PositionPrior, Sigma
+from facadelake.photos.plausibility import Located, check_priors
+from facadelake.photos.position_prior import PositionPrior, Sigma
 from schemas.vocabulary import PositionSource
 
 LON, LAT = 8.4, 48.94

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pyarrow as pa
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import stage_schema, table_of_rows
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.inspection import Inspection
 
 WALL_WIDTH_M, WALL_HEIGHT_M, WALL_THICK_M = 8.0, 4.0, 0.3

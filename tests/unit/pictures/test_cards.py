@@ -11,8 +11,8 @@ import shapely
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.backdrop import draw_place, model_backdrop, place_on
 from facadelake.pictures.card import bar_length_m, length_words
 from facadelake.pictures.card_facts import card_facts, merges_by_defect

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.frames import Array
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.surface import Surface
 from facadelake.pictures.elevations import compose, facade_elevations
 from facadelake.pictures.facades import Facade, find_facades
 from facadelake.pictures.inspection import PictureSettings

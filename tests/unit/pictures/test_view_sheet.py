@@ -3,7 +3,7 @@
 import numpy as np
 import pyarrow as pa
 
-from facadelake.geobim.view_images import ViewImages
+from facadelake.building.surface.view_images import ViewImages
 from facadelake.pictures.view_sheet import Panels, view_sheet
 
 HEIGHT, WIDTH = 60, 90

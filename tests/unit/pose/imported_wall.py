@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.surface import Surface
 from facadelake.pose.georeference import Place
 
 Array = NDArray[np.float64]

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from facadelake.building.mesh.load import BareSettings, place_without_model
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.geobim.mesh_building import BareSettings, place_without_model
-from facadelake.geobim.surface import Surface
 from facadelake.pose.as_built import as_built_building, block_in_site, roughness
 from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction
 from schemas.vocabulary import SurfaceKind

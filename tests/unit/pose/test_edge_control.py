@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from facadelake.building.surface.edges import ModelEdges, model_edges
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Array, Similarity
-from facadelake.geobim.edges import ModelEdges, model_edges
-from facadelake.geobim.surface import Surface
 from facadelake.pose.edge_search import find_shift
 from facadelake.pose.edge_views import sample_edges, seen_samples
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.building.model import BuildingModel
 from facadelake.core.tables import read_table, table_of_rows, write_table
-from facadelake.geobim.model import BuildingModel
 from facadelake.registry import read_portfolio
 from tasks.import_poses import import_poses
 from tasks.job import InspectionJob, StageResult

@@ -7,11 +7,11 @@ import pyarrow as pa
 import pytest
 import shapely
 
+from facadelake.building.model import BuildingModel
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.model import BuildingModel
 
 CAMERA = Camera(width_px=2000, height_px=1500, fx_px=1500, fy_px=1500, cx_px=1000, cy_px=750)
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 import shapely
 
-from facadelake.geobim.surface import Surface
+from facadelake.building.surface.raycasting import Surface
 from facadelake.register.crack_evidence import Evidence, crack_evidence
 from facadelake.register.observe import observe
 from facadelake.register.settings import RegisterSettings

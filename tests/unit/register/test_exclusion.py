@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.surface import Surface
 from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.register.masks import masked_shares
 from facadelake.register.occlusion import OcclusionSettings

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facadelake.geobim.surface import Surface
+from facadelake.building.surface.raycasting import Surface
 from facadelake.register.grouping import grouped
 from facadelake.register.merge import merge
 from facadelake.register.observe import observe

@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from facadelake.geobim.surface import Surface
+from facadelake.building.surface.raycasting import Surface
 from facadelake.register.behind import looked_behind
 from facadelake.register.decisions import merges_table
 from facadelake.register.grouping import grouped

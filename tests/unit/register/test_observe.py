@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import shapely
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import GEO, transform
-from facadelake.geobim.surface import Surface
 from facadelake.register.observe import observe
 from facadelake.register.settings import RegisterSettings
 from schemas.vocabulary import ObservationOutcome

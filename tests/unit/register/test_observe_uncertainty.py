@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.pose_table import pose_covariances
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.surface import Surface
 from facadelake.register.observe import observe
 from facadelake.register.settings import RegisterSettings
 from tests.unit.register.conftest import CAMERA, looking

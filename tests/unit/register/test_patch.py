@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import shapely
 
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.tables import table_of_rows
-from facadelake.geobim.model import BuildingModel
-from facadelake.geobim.surface import Surface
 from facadelake.register.observe import observe
 from facadelake.register.patch import patches_in_site, patches_on_the_globe
 from facadelake.register.settings import RegisterSettings

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from facadelake.geobim.control_fit import ControlPair, placed_by
+from facadelake.building.model_georeference.control_pairs import ControlPair, placed_by
 from facadelake.registry.building import Building
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "georeference-levels.md"

@@ -11,8 +11,8 @@ import pytest
 import trimesh
 import yaml
 
+from facadelake.building.model import read_building
 from facadelake.core.errors import InputDataError
-from facadelake.geobim.model import read_building
 from facadelake.registry import Building, read_portfolio
 from flows.precheck import AUTO, check_control, check_files
 from schemas.vocabulary import SurfaceKind

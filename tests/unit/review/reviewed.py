@@ -6,7 +6,7 @@ from typing import Any
 import pyarrow as pa
 
 from facadelake.core.tables import table_of_rows
-from facadelake.detect.boxes import Box
+from facadelake.detection.boxes import Box
 from facadelake.review.shown import Said, Shown, shown_places
 from facadelake.review.standing import Detected, Judgement, detected, judge
 from schemas.vocabulary import DefectClass

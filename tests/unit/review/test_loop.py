@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import file_sha256
-from facadelake.detect.shelf import default_model, promotions
+from facadelake.detection.model_registry import default_model, promotions
 from facadelake.registry import Portfolio, read_portfolio
 from facadelake.review.forms import LabelForm, Pictures
 from facadelake.review.splits import Split

@@ -13,9 +13,9 @@ from pycocotools.coco import COCO
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.tables import table_of_rows
-from facadelake.detect.boxes import Box
-from facadelake.detect.coco import import_coco
-from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.detection.boxes import Box
+from facadelake.detection.coco.import_detections import import_coco
+from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.evaluate.detector.labels_open import open_labels
 from facadelake.evaluate.detector.sites import with_sites
 from facadelake.review.forms import LabelForm, Pictures

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.detect.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.review.coco_words import words_of_coco
 from facadelake.review.csv_words import words_of_csv
 from facadelake.review.material import material_of

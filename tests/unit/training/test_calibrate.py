@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facadelake.detect.calibration import calibrated
-from facadelake.detect.card import Layout, card_text, parse_card
+from facadelake.detection.card import Layout, calibrated, card_text, parse_card
 from training.calibrate import Told, base_card, platt
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from facadelake.core.hashing import file_sha256
-from facadelake.detect.detector import OnnxDetector, load_detector
-from facadelake.detect.shelf import MODELS, SHIPPED
-from facadelake.detect.tiling import detect_image
+from facadelake.detection.inference.detector import OnnxDetector, load_detector
+from facadelake.detection.model_registry import MODELS, SHIPPED
+from facadelake.detection.tiling.detect_image import detect_image
 from training.data.sample import CLASSES
 
 MODEL = MODELS / SHIPPED

@@ -8,8 +8,8 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.drawn_cracks import Camera, DrawnCrack, bare_wall, draw_crack
-from facadelake.detect.measure.crack import CrackMeasure
-from facadelake.detect.measure.photographs import blur_of_photograph, measured_in
+from facadelake.measurement.campaign import blur_of_photograph, measured_in
+from facadelake.measurement.crack import CrackMeasure
 from schemas.vocabulary import CrackWidthOutcome
 
 

@@ -13,7 +13,7 @@ import shapely
 from benchmarks.drawn_cracks import draw_crack
 from facadelake.core.progress import listening
 from facadelake.core.tables import table_of_rows
-from facadelake.detect.measure import measure_detections
+from facadelake.measurement.campaign import measure_detections
 
 NUMBERS = ("crack_width_px", "crack_width_max_px", "crack_width_sigma_px", "crack_width_limit_px", "crack_length_px")
 

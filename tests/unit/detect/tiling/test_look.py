@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from facadelake.detect.detector import Found
-from facadelake.detect.letterbox import Image
-from facadelake.detect.tiling import detect_image
+from facadelake.detection.inference.detector import Found
+from facadelake.detection.inference.letterbox import Image
+from facadelake.detection.tiling.detect_image import detect_image
 from tests.unit.detect.blobs import BlobDetector
 
 

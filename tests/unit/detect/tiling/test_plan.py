@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facadelake.detect.tiling.plan import OVERLAP, Look, plan_looks
+from facadelake.detection.tiling.plan import OVERLAP, Look, plan_looks
 from tests.unit.detect.blobs import card
 
 

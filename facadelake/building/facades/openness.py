@@ -1,0 +1,185 @@
+"""Which way the open sides of a building's elements look, and the names that facades have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.frames import Array
+
+COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+LEVEL = "level"  # open mainly upward or downward: roofs, slabs, soffits
+INSIDE = "inside"  # open nowhere
+AROUND = "around"  # open to several sides: curved walls, returns, columns; the place's own normal decides
+_SKY = [(azimuth, height) for height in (15.0, 40.0, 65.0) for azimuth in (-50.0, 0.0, 50.0)]
+_LIFT_M = 0.01
+_CHUNK = 200_000  # triangles whose openness is found at once: some 100 MB
+_LARGE_M2 = 1.0
+_SAME_PLANE_DEG = 2.0
+_MAIN_SHARE = 0.55  # of an element's open upright area: a plane that has more is the element's direction
+_WITHIN_DEG = 30.0
+_ROUND_SHARE = 0.75  # without such a plane, the share within 30 degrees that makes a mean direction meaningful
+_OPEN_SHARE = 0.15  # of the sky: a side that sees less is a slot
+_RETURN_DEG = 45.0
+_RETURN_M = 1.0  # reveals and the ends of walls are narrower
+_SAME_PLANE_M = 0.05
+_ONE_SIDED = 0.3  # net over total open area above which an element has one outward direction
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpenSides:
+    """For n elements: the main outward azimuth in degrees (NaN: none), the open upright area in m2, and a word.
+
+    The word is "level", "inside" or "around" where no one facade has the whole element, else empty.
+    """
+
+    azimuth_deg: Array
+    area_m2: Array
+    words: tuple[str, ...]
+
+
+def compass_of(direction_site: Array) -> str:
+    """Compass name of a direction (3,) in site, or "level" where it is more up or down than sideways."""
+    x, y, z = direction_site
+    if abs(z) > np.hypot(x, y):
+        return LEVEL
+    return COMPASS[round(float(np.degrees(np.arctan2(x, y))) / 45.0) % 8]
+
+
+def open_sides_of(surface: Surface, element_of_triangle: NDArray[np.int64], elements: int) -> OpenSides:
+    """Which way each element's open sides look.
+
+    A side counts as far as rays from it reach the sky, so neither the winding of open shells nor the inner faces of
+    outer walls matter. A wall with two open sides faces away from the building's middle.
+    """
+    normals, areas = surface.normals_site, surface.areas_m2
+    centres = surface.vertices_site_m[surface.triangles].mean(axis=1)
+    front, back = _open_both_ways(surface)
+    upright = np.hypot(normals[:, 0], normals[:, 1])
+    total = areas * (front + back)
+    net = normals * (areas * (front - back))[:, None]
+    middle = (centres * areas[:, None]).sum(axis=0) / areas.sum()
+    order = np.argsort(element_of_triangle, kind="stable")
+    ends = np.searchsorted(element_of_triangle[order], np.arange(elements + 1))
+    azimuths, open_areas, words = np.full(elements, np.nan), np.zeros(elements), []
+    for element in range(elements):
+        own = order[ends[element] : ends[element + 1]]
+        sides = total[own] * upright[own]
+        if total[own].sum() < 1e-3 * areas[own].sum():
+            words.append(INSIDE)
+        elif (total[own] * np.abs(normals[own, 2])).sum() > sides.sum():
+            words.append(LEVEL)
+        else:
+            outward = net[own].sum(axis=0) * [1, 1, 0]
+            if np.linalg.norm(outward) < _ONE_SIDED * sides.sum():
+                outward = _two_sided(normals[own], sides, centres[own] - middle)
+            main = _main_side(normals[own], sides, outward)
+            if main is not None:
+                azimuths[element] = np.degrees(np.arctan2(main[0], main[1])) % 360.0
+                open_areas[element] = sides.sum()
+            wide = own[sides > _OPEN_SHARE * areas[own] * upright[own]]
+            turns = main is None or _has_a_return(surface, wide, main)
+            words.append(AROUND if turns else "")
+    return OpenSides(azimuth_deg=azimuths, area_m2=open_areas, words=tuple(words))
+
+
+def _open_both_ways(surface: Surface) -> tuple[Array, Array]:
+    """Openness (m,) of each triangle to the side of its normal and to the other.
+
+    A triangle of a square metre or more is asked at four places: its middle alone may lie under a balcony.
+    """
+    rows = np.arange(len(surface.triangles))
+    large = np.flatnonzero(surface.areas_m2 >= _LARGE_M2)
+    owner = np.concatenate([rows, np.repeat(large, 3)])
+    corner = np.concatenate([np.full(len(rows), -1), np.tile(np.arange(3), len(large))])
+    front, back = np.zeros(len(rows)), np.zeros(len(rows))
+    for start in range(0, len(owner), _CHUNK):
+        part = owner[start : start + _CHUNK]
+        corners = surface.vertices_site_m[surface.triangles[part]]
+        at = corners.mean(axis=1)
+        toward = corner[start : start + _CHUNK]
+        own = corners[np.arange(len(part)), np.maximum(toward, 0)]
+        points = np.where((toward < 0)[:, None], at, (at + own) / 2)
+        normals = surface.normals_site[part]
+        np.add.at(front, part, openness(surface, points, normals))
+        np.add.at(back, part, openness(surface, points, -normals))
+    asked = np.bincount(owner, minlength=len(rows))
+    return front / asked, back / asked
+
+
+def openness(surface: Surface, points_site_m: Array, normals_site: Array) -> Array:
+    """Share (n,) of directions upward and outward of each point that leave the building without meeting it again."""
+    flat = np.hypot(normals_site[:, 0], normals_site[:, 1])
+    ahead = np.where(
+        (flat > 1e-3)[:, None], normals_site * [1, 1, 0] / np.maximum(flat, 1e-9)[:, None], np.array([1.0, 0.0, 0.0])
+    )
+    aside = np.column_stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))])
+    starts = points_site_m + _LIFT_M * normals_site
+    share = np.zeros(len(points_site_m))
+    for azimuth, height in _SKY:
+        a, h = np.radians([azimuth, height])
+        ray = np.cos(h) * (np.cos(a) * ahead + np.sin(a) * aside) + [0, 0, np.sin(h)]
+        outward = np.einsum("ij,ij->i", ray, normals_site) > 0
+        share += outward & ~surface.cast(starts, ray).hit
+    share /= len(_SKY)
+    return share
+
+
+def _main_side(normals: Array, weights: Array, outward: Array) -> Array | None:
+    """The direction (2,) that most of an element's open area has, on its ``outward`` side; None where none has.
+
+    It is that of the largest plane if that makes up most of the area, so that elements of one plane have one direction
+    however unevenly their reveals lie open. Both sides of a wall count for its direction.
+    """
+    used = weights > 0
+    flat = normals[used, :2] / np.linalg.norm(normals[used, :2], axis=1, keepdims=True)
+    weight = weights[used]
+    azimuth = np.degrees(np.arctan2(flat[:, 0], flat[:, 1])) % 180.0  # front and back of one plane together
+    # Bins begin off the whole degrees that buildings like; the last one closes the circle.
+    step = np.floor(((azimuth + 0.71) % 180.0) / _SAME_PLANE_DEG).astype(np.int64)
+    share = np.bincount(step, weights=weight) / weight.sum()
+    if share.max() > _MAIN_SHARE:
+        core = step == int(np.argmax(share))
+    else:
+        mean = np.degrees(np.arctan2(outward[0], outward[1]))
+        core = np.abs((azimuth - mean + 90.0) % 180.0 - 90.0) <= _WITHIN_DEG
+        if weight[core].sum() < _ROUND_SHARE * weight.sum():
+            return None
+    turned = np.where(flat[core] @ outward[:2] < 0, -1.0, 1.0)
+    direction: Array = (flat[core] * (weight[core] * turned)[:, None]).sum(axis=0)
+    return direction
+
+
+def _has_a_return(surface: Surface, triangles: NDArray[np.int64], main: Array) -> bool:
+    """Whether one of the open ``triangles`` (k,) is of a plane more than 1 m wide that turns from ``main`` (2,)."""
+    normals = surface.normals_site[triangles]
+    upright = np.hypot(normals[:, 0], normals[:, 1])
+    along = np.abs(normals[:, :2] @ main) / np.linalg.norm(main)
+    aside = (upright > np.cos(np.radians(_RETURN_DEG))) & (along < np.cos(np.radians(_RETURN_DEG)) * upright)
+    if not aside.any():
+        return False
+    flat = normals[aside, :2] / upright[aside, None]
+    flat *= np.where((flat[:, 0] < 0) | ((flat[:, 0] == 0) & (flat[:, 1] < 0)), -1.0, 1.0)[:, None]
+    corners = surface.vertices_site_m[surface.triangles[triangles[aside]]][:, :, :2]
+    azimuth = np.degrees(np.arctan2(flat[:, 0], flat[:, 1]))
+    offset = np.einsum("ij,ikj->ik", flat, corners).mean(axis=1)
+    keys = np.column_stack([np.floor((azimuth + 0.71) / _SAME_PLANE_DEG), np.round(offset / _SAME_PLANE_M)])
+    _, plane = np.unique(keys, axis=0, return_inverse=True)
+    across = np.einsum("ij,ikj->ik", np.column_stack([-flat[:, 1], flat[:, 0]]), corners)
+    low, high = np.full(plane.max() + 1, np.inf), np.full(plane.max() + 1, -np.inf)
+    np.minimum.at(low, plane, across.min(axis=1))
+    np.maximum.at(high, plane, across.max(axis=1))
+    return bool((high - low).max() > _RETURN_M)
+
+
+def _two_sided(normals: Array, weights: Array, from_middle: Array) -> Array:
+    """The main direction of a body open on opposite sides, turned away from the building's middle."""
+    flat = normals[:, :2]
+    _, vectors = np.linalg.eigh((flat * weights[:, None]).T @ flat)
+    direction = np.append(vectors[:, -1], 0.0)
+    away = float((weights @ from_middle) @ direction)
+    chosen: Array = direction if away >= 0 else -direction
+    return chosen

@@ -1,0 +1,206 @@
+"""Table ``elements`` of an IFC: attributes and property sets of each element, how much its body shows, and its facade."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import ifcopenshell
+import ifcopenshell.util.element
+import ifcopenshell.util.unit
+import numpy as np
+import pyarrow as pa
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from facadelake.building.facades.directions import directions_of, names_of, turn_deg
+from facadelake.building.facades.openness import LEVEL, open_sides_of
+from facadelake.building.ifc.materials import layers_json, layers_of, material_names
+from facadelake.building.ifc.meshes import ElementMesh
+from facadelake.building.ifc.structure import Storey, building_of, host_of, label_of, storey_of
+from facadelake.building.surface.footprint import in_lon_lat, outline_of
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.progress import track
+from facadelake.core.tables import table_of_rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class FacadeOf:
+    """An element's facade, and its outward azimuth in degrees; None for "level", "inside" and "around"."""
+
+    name: str
+    azimuth_deg: float | None
+
+
+def elements_table(
+    model: ifcopenshell.file,
+    meshes: Sequence[ElementMesh],
+    surface: Surface,
+    *,
+    site_from_ifc: Array,
+    origin: SiteOrigin,
+    storeys: Sequence[Storey],
+) -> pa.Table:
+    """One row a mesh, whose triangles follow one another in ``surface``; ``site_from_ifc`` (3, 3) turns directions."""
+    ends = np.cumsum([len(mesh.triangles) for mesh in meshes])
+    owner = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])
+    facades = facades_of(surface, owner, len(meshes))
+    areas = np.bincount(owner, weights=surface.areas_m2, minlength=len(meshes))
+    unit_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
+    rows: list[dict[str, Any]] = []
+    for index, mesh in enumerate(track(meshes, label="Describing elements")):
+        corners = surface.vertices_site_m[surface.triangles[ends[index] - len(mesh.triangles) : ends[index]]]
+        outline = in_lon_lat(outline_of(corners), float(corners[:, :, 2].min()), origin)
+        facade = facades[index]
+        said = _said(model.by_guid(mesh.guid), mesh, storeys, _outward(facade, site_from_ifc), unit_m)
+        seen = {
+            "facade": facade.name,
+            "facade_azimuth_deg": facade.azimuth_deg,
+            "surface_area_m2": float(areas[index]),
+            "geometry": shapely.to_wkb(outline),
+        }
+        rows.append(said | seen)
+    return table_of_rows("elements", rows)
+
+
+def facades_of(surface: Surface, element_of_triangle: NDArray[np.int64], elements: int) -> list[FacadeOf]:
+    """Facade of each element: walls clustered by the way they look, however the compass divides them."""
+    sides = open_sides_of(surface, element_of_triangle, elements)
+    faced = np.isfinite(sides.azimuth_deg)
+    directions = directions_of(sides.azimuth_deg[faced], sides.area_m2[faced])
+    names = names_of(directions)
+    found = []
+    for word, azimuth in zip(sides.words, sides.azimuth_deg, strict=True):
+        if word:
+            found.append(FacadeOf(name=word, azimuth_deg=None))
+        else:
+            nearest = int(np.argmin(turn_deg(directions, float(azimuth))))
+            found.append(FacadeOf(name=names[nearest], azimuth_deg=round(float(directions[nearest]), 2) % 360.0))
+    return found
+
+
+def _said(
+    element: ifcopenshell.entity_instance,
+    mesh: ElementMesh,
+    storeys: Sequence[Storey],
+    outward_ifc: Array | None,
+    unit_m: float,
+) -> dict[str, Any]:
+    """The columns that the IFC tells; None where it is silent."""
+    storey = storey_of(element, storeys, float(mesh.vertices_ifc_m[:, 2].min()))
+    host, building = host_of(element), building_of(element)
+    sets = property_sets(element)
+    return {
+        "element_guid": element.GlobalId,
+        "ifc_class": element.is_a(),
+        "predefined_type": _predefined_type(element),
+        "element_name": element.Name or None,
+        "host_guid": host.GlobalId if host is not None else None,
+        "ifc_building": label_of(building) if building is not None else None,
+        "storey": storey.name or None,
+        "storey_source": storey.source or None,
+        "material": material_names(element) or None,
+        "material_layers": layers_json(layers_of(element, outward_ifc, unit_m)) or None,
+        "is_external": is_external(sets),
+        "properties": as_json(sets) or None,
+        "detail_level": detail_level(mesh),
+        "triangles": len(mesh.triangles),
+    }
+
+
+def _predefined_type(element: ifcopenshell.entity_instance) -> str | None:
+    """PredefinedType of the element, else of its type, or their own word for it; None where there is none."""
+    for holder, own_word in ((element, "ObjectType"), (ifcopenshell.util.element.get_type(element), "ElementType")):
+        found = getattr(holder, "PredefinedType", None)
+        if found == "USERDEFINED":
+            found = getattr(holder, own_word, None)
+        if found and found != "NOTDEFINED":
+            return str(found)
+    return None
+
+
+def _outward(facade: FacadeOf, site_from_ifc: Array) -> Array | None:
+    """The facade's outward direction in the model's axes; up for what is level."""
+    if facade.name == LEVEL:
+        return np.array([0.0, 0.0, 1.0])
+    if facade.azimuth_deg is None:
+        return None
+    angle = np.radians(facade.azimuth_deg)
+    outward: Array = site_from_ifc.T @ np.array([np.sin(angle), np.cos(angle), 0.0])
+    return outward
+
+
+_MOST_CHARACTERS = 8192  # some exporters hang whole specifications on every window
+_LEFT_OUT = "_left_out"
+
+
+def property_sets(element: ifcopenshell.entity_instance) -> dict[str, dict[str, Any]]:
+    """Values of the element's property sets, its own before its type's, by set and name."""
+    found = ifcopenshell.util.element.get_psets(element, psets_only=True)
+    return {
+        name: {key: _plain(value) for key, value in values.items() if key != "id"} for name, values in found.items()
+    }
+
+
+def as_json(sets: dict[str, dict[str, Any]]) -> str:
+    """The sets as JSON of at most 8192 characters; where they are more, the largest are left out and named."""
+    kept = {name: json.dumps(values, ensure_ascii=False, sort_keys=True) for name, values in sets.items() if values}
+    left: list[str] = []
+    # IFC's own Pset_ stay longest: they are what queries ask for.
+    for name in sorted(kept, key=lambda name: (name.startswith("Pset_"), -len(kept[name]))):
+        if sum(len(text) + len(key) + 6 for key, text in kept.items()) <= _MOST_CHARACTERS:
+            break
+        left.append(name)
+        del kept[name]
+    parts = [f"{json.dumps(name, ensure_ascii=False)}: {kept[name]}" for name in sorted(kept)]
+    if left:
+        parts.append(f"{json.dumps(_LEFT_OUT)}: {json.dumps(sorted(left)[:20], ensure_ascii=False)}")
+    return "{" + ", ".join(parts) + "}" if parts else ""
+
+
+def is_external(sets: dict[str, dict[str, Any]]) -> bool | None:
+    """IsExternal of the element's common property set; None where it is not said."""
+    for name, values in sets.items():
+        if name.startswith("Pset_") and name.endswith("Common") and isinstance(values.get("IsExternal"), bool):
+            return bool(values["IsExternal"])
+    return None
+
+
+def _plain(value: Any) -> Any:
+    """A value that JSON can hold: entities by their text, no NaN."""
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items() if key != "id"}
+    if isinstance(value, (list, tuple)):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
+
+
+_BOX_PLANES = 6
+_DETAILED_PLANES = 100
+_DETAILED_BODIES = 3  # a frame, its panes, its handle
+_SAME_M = 0.002
+
+
+def detail_level(mesh: ElementMesh) -> str:
+    """``box``: at most six planes; ``detailed``: three separate bodies or more, or over 100 planes; else ``body``."""
+    corners = mesh.vertices_ifc_m[mesh.triangles] - mesh.vertices_ifc_m.mean(axis=0)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    offset = np.einsum("ij,ij->i", normal, corners[:, 0])
+    planes = len(np.unique(np.column_stack([np.round(normal * 50), np.round(offset / _SAME_M)]), axis=0))
+    count = len(mesh.vertices_ifc_m)
+    edges = np.vstack([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]]]).T
+    graph = coo_array((np.ones(edges.shape[1], dtype=bool), (edges[0], edges[1])), shape=(count, count))
+    labels = connected_components(graph, directed=False)[1][mesh.triangles[:, 0]]
+    if planes > _DETAILED_PLANES or len(np.unique(labels)) >= _DETAILED_BODIES:
+        return "detailed"
+    return "box" if planes <= _BOX_PLANES else "body"

@@ -1,0 +1,231 @@
+"""The triangles of an IFC's elements, in the model's own axes and metres (ifcopenshell's geometry iterator), checked for size and strays."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import ifcopenshell
+import ifcopenshell.geom
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from facadelake.building.ifc.structure import building_of
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Array
+from facadelake.core.progress import stage_progress
+
+_log = logging.getLogger(__name__)
+_AT_ONCE = 500  # elements an iterator is given: it holds all its shapes until it goes
+_HEAD, _TAIL = b"ISO-10303-21;", b"END-ISO-10303-21;"
+# Holes, virtual boundaries, terrain and trees are elements of IFC but no part of the building's surface.
+_LEFT_OUT = ("IfcFeatureElement", "IfcVirtualElement", "IfcGeographicElement", "IfcOpeningElement")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ElementMesh:
+    """One element's surface: ``vertices_ifc_m`` (n, 3), ``triangles`` (m, 3) wound outward where the body is closed."""
+
+    guid: str
+    vertices_ifc_m: Array
+    triangles: NDArray[np.int64]
+
+
+def open_ifc(path: Path) -> ifcopenshell.file:
+    """The IFC at ``path``; raises ModelError where it is missing, truncated, not STEP text or not an IFC."""
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as stream:
+            head = stream.read(256)
+            stream.seek(max(0, size - 4096))
+            tail = stream.read()
+    except OSError as error:
+        raise ModelError(
+            f"building model {path} cannot be read ({error.strerror}); check the registry's model path"
+        ) from error
+    # Checked before the parser sees it: a cut file parses without an error and lacks elements.
+    if not head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(_HEAD):
+        raise ModelError(
+            f"building model {path} is not an IFC in STEP text: it begins with {head[:16]!r}, not ISO-10303-21; "
+            "export it as .ifc (IFC2x3, IFC4 or IFC4.3), not zipped or as XML"
+        )
+    if _TAIL not in tail:
+        raise ModelError(
+            f"building model {path} is cut off: {size} bytes without the closing END-ISO-10303-21; "
+            "copy or export it again"
+        )
+    try:
+        model = ifcopenshell.open(path)
+        projects = model.by_type("IfcProject")
+    except (RuntimeError, OSError, ifcopenshell.Error, AttributeError, ValueError, TypeError) as error:
+        raise ModelError(
+            f"building model {path} is damaged or of an unknown schema ({error}); "
+            "export it again as IFC2x3, IFC4 or IFC4.3"
+        ) from error
+    if not projects:
+        raise ModelError(f"building model {path} holds no IfcProject; export the whole model, not a library or a part")
+    return model
+
+
+def meshes_of(
+    model: ifcopenshell.file, *, deflection_m: float, workers: int, building_guid: str = ""
+) -> list[ElementMesh]:
+    """Every element's surface in model axes, openings cut out; spaces, sites, openings and annotations are left out.
+
+    Where ``building_guid`` names an IfcBuilding, elements of the file's other buildings are left out too. An element
+    whose geometry fails is logged by its GlobalId and left out; raises ModelError where none is left.
+    """
+    wanted = [
+        element
+        for kind in ("IfcElement", "IfcProxy")
+        for element in _by_type(model, kind)
+        if element.Representation is not None
+        and not any(_is(element, name) for name in _LEFT_OUT)
+        and not (building_guid and _is_of_another(element, building_guid))
+    ]
+    settings = ifcopenshell.geom.settings()
+    # Shapes come about their own placement, where coordinates are small, and are moved in float64 afterwards: at map
+    # coordinates of 5e6 m the kernel's tolerances are coarse.
+    settings.set("use-world-coords", False)
+    settings.set("weld-vertices", True)
+    settings.set("no-normals", True)
+    settings.set("mesher-linear-deflection", deflection_m)
+    settings.set("mesher-angular-deflection", 0.35)
+    meshes: list[ElementMesh] = []
+    with stage_progress("Meshing elements", len(wanted)) as step:
+        for start in range(0, len(wanted), _AT_ONCE):
+            for mesh in _shapes(model, settings, workers, wanted[start : start + _AT_ONCE]):
+                if len(mesh.triangles):
+                    meshes.append(mesh)
+                step.advance()
+    if not meshes:
+        raise ModelError(
+            f"the building model has {len(wanted)} elements with a body and none gave a surface; "
+            "export it with body geometry (design transfer or reference view)"
+        )
+    meshes = _joined(meshes)
+    missing = {element.GlobalId for element in wanted} - {mesh.guid for mesh in meshes}
+    if missing:
+        _log.warning(
+            "%d of %d elements have no surface: %s", len(missing), len(wanted), ", ".join(sorted(missing)[:10])
+        )
+    return meshes
+
+
+def _shapes(
+    model: ifcopenshell.file,
+    settings: ifcopenshell.geom.settings,
+    workers: int,
+    wanted: list[ifcopenshell.entity_instance],
+) -> Iterator[ElementMesh]:
+    """Surfaces of the elements in the model's axes; those whose geometry fails are missing."""
+    iterator = ifcopenshell.geom.iterator(settings, model, workers, include=wanted)
+    more = iterator.initialize()
+    while more:
+        shape = iterator.get()
+        vertices = np.frombuffer(shape.geometry.verts_buffer, dtype=np.float64).reshape(-1, 3)
+        triangles = np.frombuffer(shape.geometry.faces_buffer, dtype=np.int32).reshape(-1, 3).astype(np.int64)
+        mesh = _cleaned(shape.guid, vertices, triangles)
+        ifc_from_own = np.frombuffer(shape.transformation_buffer, dtype=np.float64).reshape(4, 4).T
+        yield replace(mesh, vertices_ifc_m=_moved(mesh.vertices_ifc_m, ifc_from_own))
+        more = iterator.next()
+
+
+def _moved(points: Array, matrix: Array) -> Array:
+    moved: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved
+
+
+def _is_of_another(element: ifcopenshell.entity_instance, building_guid: str) -> bool:
+    building = building_of(element)
+    return building is not None and building.GlobalId != building_guid
+
+
+def _cleaned(guid: str, vertices: Array, triangles: NDArray[np.int64]) -> ElementMesh:
+    """Without slivers, and each connected body turned inside out where its volume came out negative.
+
+    The kernel's own reorienting of shells costs three times the whole meshing.
+    """
+    corners = vertices[triangles]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    triangles = triangles[np.linalg.norm(cross, axis=1) > 1e-10]
+    if len(triangles):
+        edges = np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]]]).T
+        graph = coo_array((np.ones(edges.shape[1], dtype=bool), (edges[0], edges[1])), shape=(len(vertices),) * 2)
+        body = connected_components(graph, directed=False)[1][triangles[:, 0]]
+        a, b, c = (vertices[triangles[:, i]] - vertices.mean(axis=0) for i in range(3))
+        volume = np.bincount(body, weights=np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
+        inside_out = volume[body] < 0
+        triangles[inside_out] = triangles[inside_out][:, ::-1]
+    return ElementMesh(guid=guid, vertices_ifc_m=vertices, triangles=triangles)
+
+
+def _joined(meshes: list[ElementMesh]) -> list[ElementMesh]:
+    """One mesh an element, by GlobalId: the iterator gives one shape for each of an element's contexts."""
+    by_guid: dict[str, list[ElementMesh]] = {}
+    for mesh in meshes:
+        by_guid.setdefault(mesh.guid, []).append(mesh)
+    whole = []
+    for guid in sorted(by_guid):
+        parts = by_guid[guid]
+        starts = np.cumsum([0, *(len(part.vertices_ifc_m) for part in parts[:-1])])
+        whole.append(
+            ElementMesh(
+                guid=guid,
+                vertices_ifc_m=np.vstack([part.vertices_ifc_m for part in parts]),
+                triangles=np.vstack([part.triangles + start for part, start in zip(parts, starts, strict=True)]),
+            )
+        )
+    return whole
+
+
+def _by_type(model: ifcopenshell.file, kind: str) -> list[ifcopenshell.entity_instance]:
+    try:
+        return list(model.by_type(kind))
+    except RuntimeError:  # the schema has no such class (IfcProxy left in IFC4.3)
+        return []
+
+
+def _is(element: ifcopenshell.entity_instance, kind: str) -> bool:
+    try:
+        return bool(element.is_a(kind))
+    except RuntimeError:  # the schema has no such class
+        return False
+
+
+_STRAY_M = 5_000.0  # from the middle element; float32 rays keep 0.3 mm within it
+_HIGHEST_M = 1_200.0  # no building is higher
+_SMALLEST_M = 0.5
+
+
+def without_strays(meshes: Sequence[ElementMesh]) -> tuple[list[ElementMesh], str]:
+    """The meshes without those more than 5 km from the middle one, and words about what was left out.
+
+    Such elements are left at the file's zero, or at map coordinates, by mistake. Raises ModelError where what is left
+    is too large or too small for a building, so that its unit is wrong.
+    """
+    middles = np.array([(mesh.vertices_ifc_m.min(axis=0) + mesh.vertices_ifc_m.max(axis=0)) / 2 for mesh in meshes])
+    off = np.linalg.norm(middles - np.median(middles, axis=0), axis=1)
+    kept = [mesh for mesh, far in zip(meshes, off > _STRAY_M, strict=True) if not far]
+    strays = [mesh.guid for mesh, far in zip(meshes, off > _STRAY_M, strict=True) if far]
+    if len(strays) > len(meshes) / 2:
+        raise ModelError(
+            f"the elements of the building model lie up to {off.max() / 1000:.0f} km apart; is its length unit wrong, "
+            "or are some at map coordinates and others at zero? export it again"
+        )
+    size = np.ptp(np.vstack([mesh.vertices_ifc_m for mesh in kept]), axis=0)
+    if size[2] > _HIGHEST_M or size.max() < _SMALLEST_M:
+        raise ModelError(
+            f"the building model is {size[0]:.3g} x {size[1]:.3g} m in plan and {size[2]:.3g} m high, which no "
+            "building is; its length unit (IfcUnitAssignment) is wrong: export it again"
+        )
+    if not strays:
+        return kept, ""
+    named = ", ".join(strays[:5]) + (" ..." if len(strays) > 5 else "")
+    said = f"{len(strays)} elements more than {_STRAY_M / 1000:g} km from the others were left out ({named})"
+    _log.warning("%s", said)
+    return kept, said

@@ -1,0 +1,236 @@
+"""LoGeoRef 50: IfcMapConversion (and Scaled, 4.3), IfcRigidOperation (4.3) and their IFC2x3 property sets.
+
+Source: ISO 16739-1 (IFC 4 and 4.3), buildingSMART "User guide for geo-referencing in IFC" (the property sets).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import ifcopenshell
+import ifcopenshell.util.element
+import ifcopenshell.util.unit
+import numpy as np
+
+from facadelake.building.model_georeference.map_placement import MapPlacement
+from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.geodesy import as_3d
+
+_SCALE_LIMIT = 0.1  # a grid factor beyond 1 +- this is a wrong unit, not a projection
+_UNITS_2X3 = {"METRE": 1.0, "METER": 1.0, "METRES": 1.0, "METERS": 1.0, "M": 1.0, "MILLIMETRE": 0.001, "MM": 0.001,
+              "FOOT": 0.3048, "FEET": 0.3048, "US SURVEY FOOT": 1200 / 3937}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Operation:
+    """What the IFC states of the way from its axes to the map, in the units it states it in.
+
+    ``scale`` is None where the operation has none by its kind (IfcRigidOperation) and so keeps lengths.
+    """
+
+    kind: str
+    east: float
+    north: float
+    height: float
+    x_axis: tuple[float, float] = (1.0, 0.0)
+    scale: float | None = 1.0
+    factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+def stated_crs(model: ifcopenshell.file) -> tuple[str | None, str | None]:
+    """Name (or WKT, IFC4.3) of the CRS and what is said of heights, as the IFC states them."""
+    entity = _crs_of(model)
+    if entity is None:
+        values = property_set(model, "ePSet_ProjectedCRS")
+        name = values.get("Name") or property_set(model, "ePSet_MapConversion").get("TargetCRS")
+    else:
+        values = entity.get_info(recursive=False)
+        name = values.get("Name")
+        known_by_text = getattr(entity, "WellKnownText", None)
+        if known_by_text and not (name and ":" in name):
+            name = known_by_text[0].WellKnownText
+    vertical = values.get("VerticalDatum")
+    if not vertical and "ellipsoid" in str(values.get("Description") or "").lower():
+        vertical = ELLIPSOIDAL
+    return name or None, vertical or None
+
+
+def operation_of(model: ifcopenshell.file) -> Operation | None:
+    """The operation from the model's axes to the map; None where the IFC states none, or one in degrees."""
+    entity = operation_entity(model)
+    if entity is None:
+        values = property_set(model, "ePSet_MapConversion")
+        return _of_properties(values) if values else None
+    if entity.is_a("IfcRigidOperation"):
+        if is_angle(entity):
+            return None
+        east, north = entity.FirstCoordinate.wrappedValue, entity.SecondCoordinate.wrappedValue
+        return Operation(
+            kind=entity.is_a(), east=float(east), north=float(north), height=float(entity.Height or 0), scale=None
+        )
+    scale = float(entity.Scale or 1.0)
+    # IFC4.3 before its second addendum had ScaleY and ScaleZ in IfcMapConversion itself.
+    factors = [1.0, float(getattr(entity, "ScaleY", None) or scale) / scale, 1.0]
+    factors[2] = float(getattr(entity, "ScaleZ", None) or scale) / scale
+    if entity.is_a("IfcMapConversionScaled"):
+        factors = [float(value) for value in (entity.FactorX, entity.FactorY, entity.FactorZ)]
+    return Operation(
+        kind=entity.is_a(),
+        east=float(entity.Eastings),
+        north=float(entity.Northings),
+        height=float(entity.OrthogonalHeight or 0.0),
+        x_axis=_x_axis(entity.XAxisAbscissa, entity.XAxisOrdinate),
+        scale=scale,
+        factors=(factors[0], factors[1], factors[2]),
+    )
+
+
+def operation_entity(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
+    """The IfcCoordinateOperation of the model's own context, before that of its plans; None where there is none."""
+    found = _by_type(model, "IfcCoordinateOperation")
+    own = [
+        operation
+        for operation in found
+        if operation.SourceCRS is not None and operation.SourceCRS.is_a("IfcGeometricRepresentationContext")
+    ]
+    own.sort(key=lambda operation: operation.SourceCRS.ContextType != "Model")
+    chosen = own or found
+    return chosen[0] if chosen else None
+
+
+def is_angle(rigid: ifcopenshell.entity_instance) -> bool:
+    """Whether an IfcRigidOperation counts in degrees: then its target is a geographic CRS."""
+    return bool(rigid.FirstCoordinate.is_a() in ("IfcPlaneAngleMeasure", "IfcPositivePlaneAngleMeasure"))
+
+
+def placements_of(model: ifcopenshell.file, operation: Operation, map_crs: str) -> Iterator[tuple[MapPlacement, str]]:
+    """Readings of the operation, the standard's first; each with what it assumes beyond the standard.
+
+    Exporters differ in what ``Scale`` and an omitted ``MapUnit`` mean, so a reading must give a metre scale near 1.
+    Raises GeoreferenceError where none does.
+    """
+    project_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
+    stated_m = _map_unit_m(model)
+    crs_m = float(as_3d(map_crs).axis_info[0].unit_conversion_factor)
+    unit_readings = [(stated_m, "")] if stated_m else [(project_m, "")]
+    if not stated_m and abs(crs_m - project_m) > 1e-9:
+        unit_readings.append((crs_m, f"MapUnit is not given; the unit of {map_crs} was taken"))
+    none_fits = True
+    for unit_m, said in unit_readings:
+        for metre_scale, scale_said in _metre_scales(operation, unit_m / project_m):
+            if abs(metre_scale - 1) <= _SCALE_LIMIT:
+                none_fits = False
+                remarks = (said, scale_said, _grid_said(operation, metre_scale))
+                yield _placement(operation, unit_m, metre_scale), "; ".join(filter(None, remarks))
+                break
+    if none_fits or any(abs(factor - 1) > _SCALE_LIMIT for factor in operation.factors):
+        raise GeoreferenceError(
+            f"{operation.kind} has Scale {operation.scale} and factors {operation.factors}, the model's unit is "
+            f"{project_m:g} m and the map's {stated_m or crs_m:g} m: no reading of these gives a map that stretches by "
+            f"less than {_SCALE_LIMIT:.0%}, so a unit is wrong; correct Scale or MapUnit, or give the registry's "
+            "crs.placement"
+        )
+
+
+def property_set(model: ifcopenshell.file, name: str) -> dict[str, Any]:
+    """A property set of the project or, as the user guide has it, of the site; empty where there is none."""
+    for holder in [*model.by_type("IfcProject"), *model.by_type("IfcSite")]:
+        for found, values in ifcopenshell.util.element.get_psets(holder, psets_only=True).items():
+            if found.lower() == name.lower():  # exporters write ePset and ePSet
+                return dict(values)
+    return {}
+
+
+def _metre_scales(operation: Operation, unit_ratio: float) -> list[tuple[float, str]]:
+    if operation.scale is None:
+        return [(1.0, "")]
+    said = "Scale was taken as a factor between metres, for it does not hold the units' ratio"
+    return [(operation.scale * unit_ratio, ""), (operation.scale, said)]
+
+
+def _grid_said(operation: Operation, metre_scale: float) -> str:
+    if operation.kind == "IfcMapConversionScaled" and operation.factors != (1.0, 1.0, 1.0):
+        return f"the map's factors along x, y, z are {', '.join(f'{f:.6f}' for f in operation.factors)}"
+    if abs(metre_scale - 1) > 1e-9:
+        return f"Scale is taken as the map's grid factor {metre_scale:.6f}, of east and north alone"
+    return ""
+
+
+def _placement(operation: Operation, unit_m: float, metre_scale: float) -> MapPlacement:
+    x, y, z = operation.factors
+    return MapPlacement(
+        east_m=operation.east * unit_m,
+        north_m=operation.north * unit_m,
+        height_m=operation.height * unit_m,
+        rotation_deg=float(np.degrees(np.arctan2(operation.x_axis[1], operation.x_axis[0]))),
+        # What is left of Scale once units are taken out is the projection's grid factor: maps stretch, heights do not.
+        scale=(metre_scale * x, metre_scale * y, z),
+    )
+
+
+def _of_properties(values: dict[str, Any]) -> Operation:
+    """ePSet_MapConversion; raises GeoreferenceError where a value is no number."""
+    numbers = {}
+    for name in ("Eastings", "Northings", "OrthogonalHeight", "XAxisAbscissa", "XAxisOrdinate", "Scale"):
+        value = values.get(name)
+        try:
+            numbers[name] = None if value is None or value == "" else float(value)
+        except (TypeError, ValueError) as error:
+            raise GeoreferenceError(
+                f"ePSet_MapConversion.{name} is {value!r}, not a number; correct it with a decimal point and no unit, "
+                "or give the registry's crs.placement"
+            ) from error
+    if numbers["Eastings"] is None or numbers["Northings"] is None:
+        raise GeoreferenceError(
+            "ePSet_MapConversion has no Eastings or no Northings; complete it, or give the registry's crs.placement"
+        )
+    return Operation(
+        kind="ePSet_MapConversion",
+        east=numbers["Eastings"],
+        north=numbers["Northings"],
+        height=numbers["OrthogonalHeight"] or 0.0,
+        x_axis=_x_axis(numbers["XAxisAbscissa"], numbers["XAxisOrdinate"]),
+        scale=numbers["Scale"] or 1.0,
+    )
+
+
+def _x_axis(abscissa: float | None, ordinate: float | None) -> tuple[float, float]:
+    if not abscissa and not ordinate:
+        return 1.0, 0.0
+    return float(abscissa or 0.0), float(ordinate or 0.0)
+
+
+def _crs_of(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
+    operation = operation_entity(model)
+    if operation is not None:
+        return operation.TargetCRS
+    found = _by_type(model, "IfcCoordinateReferenceSystem")
+    return found[0] if found else None
+
+
+def _map_unit_m(model: ifcopenshell.file) -> float | None:
+    """Metres of IfcProjectedCRS.MapUnit; None where it is not given."""
+    crs = _crs_of(model)
+    if crs is None:
+        name = str(property_set(model, "ePSet_ProjectedCRS").get("MapUnit") or "").strip().upper()
+        if name and name not in _UNITS_2X3:
+            raise GeoreferenceError(
+                f"ePSet_ProjectedCRS.MapUnit is {name!r}; known are {', '.join(_UNITS_2X3)}; correct it, "
+                "or give the registry's crs.placement"
+            )
+        return _UNITS_2X3.get(name)
+    unit = getattr(crs, "MapUnit", None)
+    if unit is None:
+        return None
+    metre = model.create_entity("IfcSIUnit", None, "LENGTHUNIT", None, "METRE")
+    return float(ifcopenshell.util.unit.convert_unit(1.0, unit, metre))
+
+
+def _by_type(model: ifcopenshell.file, kind: str) -> list[ifcopenshell.entity_instance]:
+    try:
+        return list(model.by_type(kind))
+    except RuntimeError:  # the schema has no such class
+        return []

@@ -1,0 +1,72 @@
+"""The building seen from above: outlines of its elements, and how far a place lies from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import shapely
+
+from facadelake.building.model import BuildingModel
+from facadelake.core.frames import Array
+from facadelake.core.geodesy import SiteOrigin
+
+_MANY = 8_000
+_CELL_M = 0.1
+_MOST_CELLS = 4096  # along a side
+
+
+def outline_of(corners_site_m: Array) -> shapely.Geometry:
+    """Outline in site x, y of triangles (m, 3, 3) seen from above; of a bare vertical sheet, a strip 1 cm wide.
+
+    Of more than 8,000 triangles, which would take minutes, it is made of the decimetre cells that they touch.
+    """
+    if len(corners_site_m) > _MANY:
+        return _outline_of_many(corners_site_m)
+    flat = shapely.polygons(corners_site_m[:, :, :2])
+    flat = flat[shapely.area(flat) > 1e-6]
+    outline = shapely.union_all(flat, grid_size=1e-4) if len(flat) else shapely.Polygon()
+    if outline.is_empty:
+        outline = shapely.convex_hull(shapely.multipoints(corners_site_m[:, :, :2].reshape(-1, 2))).buffer(0.005)
+    return outline.simplify(0.001)
+
+
+def _outline_of_many(corners_site_m: Array) -> shapely.Geometry:
+    flat = corners_site_m[:, :, :2]
+    low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
+    cell_m = max(_CELL_M, float((high - low).max()) / _MOST_CELLS)
+    cells = np.floor((flat - low) / cell_m).astype(np.int32)
+    columns, rows = cells.max(axis=(0, 1)) + 1
+    covered = np.zeros((rows, columns + 2), dtype=np.uint8)
+    for triangle in cells + np.array([1, 0], dtype=np.int32):
+        cv2.fillConvexPoly(covered, triangle, 1)
+    covered[:, [0, -1]] = 0
+    steps = np.diff(covered.astype(np.int8), axis=1)
+    (row, begin), (_, end) = np.nonzero(steps == 1), np.nonzero(steps == -1)
+    x, y = low[0] + np.stack([begin, end]) * cell_m, low[1] + np.stack([row, row + 1]) * cell_m
+    return shapely.union_all(shapely.box(x[0], y[0], x[1], y[1]), grid_size=1e-4).simplify(0.001)
+
+
+def in_lon_lat(outline: shapely.Geometry, level_m: float, origin: SiteOrigin) -> shapely.Geometry:
+    """An outline in site x, y, at ``level_m`` in site z, as lon, lat (EPSG:4979)."""
+
+    def lon_lat(xy: Array) -> Array:
+        return origin.geo_from_site(np.column_stack([xy, np.full(len(xy), level_m)]))[:, :2]
+
+    return shapely.transform(outline, lon_lat)
+
+
+def horizontal_distance(building: BuildingModel) -> Callable[[Array], Array]:
+    """A function of places (n, 2: lon_deg, lat_deg): their distance (n,) in metres from the building's plan."""
+    plan = outline_of(building.vertices_site_m[building.triangles])
+    shapely.prepare(plan)
+
+    def distance(lon_lat_deg: Array) -> Array:
+        lon_lat = np.asarray(lon_lat_deg, dtype=np.float64).reshape(-1, 2)
+        height = np.full(len(lon_lat), building.origin.height_ellipsoidal_m)
+        xy = building.origin.site_from_geo(np.column_stack([lon_lat, height]))[:, :2]
+        metres: Array = np.asarray(shapely.distance(plan, shapely.points(xy)), dtype=np.float64)
+        return metres
+
+    return distance

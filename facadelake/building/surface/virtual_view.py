@@ -1,0 +1,178 @@
+"""A virtual photograph of the model from a posed camera, by pyrender in a process of its own (the paper's Fig. 8)."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import ModelError
+from facadelake.core.frames import Array
+
+_TIMEOUT_S = 300
+_SUN = np.array([-0.4, -0.7, 0.6]) / np.linalg.norm([-0.4, -0.7, 0.6])
+_PALETTE = {
+    "IfcWindow": (120, 150, 175),
+    "IfcDoor": (125, 95, 70),
+    "IfcSlab": (170, 170, 170),
+    "IfcRoof": (150, 90, 75),
+    "IfcRailing": (95, 100, 105),
+    "IfcMember": (190, 178, 160),
+    "IfcColumn": (200, 180, 165),
+    "IfcStair": (165, 160, 155),
+    "IfcStairFlight": (165, 160, 155),
+    "IfcGeographicElement": (150, 165, 120),
+}
+_WALL = (215, 205, 190)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VirtualView:
+    """``colour`` (h, w, 3) uint8; ``buffer`` (h, w), the depth buffer's values in [0, 1], 1 where no surface is.
+
+    ``near_m`` and ``far_m`` are the clipping planes, which bound the depth buffer's resolution.
+    """
+
+    colour: NDArray[np.uint8]
+    buffer: Array
+    near_m: float
+    far_m: float
+
+    @property
+    def depth_m(self) -> Array:
+        """Depth (h, w) along the camera's z, inf where the view misses the model."""
+        return np.where(self.buffer < 1.0, eye_depth(self.buffer, self.near_m, self.far_m), np.inf)
+
+
+def virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
+    """The model as a camera without distortion at ``posed`` would see it, ``scale`` times the photograph's size.
+
+    Raises ModelError where the renderer fails, with what it said.
+    """
+    camera = posed.camera
+    width, height = max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale))
+    with tempfile.TemporaryDirectory(prefix="facadelake-view-") as folder:
+        near, far = write_scene(Path(folder), building, posed, width, height)
+        run = subprocess.run(
+            [sys.executable, "-m", "facadelake.building.surface.render_worker", folder],
+            capture_output=True,
+            text=True,
+            timeout=_TIMEOUT_S,
+            env={**os.environ, "PYOPENGL_PLATFORM": "egl"},
+            check=False,
+        )
+        if run.returncode != 0:
+            last = (run.stderr.strip().splitlines() or ["no message"])[-1]
+            raise ModelError(
+                f"the virtual view could not be rendered ({last}); `facadelake doctor` says what is missing"
+            )
+        with np.load(Path(folder) / "view.npz") as view:
+            buffer = view["buffer"].astype(np.float64)
+            colour = view["colour"]
+    return VirtualView(colour=colour, buffer=buffer, near_m=near, far_m=far)
+
+
+def write_scene(
+    folder: Path, building: BuildingModel, posed: PosedCamera, width_px: int, height_px: int
+) -> tuple[float, float]:
+    """Write ``scene.npz`` for the renderer's process; returns the clipping planes before the camera, metres."""
+    camera, surface = posed.camera, Surface(building)
+    along = (building.vertices_site_m - posed.centre_site_m) @ posed.site_from_cam.rotation[:, 2]
+    # Clipping planes hug the scene: the buffer's steps grow with the square of depth over near.
+    near = max(0.05, 0.5 * float(surface.distance_to(posed.centre_site_m[None])[0]))
+    far = max(2 * near, 1.05 * float(along.max()))
+    np.savez(
+        folder / "scene.npz",
+        triangles=(building.vertices_site_m[building.triangles] - posed.centre_site_m).astype(np.float32),
+        colours=_colours(building, surface),
+        rotation=posed.site_from_cam.rotation,
+        intrinsics=np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px])
+        * np.array([width_px / camera.width_px, height_px / camera.height_px] * 2),
+        size=np.array([width_px, height_px]),
+        planes=np.array([near, far]),
+    )
+    return near, far
+
+
+def virtual_photograph(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
+    """The model as the photograph itself would show it, pixel on pixel, its lens distortion included.
+
+    A camera without distortion that sees all the photograph sees is rendered, and its picture bent: colours between
+    pixels, depths from the nearest. Raises ModelError as ``virtual_view`` does.
+    """
+    camera = posed.camera
+    width, height = max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale))
+    straight = straightened(camera)
+    view = virtual_view(building, PosedCamera(camera=straight, site_from_cam=posed.site_from_cam), scale=scale)
+    columns = (np.arange(width) + 0.5) * camera.width_px / width
+    rows = (np.arange(height) + 0.5) * camera.height_px / height
+    maps = np.empty((2, height, width), dtype=np.float32)
+    rendered = np.array(view.buffer.shape[::-1]) / np.array([straight.width_px, straight.height_px])
+    for i, row in enumerate(rows):
+        xy = straight.project(camera.rays_cam(np.column_stack([columns, np.full(width, row)])))
+        maps[:, i] = (xy * rendered - 0.5).T  # OpenCV counts a pixel's centre as a whole number
+    return replace(
+        view,
+        colour=np.asarray(
+            cv2.remap(view.colour, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8
+        ),
+        buffer=np.asarray(
+            cv2.remap(view.buffer, maps[0], maps[1], cv2.INTER_NEAREST, borderValue=1.0), dtype=np.float64
+        ),
+    )
+
+
+def straightened(camera: Camera) -> Camera:
+    """A camera without distortion, of the same focal length, that sees all that ``camera`` sees."""
+    along = np.linspace(0.0, 1.0, 65)
+    ends = np.zeros_like(along)
+    border = np.vstack(
+        [np.column_stack(side) for side in ((along, ends), (along, ends + 1), (ends, along), (ends + 1, along))]
+    )
+    rays = camera.rays_cam(border * [camera.width_px, camera.height_px])
+    focal = np.array([camera.fx_px, camera.fy_px])
+    pixels = rays[:, :2] / rays[:, 2:] * focal
+    low, high = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 1
+    return Camera(
+        width_px=int(high[0] - low[0]),
+        height_px=int(high[1] - low[1]),
+        fx_px=camera.fx_px,
+        fy_px=camera.fy_px,
+        cx_px=float(-low[0]),
+        cy_px=float(-low[1]),
+    )
+
+
+def _colours(building: BuildingModel, surface: Surface) -> NDArray[np.uint8]:
+    """A colour for each triangle (m, 3): by the element's class, shaded by a fixed sun."""
+    classes = building.elements.column("ifc_class").to_pylist()
+    base = np.array([_PALETTE.get(name, _WALL) for name in classes], dtype=np.float64)[building.element_of_triangle]
+    shade = 0.62 + 0.38 * np.clip(surface.normals_site @ _SUN, 0.0, 1.0)
+    tinted: NDArray[np.uint8] = (base * shade[:, None]).astype(np.uint8)
+    return tinted
+
+
+def eye_depth(z_s: Array, near_m: float, far_m: float) -> Array:
+    """Depth along the camera's z of depth buffer values ``z_s`` in [0, 1] (any shape), metres.
+
+    The paper's Eq. 7 reads ``n / (z_s (f - n) + f)``, which is n / f at the near plane and has no unit; its own Eqs. 5
+    and 6 give ``f n / (f - z_s (f - n))``: n at z_s = 0 and f at z_s = 1.
+    """
+    depth: Array = far_m * near_m / (far_m - z_s * (far_m - near_m))
+    return depth
+
+
+def buffer_step(depth_m: Array, near_m: float, far_m: float, bits: int = 24) -> Array:
+    """How far apart two neighbouring values of the buffer lie at ``depth_m``, metres: the buffer's resolution there."""
+    step: Array = depth_m**2 * (far_m - near_m) / (far_m * near_m) / 2**bits
+    return step

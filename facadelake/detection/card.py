@@ -1,0 +1,209 @@
+"""The model card: what a detector's ONNX file does not say of itself and nobody may guess (docs/model-card.md)."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from facadelake.core.errors import ModelError
+from schemas.vocabulary import DefectClass
+
+Positive = Annotated[int, Field(gt=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Triple = tuple[float, float, float]
+
+
+class Layout(StrEnum):
+    """How a detector's outputs are arranged; ``nc`` classes, ``N`` candidates, ``Q`` queries (layouts/ has details)."""
+
+    YOLOX = "yolox"  # (1, N, 5+nc): raw offsets in grid cells, log sizes, objectness, class scores
+    YOLOV5 = "yolov5"  # (1, N, 5+nc): centre and size in pixels of the input, objectness, class scores
+    YOLOV8 = "yolov8"  # (1, 4+nc, N): centre and size in pixels of the input, class scores
+    NMS6 = "nms6"  # (1, N, 6): corners in pixels of the input, score, class; suppression done inside
+    YOLOV5_SEG = "yolov5_seg"  # yolov5 with k mask coefficients, and prototypes (1, k, h, w)
+    YOLOV8_SEG = "yolov8_seg"  # yolov8 with k mask coefficients, and prototypes (1, k, h, w)
+    NMS6_SEG = "nms6_seg"  # nms6 with k mask coefficients, and prototypes (1, k, h, w)
+    RTDETR = "rtdetr"  # boxes (1, Q, 4): centre and size from 0 to 1; logits (1, Q, nc)
+    RTDETR_TRIPLE = "rtdetr_triple"  # labels (1, Q), boxes (1, Q, 4): corners, scores (1, Q); a second input of sizes
+    RTDETR_ROWS = "rtdetr_rows"  # (1, N, 6): centre and size from 0 to 1, score, class
+    RFDETR = "rfdetr"  # dets (1, Q, 4): centre and size from 0 to 1; labels (1, Q, nc or nc+1): logits
+    RFDETR_SEG = "rfdetr_seg"  # rfdetr with mask logits (1, Q, h, w)
+    MAP = "map"  # (1, nc, h, w): each pixel's probabilities, of a semantic segmenter
+    MAP_LOGITS = "map_logits"  # the same before its sigmoid, or softmax where a class is called background
+
+
+class Resize(StrEnum):
+    """How a photograph is brought to the model's input size."""
+
+    CORNER = "letterbox_corner"  # one gain, padded at the right and bottom
+    CENTRE = "letterbox_centre"  # one gain, padded on both sides alike
+    STRETCH = "stretch"  # a gain for each axis, no padding
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class CardInput(_Part):
+    """What the model takes: ``(value * scale - mean) / std`` of values 0..255, channels in the order ``colour``.
+
+    ``gsd_mm`` is how coarse a facade must come to it (mm for each pixel of the input, one or two scales); empty where
+    photographs come at their own pixels.
+    """
+
+    width_px: Positive
+    height_px: Positive
+    colour: Literal["rgb", "bgr"]
+    scale: Annotated[float, Field(gt=0)]
+    mean: Triple = (0.0, 0.0, 0.0)
+    std: Triple = (1.0, 1.0, 1.0)
+    resize: Resize
+    pad_value: Annotated[int, Field(ge=0, le=255)] = 114
+    gsd_mm: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(max_length=2)] = ()
+
+    @model_validator(mode="after")
+    def _std_is_positive(self) -> CardInput:
+        if min(self.std) <= 0:
+            raise ValueError(f"std is {self.std}; each of the three must be more than 0")
+        return self
+
+
+class CardOutput(_Part):
+    """What the model gives. ``names`` are its outputs in the order of the layout, ``name`` the one of a single output.
+
+    They may be left out: a single output is the first, several are told apart by usual names and by shape.
+    ``strides`` are for layout yolox alone.
+    """
+
+    layout: Layout
+    name: str | None = None
+    names: tuple[str, ...] = ()
+    strides: Annotated[tuple[Positive, ...], Field(min_length=1)] = (8, 16, 32)
+
+    @model_validator(mode="after")
+    def _one_way_of_naming(self) -> CardOutput:
+        if self.name is not None and self.names:
+            raise ValueError(f"name ({self.name}) and names ({', '.join(self.names)}) are both given; keep one of them")
+        return self
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The outputs that the card names; empty where it names none."""
+        return self.names if self.name is None else (self.name,)
+
+
+class ScoreCalibration(_Part):
+    """What makes a probability of the model's score: ``logit(p) = slope * logit(score) + intercept`` (Platt 1999)."""
+
+    slope: Annotated[float, Field(gt=0)] = 1.0
+    intercept: float = 0.0
+
+
+class ModelCard(_Part):
+    """A detector's declaration; ``class_names`` in the order of the model's outputs.
+
+    ``classes`` says which defect class a name of them stands for, over the built-in crosswalk; ``training_data`` names
+    one set with its terms in each entry; ``metrics`` is what was measured, free in form. ``score_threshold`` is for the
+    calibrated score.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    licence: Annotated[str, Field(min_length=1)]
+    source: str = ""
+    training_data: tuple[str, ...] = ()
+    metrics: dict[str, Any] = Field(default_factory=dict)
+    class_names: Annotated[tuple[str, ...], Field(min_length=1)]
+    classes: dict[str, DefectClass] = Field(default_factory=dict)
+    input: CardInput
+    output: CardOutput
+    score_calibration: ScoreCalibration = ScoreCalibration()
+    score_threshold: Share
+    nms_iou: Share = 0.5
+    max_detections: Positive = 300
+
+    @model_validator(mode="after")
+    def _grids_fit(self) -> ModelCard:
+        worst = max(self.output.strides)
+        if self.output.layout is Layout.YOLOX and (self.input.width_px % worst or self.input.height_px % worst):
+            raise ValueError(
+                f"input is {self.input.width_px} x {self.input.height_px} px; layout yolox needs multiples of its "
+                f"largest stride, {worst}"
+            )
+        return self
+
+
+def card_path(model: Path) -> Path:
+    """Where a model's card lies: ``crack.onnx`` has ``crack.card.yaml`` beside it."""
+    return model.with_suffix(".card.yaml")
+
+
+def read_card(path: Path) -> ModelCard:
+    """Read and check a card in YAML or JSON. Raises ModelError that names file, key, value and what is allowed."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise ModelError(
+            f"model card {path} does not exist; every detector needs one beside it (docs/model-card.md shows one)"
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"model card {path} cannot be read: {error}") from error
+    return parse_card(text, f"model card {path}")
+
+
+def parse_card(text: str, where: str) -> ModelCard:
+    """A card from its text in YAML or JSON. Raises ModelError that begins with ``where``."""
+    try:
+        # YAML 1.1 takes JSON's 1e-3 for a text, so JSON is read as such.
+        content = json.loads(text) if text.lstrip().startswith("{") else yaml.safe_load(text)
+    except (json.JSONDecodeError, yaml.YAMLError) as error:
+        raise ModelError(f"{where} cannot be read as YAML or JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise ModelError(f"{where} holds no keys; docs/model-card.md shows what it must say")
+    try:
+        return ModelCard.model_validate(content)
+    except ValidationError as error:
+        faults = []
+        for fault in error.errors():
+            key = ".".join(str(part) for part in fault["loc"]) or "card"
+            value = "" if fault["type"] == "missing" or not fault["loc"] else f" is {fault['input']!r}"
+            faults.append(f"{key}{value}: {fault['msg'].removeprefix('Value error, ')}")
+        raise ModelError(f"{where}: {'; '.join(faults)} (docs/model-card.md says what is allowed)") from error
+
+
+def card_text(card: ModelCard) -> str:
+    """The card as YAML, keys in the order of its declaration; what stands at its default is left out."""
+    content = card.model_dump(mode="json", exclude_defaults=True)
+    text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
+    return text
+
+
+_NEAREST = 1e-7  # to 0 and 1; float32 scores cannot tell more
+
+
+def calibrated(scores: NDArray[np.float32], by: ScoreCalibration) -> NDArray[np.float64]:
+    """Probabilities of a model's scores: ``logit(p) = slope * logit(score) + intercept``."""
+    exact = np.clip(scores.astype(np.float64), 0.0, 1.0)
+    if by == ScoreCalibration():
+        return exact
+    return 1 / (1 + np.exp(-(by.slope * _logit(exact) + by.intercept)))
+
+
+def score_for(probability: float, by: ScoreCalibration) -> float:
+    """The model's score that means ``probability``; 0 and 1 stay what they are."""
+    if by == ScoreCalibration() or probability <= 0 or probability >= 1:
+        return probability
+    logit = float(_logit(np.array([probability]))[0])
+    return float(1 / (1 + np.exp(-(logit - by.intercept) / by.slope)))
+
+
+def _logit(probability: NDArray[np.float64]) -> NDArray[np.float64]:
+    inside = np.clip(probability, _NEAREST, 1 - _NEAREST)
+    logit: NDArray[np.float64] = np.log(inside) - np.log1p(-inside)
+    return logit

@@ -1,0 +1,220 @@
+"""Import of detections from a COCO file: an outside detector's boxes, or a person's."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import shapely
+
+from facadelake.core.errors import InputDataError
+from facadelake.core.hashing import file_sha256
+from facadelake.core.photo_names import PhotoNames
+from facadelake.core.progress import track
+from facadelake.core.tables import table_of_rows
+from facadelake.detection.boxes import Box, clip_box, describe
+from facadelake.detection.coco.file import CocoAnnotation, CocoFile, CocoImage, number, read_coco
+from facadelake.detection.coco.mask import box_about, mask_of
+from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
+from schemas.vocabulary import DetectionOutcome, PhotoOutcome
+
+_log = logging.getLogger(__name__)
+_PHOTO_COLUMNS = ["photo_id", "photo_outcome", "image_width_px", "image_height_px"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Verdict:
+    outcome: DetectionOutcome = DetectionOutcome.ACCEPTED
+    reason: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Place:
+    """Where an image of the file belongs: a photograph and its size, or the verdict on all its boxes."""
+
+    photo_id: str
+    verdict: _Verdict
+    width_px: int | None = None
+    height_px: int | None = None
+
+
+def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str]) -> pa.Table:
+    """Every annotation of a COCO file as a row of table ``detections``, whether it can be used or not.
+
+    ``photos`` is table ``photos``; ``class_names`` (the file's class name -> defect class) goes over the built-in
+    crosswalk. A box partly outside its photograph is cut to it and kept, with the reason; one wholly outside, of no
+    size, of an unknown class or photograph is a row with that outcome. A box that is not four numbers is left empty,
+    and the reason quotes it; where there is none, but a mask, it is the mask's. A mask that cannot be used leaves the
+    box, with the reason.
+
+    Raises InputDataError where the file as a whole cannot be used: unreadable, keys missing, boxes normalised to
+    0..1, or no box on an accepted photograph of this campaign, in that photograph's size.
+    """
+    crosswalk = crosswalk_with(class_names)
+    coco = read_coco(file)
+    _refuse_normalised_boxes(coco)
+    places = _places(coco, photos)
+    _refuse_if_nothing_fits(coco, places, len(photos))
+    sha256 = file_sha256(file)
+    used: Counter[str] = Counter()
+    rows: list[dict[str, Any]] = []
+    for annotation in track(coco.annotations, label="Reading boxes"):
+        place = places[annotation.image_id]
+        source_class = coco.categories.get(annotation.category_id)
+        defect_class = crosswalk.defect_class(source_class) if source_class is not None else None
+        box, verdict = _judge_box(annotation, place)
+        if place.verdict.outcome is not DetectionOutcome.ACCEPTED:
+            verdict = place.verdict
+        elif verdict.outcome is DetectionOutcome.ACCEPTED and defect_class is None:
+            verdict = _unknown_class(annotation, source_class, crosswalk)
+        measured: dict[str, Any] = {}
+        if verdict.outcome is DetectionOutcome.ACCEPTED and box is not None:
+            measured, remarks = _measured(annotation, box, place)
+            verdict = replace(verdict, reason="; ".join(filter(None, [verdict.reason, *remarks])) or None)
+        rows.append(
+            {
+                "detection_id": _unique_id(f"{place.photo_id}#{annotation.annotation_id}", used),
+                "photo_id": place.photo_id,
+                "source_annotation": annotation.annotation_id,
+                "detection_outcome": str(verdict.outcome),
+                "reason": verdict.reason,
+                "defect_class": None if defect_class is None else str(defect_class),
+                "source_class": f"category {annotation.category_id}" if source_class is None else source_class,
+                "score": _score_or_zero(annotation),
+                **({} if box is None else _columns(box)),
+                **measured,
+                "detector": f"coco:{file.name}",
+                "detector_sha256": sha256,
+            }
+        )
+    outcomes = Counter(row["detection_outcome"] for row in rows)
+    _log.info("%s: %d boxes, %s", file.name, len(rows), ", ".join(f"{n} {name}" for name, n in outcomes.items()))
+    return table_of_rows("detections", rows)
+
+
+def _places(coco: CocoFile, photos: pa.Table) -> Mapping[int | str, _Place]:
+    """The place of every image_id that an annotation names."""
+    rows = {row["photo_id"]: row for row in photos.select(_PHOTO_COLUMNS).to_pylist()}
+    names = PhotoNames(rows)
+    places = {image_id: _place(image, names, rows) for image_id, image in coco.images.items()}
+    for annotation in coco.annotations:
+        if annotation.image_id not in places:
+            reason = f"image_id {annotation.image_id!r} is not among the file's 'images'"
+            verdict = _Verdict(outcome=DetectionOutcome.UNKNOWN_PHOTO, reason=reason)
+            places[annotation.image_id] = _Place(photo_id=f"image {annotation.image_id}", verdict=verdict)
+    return places
+
+
+def _place(image: CocoImage, names: PhotoNames, photos: Mapping[str, Mapping[str, Any]]) -> _Place:
+    unknown = DetectionOutcome.UNKNOWN_PHOTO
+    match = names.match(image.file_name)
+    if match.photo_id is None:
+        return _Place(photo_id=image.file_name, verdict=_Verdict(outcome=unknown, reason=match.reason))
+    photo = photos[match.photo_id]
+    if photo["photo_outcome"] != PhotoOutcome.ACCEPTED:
+        reason = f"the photograph was not accepted: {photo['photo_outcome']}"
+        return _Place(photo_id=match.photo_id, verdict=_Verdict(outcome=unknown, reason=reason))
+    width, height = photo["image_width_px"], photo["image_height_px"]
+    verdict = _Verdict()
+    stated = (image.width_px, image.height_px)
+    if None not in (*stated, width, height) and stated != (width, height):
+        reason = (
+            f"the file says the image is {stated[0]:g} x {stated[1]:g} px, the photograph is {width} x {height} px; "
+            "export boxes of the original photograph, neither rotated nor resized"
+        )
+        verdict = _Verdict(outcome=DetectionOutcome.BAD_BOX, reason=reason)
+    return _Place(photo_id=match.photo_id, verdict=verdict, width_px=width, height_px=height)
+
+
+def _columns(box: Box) -> dict[str, float]:
+    return {f"box_{name}": value for name, value in asdict(box).items()}
+
+
+def _judge_box(annotation: CocoAnnotation, place: _Place) -> tuple[Box | None, _Verdict]:
+    """The box to keep (None where it is not four numbers) and what it is worth in its photograph."""
+    bad = DetectionOutcome.BAD_BOX
+    bbox = annotation.bbox
+    if bbox is None:
+        bbox = box_about(annotation.segmentation, place.width_px, place.height_px)
+    if not isinstance(bbox, list) or len(bbox) != 4:
+        return None, _Verdict(outcome=bad, reason=f"bbox is {bbox!r}; it must be [x, y, width, height] in pixels")
+    values = [value for value in map(number, bbox) if value is not None]
+    if len(values) != 4:
+        return None, _Verdict(outcome=bad, reason=f"bbox is {bbox}; its four values must be finite numbers")
+    x, y, width, height = values
+    box = Box(x_px=x, y_px=y, width_px=width, height_px=height)
+    if width <= 0 or height <= 0:
+        return box, _Verdict(outcome=bad, reason=f"box {describe(box)}: width and height must be more than 0 px")
+    score = number(annotation.score)
+    if annotation.score is not None and (score is None or not 0 <= score <= 1):
+        return box, _Verdict(outcome=bad, reason=f"score is {annotation.score!r}; it must be a number from 0 to 1")
+    if place.width_px is None or place.height_px is None:
+        return box, _Verdict()
+    clipped = clip_box(box, image_width_px=place.width_px, image_height_px=place.height_px)
+    if clipped.inside is None:
+        return box, _Verdict(outcome=DetectionOutcome.OUTSIDE_IMAGE, reason=clipped.remark)
+    return clipped.inside, _Verdict(reason=clipped.remark or None)
+
+
+def _measured(annotation: CocoAnnotation, box: Box, place: _Place) -> tuple[dict[str, Any], list[str]]:
+    """Columns of the mask and the crack's width, where the annotation has them, and remarks on what was not used."""
+    mask = mask_of(annotation.segmentation, box, place.width_px, place.height_px)
+    remarks = [mask.remark]
+    columns: dict[str, Any] = {}
+    if mask.outline is not None:
+        columns["mask"] = shapely.to_wkt(mask.outline, rounding_precision=2)
+    width = number(annotation.crack_width_px)
+    if width is not None and width >= 0:
+        columns["crack_width_px"] = width
+    elif annotation.crack_width_px is not None:
+        remarks.append(f"crack_width_px is {annotation.crack_width_px!r} and was left out; it must be 0 px or more")
+    return columns, remarks
+
+
+def _unknown_class(annotation: CocoAnnotation, source_class: str | None, crosswalk: Crosswalk) -> _Verdict:
+    reason = (
+        f"category_id {annotation.category_id!r} is not among 'categories'"
+        if source_class is None
+        else crosswalk.why_unknown(source_class)
+    )
+    return _Verdict(outcome=DetectionOutcome.UNKNOWN_CLASS, reason=reason)
+
+
+def _score_or_zero(annotation: CocoAnnotation) -> float:
+    """1 for a box without score (a person's); a score that is none is 0, and the row's reason quotes it."""
+    score = number(annotation.score)
+    if annotation.score is None:
+        return 1.0
+    return score if score is not None and 0 <= score <= 1 else 0.0
+
+
+def _unique_id(detection_id: str, used: Counter[str]) -> str:
+    """The id itself, or with ``.2``, ``.3``, ... where a merged file uses an annotation id again."""
+    used[detection_id] += 1
+    return detection_id if used[detection_id] == 1 else f"{detection_id}.{used[detection_id]}"
+
+
+def _refuse_normalised_boxes(coco: CocoFile) -> None:
+    boxes = [a.bbox for a in coco.annotations if isinstance(a.bbox, list) and len(a.bbox) == 4]
+    sizes = [[number(value) for value in box] for box in boxes]
+    if sizes and all(value is not None and 0 <= value <= 1 for box in sizes for value in box) and any(map(any, sizes)):
+        raise InputDataError(
+            f"detections file {coco.path}: all {len(sizes)} boxes lie within 0..1, so they are normalised; "
+            "COCO boxes are [x, y, width, height] in pixels: export them so"
+        )
+
+
+def _refuse_if_nothing_fits(coco: CocoFile, places: Mapping[int | str, _Place], photographs: int) -> None:
+    verdicts = [places[annotation.image_id].verdict for annotation in coco.annotations]
+    if not verdicts or any(verdict.outcome is DetectionOutcome.ACCEPTED for verdict in verdicts):
+        return
+    raise InputDataError(
+        f"detections file {coco.path}: none of its {len(verdicts)} boxes is on an accepted photograph of the "
+        f"campaign's {photographs} (first: {verdicts[0].reason}); give the detections of this campaign, with file_name "
+        "ending as the photographs' paths do"
+    )

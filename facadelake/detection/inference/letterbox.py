@@ -1,0 +1,93 @@
+"""A photograph brought to a detector's input size, and boxes brought back, exactly.
+
+Both sides measure from the corner of the first pixel, so that an image ``w`` wide resized to ``r`` maps x to
+``x * r / w``: the gain is taken from the rounded sizes, for each axis, not from the ratio that was rounded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.core.frames import Array
+from facadelake.detection.card import CardInput, Resize
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Letterbox:
+    """Where a photograph lies in the model's input: ``x_input = x_img * gain_x + left_px``, y alike."""
+
+    spec: CardInput
+    image_width_px: int
+    image_height_px: int
+    resized_width_px: int
+    resized_height_px: int
+    left_px: int
+    top_px: int
+
+    def input_from_image(self, image_bgr: Image) -> NDArray[np.float32]:
+        """The model's input (1, 3, height, width) of a photograph (h, w, 3: blue, green, red; 0..255)."""
+        values = np.empty((1, 3, self.spec.height_px, self.spec.width_px), dtype=np.float32)
+        self.write_input(image_bgr, values[0])
+        return values
+
+    def write_input(self, image_bgr: Image, planes: NDArray[np.float32]) -> None:
+        """Write the model's input of a photograph to ``planes`` (3, height, width), a part of a batch."""
+        spec = self.spec
+        channels = cv2.split(self._canvas(image_bgr))
+        ordered = channels if spec.colour == "bgr" else channels[::-1]
+        for plane, channel, mean, std in zip(planes, ordered, spec.mean, spec.std, strict=True):
+            np.multiply(channel, np.float32(spec.scale / std), out=plane)
+            if mean:
+                plane -= np.float32(mean / std)
+
+    def image_from_input(self, corners_input: Array | NDArray[np.float32]) -> Array:
+        """Corners (n, 4: left, top, right, bottom) in pixels of the input as pixels of the photograph."""
+        return self.points_from_input(corners_input.reshape(-1, 2)).reshape(-1, 4)
+
+    def points_from_input(self, points_input: Array | NDArray[np.float32]) -> Array:
+        """Points (n, 2: x, y) in pixels of the input as pixels of the photograph."""
+        gain = np.array([self.resized_width_px / self.image_width_px, self.resized_height_px / self.image_height_px])
+        points: Array = (np.asarray(points_input, dtype=np.float64) - (self.left_px, self.top_px)) / gain
+        return points
+
+    def _canvas(self, image_bgr: Image) -> Image:
+        """The photograph at its size in the input, with padding around it."""
+        spec, resized = self.spec, image_bgr
+        # Averaging over the area keeps thin bright or dark lines that plain sampling would skip; it cannot enlarge.
+        shrunk = (min(self.resized_width_px, self.image_width_px), min(self.resized_height_px, self.image_height_px))
+        if shrunk != (self.image_width_px, self.image_height_px):
+            resized = np.asarray(cv2.resize(resized, shrunk, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        if shrunk != (self.resized_width_px, self.resized_height_px):
+            size = (self.resized_width_px, self.resized_height_px)
+            resized = np.asarray(cv2.resize(resized, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
+        if resized.shape[:2] == (spec.height_px, spec.width_px):
+            return resized
+        canvas = np.full((spec.height_px, spec.width_px, 3), spec.pad_value, dtype=np.uint8)
+        rows = slice(self.top_px, self.top_px + self.resized_height_px)
+        canvas[rows, self.left_px : self.left_px + self.resized_width_px] = resized
+        return canvas
+
+
+def letterbox(spec: CardInput, *, image_width_px: int, image_height_px: int) -> Letterbox:
+    """How a photograph of the given size goes into the input that ``spec`` describes."""
+    width, height = spec.width_px, spec.height_px
+    if spec.resize is not Resize.STRETCH:
+        gain = min(width / image_width_px, height / image_height_px)
+        width = min(width, max(1, round(image_width_px * gain)))
+        height = min(height, max(1, round(image_height_px * gain)))
+    centred = spec.resize is Resize.CENTRE
+    return Letterbox(
+        spec=spec,
+        image_width_px=image_width_px,
+        image_height_px=image_height_px,
+        resized_width_px=width,
+        resized_height_px=height,
+        left_px=(spec.width_px - width) // 2 if centred else 0,
+        top_px=(spec.height_px - height) // 2 if centred else 0,
+    )

@@ -1,0 +1,139 @@
+"""The shelf of detectors: which model ``default`` means, who put it there and why; earlier ones stay.
+
+A folder with ``models.yaml``, a list of promotions of which the last counts, beside the models themselves. Without the
+list the default is the model that Facadelake ships.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from filelock import FileLock, Timeout
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from facadelake.core.checkout import CHECKOUT
+from facadelake.core.errors import ModelError, StoreError
+from facadelake.core.hashing import file_sha256
+from facadelake.detection.card import card_path, card_text
+from facadelake.detection.inference.find_card import find_card
+
+MODELS = Path(os.environ.get("FACADELAKE_MODELS") or CHECKOUT / "data" / "detector")
+LIST = "models.yaml"
+SHIPPED = "facadelake-nano.onnx"
+_LOCK_TIMEOUT_S = 30.0
+_HEADER = "# Which detector 'model: default' means: the last entry. Written by 'facadelake promote-model'.\n"
+
+
+class Promotion(BaseModel):
+    """A model that became the default; ``file`` lies in the shelf's folder, ``replaces`` is the hash of the one before.
+
+    ``evidence`` says what the promotion rests on, in words.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    file: Annotated[str, Field(pattern=r"^[^/\\]+\.onnx$")]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    promoted_at: datetime
+    by: Annotated[str, Field(min_length=1)]
+    why: Annotated[str, Field(min_length=1)]
+    replaces: str | None = None
+    evidence: str = ""
+
+
+def promotions(folder: Path = MODELS) -> tuple[Promotion, ...]:
+    """All promotions, the oldest first. Raises ModelError where the list cannot be read."""
+    path = folder / LIST
+    try:
+        content: Any = yaml.safe_load(path.read_text(encoding="utf-8")) if path.is_file() else []
+        return tuple(Promotion.model_validate(entry) for entry in content or [])
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, ValidationError) as error:
+        raise ModelError(
+            f"{path}, the list of promoted detectors, cannot be read: {error}; correct it, or remove the faulty entry"
+        ) from error
+
+
+def default_model(folder: Path = MODELS) -> Path:
+    """The ONNX file that ``model: default`` means: the last one promoted, else the one that is shipped.
+
+    Raises ModelError where it is missing or no longer the file that was promoted.
+    """
+    known = promotions(folder)
+    path = folder / (known[-1].file if known else SHIPPED)
+    if not path.is_file():
+        raise ModelError(
+            f"the default detector {path} does not exist; restore it, promote another with 'facadelake promote-model', "
+            "or name a model's file in the registry"
+        )
+    if known and file_sha256(path) != known[-1].sha256:
+        raise ModelError(
+            f"the default detector {path} was changed since {known[-1].by} promoted it (hash "
+            f"{file_sha256(path)[:12]}, promoted {known[-1].sha256[:12]}); restore it, or promote it anew"
+        )
+    return path
+
+
+def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | None, folder: Path = MODELS) -> Promotion:
+    """Put ``model`` and its card on the shelf as ``<card's name>-<hash>.onnx`` and make it the default.
+
+    The caller has judged whether it may be, beside the default of hash ``replaces`` (None: there was none of use).
+    Doing it again for the model that is the default changes nothing.
+    Raises ModelError for a model without a card and where another was promoted meanwhile, StoreError where the folder
+    cannot be written.
+    """
+    card = find_card(model)
+    sha256 = file_sha256(model)
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", card.name).strip("-.") or "model"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder / f".{LIST}.lock", timeout=_LOCK_TIMEOUT_S):
+            known = promotions(folder)
+            if known and known[-1].sha256 == sha256:
+                return known[-1]
+            if known and replaces not in (None, known[-1].sha256):
+                raise ModelError(
+                    f"{model} is to replace {str(replaces)[:12]}, but the default is {known[-1].sha256[:12]} "
+                    f"since {known[-1].by} promoted it; compare with that one, then promote again"
+                )
+            entry = Promotion(
+                file=f"{name}-{sha256[:12]}.onnx",
+                sha256=sha256,
+                promoted_at=datetime.now(UTC).replace(microsecond=0),
+                by=by,
+                why=why,
+                replaces=replaces,
+                evidence=evidence,
+            )
+            target = folder / entry.file
+            card_path(target).write_text(card_text(card), encoding="utf-8")
+            _copy(model, target)
+            _write_list(folder / LIST, [*known, entry])
+            return entry
+    except (OSError, Timeout) as error:
+        raise StoreError(
+            f"the models' folder {folder} cannot be written: {error}; the default detector stays as it was: check the "
+            "folder's rights and free space, then promote again"
+        ) from error
+
+
+def _copy(source: Path, target: Path) -> None:
+    """A copy that is whole or not there."""
+    if source.resolve() == target.resolve():
+        return
+    part = target.with_name(f".{target.name}.part")
+    shutil.copyfile(source, part)
+    part.replace(target)
+
+
+def _write_list(path: Path, entries: Sequence[Promotion]) -> None:
+    content = yaml.safe_dump([entry.model_dump(mode="json") for entry in entries], sort_keys=False, allow_unicode=True)
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(_HEADER + content, encoding="utf-8")
+    part.replace(path)

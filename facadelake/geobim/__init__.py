@@ -1,1 +1,0 @@
-"""The building: IFC elements, surface, georeference, rays, depth and virtual views."""

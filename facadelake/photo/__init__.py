@@ -1,1 +1,0 @@
-"""What a photograph says of itself: files, EXIF and XMP, position and attitude priors."""

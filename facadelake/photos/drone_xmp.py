@@ -1,0 +1,208 @@
+"""What drones write into XMP, maker by maker, in one convention.
+
+Attitude is the camera's (the gimbal's, never the aircraft's) in north-east-down: yaw clockwise from north, pitch above
+the horizon (-90 looks down), roll clockwise. Which tags exist and what they mean:
+
+- DJI: user manuals of Mavic 3E/3M, Zenmuse P1 and Matrice 4 ("Photo file", XMP fields): Gimbal*Degree are NED, order
+  ZYX; RtkFlag 0 none, 16 single, 32 to 49 float, 50 fixed; RtkStd* metres; CalibratedFocalLength is the lens's design
+  value, DewarpData the camera's own calibration (fx, fy, cx, cy, k1, k2, p1, p2, k3; cx, cy from the photograph's
+  centre); DewarpFlag 1: already undistorted. Early firmware misspells GpsLongtitude.
+- Autel, newer firmware: DJI's tags in DJI's namespace (prefix ``drone``), misspelling included.
+- Parrot: developer.parrot.com, "Embedded photo metadata": Camera*Degree are NED; Camera:Pitch follows Pix4D (its
+  example has 38.0 beside CameraPitchDegree -52.0); GPSXYAccuracy and GPSZAccuracy are one sigma; the position is in
+  the exif schema.
+- Skydio: "Camera and metadata overview": CameraOrientationNED is a structure (Roll, Pitch, Yaw), written as attributes
+  or as elements; CalibratedFocalLengthX is the single drone's factory calibration.
+- Pix4D's Camera schema (Autel's older firmware, senseFly, Sentera, some Parrot): pitch 0 looks down, 90 at the horizon.
+  Autel's XL715 writes DJI's convention into it; the campaign tells (see ``facadelake.photos.attitude_prior``).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+
+from facadelake.photos.xmp import XmpPacket, parse_packet
+
+DJI = "http://www.dji.com/drone-dji/1.0"
+SKYDIO = "https://www.skydio.com/drone-skydio/1.0"
+PARROT = "http://www.parrot.com/drone-parrot/1.0"
+CAMERA_SCHEMAS = ("http://pix4d.com/camera/1.0", "http://ns.sensefly.com/Camera/1.0")
+EXIF_SCHEMA = "http://ns.adobe.com/exif/1.0"
+_XMP_ANGLE = re.compile(r"(\d+),(\d+(?:\.\d+)?)(?:,(\d+(?:\.\d+)?))?([NSEW])")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dewarp:
+    """DJI's calibration of the single camera: px of the full photograph, centre from the photograph's centre."""
+
+    fx_px: float
+    fy_px: float
+    centre_x_px: float
+    centre_y_px: float
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+    k3: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DroneMetadata:
+    """What a drone's packet says; NaN, empty or None where it says nothing.
+
+    Latitude and longitude in degrees (WGS 84), altitudes in metres (the absolute one's datum depends on the drone: see
+    ``facadelake.photos.position_prior``), attitude of the camera in degrees (north-east-down), ``*_sigma_*`` as stated by the
+    maker. ``camera_pitch_deg`` is Camera:Pitch as written, where the attitude rests on it. ``body`` names the aircraft.
+    """
+
+    maker: str
+    body: str = ""
+    flight_id: str = ""
+    lat_deg: float = math.nan
+    lon_deg: float = math.nan
+    absolute_altitude_m: float = math.nan
+    relative_altitude_m: float = math.nan
+    altitude_type: str = ""
+    gps_status: str = ""
+    rtk_flag: int | None = None
+    rtk_std_lon_m: float = math.nan
+    rtk_std_lat_m: float = math.nan
+    rtk_std_height_m: float = math.nan
+    stated_sigma_horizontal_m: float = math.nan
+    stated_sigma_vertical_m: float = math.nan
+    yaw_deg: float = math.nan
+    pitch_deg: float = math.nan
+    roll_deg: float = math.nan
+    attitude_tags: str = ""
+    camera_pitch_deg: float = math.nan
+    stated_sigma_yaw_deg: float = math.nan
+    stated_sigma_tilt_deg: float = math.nan
+    upside_down: bool = False
+    aircraft_yaw_deg: float = math.nan
+    calibrated_focal_px: float = math.nan
+    calibrated_width_px: float = math.nan
+    factory_calibrated: bool = False
+    dewarp: Dewarp | None = None
+    dewarped: bool = False
+
+
+def _dewarp(text: str) -> Dewarp | None:
+    """``2022-03-02;fx,fy,cx,cy,k1,k2,p1,p2,k3``; None for anything else, and for the zeros of uncalibrated cameras."""
+    parts = text.rpartition(";")[2].split(",")
+    try:
+        fx, fy, cx, cy, k1, k2, p1, p2, k3 = (float(part) for part in parts)
+    except ValueError:
+        return None
+    if not (fx > 0 and fy > 0 and all(math.isfinite(x) for x in (fx, fy, cx, cy, k1, k2, p1, p2, k3))):
+        return None
+    return Dewarp(fx_px=fx, fy_px=fy, centre_x_px=cx, centre_y_px=cy, k1=k1, k2=k2, p1=p1, p2=p2, k3=k3)
+
+
+def _dji(xmp: XmpPacket) -> DroneMetadata:
+    flag = xmp.number(DJI, "RtkFlag")
+    return DroneMetadata(
+        maker="DJI",
+        body=xmp.text(DJI, "DroneSerialNumber", "DroneID", "CameraSerialNumber"),
+        lat_deg=xmp.number(DJI, "GpsLatitude"),
+        lon_deg=xmp.number(DJI, "GpsLongitude", "GpsLongtitude"),
+        absolute_altitude_m=xmp.number(DJI, "AbsoluteAltitude"),
+        relative_altitude_m=xmp.number(DJI, "RelativeAltitude"),
+        altitude_type=xmp.text(DJI, "AltitudeType"),
+        gps_status=xmp.text(DJI, "GpsStatus"),
+        rtk_flag=int(flag) if math.isfinite(flag) else None,
+        rtk_std_lon_m=xmp.number(DJI, "RtkStdLon"),
+        rtk_std_lat_m=xmp.number(DJI, "RtkStdLat"),
+        rtk_std_height_m=xmp.number(DJI, "RtkStdHgt"),
+        yaw_deg=xmp.number(DJI, "GimbalYawDegree"),
+        pitch_deg=xmp.number(DJI, "GimbalPitchDegree"),
+        roll_deg=xmp.number(DJI, "GimbalRollDegree"),
+        attitude_tags="Gimbal*Degree",
+        upside_down=1 in (xmp.number(DJI, "CamReverse"), xmp.number(DJI, "GimbalReverse")),
+        aircraft_yaw_deg=xmp.number(DJI, "FlightYawDegree"),
+        calibrated_focal_px=xmp.number(DJI, "CalibratedFocalLength"),
+        calibrated_width_px=2 * xmp.number(DJI, "CalibratedOpticalCenterX"),
+        dewarp=_dewarp(xmp.text(DJI, "DewarpData")),
+        dewarped=xmp.number(DJI, "DewarpFlag") == 1,
+    )
+
+
+def _skydio(xmp: XmpPacket) -> DroneMetadata:
+    ned = "CameraOrientationNED"
+    return DroneMetadata(
+        maker="Skydio",
+        lat_deg=xmp.number(SKYDIO, "Latitude"),
+        lon_deg=xmp.number(SKYDIO, "Longitude"),
+        absolute_altitude_m=xmp.number(SKYDIO, "AbsoluteAltitude"),
+        relative_altitude_m=xmp.number(SKYDIO, "RelativeAltitude"),
+        yaw_deg=xmp.number(SKYDIO, f"{ned}/Yaw"),
+        pitch_deg=xmp.number(SKYDIO, f"{ned}/Pitch"),
+        roll_deg=xmp.number(SKYDIO, f"{ned}/Roll"),
+        attitude_tags=ned,
+        calibrated_focal_px=xmp.number(SKYDIO, "CalibratedFocalLengthX"),
+        # Skydio's example centre of a 4056 px wide photograph is 2027.5: it counts pixels' centres from 0.
+        calibrated_width_px=2 * xmp.number(SKYDIO, "CalibratedOpticalCenterX") + 1,
+        factory_calibrated=True,
+    )
+
+
+def _xmp_angle(text: str) -> float:
+    """``48,21.1367729N`` (degrees, minutes) or ``48,21,8N`` as signed degrees; NaN for anything else."""
+    found = _XMP_ANGLE.fullmatch(text)
+    if found is None:
+        return math.nan
+    degrees = float(found[1]) + float(found[2]) / 60 + float(found[3] or 0) / 3600
+    return -degrees if found[4] in "SW" else degrees
+
+
+def _parrot(xmp: XmpPacket) -> DroneMetadata:
+    below = xmp.text(EXIF_SCHEMA, "GPSAltitudeRef").lower() in ("1", "below sea level")
+    return DroneMetadata(
+        maker="Parrot",
+        body=xmp.text(PARROT, "SerialNumber"),
+        lat_deg=_xmp_angle(xmp.text(EXIF_SCHEMA, "GPSLatitude")),
+        lon_deg=_xmp_angle(xmp.text(EXIF_SCHEMA, "GPSLongitude")),
+        absolute_altitude_m=xmp.number(EXIF_SCHEMA, "GPSAltitude") * (-1 if below else 1),
+        yaw_deg=xmp.number(PARROT, "CameraYawDegree"),
+        pitch_deg=xmp.number(PARROT, "CameraPitchDegree"),
+        roll_deg=xmp.number(PARROT, "CameraRollDegree"),
+        attitude_tags="Camera*Degree",
+    )
+
+
+def _with_camera_schema(drone: DroneMetadata, xmp: XmpPacket, schema: str) -> DroneMetadata:
+    """What Pix4D's schema adds: accuracies and the flight, and the attitude where the maker's own tags have none."""
+    tilts = [xmp.number(schema, f"IMU{angle}Accuracy") for angle in ("Pitch", "Roll")]
+    drone = replace(
+        drone,
+        flight_id=xmp.text(schema, "FlightUUID"),
+        stated_sigma_horizontal_m=xmp.number(schema, "GPSXYAccuracy"),
+        stated_sigma_vertical_m=xmp.number(schema, "GPSZAccuracy"),
+        stated_sigma_yaw_deg=xmp.number(schema, "IMUYawAccuracy"),
+        stated_sigma_tilt_deg=max((tilt for tilt in tilts if math.isfinite(tilt)), default=math.nan),
+    )
+    pitch = xmp.number(schema, "Pitch")
+    if not math.isnan(drone.pitch_deg) or math.isnan(pitch):
+        return drone
+    return replace(
+        drone,
+        yaw_deg=xmp.number(schema, "Yaw"),
+        pitch_deg=pitch - 90,
+        roll_deg=xmp.number(schema, "Roll"),
+        attitude_tags="Camera:Yaw/Pitch/Roll",
+        camera_pitch_deg=pitch,
+    )
+
+
+def parse_drone_metadata(packet: bytes) -> DroneMetadata | None:
+    """Read a drone's packet; None where there is none, it is damaged, or no drone wrote it."""
+    xmp = parse_packet(packet)
+    if xmp is None:
+        return None
+    readers = ((DJI, _dji), (SKYDIO, _skydio), (PARROT, _parrot))
+    drone = next((read(xmp) for namespace, read in readers if xmp.says(namespace)), None)
+    for schema in CAMERA_SCHEMAS:
+        if xmp.says(schema):
+            return _with_camera_schema(drone or DroneMetadata(maker="Pix4D's Camera schema"), xmp, schema)
+    return drone

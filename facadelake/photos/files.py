@@ -1,0 +1,105 @@
+"""Which files are photographs, and whether their bytes decode."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image, UnidentifiedImageError
+
+from facadelake.core.errors import InputDataError
+from facadelake.photos.exclusion_masks import mask_files
+
+FORMATS_OF_SUFFIX: dict[str, frozenset[str]] = {
+    # MPO is what DJI and others write into .JPG when a preview follows the photograph.
+    ".jpg": frozenset({"JPEG", "MPO"}),
+    ".jpeg": frozenset({"JPEG", "MPO"}),
+    ".png": frozenset({"PNG"}),
+    ".tif": frozenset({"TIFF"}),
+    ".tiff": frozenset({"TIFF"}),
+}
+RAW_SUFFIXES = frozenset({".dng"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decoded:
+    """Size as stored and the metadata blocks of a photograph that decodes to its last row."""
+
+    width_px: int
+    height_px: int
+    exif: Image.Exif
+    xmp: bytes
+
+
+def find_photographs(root: Path) -> list[Path]:
+    """All files below ``root`` whose name says photograph, sorted by path; masks and what is hidden are left out.
+
+    Raises InputDataError where ``root`` is no folder.
+    """
+    images = _images(root)
+    masks = set(mask_files(images, root).values())
+    return [path for path in images if path not in masks]
+
+
+def find_masks(root: Path) -> dict[str, Path]:
+    """The masks below ``root`` by the photo_id of their photographs, the path below ``root`` with forward slashes."""
+    return {photo.relative_to(root).as_posix(): mask for photo, mask in mask_files(_images(root), root).items()}
+
+
+def _images(root: Path) -> list[Path]:
+    """All image files below ``root``, sorted by path; hidden files and folders are left out."""
+    if not root.is_dir():
+        raise InputDataError(f"photographs' folder {root} does not exist; check the path in the portfolio")
+    suffixes = FORMATS_OF_SUFFIX.keys() | RAW_SUFFIXES
+    return sorted(
+        path
+        for path in root.rglob("*")
+        if path.suffix.lower() in suffixes
+        and path.is_file()
+        and not any(part.startswith(".") for part in path.relative_to(root).parts)
+    )
+
+
+def decode(path: Path) -> Decoded:
+    """Decode the whole photograph (a truncated file opens well and fails late) and hand back what it says.
+
+    Width and height are those of the stored pixels. The EXIF orientation is *not* applied, neither here nor by
+    COLMAP: all pixels of the product (tie points, boxes, control points) are those of the file as stored.
+    Raises InputDataError, saying what is wrong with the file.
+    """
+    if path.suffix.lower() in RAW_SUFFIXES:
+        raise InputDataError("raw photograph: it must be developed first; export it as JPEG or TIFF")
+    if path.stat().st_size == 0:
+        raise InputDataError("the file is empty (0 bytes); copy it again from the camera's card")
+    allowed = FORMATS_OF_SUFFIX[path.suffix.lower()]
+    try:
+        with Image.open(path) as image:
+            found = image.format or "unknown"
+            if found not in allowed:
+                raise InputDataError(
+                    f"the name ends in {path.suffix} but the content is {found}; such files come from a "
+                    "conversion that often loses metadata: export the original again, or give the file its true name"
+                )
+            image.load()
+            width_px, height_px = image.size
+            xmp = image.info.get("xmp", b"")
+            exif = image.getexif()
+    except UnidentifiedImageError as error:
+        raise InputDataError("no image format is recognised in the file; copy it again from the card") from error
+    except Image.DecompressionBombError as error:
+        raise InputDataError(f"the photograph is larger than can be decoded safely: {error}") from error
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputDataError(
+            f"the photograph does not decode to its end ({error}); copy it again from the card"
+        ) from error
+    return Decoded(
+        width_px=width_px, height_px=height_px, exif=exif, xmp=xmp.encode() if isinstance(xmp, str) else bytes(xmp)
+    )
+
+
+def hash_and_size(path: Path) -> tuple[str, int]:
+    """SHA-256 in hex and size in bytes of a file."""
+    with path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    return digest, path.stat().st_size

@@ -1,0 +1,111 @@
+"""Focal length priors: the maker's calibration before EXIF's figures, each with its sigma and evidence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from facadelake.photos.drone_xmp import DroneMetadata
+from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM, ExifMetadata
+
+# A single camera's calibration; temperature and focus move it by tenths of a percent.
+SHARE_CALIBRATED = 0.003
+# The lens's design value; copies differ (a P4 Multispectral: 1913 px designed, 1973 and 1956 px calibrated).
+SHARE_DESIGNED = 0.03
+# Focal length over pixel pitch: the nominal focal length is rounded.
+SHARE_FOCAL_PLANE = 0.02
+# The 35 mm equivalent is rounded to millimetres and, where the photograph is cropped (16:9), often the whole sensor's:
+# 26 mm for 28.8 mm on a FC220.
+SHARE_35MM = 0.06
+# Statements further apart than this cannot both be of this photograph (digital zoom, another lens, resizing).
+_DISAGREE = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class FocalPrior:
+    """Focal length and one sigma in px of the stored size, NaN where nothing is said.
+
+    ``calibration`` is the maker's, for the stored size: fx, fy, cx, cy in px, k1, k2, p1, p2, k3 (OpenCV's order);
+    empty where there is none.
+    """
+
+    px: float = math.nan
+    sigma_px: float = math.nan
+    evidence: str = ""
+    calibration: str = ""
+    warning: str = ""
+
+
+def focal_prior(drone: DroneMetadata | None, exif: ExifMetadata, *, width_px: int, height_px: int) -> FocalPrior:
+    """The best statement about the focal length: calibrated, designed, then EXIF's."""
+    stated = _of_exif(exif, width_px, height_px)
+    calibrated = _of_drone(drone, width_px, height_px) if drone is not None else FocalPrior()
+    if not math.isfinite(calibrated.px):
+        return stated
+    if math.isfinite(stated.px) and abs(math.log(calibrated.px / stated.px)) > _DISAGREE:
+        return FocalPrior(
+            px=stated.px,
+            sigma_px=stated.sigma_px,
+            evidence=stated.evidence,
+            warning=f"focal length: {calibrated.evidence} says {calibrated.px:.0f} px, {stated.evidence} "
+            f"{stated.px:.0f} px; the former is another zoom's or size's and is not used",
+        )
+    return calibrated
+
+
+def _of_exif(exif: ExifMetadata, width_px: int, height_px: int) -> FocalPrior:
+    by_plane = exif.focal_plane_focal_px
+    by_35mm = exif.focal_length_35mm_mm * math.hypot(width_px, height_px) / FULL_FRAME_DIAGONAL_MM
+    # The focal plane's figure has more digits, but some phones write nonsense: it must agree with the equivalent.
+    plane_is_right = math.isnan(by_35mm) or abs(math.log(by_plane / by_35mm)) < _DISAGREE
+    if math.isfinite(by_plane) and plane_is_right:
+        evidence = "EXIF FocalLength and FocalPlaneXResolution"
+        return FocalPrior(px=by_plane, sigma_px=SHARE_FOCAL_PLANE * by_plane, evidence=evidence)
+    if math.isnan(by_35mm):
+        return FocalPrior()
+    warning = (
+        f"focal length: EXIF FocalPlaneXResolution gives {by_plane:.0f} px, FocalLengthIn35mmFilm {by_35mm:.0f} px; "
+        "the latter is used"
+    )
+    return FocalPrior(
+        px=by_35mm,
+        sigma_px=SHARE_35MM * by_35mm,
+        evidence=f"EXIF FocalLengthIn35mmFilm {exif.focal_length_35mm_mm:g} mm",
+        warning=warning if math.isfinite(by_plane) else "",
+    )
+
+
+def _of_drone(drone: DroneMetadata, width_px: int, height_px: int) -> FocalPrior:
+    # The stated centre tells which size the figures are for; makers state it for the full photograph.
+    scale = width_px / drone.calibrated_width_px if drone.calibrated_width_px > 0 else 1.0
+    scale = 1.0 if abs(scale - 1) < 0.01 else scale
+    resized = "" if scale == 1.0 else f", scaled by {scale:.4f} to the stored size"
+    dewarp = drone.dewarp
+    if dewarp is not None:
+        px = scale * (dewarp.fx_px + dewarp.fy_px) / 2
+        if drone.dewarped:
+            # Which camera matrix the drone dewarps to is not stated; DJI's guides keep fx and fy.
+            evidence = f"XMP DewarpData of a photograph dewarped in the camera{resized}"
+            return FocalPrior(px=px, sigma_px=SHARE_FOCAL_PLANE * px, evidence=evidence)
+        centre = (width_px / 2 + scale * dewarp.centre_x_px, height_px / 2 + scale * dewarp.centre_y_px)
+        numbers = (
+            scale * dewarp.fx_px,
+            scale * dewarp.fy_px,
+            *centre,
+            dewarp.k1,
+            dewarp.k2,
+            dewarp.p1,
+            dewarp.p2,
+            dewarp.k3,
+        )
+        return FocalPrior(
+            px=px,
+            sigma_px=SHARE_CALIBRATED * px,
+            evidence=f"XMP DewarpData{resized}",
+            calibration=", ".join(f"{number:.10g}" for number in numbers),
+        )
+    px = scale * drone.calibrated_focal_px
+    if not px > 0:
+        return FocalPrior()
+    share = SHARE_CALIBRATED if drone.factory_calibrated else SHARE_DESIGNED
+    return FocalPrior(px=px, sigma_px=share * px, evidence=f"XMP CalibratedFocalLength{resized}")

@@ -1,0 +1,141 @@
+"""What a campaign's photographs say of themselves, each by itself and then checked against the others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+from facadelake.core.frames import Array
+from facadelake.photos.attitude_prior import AttitudePrior, attitude_prior, pitch_is_djis, with_dji_pitch
+from facadelake.photos.clock import Tick, clock_warnings, is_set
+from facadelake.photos.drone_xmp import DroneMetadata
+from facadelake.photos.exif import ExifMetadata
+from facadelake.photos.flights import Shot, flights_of
+from facadelake.photos.focal_prior import FocalPrior, focal_prior
+from facadelake.photos.plausibility import Located, check_priors
+from facadelake.photos.position_prior import PositionPrior, position_prior
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metadata:
+    """The metadata of one readable photograph."""
+
+    photo_id: str
+    width_px: int
+    height_px: int
+    exif: ExifMetadata
+    drone: DroneMetadata | None
+
+    @property
+    def camera(self) -> str:
+        """Maker and model."""
+        return f"{self.exif.make} {self.exif.model}"
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the drone or the camera; empty where neither says one."""
+        return (self.drone.body if self.drone else "") or self.exif.body_serial
+
+    @property
+    def body(self) -> str:
+        """What carries the receiver: the drone or the camera by its serial number, else by maker and model."""
+        return self.serial or self.camera
+
+
+@dataclass(frozen=True, kw_only=True)
+class Statement:
+    """The priors of one photograph, its body's serial number, its flight (from 1) and all warnings."""
+
+    position: PositionPrior
+    attitude: AttitudePrior
+    focal: FocalPrior
+    serial: str
+    flight: int
+    warnings: tuple[str, ...]
+
+    @property
+    def evidence(self) -> str:
+        """What position, height and attitude rest on."""
+        return "; ".join(part for part in (self.position.evidence, self.attitude.evidence) if part)
+
+
+def statements_of(
+    photos: Sequence[Metadata], distance_to_model_m: Callable[[Array], Array] | None = None
+) -> list[Statement]:
+    """The statements of a campaign's photographs; ``distance_to_model_m`` as in ``plausibility.check_priors``."""
+    photos = _with_common_step(photos)
+    drones = _with_settled_pitch(photos)
+    clocks = [
+        Tick(photo_id=p.photo_id, body=p.body, taken_at=p.exif.taken_at, gps_time=p.exif.gps_time) for p in photos
+    ]
+    clock = clock_warnings(clocks)
+    flights = flights_of([_shot(photo) for photo in photos])
+    located = [
+        Located(prior=position_prior(drone, photo.exif), flight=flight, time_s=_seconds(_time(photo)))
+        for photo, drone, flight in zip(photos, drones, flights, strict=True)
+    ]
+    positions = check_priors(located, distance_to_model_m)
+    out = []
+    for i, photo in enumerate(photos):
+        attitude = attitude_prior(drones[i], photo.exif)
+        focal = focal_prior(drones[i], photo.exif, width_px=photo.width_px, height_px=photo.height_px)
+        warnings = (*positions[i].warnings, attitude.warning, focal.warning, clock[i])
+        out.append(
+            Statement(
+                position=positions[i],
+                attitude=attitude,
+                focal=focal,
+                serial=photo.serial,
+                flight=flights[i],
+                warnings=tuple(warning for warning in warnings if warning),
+            )
+        )
+    return out
+
+
+def _time(photo: Metadata) -> datetime | None:
+    return photo.exif.taken_at if is_set(photo.exif.taken_at) else None
+
+
+def _seconds(time: datetime | None) -> float:
+    return time.timestamp() if time is not None else math.nan
+
+
+def _shot(photo: Metadata) -> Shot:
+    drone = photo.drone
+    return Shot(
+        photo_id=photo.photo_id,
+        body=photo.body,
+        taken_at=_time(photo),
+        flight_id=drone.flight_id if drone else "",
+        take_off_height_m=drone.absolute_altitude_m - drone.relative_altitude_m if drone else math.nan,
+    )
+
+
+def _with_common_step(photos: Sequence[Metadata]) -> list[Metadata]:
+    """The step that each camera writes positions in: the finest of its photographs' (fractions are often reduced)."""
+    steps: dict[str, list[float]] = {}
+    for photo in photos:
+        steps.setdefault(photo.camera, []).append(photo.exif.position_step_deg)
+    finest = {
+        camera: min((step for step in of_camera if math.isfinite(step)), default=math.nan)
+        for camera, of_camera in steps.items()
+    }
+    return [replace(p, exif=replace(p.exif, position_step_deg=finest[p.camera])) for p in photos]
+
+
+def _with_settled_pitch(photos: Sequence[Metadata]) -> list[DroneMetadata | None]:
+    """The drones' metadata, Camera:Pitch in the convention that the photographs of the same camera show."""
+    djis = {
+        camera
+        for camera in {photo.camera for photo in photos}
+        if pitch_is_djis(photo.drone.camera_pitch_deg for photo in photos if photo.camera == camera and photo.drone)
+    }
+    return [
+        with_dji_pitch(photo.drone)
+        if photo.drone and photo.camera in djis and math.isfinite(photo.drone.camera_pitch_deg)
+        else photo.drone
+        for photo in photos
+    ]

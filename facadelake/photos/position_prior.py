@@ -1,0 +1,184 @@
+"""Position priors of a photograph: XMP before EXIF, each with its sigma, its height datum and its evidence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from facadelake.photos.drone_xmp import DroneMetadata
+from facadelake.photos.exif import ExifMetadata
+from facadelake.photos.height_datum import RTK_FIXED, ellipsoidal_of_egm96, stated_datum
+from schemas.vocabulary import HeightDatum, PositionSource
+
+# DJI's manuals: 32 to 49 float, 34 in the older ones.
+RTK_FLOAT = range(32, 50)
+METRES_PER_DEGREE = 111_320.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sigma:
+    """One sigma in metres: each horizontal axis, and height."""
+
+    horizontal_m: float
+    vertical_m: float
+
+
+# Carrier phase ambiguities fixed: the makers state 1 cm + 1 ppm and 1.5 cm + 1 ppm rms; doubled, because the antenna's
+# offset from the camera and the shutter's delay come on top.
+SIGMA_RTK_FIXED = Sigma(horizontal_m=0.02, vertical_m=0.04)
+# Ambiguities not fixed: decimetres.
+SIGMA_RTK_FLOAT = Sigma(horizontal_m=0.5, vertical_m=1.0)
+# A drone's single-frequency receiver in the open (hover accuracy is stated as 1.5 m); near a facade, signals are
+# shaded and reflected. The height is fused with a barometer that drifts.
+SIGMA_DRONE = Sigma(horizontal_m=3.0, vertical_m=5.0)
+# A receiver's own estimate leaves out what all its signals share (reflections at the facade).
+SIGMA_OWN_ESTIMATE = Sigma(horizontal_m=1.0, vertical_m=2.0)
+# A phone or a camera's own receiver between buildings.
+SIGMA_HANDHELD = Sigma(horizontal_m=5.0, vertical_m=10.0)
+# Range error between buildings that a dilution of precision multiplies.
+_RANGE_ERROR_M = 3.0
+# A two-dimensional fix assumes a height, a void one has lost the satellites.
+_SIGMA_NOT_MEASURED_M = 50.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionPrior:
+    """Where the photograph says it was taken (WGS 84 degrees, metres); ``height_m`` is NaN where it says none.
+
+    ``evidence`` says what position, height and sigma rest on, ``warnings`` what is odd about them. With ``source``
+    NONE the numbers are NaN and ``reason`` says why.
+    """
+
+    source: PositionSource
+    lon_deg: float = math.nan
+    lat_deg: float = math.nan
+    height_m: float = math.nan
+    height_datum: HeightDatum = HeightDatum.UNKNOWN
+    sigma: Sigma = SIGMA_HANDHELD
+    evidence: str = ""
+    warnings: tuple[str, ...] = ()
+    reason: str = ""
+
+
+def position_problem(lon_deg: float, lat_deg: float) -> str:
+    """Why the coordinates cannot be a place where a photograph was taken; empty where they can."""
+    if math.isnan(lon_deg) or math.isnan(lat_deg):
+        return "no position"
+    if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
+        return f"position lon {lon_deg:.6f}, lat {lat_deg:.6f} is off the globe (lon -180..180, lat -90..90)"
+    if abs(lon_deg) < 1e-6 and abs(lat_deg) < 1e-6:
+        return "position is 0/0, which receivers write without a fix"
+    return ""
+
+
+def _drone_sigma(drone: DroneMetadata) -> tuple[Sigma, str]:
+    flag = drone.rtk_flag
+    if flag == RTK_FIXED:
+        lon, lat, height = drone.rtk_std_lon_m, drone.rtk_std_lat_m, drone.rtk_std_height_m
+        if lon > 0 and lat > 0 and height > 0:
+            sigma = Sigma(horizontal_m=max(lon, lat), vertical_m=height)
+            return sigma, f"RtkFlag 50 (fixed), RtkStd {lon:g}/{lat:g}/{height:g} m"
+        return SIGMA_RTK_FIXED, "RtkFlag 50 (fixed)"
+    if flag in RTK_FLOAT:
+        return SIGMA_RTK_FLOAT, f"RtkFlag {flag} (float)"
+    across, up = drone.stated_sigma_horizontal_m, drone.stated_sigma_vertical_m
+    if across > 0 and up > 0:
+        if drone.maker == "Parrot":  # its receivers have no corrections
+            across, up = max(across, SIGMA_OWN_ESTIMATE.horizontal_m), max(up, SIGMA_OWN_ESTIMATE.vertical_m)
+        stated = (
+            f"GPSXYAccuracy {drone.stated_sigma_horizontal_m:.3g} m, GPSZAccuracy {drone.stated_sigma_vertical_m:.3g} m"
+        )
+        return Sigma(horizontal_m=across, vertical_m=up), stated
+    return SIGMA_DRONE, "a drone's receiver without corrections" + ("" if flag is None else f" (RtkFlag {flag})")
+
+
+def _exif_sigma(exif: ExifMetadata) -> tuple[Sigma, str]:
+    if math.isfinite(exif.position_error_m):
+        sigma = Sigma(horizontal_m=exif.position_error_m, vertical_m=2 * exif.position_error_m)
+        return sigma, f"GPSHPositioningError {exif.position_error_m:g} m"
+    if math.isfinite(exif.dop):
+        across = max(SIGMA_HANDHELD.horizontal_m, _RANGE_ERROR_M * exif.dop)
+        return Sigma(horizontal_m=across, vertical_m=2 * across), f"GPSDOP {exif.dop:g} of {_RANGE_ERROR_M:g} m"
+    return SIGMA_HANDHELD, "a handheld receiver"
+
+
+def _widened(sigma: Sigma, exif: ExifMetadata, source: PositionSource) -> tuple[Sigma, tuple[str, ...]]:
+    """The sigma with what EXIF says against the fix, and the warnings."""
+    across, up, warnings = sigma.horizontal_m, sigma.vertical_m, []
+    if source is PositionSource.EXIF:
+        step_m = exif.position_step_deg * METRES_PER_DEGREE
+        if step_m / math.sqrt(12) > 0.1 * across:
+            across = math.hypot(across, step_m / math.sqrt(12))  # evenly spread over a step
+            warnings.append(f"the position is written in steps of {step_m:.2g} m")
+        if exif.void:
+            across, up = max(across, _SIGMA_NOT_MEASURED_M), max(up, _SIGMA_NOT_MEASURED_M)
+            warnings.append("EXIF GPSStatus is V (void): the receiver had lost its fix")
+        if exif.two_dimensional:
+            up = max(up, _SIGMA_NOT_MEASURED_M)
+            warnings.append("EXIF GPSMeasureMode is 2: the height is not measured")
+        if exif.map_datum and not exif.map_datum.upper().replace(" ", "").replace("-", "").startswith("WGS84"):
+            warnings.append(f"EXIF GPSMapDatum is {exif.map_datum}; taken as WGS 84")
+    return Sigma(horizontal_m=across, vertical_m=up), tuple(warnings)
+
+
+def _disagreement(drone: DroneMetadata, exif: ExifMetadata) -> tuple[str, ...]:
+    """Where XMP and EXIF of one photograph differ by more than rounding; XMP's is used."""
+    warnings = []
+    north = exif.lat_deg - drone.lat_deg
+    east = (exif.lon_deg - drone.lon_deg) * math.cos(math.radians(drone.lat_deg))
+    apart_m = math.hypot(north, east) * METRES_PER_DEGREE
+    if apart_m > 5.0 and not position_problem(exif.lon_deg, exif.lat_deg):
+        warnings.append(f"EXIF's position is {apart_m:.0f} m from XMP's, which is used")
+    if abs(exif.altitude_m - drone.absolute_altitude_m) > 2.0:
+        warnings.append(
+            f"EXIF GPSAltitude {exif.altitude_m:.1f} m is not XMP's {drone.absolute_altitude_m:.1f} m, which is used"
+        )
+    return tuple(warnings)
+
+
+def position_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> PositionPrior:
+    """XMP's position if it is a possible one, else EXIF's (some firmware truncates it), else none, with the reason."""
+    problems: list[str] = []
+    if drone is not None:
+        problem = position_problem(drone.lon_deg, drone.lat_deg)
+        if drone.gps_status.lower() == "invalid":
+            problem = "GpsStatus is Invalid"
+        if not problem:
+            return _prior(PositionSource.XMP, drone.lon_deg, drone.lat_deg, drone, exif)
+        problems.append(f"XMP: {problem}")
+    problem = position_problem(exif.lon_deg, exif.lat_deg)
+    if problem:
+        return PositionPrior(source=PositionSource.NONE, reason="; ".join([*problems, f"EXIF: {problem}"]))
+    return _prior(PositionSource.EXIF, exif.lon_deg, exif.lat_deg, drone, exif)
+
+
+def _prior(
+    source: PositionSource, lon_deg: float, lat_deg: float, drone: DroneMetadata | None, exif: ExifMetadata
+) -> PositionPrior:
+    sigma, sigma_evidence = _drone_sigma(drone) if drone is not None else _exif_sigma(exif)
+    sigma, warnings = _widened(sigma, exif, source)
+    if drone is not None:
+        warnings += _disagreement(drone, exif)
+    height_m = drone.absolute_altitude_m if drone is not None else math.nan
+    height_source = "EXIF"
+    if drone is not None and math.isfinite(height_m):
+        height_source = f"XMP {drone.altitude_type}".strip()
+    height_m = height_m if math.isfinite(height_m) else exif.altitude_m
+    stated = stated_datum(drone, exif)
+    datum, height_evidence = stated.datum, f"{height_source} height {stated.evidence}"
+    if datum is HeightDatum.ORTHOMETRIC and math.isfinite(height_m):
+        converted = ellipsoidal_of_egm96(lon_deg, lat_deg, height_m)
+        if converted is not None:
+            height_evidence += f", {height_m:.2f} m made ellipsoidal by grid {converted[1]}"
+            height_m, datum = converted[0], HeightDatum.ELLIPSOIDAL
+    return PositionPrior(
+        source=source,
+        lon_deg=lon_deg,
+        lat_deg=lat_deg,
+        height_m=height_m,
+        height_datum=datum,
+        sigma=sigma,
+        evidence=f"{source.upper()} position, {sigma_evidence}"
+        + (f"; {height_evidence}" if math.isfinite(height_m) else "; no height"),
+        warnings=warnings,
+    )
