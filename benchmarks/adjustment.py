@@ -36,10 +36,10 @@ from benchmarks.synthetic_block import (
 )
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.pose.adjustment.adjust import adjust
-from facadelake.pose.adjustment.evidence import Evidence
-from facadelake.pose.adjustment.problem import AttitudeTerms, PositionTerms
-from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction
+from facadelake.georeferencing.adjustment.adjust import adjust
+from facadelake.georeferencing.adjustment.evidence import Evidence
+from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
+from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
 
 _PER_PHOTO = 1500
 _GPS_OFFSET_M = np.array([1.5, -0.8, 2.0])

@@ -32,10 +32,10 @@ from facadelake.evaluate.detector.labels import (
 )
 from facadelake.evaluate.detector.labels_open import open_labels
 from facadelake.evaluate.detector.sites import with_scale, with_sites
+from facadelake.georeferencing.georeference import Place
+from facadelake.georeferencing.imported.placement import place_imported
+from facadelake.georeferencing.imported.read import read_poses
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.pose.georeference import Place
-from facadelake.pose.imported.placing import place_imported
-from facadelake.pose.imported.reading import read_poses
 from facadelake.registry import read_portfolio
 from schemas.vocabulary import DefectClass
 from tasks.load_model import read_model

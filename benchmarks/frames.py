@@ -30,15 +30,15 @@ from facadelake.core.frames import Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.detection.coco.file import read_coco
 from facadelake.evaluate.truth import Truth, read_truth
+from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
+from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
+from facadelake.georeferencing.similarity_fit import robust_similarity
+from facadelake.georeferencing.triangulation import View, intersect
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.pose.reconstruct import reconstruct
-from facadelake.pose.reconstruction import Reconstruction, read_descriptors, read_reconstruction
-from facadelake.pose.reference import ReferencePoints, reference_of
-from facadelake.pose.reference_matching import ReferenceMatch, match_reference
-from facadelake.pose.settings import ReconstructionSettings
-from facadelake.pose.similarity_fit import robust_similarity
-from facadelake.pose.tie_point_quality import pixel_sigma, tie_point_covariance
-from facadelake.pose.triangulation import View, intersect
+from facadelake.sfm.reconstruct import reconstruct
+from facadelake.sfm.reconstruction import Reconstruction, read_descriptors, read_reconstruction
+from facadelake.sfm.settings import ReconstructionSettings
+from facadelake.sfm.tie_point_covariance import pixel_sigma, tie_point_covariance
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("FACADELAKE_SHARED_DATA", ROOT.parent / "shared" / "data"))

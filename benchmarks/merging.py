@@ -24,7 +24,7 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import stage_schema, table_of_rows
-from facadelake.register.merge import MergeResult, merge
+from facadelake.deduplication.merge import MergeResult, merge
 from schemas.vocabulary import DefectClass, DetectionOutcome, ObservationOutcome
 
 _HEIGHT_M = 20.0

@@ -33,18 +33,18 @@ from facadelake.building.model import BuildingModel
 from facadelake.building.surface.footprint import horizontal_distance
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.deduplication.appearance import Photographs
+from facadelake.deduplication.merge import merge
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluate.comparison import compare
 from facadelake.evaluate.evaluation import figures_of
+from facadelake.georeferencing.gcp.control_points import read_control_points
+from facadelake.georeferencing.georeference import Place
+from facadelake.georeferencing.imported.placement import PlacedByImport, place_imported
+from facadelake.georeferencing.imported.read import read_poses
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.pose.control_points import read_control_points
-from facadelake.pose.georeference import Place
-from facadelake.pose.imported.placing import PlacedByImport, place_imported
-from facadelake.pose.imported.reading import read_poses
-from facadelake.register.appearance import Photographs
-from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.register.merge import merge
-from facadelake.register.observe import observe
+from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
+from facadelake.registration.observe import observe
 from facadelake.registry import Building, read_portfolio
 from tasks.load_model import read_model
 from tasks.merge import merge_settings

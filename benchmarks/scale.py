@@ -75,10 +75,10 @@ def measure_mapping(count: int, scene: str) -> dict[str, Any]:
 
     import pycolmap
 
-    from facadelake.pose.pairing import choose_pairs
-    from facadelake.pose.settings import ReconstructionSettings
-    from facadelake.pose.worker.mapping import adjust, map_photographs
-    from facadelake.pose.worker.report import Report
+    from facadelake.sfm.pairing import choose_pairs
+    from facadelake.sfm.settings import ReconstructionSettings
+    from facadelake.sfm.worker.mapping import adjust, map_photographs
+    from facadelake.sfm.worker.report import Report
 
     rng = np.random.default_rng(5)
     settings = ReconstructionSettings()
@@ -148,9 +148,9 @@ def table_of(photographs: Path) -> Any:
 
 def measure_reconstruction(photographs: str) -> dict[str, Any]:
     """The whole stage on a folder of photographs."""
-    from facadelake.pose.reconstruct import reconstruct
-    from facadelake.pose.reconstruction import read_reconstruction
-    from facadelake.pose.settings import ReconstructionSettings
+    from facadelake.sfm.reconstruct import reconstruct
+    from facadelake.sfm.reconstruction import read_reconstruction
+    from facadelake.sfm.settings import ReconstructionSettings
 
     root = Path(photographs)
     table = table_of(root)
@@ -187,9 +187,9 @@ def measure_extraction(photographs: str, threads: int) -> dict[str, Any]:
     """Features alone, with so many threads."""
     import io
 
-    from facadelake.pose.settings import ReconstructionSettings
-    from facadelake.pose.worker import features as worker
-    from facadelake.pose.worker.report import Report
+    from facadelake.sfm.settings import ReconstructionSettings
+    from facadelake.sfm.worker import features as worker
+    from facadelake.sfm.worker.report import Report
 
     names = sorted(path.name for path in Path(photographs).iterdir())
     camera = {"width_px": HUGE[0], "height_px": HUGE[1], "focal_px": 7000.0, "focal_known": True}

@@ -34,7 +34,7 @@ from facadelake.building.surface.virtual_view import write_scene
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.lake.read import read_tables
-from facadelake.register.observe import cast, observe
+from facadelake.registration.observe import cast, observe
 from facadelake.registry import read_portfolio
 from tasks.load_model import read_model
 from tasks.register import register_settings

@@ -12,15 +12,15 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.deduplication.appearance import Photographs
+from facadelake.deduplication.merge import MergeResult, merge
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluate.comparison import Comparison, compare
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table
 from facadelake.photos.files import find_masks
-from facadelake.register.appearance import Photographs
-from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.register.merge import MergeResult, merge
-from facadelake.register.observe import observe
+from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
+from facadelake.registration.observe import observe
 from facadelake.registry import Building, CocoDetector
 from schemas.vocabulary import SurfaceKind
 from tasks.load_model import read_model

@@ -9,8 +9,8 @@ from prefect import task
 from facadelake.building.model import read_building
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table
-from facadelake.pose.as_built import as_built_building
-from facadelake.pose.reconstruction import read_reconstruction
+from facadelake.sfm.as_built_building import as_built_building
+from facadelake.sfm.reconstruction import read_reconstruction
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

@@ -6,8 +6,8 @@ from prefect import task
 
 from facadelake.campaign import lake_tables
 from facadelake.core.tables import read_table
+from facadelake.georeferencing.campaign.reference import REFERENCE, drop_reference, keep_reference
 from facadelake.lake.commit import Committed, commit_campaign
-from facadelake.pose.references import REFERENCE, drop_reference, keep_reference
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import whole_campaign
 

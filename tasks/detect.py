@@ -18,7 +18,7 @@ from facadelake.core.tables import read_table, write_table
 from facadelake.detection.campaign import View, detect_photographs
 from facadelake.detection.configured import chosen_detector, chosen_fingerprint, threads_of
 from facadelake.photos.files import find_masks
-from facadelake.register.target_view import target_view
+from facadelake.registration.target_view import target_view
 from facadelake.registry import OnnxDetectorSetting
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult

@@ -9,13 +9,12 @@ from prefect import task
 from facadelake.building.model import read_building
 from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.pose.control_points import read_control_points
-from facadelake.pose.georeference import Control, Place, georeference
-from facadelake.pose.model_control import model_control
-from facadelake.pose.poses import poses_table
-from facadelake.pose.reconstruction import read_descriptors, read_reconstruction
-from facadelake.pose.reference import read_reference
-from facadelake.pose.references import REFERENCE, earlier_references
+from facadelake.georeferencing.campaign.reference import REFERENCE, earlier_references, read_reference
+from facadelake.georeferencing.gcp.control_points import read_control_points
+from facadelake.georeferencing.georeference import Control, Place, georeference
+from facadelake.georeferencing.model.control import model_control
+from facadelake.georeferencing.poses_table import poses_table
+from facadelake.sfm.reconstruction import read_descriptors, read_reconstruction
 from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

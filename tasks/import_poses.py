@@ -10,11 +10,11 @@ from facadelake.building.model import read_building
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.hashing import files_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.pose.control_points import read_control_points
-from facadelake.pose.georeference import Place
-from facadelake.pose.imported.placing import place_imported
-from facadelake.pose.imported.reading import read_poses
-from facadelake.pose.imported.records import pose_files
+from facadelake.georeferencing.gcp.control_points import read_control_points
+from facadelake.georeferencing.georeference import Place
+from facadelake.georeferencing.imported.placement import place_imported
+from facadelake.georeferencing.imported.read import read_poses
+from facadelake.georeferencing.imported.records import pose_files
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

@@ -11,10 +11,10 @@ from prefect import task
 from facadelake.building.model import read_building
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
+from facadelake.deduplication.appearance import Photographs
+from facadelake.deduplication.merge import merge
 from facadelake.lake.severity import grade, rule_file
-from facadelake.register.appearance import Photographs
-from facadelake.register.merge import merge
-from facadelake.register.settings import MergeSettings
+from facadelake.registration.settings import MergeSettings
 from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

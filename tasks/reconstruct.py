@@ -7,9 +7,9 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.core.tables import read_table
-from facadelake.pose.reconstruct import reconstruct
-from facadelake.pose.reconstruction import read_reconstruction
-from facadelake.pose.settings import ReconstructionSettings
+from facadelake.sfm.reconstruct import reconstruct
+from facadelake.sfm.reconstruction import read_reconstruction
+from facadelake.sfm.settings import ReconstructionSettings
 from schemas.vocabulary import PoseSource
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

@@ -14,12 +14,12 @@ from facadelake.core.hashing import file_sha256
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.photos.files import find_masks
-from facadelake.pose.reconstruction import Reconstruction, read_reconstruction
-from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.register.observe import observe
-from facadelake.register.settings import TIE_POINTS_GRAZING_DEG, RegisterSettings
-from facadelake.register.tie_points import Tracks, tie_points
+from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
+from facadelake.registration.observe import observe
+from facadelake.registration.settings import TIE_POINTS_GRAZING_DEG, RegisterSettings
+from facadelake.registration.tie_points import Tracks, tie_points
 from facadelake.registry import Building
+from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

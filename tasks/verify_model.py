@@ -17,7 +17,7 @@ from facadelake.core.frames import read_similarity
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.integrity.views import integrity_views, nothing_to_compare
-from facadelake.pose.surface_mesh import as_built_mesh, read_mesh
+from facadelake.sfm.surface_mesh import as_built_mesh, read_mesh
 from schemas.vocabulary import IntegrityOutcome, SurfaceKind
 from tasks.georeference import SITE_FROM_SFM
 from tasks.job import InspectionJob, StageResult

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.pose.control_points import ControlPoint, ControlPoints, read_control_points
-from facadelake.pose.georeference import Control, Georeferenced, Place, georeference
+from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, read_control_points
+from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference
 from schemas.vocabulary import ControlKind, PositionSource
 from tests.synthetic.test_georeference import ORIGIN, Scene, ring
 

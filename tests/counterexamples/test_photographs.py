@@ -13,8 +13,8 @@ from PIL import Image
 from facadelake.core.errors import InputDataError
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.pose.reconstruct import reconstruct
-from facadelake.pose.settings import ReconstructionSettings
+from facadelake.sfm.reconstruct import reconstruct
+from facadelake.sfm.settings import ReconstructionSettings
 from tests.unit.photo.small_photographs import photograph
 
 LAT = 48.94  # deg, where the good ones stand

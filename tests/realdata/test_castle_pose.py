@@ -14,14 +14,14 @@ import pytest
 
 from facadelake.core.frames import similarity_between
 from facadelake.core.geodesy import SiteOrigin
+from facadelake.georeferencing.gcp.control_points import read_control_points
+from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference
+from facadelake.georeferencing.poses_table import poses_table
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.pose.control_points import read_control_points
-from facadelake.pose.georeference import Control, Georeferenced, Place, georeference
-from facadelake.pose.poses import poses_table
-from facadelake.pose.reconstruct import reconstruct
-from facadelake.pose.reconstruction import Reconstruction, read_reconstruction
-from facadelake.pose.settings import ReconstructionSettings
-from facadelake.pose.surface_mesh import as_built_mesh, read_mesh
+from facadelake.sfm.reconstruct import reconstruct
+from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
+from facadelake.sfm.settings import ReconstructionSettings
+from facadelake.sfm.surface_mesh import as_built_mesh, read_mesh
 from schemas.vocabulary import ControlKind
 
 pytestmark = [pytest.mark.realdata, pytest.mark.slow]

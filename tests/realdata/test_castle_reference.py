@@ -17,14 +17,14 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity, similarity_between
 from facadelake.core.geodesy import SiteOrigin
+from facadelake.georeferencing.campaign.matching import match_reference
+from facadelake.georeferencing.campaign.reference import ReferencePoints, read_reference, reference_of
+from facadelake.georeferencing.triangulation import View, intersect
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.pose.reconstruct import reconstruct
-from facadelake.pose.reconstruction import Reconstruction, read_descriptors, read_reconstruction
-from facadelake.pose.reference import ReferencePoints, read_reference, reference_of
-from facadelake.pose.reference_matching import match_reference
-from facadelake.pose.settings import ReconstructionSettings
-from facadelake.pose.tie_point_quality import pixel_sigma, tie_point_covariance
-from facadelake.pose.triangulation import View, intersect
+from facadelake.sfm.reconstruct import reconstruct
+from facadelake.sfm.reconstruction import Reconstruction, read_descriptors, read_reconstruction
+from facadelake.sfm.settings import ReconstructionSettings
+from facadelake.sfm.tie_point_covariance import pixel_sigma, tie_point_covariance
 
 pytestmark = pytest.mark.realdata
 

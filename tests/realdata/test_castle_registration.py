@@ -19,16 +19,16 @@ from facadelake.building.ifc.load import load_building
 from facadelake.building.model import BuildingModel, ModelSettings
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.deduplication.merge import merge
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluate.evaluation import evaluate
 from facadelake.evaluate.figures import Figures
+from facadelake.georeferencing.georeference import Place
+from facadelake.georeferencing.imported.placement import PlacedByImport, place_imported
+from facadelake.georeferencing.imported.read import read_poses
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.pose.georeference import Place
-from facadelake.pose.imported.placing import PlacedByImport, place_imported
-from facadelake.pose.imported.reading import read_poses
-from facadelake.register.merge import merge
-from facadelake.register.observe import observe
-from facadelake.register.settings import MergeSettings, RegisterSettings
+from facadelake.registration.observe import observe
+from facadelake.registration.settings import MergeSettings, RegisterSettings
 from schemas.vocabulary import ControlKind
 
 pytestmark = pytest.mark.realdata

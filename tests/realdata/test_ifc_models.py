@@ -21,9 +21,9 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.tables import table_of_rows
-from facadelake.register.merge import MergeResult, merge
-from facadelake.register.observe import observe
-from facadelake.register.settings import RegisterSettings
+from facadelake.deduplication.merge import MergeResult, merge
+from facadelake.registration.observe import observe
+from facadelake.registration.settings import RegisterSettings
 
 pytestmark = pytest.mark.realdata
 XYZ = ("x_site_m", "y_site_m", "z_site_m")

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from facadelake.core.camera import Camera
-from facadelake.pose.adjustment.adjust import Adjusted, adjust, held_out_residuals
-from facadelake.pose.adjustment.evidence import Evidence, MarkedPoints, ModelEvidence
-from facadelake.pose.adjustment.linearise import Layout
-from facadelake.pose.adjustment.problem import Problem
-from facadelake.pose.adjustment.projection import lens_of
-from facadelake.pose.adjustment.solve import covariance_of, solve
+from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust, held_out_residuals
+from facadelake.georeferencing.adjustment.evidence import Evidence, MarkedPoints, ModelEvidence
+from facadelake.georeferencing.adjustment.linearise import Layout
+from facadelake.georeferencing.adjustment.problem import Problem
+from facadelake.georeferencing.adjustment.projection import lens_of
+from facadelake.georeferencing.adjustment.solve import covariance_of, solve
 from tests.unit.pose.small_block import (
     CAMERA,
     SITE_FROM_SFM,

@@ -13,11 +13,11 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
-from facadelake.pose.control_points import ControlPoint, ControlPoints, Sighting
-from facadelake.pose.georeference import Control, Georeferenced, Place, georeference
-from facadelake.pose.model_control import ModelControl
-from facadelake.pose.poses import poses_table
-from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
+from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, Sighting
+from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference
+from facadelake.georeferencing.model.control import ModelControl
+from facadelake.georeferencing.poses_table import poses_table
+from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
 from schemas.vocabulary import ControlKind
 from tests.unit.pose.small_block import BoxSurface, looking
 

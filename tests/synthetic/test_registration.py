@@ -17,11 +17,11 @@ import pytest
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.register.merge import MergeResult, merge
-from facadelake.register.observe import observe
-from facadelake.register.settings import MergeSettings, RegisterSettings
-from facadelake.register.tie_points import Tracks, tie_points
+from facadelake.deduplication.merge import MergeResult, merge
+from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
+from facadelake.registration.observe import observe
+from facadelake.registration.settings import MergeSettings, RegisterSettings
+from facadelake.registration.tie_points import Tracks, tie_points
 from schemas.vocabulary import ObservationOutcome
 from tests.synthetic.registration_scene import (
     HEIGHT,

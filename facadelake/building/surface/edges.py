@@ -1,7 +1,7 @@
 """The model's straight edges in 3D: creases and free borders of its surface, welded across elements.
 
 Where elements abut (a wall made of piers and lintels), their borders stay in the list although nothing is to be seen
-there: what is visible depends on the view, and is asked of the rays (``facadelake.pose.edge_views``).
+there: what is visible depends on the view, and is asked of the rays (``facadelake.georeferencing.model.edge_samples``).
 """
 
 from __future__ import annotations

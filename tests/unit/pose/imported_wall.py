@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
-from facadelake.pose.georeference import Place
+from facadelake.georeferencing.georeference import Place
 
 Array = NDArray[np.float64]
 ORIGIN = SiteOrigin(lon_deg=8.4083, lat_deg=48.9409, height_ellipsoidal_m=171.5)

@@ -10,13 +10,13 @@ import numpy as np
 import pycolmap
 import pytest
 
-from facadelake.pose.worker.descriptors import representative_descriptors
-from facadelake.pose.worker.features import open_database, threads_for
-from facadelake.pose.worker.joining import join_blocks
-from facadelake.pose.worker.mapping import map_photographs, tolerance_factor
-from facadelake.pose.worker.report import Report
-from facadelake.pose.worker.resection import resect_others
-from facadelake.pose.worker.retrieval import pairs_by_chain, pairs_by_look
+from facadelake.sfm.worker.export import representative_descriptors
+from facadelake.sfm.worker.features import open_database, threads_for
+from facadelake.sfm.worker.joining import join_blocks
+from facadelake.sfm.worker.mapping import map_photographs, tolerance_factor
+from facadelake.sfm.worker.report import Report
+from facadelake.sfm.worker.resection import resect_others
+from facadelake.sfm.worker.retrieval import pairs_by_chain, pairs_by_look
 
 CAMERA = {"width_px": 1024, "height_px": 768, "focal_px": 1280.0, "focal_known": True}
 SETTINGS = {"max_image_px": 1024, "seed": 1}

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Array, Similarity
-from facadelake.pose.adjustment.evidence import MarkedPoints
-from facadelake.pose.adjustment.linearise import State
-from facadelake.pose.adjustment.model_terms import no_walls
-from facadelake.pose.adjustment.problem import (
+from facadelake.georeferencing.adjustment.evidence import MarkedPoints
+from facadelake.georeferencing.adjustment.linearise import State
+from facadelake.georeferencing.adjustment.model_terms import no_walls
+from facadelake.georeferencing.adjustment.problem import (
     AttitudeTerms,
     Block,
     NodePriors,
@@ -24,8 +24,8 @@ from facadelake.pose.adjustment.problem import (
     Sightings,
     WallTerms,
 )
-from facadelake.pose.adjustment.projection import LENS_TERMS, lens_of
-from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction
+from facadelake.georeferencing.adjustment.projection import LENS_TERMS, lens_of
+from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
 
 CAMERA = Camera(width_px=4000, height_px=3000, fx_px=2900, fy_px=2900, cx_px=2000, cy_px=1500)
 # Four facades of a box of 10 x 8 x 8 m and the ground around it: outward normals, and n . x of each plane.

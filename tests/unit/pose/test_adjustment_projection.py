@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from facadelake.core.camera import Camera
-from facadelake.pose.adjustment.projection import LENS_TERMS, camera_of, lens_of, project
+from facadelake.georeferencing.adjustment.projection import LENS_TERMS, camera_of, lens_of, project
 
 CAMERA = Camera(
     width_px=5280, height_px=3956, fx_px=3700.0, fy_px=3690.0, cx_px=2655.0, cy_px=1962.0, k1=-0.11, k2=0.03,

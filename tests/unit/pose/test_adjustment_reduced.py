@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from facadelake.pose.adjustment.linearise import Layout, State, moved, start_of
-from facadelake.pose.adjustment.problem import AttitudeTerms, NodePriors, Problem
-from facadelake.pose.adjustment.reduced import cost_of, reduce
-from facadelake.pose.adjustment.solve import Solution, covariance_of, solve
-from facadelake.pose.adjustment.uncertainty import Uncertainty, residual_when_left_out
+from facadelake.georeferencing.adjustment.linearise import Layout, State, moved, start_of
+from facadelake.georeferencing.adjustment.problem import AttitudeTerms, NodePriors, Problem
+from facadelake.georeferencing.adjustment.reduced_system import cost_of, reduce
+from facadelake.georeferencing.adjustment.solve import Solution, covariance_of, solve
+from facadelake.georeferencing.adjustment.uncertainty import Uncertainty, residual_when_left_out
 from tests.unit.pose.small_block import (
     holding_lens,
     small_block,

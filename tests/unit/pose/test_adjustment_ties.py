@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facadelake.pose.adjustment.linearise import State, start_of
-from facadelake.pose.adjustment.model_terms import walls_of
-from facadelake.pose.adjustment.ties import Ties, block_of, choose_ties, inflation_of
+from facadelake.georeferencing.adjustment.linearise import State, start_of
+from facadelake.georeferencing.adjustment.model_terms import walls_of
+from facadelake.georeferencing.adjustment.tie_points import Ties, block_of, choose_ties, inflation_of
 from tests.unit.pose.small_block import (
     NORMALS,
     PLANES_M,

@@ -11,8 +11,8 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.pose.as_built import as_built_building, block_in_site, roughness
-from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction
+from facadelake.sfm.as_built_building import as_built_building, block_in_site, roughness
+from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
 from schemas.vocabulary import SurfaceKind
 
 CAMERA = Camera(width_px=2000, height_px=1500, fx_px=1200, fy_px=1200, cx_px=1010, cy_px=740, k1=-0.02)

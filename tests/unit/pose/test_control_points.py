@@ -7,7 +7,7 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.pose.control_points import (
+from facadelake.georeferencing.gcp.control_points import (
     ControlPoints,
     control_crs_3d,
     control_in_site,

@@ -16,8 +16,8 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Array, Similarity
-from facadelake.pose.edge_search import find_shift
-from facadelake.pose.edge_views import sample_edges, seen_samples
+from facadelake.georeferencing.model.edge_samples import sample_edges, seen_samples
+from facadelake.georeferencing.model.edge_search import find_shift
 
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
 _FACES = np.array(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from facadelake.core.errors import InputDataError
-from facadelake.pose.imported.attitude import (
+from facadelake.georeferencing.imported.attitude import (
     CameraAxes,
     Direction,
     PitchZero,

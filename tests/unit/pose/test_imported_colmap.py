@@ -9,8 +9,8 @@ import pyproj
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.pose.imported.colmap import read_colmap_text
-from facadelake.pose.imported.reading import read_poses
+from facadelake.georeferencing.imported.colmap import read_colmap_text
+from facadelake.georeferencing.imported.read import read_poses
 from tests.unit.pose.imported_wall import CENTRES, LOOKS_NORTH, NAMES, ORIGIN, PLACE, write
 
 CAMERAS = """# Camera list with one line of data per camera:

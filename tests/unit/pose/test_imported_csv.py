@@ -9,8 +9,8 @@ import pyproj
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.pose.imported.reading import read_poses
-from facadelake.pose.imported.table import read_poses_csv
+from facadelake.georeferencing.imported.poses_csv import read_poses_csv
+from facadelake.georeferencing.imported.read import read_poses
 from tests.unit.pose.imported_wall import CENTRES, LENS, LOOKS_NORTH, ORIGIN, PLACE, geo, geo_csv, quaternion, write
 
 LENS_COLUMNS = "fx_px,fy_px,cx_px,cy_px"

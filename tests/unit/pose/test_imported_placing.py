@@ -10,9 +10,9 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.pose_table import posed_cameras
-from facadelake.pose.control_points import ControlPoint, ControlPoints, Sighting
-from facadelake.pose.imported.placing import SIGMA_POSITION_M, PlacedByImport, place_imported
-from facadelake.pose.imported.reading import read_poses
+from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, Sighting
+from facadelake.georeferencing.imported.placement import SIGMA_POSITION_M, PlacedByImport, place_imported
+from facadelake.georeferencing.imported.read import read_poses
 from tests.unit.pose.imported_wall import CENTRES, NAMES, ORIGIN, PLACE, geo, geo_csv, photos, wall, write
 
 

@@ -6,8 +6,8 @@ from typing import cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.pose.adjustment.adjust import Adjusted
-from facadelake.pose.lean import lean_of
+from facadelake.georeferencing.adjustment.adjust import Adjusted
+from facadelake.georeferencing.model.lean import lean_of
 
 
 def test_a_lean_moves_cameras_as_a_turned_block_does() -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.pose.gps import rotation_of_attitude
-from facadelake.pose.pairing import choose_pairs, poorly_placed, viewing_directions
-from facadelake.pose.settings import ReconstructionSettings
+from facadelake.georeferencing.gps.alignment import rotation_of_attitude
+from facadelake.sfm.pairing import choose_pairs, poorly_placed, viewing_directions
+from facadelake.sfm.settings import ReconstructionSettings
 
 
 def strip(n: int) -> np.ndarray:

@@ -8,9 +8,9 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.pose.adjustment.adjust import Adjusted, adjust
-from facadelake.pose.adjustment.evidence import Evidence
-from facadelake.pose.passport import PassportPoint, model_fit, points_table, require_good
+from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust
+from facadelake.georeferencing.adjustment.evidence import Evidence
+from facadelake.georeferencing.passport import PassportPoint, model_fit, points_table, require_good
 from schemas.vocabulary import ControlKind, PointKind
 from tests.unit.pose.small_block import (
     SITE_FROM_SFM,

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array, Similarity
-from facadelake.pose.adjustment.adjust import Adjusted
-from facadelake.pose.lean import lean_of, upright
-from facadelake.pose.plumb_lines import BUILT_SIGMA_RAD, Vertical, vertical_of
+from facadelake.georeferencing.adjustment.adjust import Adjusted
+from facadelake.georeferencing.model.lean import lean_of, upright
+from facadelake.georeferencing.model.plumb_lines import BUILT_SIGMA_RAD, Vertical, vertical_of
 
 CAMERA = Camera(width_px=1200, height_px=900, fx_px=1000, fy_px=1000, cx_px=610, cy_px=440, k1=-0.05)
 LOOKING_NORTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # site_from_cam: x east, y down, z north

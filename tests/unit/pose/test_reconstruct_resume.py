@@ -18,11 +18,11 @@ import pytest
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.frames import similarity_between
 from facadelake.core.progress import listening
-from facadelake.pose import runner
-from facadelake.pose.reconstruct import reconstruct
-from facadelake.pose.reconstruction import read_descriptors, read_reconstruction
-from facadelake.pose.settings import ReconstructionSettings
-from facadelake.pose.work_folder import work_folder
+from facadelake.sfm import worker_process as runner
+from facadelake.sfm.reconstruct import reconstruct
+from facadelake.sfm.reconstruction import read_descriptors, read_reconstruction
+from facadelake.sfm.settings import ReconstructionSettings
+from facadelake.sfm.work_folder import work_folder
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 620.0
 PHOTOS, PAIRS = 8, 28
@@ -31,7 +31,7 @@ SETTINGS = ReconstructionSettings(threads=1)
 # The worker, killed by itself when the named step has advanced so far: as sudden as any kill, at a place that is known.
 WORKER = """
 import os, signal, sys, pathlib
-from facadelake.pose.worker import __main__ as main, features, report
+from facadelake.sfm.worker import __main__ as main, features, report
 features._PAIRS_AT_ONCE = 6
 label, after = sys.argv[2], int(sys.argv[3])
 step, advance = report.Report.step, report.Report.advance

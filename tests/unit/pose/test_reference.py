@@ -8,9 +8,9 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.pose.reference import ReferencePoints, choose_spread, read_reference, reference_of
-from facadelake.pose.tie_point_quality import how_seen, pixel_sigma, tie_point_covariance
-from facadelake.pose.triangulation import View, intersect
+from facadelake.georeferencing.campaign.reference import ReferencePoints, choose_spread, read_reference, reference_of
+from facadelake.georeferencing.triangulation import View, intersect
+from facadelake.sfm.tie_point_covariance import how_seen, pixel_sigma, tie_point_covariance
 from tests.unit.pose.two_campaigns import (
     CAMERA,
     NOISE_PX,

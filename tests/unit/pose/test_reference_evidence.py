@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.pose.block_bending import agreeing_when_bent, without_bending
-from facadelake.pose.reference_evidence import chi_square, misfit, shared_places
-from facadelake.pose.reference_matching import match_reference
+from facadelake.georeferencing.campaign.consistency import (
+    agreeing_when_bent,
+    chi_square,
+    misfit,
+    shared_places,
+    without_bending,
+)
+from facadelake.georeferencing.campaign.matching import match_reference
 from tests.unit.pose.test_reference_matching import reference
 from tests.unit.pose.two_campaigns import (
     ORIGIN,

@@ -8,9 +8,9 @@ import pytest
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.pose.reference import ReferencePoints, reference_of
-from facadelake.pose.reference_matching import ReferenceMatch, match_reference
-from facadelake.pose.tie_point_quality import tie_point_covariance
+from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
+from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
+from facadelake.sfm.tie_point_covariance import tie_point_covariance
 from tests.unit.pose.two_campaigns import (
     NOISE_PX,
     ORIGIN,

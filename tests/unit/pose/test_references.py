@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from facadelake.pose.references import drop_reference, earlier_references, keep_reference
+from facadelake.georeferencing.campaign.reference import drop_reference, earlier_references, keep_reference
 
 
 def test_a_campaign_committed_anew_without_a_reference_loses_the_old_one(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.progress import listening
-from facadelake.pose import runner
+from facadelake.sfm import worker_process as runner
 
 SCRIPT = """
 import json, os, signal, sys
@@ -107,7 +107,7 @@ def test_the_worker_ends_with_its_parent(tmp_path: Path, end: signal.Signals) ->
         "import sys, pathlib, subprocess\n"
         "from facadelake.pose import runner\n"
         "real = subprocess.Popen\n"
-        "code = ('import sys,time,os,facadelake.pose.worker.__main__ as m; m._end_with_parent(int(sys.argv[1]));'\n"
+        "code = ('import sys,time,os,facadelake.sfm.worker.__main__ as m; m._end_with_parent(int(sys.argv[1]));'\n"
         "        'print(os.getpid(), file=open(sys.argv[2],\"w\")); time.sleep(60)')\n"
         "runner.subprocess.Popen = lambda c, **k: real([sys.executable, '-c', code, str(__import__('os').getpid()), "
         "sys.argv[2]], **k)\n"

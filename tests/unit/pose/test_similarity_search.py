@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from facadelake.pose import descriptor_pairs
-from facadelake.pose.descriptor_pairs import mutual_pairs
-from facadelake.pose.similarity_search import shared_similarity
+from facadelake.georeferencing.campaign import descriptor_matching as descriptor_pairs
+from facadelake.georeferencing.campaign.descriptor_matching import mutual_pairs
+from facadelake.georeferencing.campaign.similarity_search import shared_similarity
 from tests.unit.pose.two_campaigns import a_similarity, another_day, faces, random_descriptors
 
 

@@ -9,9 +9,9 @@ from scipy.spatial import Delaunay
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
-from facadelake.pose.free_space import cross
-from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction
-from facadelake.pose.surface_mesh import mesh_of, read_mesh
+from facadelake.sfm.free_space import cross
+from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
+from facadelake.sfm.surface_mesh import mesh_of, read_mesh
 
 CAMERA = Camera(width_px=100, height_px=100, fx_px=100, fy_px=100, cx_px=50, cy_px=50)
 

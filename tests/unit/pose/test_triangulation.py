@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.core.camera import Camera
 from facadelake.core.frames import Similarity
-from facadelake.pose.triangulation import View, intersect
+from facadelake.georeferencing.triangulation import View, intersect
 
 CAMERA = Camera(width_px=4000, height_px=3000, fx_px=3000, fy_px=3000, cx_px=2000, cy_px=1500, k1=-0.05)
 POINT = np.array([0.3, -0.2, 10.0])

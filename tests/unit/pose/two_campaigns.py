@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.pose.reconstruction import LocalisedPhoto, Reconstruction
+from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
 
 ORIGIN = SiteOrigin(lon_deg=9.1, lat_deg=48.74, height_ellipsoidal_m=480.0)
 CAMERA = Camera(width_px=4000, height_px=3000, fx_px=3000, fy_px=3000, cx_px=2000, cy_px=1500)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from facadelake.register.sightings import Sightings
+from facadelake.deduplication.observations import Sightings
 
 
 def sightings_on_wall(places, photo, *, size_m=0.2, kinds=None, boxes=None, eyes=None):

@@ -6,10 +6,10 @@ import pytest
 
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.register.appearance import Photographs
-from facadelake.register.grouping import grouped
-from facadelake.register.settings import MergeSettings
-from facadelake.register.sightings import Sightings
+from facadelake.deduplication.appearance import Photographs
+from facadelake.deduplication.grouping import grouped
+from facadelake.deduplication.observations import Sightings
+from facadelake.registration.settings import MergeSettings
 from tests.unit.register.conftest import looking
 
 CAMERA = Camera(width_px=900, height_px=700, fx_px=1500, fy_px=1500, cx_px=450, cy_px=350, k1=-0.05)

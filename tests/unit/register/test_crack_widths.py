@@ -8,9 +8,9 @@ import pytest
 import shapely
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.register.crack_evidence import Evidence, crack_evidence
-from facadelake.register.observe import observe
-from facadelake.register.settings import RegisterSettings
+from facadelake.deduplication.crack_width import Evidence, crack_evidence
+from facadelake.registration.observe import observe
+from facadelake.registration.settings import RegisterSettings
 from tests.unit.register.conftest import looking
 
 SETTINGS = RegisterSettings()

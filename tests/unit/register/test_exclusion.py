@@ -12,10 +12,10 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.tables import table_of_rows
-from facadelake.register.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.register.masks import masked_shares
-from facadelake.register.occlusion import OcclusionSettings
-from facadelake.register.tie_points import Tracks, tie_points
+from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
+from facadelake.registration.exclusion_mask import masked_shares
+from facadelake.registration.occlusion import OcclusionSettings
+from facadelake.registration.tie_points import Tracks, tie_points
 from tests.unit.register.conftest import looking
 
 CAMERAS = {f"p{i}": looking([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-3.0, 0.0, 3.0))}

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.register.grouping import grouped
-from facadelake.register.merge import merge
-from facadelake.register.observe import observe
-from facadelake.register.settings import MergeSettings, RegisterSettings
-from facadelake.register.sightings import Sightings
+from facadelake.deduplication.grouping import grouped
+from facadelake.deduplication.merge import merge
+from facadelake.deduplication.observations import Sightings
+from facadelake.registration.observe import observe
+from facadelake.registration.settings import MergeSettings, RegisterSettings
 from tests.unit.register.conftest import looking
 
 MERGE = MergeSettings()

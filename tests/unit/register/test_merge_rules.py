@@ -5,10 +5,10 @@ import pyarrow as pa
 import pytest
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.register.behind import looked_behind
-from facadelake.register.decisions import merges_table
-from facadelake.register.grouping import grouped
-from facadelake.register.settings import MergeSettings
+from facadelake.deduplication.decisions import merges_table
+from facadelake.deduplication.grouping import grouped
+from facadelake.deduplication.rear_surface import looked_behind
+from facadelake.registration.settings import MergeSettings
 from tests.unit.register.conftest import sheet
 from tests.unit.register.merging import sightings_on_wall
 

@@ -7,8 +7,8 @@ import shapely
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import GEO, transform
-from facadelake.register.observe import observe
-from facadelake.register.settings import RegisterSettings
+from facadelake.registration.observe import observe
+from facadelake.registration.settings import RegisterSettings
 from schemas.vocabulary import ObservationOutcome
 from tests.unit.register.conftest import looking
 

@@ -11,8 +11,8 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.pose_table import pose_covariances
 from facadelake.core.tables import table_of_rows
-from facadelake.register.observe import observe
-from facadelake.register.settings import RegisterSettings
+from facadelake.registration.observe import observe
+from facadelake.registration.settings import RegisterSettings
 from tests.unit.register.conftest import CAMERA, looking
 
 DISTORTED = Camera(

@@ -9,9 +9,9 @@ import shapely
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.tables import table_of_rows
-from facadelake.register.observe import observe
-from facadelake.register.patch import patches_in_site, patches_on_the_globe
-from facadelake.register.settings import RegisterSettings
+from facadelake.registration.observe import observe
+from facadelake.registration.patch import patches_in_site, patches_on_the_globe
+from facadelake.registration.settings import RegisterSettings
 from tests.unit.register.conftest import looking, sheet
 
 SETTINGS = RegisterSettings()

@@ -1,0 +1,85 @@
+"""What the sightings of one crack say together about its width."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from facadelake.core.frames import Array
+from facadelake.deduplication.aggregate import weighted_median
+from facadelake.deduplication.observations import column
+from schemas.vocabulary import CrackWidthOutcome
+
+Rows = NDArray[np.int64]
+_BEYOND = 2.0  # sigmas: a width so far above what a better photograph leaves room for is a coarse one's blur
+_WORDS = tuple(str(word) for word in CrackWidthOutcome)  # the best evidence first
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """Of g groups, in mm: width, largest, one sigma and limit (g,), NaN where there is none; ``outcome`` (g,) words."""
+
+    width: Array
+    largest: Array
+    sigma: Array
+    limit: Array
+    outcome: pa.Array
+
+
+def crack_evidence(seen: pa.Table, group: Rows, weight: Array, groups: int) -> Evidence:
+    """The widths of registered rows ``seen`` (n,) in ``group`` (n,), each sighting with ``weight`` (n,).
+
+    What a person stated goes before what was measured. Measured widths are weighed by their variance; one that lies
+    beyond the limit of a photograph that could not tell the width any more is left out, for it is no better than its
+    blur. Where none is left, the smallest limit is the crack's upper bound. Sightings share what is wrong with blur and
+    scale, so many of them are never surer than the best, and are less sure where they disagree.
+    """
+    names = ("crack_width_mm", "crack_width_max_mm", "crack_width_sigma_mm", "crack_width_limit_mm")
+    width, largest, sigma, limit = (column(seen, name) for name in names)
+    words = seen.column("crack_width_outcome").to_pylist()
+    rank = np.array([_WORDS.index(word) if word is not None else len(_WORDS) for word in words], dtype=np.int64)
+    stated, told, below = (
+        rank == _WORDS.index(word)
+        for word in (CrackWidthOutcome.STATED, CrackWidthOutcome.MEASURED, CrackWidthOutcome.BELOW_LIMIT)
+    )
+    bound = _least(group, np.where(below, limit, np.nan), groups)
+    with np.errstate(invalid="ignore"):
+        coarse = told & (width - _BEYOND * sigma > bound[group])
+    rank = np.where(coarse, len(_WORDS), rank)
+    told = told & ~coarse
+    best = np.full(groups, len(_WORDS), dtype=np.int64)
+    np.minimum.at(best, group, rank)
+    weighed = np.where(told, 1 / np.maximum(np.where(told, sigma, 1.0), 1e-6) ** 2, weight)
+    counts = np.where(best[group] == rank, stated | told, False)
+    chosen = np.where(counts, width, np.nan)
+    middle = weighted_median(group, chosen, weighed, groups)
+    return Evidence(
+        width=middle,
+        largest=weighted_median(group, np.where(counts, largest, np.nan), weighed, groups),
+        sigma=_together(group, np.where(counts & told, width - middle[group], np.nan), sigma, weighed, groups),
+        limit=np.where(best == _WORDS.index(CrackWidthOutcome.BELOW_LIMIT), bound, _least(group, limit, groups)),
+        outcome=pa.array([*_WORDS, None], pa.string()).take(pa.array(best)),
+    )
+
+
+def _together(group: Rows, gap: Array, sigma: Array, weight: Array, groups: int) -> Array:
+    """One sigma (groups,): the smallest of the sightings', and their scatter over the root of their number."""
+    used = np.isfinite(gap)
+    owner = group[used]
+    number = np.bincount(owner, minlength=groups)
+    total = np.bincount(owner, weights=weight[used], minlength=groups)
+    square = np.bincount(owner, weights=weight[used] * gap[used] ** 2, minlength=groups)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scatter = square / total / number
+    out: Array = np.sqrt(_least(group, np.where(used, sigma, np.nan), groups) ** 2 + scatter)
+    return out
+
+
+def _least(group: Rows, value: Array, groups: int) -> Array:
+    """The smallest value (groups,) that is not NaN; NaN where there is none."""
+    out = np.full(groups, np.inf)
+    np.minimum.at(out, group, np.where(np.isfinite(value), value, np.inf))
+    return np.where(np.isfinite(out), out, np.nan)

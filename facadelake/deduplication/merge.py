@@ -1,0 +1,119 @@
+"""Observations to defects: every real defect once."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import shapely
+
+from facadelake.building.facades.directions import facades_in
+from facadelake.building.model import BuildingModel
+from facadelake.building.storeys import storeys_of_places
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
+from facadelake.deduplication.appearance import Photographs
+from facadelake.deduplication.decisions import merges_table
+from facadelake.deduplication.defects import defects_table
+from facadelake.deduplication.grouping import grouped
+from facadelake.deduplication.observations import codes_of, column, sightings_of
+from facadelake.deduplication.position import positions_of
+from facadelake.deduplication.rear_surface import Moved, looked_behind
+from facadelake.registration.patch import tangents_of
+from facadelake.registration.settings import MergeSettings
+from schemas.vocabulary import ObservationOutcome
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeResult:
+    """Table ``defects``, table ``observations`` with ``defect_id`` filled for the registered ones, table ``merges``."""
+
+    defects: pa.Table
+    observations: pa.Table
+    merges: pa.Table
+
+
+def merge(
+    observations: pa.Table,
+    detections: pa.Table,
+    building: BuildingModel,
+    posed: Mapping[str, PosedCamera],
+    *,
+    prefix: str,
+    settings: MergeSettings | None = None,
+    covariances: Mapping[str, Array] | None = None,
+    photographs: Photographs | None = None,
+) -> MergeResult:
+    """Defects of the registered ``observations``; boxes and scores come from ``detections``, rays from ``posed``.
+
+    ``covariances`` (6, 6) by photo_id are the poses' (centre in m, attitude in rad). With ``photographs``, doubtful
+    pairs are compared by their pictures; without, or where they cannot be read, geography alone decides. Ids are
+    ``<prefix>-D0001`` on, by facade, storey from the top, and place along the facade. The result does not depend on
+    the order of the rows.
+    Severity is left to the lake's rules ("ungraded", rule "none").
+    """
+    settings = settings or MergeSettings()
+    registered = pc.equal(observations.column("observation_outcome"), str(ObservationOutcome.REGISTERED))
+    seen = observations.filter(registered).sort_by("detection_id")
+    sightings = sightings_of(seen, detections, posed, covariances or {})
+    compare = None if photographs is None else photographs.comparison(_words(seen))
+    grouping = grouped(sightings, settings)
+    moved = looked_behind(sightings, grouping, settings, Surface(building))
+    if moved is not None:
+        seen, sightings = _on_elements(seen, moved, building), moved.sightings
+    if moved is not None or compare is not None:
+        grouping = grouped(sightings, settings, compare)
+    group = grouping.group
+    positions = positions_of(grouping.whole, grouping.whole_group, grouping.noise, settings)
+    scores = column(detections, "score")[
+        pc.index_in(seen.column("detection_id"), detections.column("detection_id").combine_chunks()).to_numpy()
+    ]
+    named = defects_table(seen, sightings, group, scores, positions, building, prefix=prefix)
+    ids = named.table.column("defect_id").combine_chunks().take(pa.array(named.place[group]))
+    at = pc.index_in(observations.column("detection_id"), seen.column("detection_id").combine_chunks())
+    place = observations.schema.get_field_index("defect_id")
+    _log.info("%d registered observations of %d defects", len(seen), len(named.table))
+    return MergeResult(
+        defects=named.table,
+        observations=observations.set_column(place, observations.schema.field(place), ids.take(at.combine_chunks())),
+        merges=merges_table(seen.column("detection_id").combine_chunks(), ids, sightings, grouping, settings),
+    )
+
+
+def _words(seen: pa.Table) -> list[str]:
+    return [str(name) for name in codes_of(seen, "photo_id")[1]]
+
+
+def _on_elements(seen: pa.Table, moved: Moved, building: BuildingModel) -> pa.Table:
+    """The rows ``seen`` with element, storey, facade and outline of those moved to what they look at behind."""
+    guids, storeys, facades = (
+        building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
+    )
+    sightings, rows = moved.sightings, moved.rows
+    places, normals = sightings.xyz_site_m[rows], sightings.normal_site[rows]
+    directions = facades_in(building.elements)
+    across, upward = tangents_of(normals)
+    wide, high = across * sightings.width_m[rows, None] / 2, upward * sightings.height_m[rows, None] / 2
+    corners = np.stack([places - wide - high, places + wide - high, places + wide + high, places - wide + high], axis=1)
+    outlines = shapely.polygons(building.origin.geo_from_site(corners.reshape(-1, 3)).reshape(-1, 4, 3))
+    told = {
+        "element_guid": [guids[row] for row in moved.element],
+        "storey": storeys_of_places(building.storeys, storeys, building.extents_site_m(), moved.element, places[:, 2]),
+        "facade": [directions.seen(facades[row], normal) for row, normal in zip(moved.element, normals, strict=True)],
+        "patch": shapely.to_wkb(outlines, output_dimension=3).tolist(),
+    }
+    for name, values in told.items():
+        place = seen.schema.get_field_index(name)
+        column_ = seen.column(name).combine_chunks()
+        mask = np.zeros(len(seen), dtype=bool)
+        mask[rows] = True
+        ordered = pa.array([values[i] for i in np.argsort(rows)], column_.type)
+        seen = seen.set_column(place, seen.schema.field(place), pc.replace_with_mask(column_, pa.array(mask), ordered))
+    return seen

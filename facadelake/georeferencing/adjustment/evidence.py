@@ -1,0 +1,70 @@
+"""What a block is adjusted to: control points, GPS, known points, the building's model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.core.camera import Camera
+from facadelake.core.frames import Array
+from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
+from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms, Rows
+
+# What is known of a lens before it is adjusted (LENS_TERMS' order); focal length and principal point are relative to
+# the focal length and the image's width. Sensors' pixels are square to a fraction of a percent.
+LENS_SIGMA = (0.05, 0.005, 0.02, 0.02, 0.3, 0.3, 0.02, 0.02)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MarkedPoints:
+    """Surveyed points: ``names`` (p), ``xyz_site_m`` (p, 3), ``sigma_m`` (p, 3; inf: a check point, which holds
+    nothing), and their marks: ``photo`` (k,), ``point`` (k,), ``xy_img`` (k, 2), within ``sigma_px``."""
+
+    names: tuple[str, ...]
+    xyz_site_m: Array
+    sigma_m: Array
+    photo: Rows
+    point: Rows
+    xy_img: Array
+    sigma_px: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownPoints:
+    """Tie points that another campaign knows: ``point`` (k,) rows of the reconstruction's points, ``xyz_site_m``
+    (k, 3) and ``covariance_m2`` (k, 3, 3)."""
+
+    point: Rows
+    xyz_site_m: Array
+    covariance_m2: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelEvidence:
+    """The building's model: its surface, and how far the building may stand off it (one sigma)."""
+
+    surface: SurfaceLike
+    sigma_m: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """All that the block is adjusted to, besides its own tie points."""
+
+    positions: PositionTerms
+    attitudes: AttitudeTerms
+    marked: MarkedPoints | None = None
+    known: KnownPoints | None = None
+    model: ModelEvidence | None = None
+
+
+def lens_beforehand(cameras: Sequence[Camera], free: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Mean and sigma (c, 8) of the lenses; terms not ``free`` (8,) are held at their mean."""
+    mean = np.array(
+        [[camera.fx_px, 1.0, camera.width_px / 2, camera.height_px / 2, 0.0, 0.0, 0.0, 0.0] for camera in cameras]
+    )
+    unit = np.array([[c.fx_px, 1.0, c.width_px, c.width_px, 1.0, 1.0, 1.0, 1.0] for c in cameras])
+    return mean, np.where(free, np.array(LENS_SIGMA) * unit, 0.0)

@@ -1,0 +1,198 @@
+"""The observations as whitened, robustly weighted residuals with their derivatives, about a state of the unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from facadelake.core.frames import Array
+from facadelake.georeferencing.adjustment.problem import Problem
+from facadelake.georeferencing.adjustment.projection import lens_of, project
+
+# Cauchy's loss: beyond this many sigmas an observation loses its say. 2.4 keeps 95 % efficiency on normal errors.
+SIGHTING_LIMIT = 2.4
+WALL_LIMIT = 2.0
+PRIOR_LIMIT = 4.0
+_BEHIND_RESIDUAL = 50.0  # sigmas; what an observation of a point behind the camera counts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """Values of all unknowns: ``centre_site_m`` (n, 3), ``site_from_cam`` (n, 3, 3), ``lens`` (c, 8), ``node_m``
+    (m, 3), ``gps_offset_m`` (f, 3), ``yaw_offset_rad`` (f,), ``wall_m`` (w,)."""
+
+    centre_site_m: Array
+    site_from_cam: Array
+    lens: Array
+    node_m: Array
+    gps_offset_m: Array
+    yaw_offset_rad: Array
+    wall_m: Array
+
+
+def start_of(problem: Problem) -> State:
+    """The state an adjustment begins with; offsets and deviations are zero."""
+    block = problem.block
+    return State(
+        centre_site_m=block.centre_site_m,
+        site_from_cam=block.site_from_cam,
+        lens=np.array([lens_of(camera) for camera in block.cameras]),
+        node_m=problem.node_xyz_m,
+        gps_offset_m=np.zeros_like(problem.positions.offset_sigma_m),
+        yaw_offset_rad=np.zeros_like(problem.attitudes.yaw_sigma_rad),
+        wall_m=np.zeros_like(problem.walls.wall_sigma_m),
+    )
+
+
+def moved(state: State, problem: Problem, step: Array, node_step: Array) -> State:
+    """The state after a step of the kept unknowns (in the order of ``Layout``) and of the nodes (m, 3)."""
+    layout = Layout.of(problem)
+    photo = step[: layout.lens].reshape(-1, 6)
+    return State(
+        centre_site_m=state.centre_site_m + photo[:, :3],
+        site_from_cam=state.site_from_cam @ Rotation.from_rotvec(photo[:, 3:]).as_matrix(),
+        lens=state.lens + step[layout.lens : layout.offset].reshape(-1, 8),
+        node_m=state.node_m + node_step,
+        gps_offset_m=state.gps_offset_m + step[layout.offset : layout.yaw].reshape(-1, 3),
+        yaw_offset_rad=state.yaw_offset_rad + step[layout.yaw : layout.wall],
+        wall_m=state.wall_m + step[layout.wall :],
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Where the kept unknowns stand in the vector: photographs (6 each: centre in site, rotation vector in cam) from 0,
+    then ``lens`` (8 each), ``offset`` (3 a flight), ``yaw`` (1 a flight), ``wall`` (1 each), ``size`` in all."""
+
+    lens: int
+    offset: int
+    yaw: int
+    wall: int
+    size: int
+
+    @staticmethod
+    def of(problem: Problem) -> Layout:
+        """The layout of a problem."""
+        lens = 6 * len(problem.block.centre_site_m)
+        offset = lens + 8 * len(problem.block.cameras)
+        yaw = offset + 3 * len(problem.positions.offset_sigma_m)
+        wall = yaw + len(problem.attitudes.yaw_sigma_rad)
+        return Layout(lens=lens, offset=offset, yaw=yaw, wall=wall, size=wall + len(problem.walls.wall_sigma_m))
+
+
+def cauchy(squared: Array, limit: float | Array) -> tuple[Array, Array]:
+    """Loss and weight of squared whitened residuals under Cauchy's robust loss."""
+    inner = 1.0 + squared / limit**2
+    return limit**2 * np.log(inner), 1.0 / inner
+
+
+def cross_matrices(vectors: Array) -> Array:
+    """Matrices (k, 3, 3) that take x to ``vector`` cross x."""
+    out = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 0] = -z, y, z
+    out[:, 1, 2], out[:, 2, 0], out[:, 2, 1] = -x, -y, x
+    return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SightingRows:
+    """Sightings, weighted: residuals (k, 2), derivatives by photograph (k, 2, 6), lens (k, 2, 8) and node (k, 2, 3)."""
+
+    residual: Array
+    by_photo: Array
+    by_lens: Array
+    by_node: Array
+    cost: float
+
+
+def sighting_residuals(problem: Problem, state: State, tie_sigma_px: float) -> Array:
+    """Whitened residuals (k, 2) of the sightings, unweighted."""
+    seen, block = problem.sightings, problem.block
+    xyz_cam = _in_camera(problem, state)
+    projected = project(xyz_cam, state.lens[block.camera_of_photo[seen.photo]])
+    residual: Array = np.einsum("kij,kj->ki", seen.whitening, projected.xy_img - seen.xy_img)
+    residual[seen.tie] /= tie_sigma_px
+    residual[~projected.in_front] = _BEHIND_RESIDUAL
+    return residual
+
+
+def _in_camera(problem: Problem, state: State) -> Array:
+    seen = problem.sightings
+    away = seen.offset_site_m + state.node_m[seen.node] - state.centre_site_m[seen.photo]
+    xyz_cam: Array = np.einsum("kji,kj->ki", state.site_from_cam[seen.photo], away)
+    return xyz_cam
+
+
+def sighting_rows(problem: Problem, state: State, tie_sigma_px: float) -> SightingRows:
+    """The sightings about ``state``; tie points have ``tie_sigma_px`` per axis."""
+    seen, block = problem.sightings, problem.block
+    rotation = state.site_from_cam[seen.photo]
+    xyz_cam = _in_camera(problem, state)
+    projected = project(xyz_cam, state.lens[block.camera_of_photo[seen.photo]])
+    whitening = seen.whitening / np.where(seen.tie, tie_sigma_px, 1.0)[:, None, None]
+    residual = np.einsum("kij,kj->ki", whitening, projected.xy_img - seen.xy_img)
+    behind = ~projected.in_front
+    residual[behind] = _BEHIND_RESIDUAL
+    loss, weight = cauchy((residual**2).sum(axis=1), SIGHTING_LIMIT)
+    root = np.sqrt(np.where(behind, 0.0, weight))
+    whitening = whitening * root[:, None, None]
+    by_cam = whitening @ projected.by_xyz_cam
+    by_node = np.einsum("kai,kji->kaj", by_cam, rotation)
+    # exp(-w) x is x + x cross w: the camera turns by w in its own axes.
+    by_turn = by_cam @ cross_matrices(xyz_cam)
+    return SightingRows(
+        residual=residual * root[:, None],
+        by_photo=np.concatenate([-by_node, by_turn], axis=2),
+        by_lens=whitening @ projected.by_lens,
+        by_node=by_node,
+        cost=float(loss.sum()),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WallRows:
+    """Wall terms, weighted: residual (k,), derivative by node (k, 3) and by the wall's deviation (k,)."""
+
+    residual: Array
+    by_node: Array
+    by_wall: Array
+    cost: float
+
+
+def wall_rows(problem: Problem, state: State) -> WallRows:
+    """The tie points on the model's surface about ``state``."""
+    walls = problem.walls
+    deviation = np.where(walls.wall >= 0, np.append(state.wall_m, 0.0)[walls.wall], 0.0)
+    away = np.einsum("ki,ki->k", walls.normal_site, state.node_m[walls.node]) - walls.distance_m - deviation
+    residual = away / walls.sigma_m
+    loss, weight = cauchy(residual**2, WALL_LIMIT)
+    root = np.sqrt(weight)
+    return WallRows(
+        residual=residual * root,
+        by_node=walls.normal_site * (root / walls.sigma_m)[:, None],
+        by_wall=-(root / walls.sigma_m),
+        cost=float(loss.sum()),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PriorRows:
+    """Node priors, weighted: information (k, 3, 3), ``information @ (node - prior)`` (k, 3)."""
+
+    information: Array
+    gradient: Array
+    cost: float
+
+
+def prior_rows(problem: Problem, state: State) -> PriorRows:
+    """The nodes' priors about ``state``."""
+    priors = problem.node_priors
+    away = state.node_m[priors.node] - priors.xyz_m
+    pull = np.einsum("kij,kj->ki", priors.information, away)
+    loss, weight = cauchy(np.einsum("ki,ki->k", away, pull), priors.limit)
+    return PriorRows(
+        information=priors.information * weight[:, None, None], gradient=pull * weight[:, None], cost=float(loss.sum())
+    )

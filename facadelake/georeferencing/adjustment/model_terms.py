@@ -1,0 +1,103 @@
+"""The building's model as observations: tie points on its walls, its edges in the photographs."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.core.frames import Array
+from facadelake.georeferencing.adjustment.linearise import State
+from facadelake.georeferencing.adjustment.problem import Rows, WallTerms
+from facadelake.georeferencing.adjustment.tie_points import Ties
+
+_FACING_COSINE = 0.25  # rays more grazing than 75 degrees tell little of the plane they meet
+_LEAST_ON_WALL = 30  # walls with fewer points have no deviation of their own
+_LEAST_SEEN = 3
+
+
+class HitsLike(Protocol):
+    """What a ray cast gives: distances (n,), inf for a miss, unit normals (n, 3) turned to the ray's origin, and the
+    element (n,) that was met."""
+
+    @property
+    def distance_m(self) -> Array: ...
+
+    @property
+    def normal_site(self) -> Array: ...
+
+    @property
+    def element(self) -> NDArray[np.int64]: ...
+
+
+class SurfaceLike(Protocol):
+    """The building's surface in site; ``facadelake.building.surface.raycasting.Surface`` is one."""
+
+    def cast(self, origins_site_m: Array, directions_site: Array, /) -> HitsLike:
+        """First hits of rays (n, 3) from origins (n, 3), in site metres."""
+
+
+def no_walls() -> WallTerms:
+    """No model."""
+    return WallTerms(
+        node=np.zeros(0, dtype=np.int64),
+        normal_site=np.zeros((0, 3)),
+        distance_m=np.zeros(0),
+        wall=np.zeros(0, dtype=np.int64),
+        sigma_m=np.zeros(0),
+        wall_sigma_m=np.zeros(0),
+    )
+
+
+def walls_of(ties: Ties, state: State, surface: SurfaceLike, *, gate_m: float, model_sigma_m: float) -> WallTerms:
+    """Tie points seen three times or more that lie within ``gate_m`` of the face that a camera saw them on.
+
+    A point belongs to the face that the ray of its nearest camera meets, never to the back of a wall or a
+    neighbouring plane. Points of one element and facing share the element's deviation; ``model_sigma_m`` is the sigma
+    of both, the wall's and the single point's (relief).
+    """
+    xyz = state.node_m[: len(ties.point)]
+    seen = np.bincount(ties.node, minlength=len(xyz))
+    camera = _nearest_camera(ties, state, xyz)
+    node = np.flatnonzero(seen >= _LEAST_SEEN)
+    origin = state.centre_site_m[camera[node]]
+    ray = xyz[node] - origin
+    direction = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    hits = surface.cast(origin, direction)
+    met = np.isfinite(hits.distance_m)
+    normal = np.where(met[:, None], hits.normal_site, 0.0)
+    foot = origin + np.where(met, hits.distance_m, 0.0)[:, None] * direction
+    away = np.einsum("ij,ij->i", normal, xyz[node] - foot)
+    facing = -np.einsum("ij,ij->i", normal, direction)
+    good = met & (facing > _FACING_COSINE) & (np.abs(away) < gate_m)
+    node, normal, foot = node[good], normal[good], foot[good]
+    wall, count = _walls(hits.element[good], normal)
+    return WallTerms(
+        node=node,
+        normal_site=normal,
+        distance_m=np.einsum("ij,ij->i", normal, foot),
+        wall=wall,
+        sigma_m=np.full(len(node), model_sigma_m),
+        wall_sigma_m=np.full(count, model_sigma_m),
+    )
+
+
+def _nearest_camera(ties: Ties, state: State, xyz: Array) -> Rows:
+    distance = np.linalg.norm(xyz[ties.node] - state.centre_site_m[ties.photo], axis=1)
+    order = np.lexsort((distance, ties.node))
+    node, first = np.unique(ties.node[order], return_index=True)
+    camera = np.zeros(len(xyz), dtype=np.int64)
+    camera[node] = ties.photo[order][first]
+    return camera
+
+
+def _walls(element: NDArray[np.int64], normal: Array) -> tuple[Rows, int]:
+    """A wall (k,) for each point, -1 for those of walls with few points, and how many walls there are."""
+    if not len(element):
+        return np.zeros(0, dtype=np.int64), 0
+    key = np.column_stack([element, np.round(2 * normal).astype(np.int64)])
+    _, group, size = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    number = np.full(len(size), -1)
+    number[size >= _LEAST_ON_WALL] = np.arange(int((size >= _LEAST_ON_WALL).sum()))
+    return number[group.ravel()], int((size >= _LEAST_ON_WALL).sum())

@@ -1,0 +1,94 @@
+"""Observations of the kept unknowns alone: GPS, attitudes, and what is known of lenses, offsets and walls."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from facadelake.core.frames import Array
+from facadelake.georeferencing.adjustment.linearise import PRIOR_LIMIT, Layout, State, cauchy
+from facadelake.georeferencing.adjustment.problem import Problem
+
+
+def add_kept(problem: Problem, state: State, matrix: Array, gradient: Array) -> float:
+    """Add their normal equations to ``matrix`` (g, g) and ``gradient`` (g,) in place; returns their cost."""
+    return (
+        _positions(problem, state, matrix, gradient)
+        + _attitudes(problem, state, matrix, gradient)
+        + _beforehand(problem, state, matrix, gradient)
+    )
+
+
+def _positions(problem: Problem, state: State, matrix: Array, gradient: Array) -> float:
+    terms, layout = problem.positions, Layout.of(problem)
+    if not len(terms.photo):
+        return 0.0
+    away = state.centre_site_m[terms.photo] + state.gps_offset_m[terms.flight] - terms.xyz_site_m
+    whitened = away / terms.sigma_m
+    loss, weight = cauchy((whitened**2).sum(axis=1) / 3.0, PRIOR_LIMIT)
+    information = weight[:, None] / terms.sigma_m**2
+    for axis in range(3):
+        at = 6 * terms.photo + axis
+        common = layout.offset + 3 * terms.flight + axis
+        for first, second in ((at, at), (at, common), (common, at), (common, common)):
+            np.add.at(matrix, (first, second), information[:, axis])
+        for place in (at, common):
+            np.add.at(gradient, place, information[:, axis] * away[:, axis])
+    return float(3.0 * loss.sum())
+
+
+def _attitudes(problem: Problem, state: State, matrix: Array, gradient: Array) -> float:
+    terms, layout = problem.attitudes, Layout.of(problem)
+    if not len(terms.photo):
+        return 0.0
+    now = state.site_from_cam[terms.photo]
+    away = Rotation.from_matrix(now @ terms.site_from_cam.transpose(0, 2, 1)).as_rotvec()
+    away[:, 2] -= state.yaw_offset_rad[terms.flight]  # counter-clockwise about up
+    whitened = away / terms.sigma_rad
+    loss, weight = cauchy((whitened**2).sum(axis=1) / 3.0, PRIOR_LIMIT)
+    root = np.sqrt(weight)[:, None] / terms.sigma_rad
+    rows = np.zeros((len(terms.photo), 3, 7))
+    rows[:, :, :6][:, :, 3:] = now * root[:, :, None]
+    rows[:, 2, 6] = -root[:, 2]
+    residual = away * root
+    for k, (photo, flight) in enumerate(zip(terms.photo, terms.flight, strict=True)):
+        at = np.append(6 * photo + np.arange(6), layout.yaw + flight)
+        matrix[np.ix_(at, at)] += rows[k].T @ rows[k]
+        gradient[at] += rows[k].T @ residual[k]
+    return float(3.0 * loss.sum())
+
+
+def _beforehand(problem: Problem, state: State, matrix: Array, gradient: Array) -> float:
+    layout = Layout.of(problem)
+    lens_sigma = problem.lens_sigma.ravel()
+    free = lens_sigma > 0
+    away = np.concatenate(
+        [
+            (state.lens - problem.lens_mean).ravel(),
+            state.gps_offset_m.ravel(),
+            state.yaw_offset_rad,
+            state.wall_m,
+        ]
+    )
+    sigma = np.concatenate(
+        [
+            np.where(free, lens_sigma, 1.0),
+            problem.positions.offset_sigma_m.ravel(),
+            problem.attitudes.yaw_sigma_rad,
+            problem.walls.wall_sigma_m,
+        ]
+    )
+    known = np.concatenate([free, np.ones(len(away) - len(free), dtype=bool)])
+    place = np.arange(layout.lens, layout.size)[known]
+    matrix[place, place] += 1.0 / sigma[known] ** 2
+    gradient[place] += (away / sigma**2)[known]
+    return float(((away / sigma)[known] ** 2).sum())
+
+
+def held(problem: Problem) -> NDArray[np.bool_]:
+    """Which kept unknowns (g,) are held at their start: lens terms of sigma 0."""
+    layout = Layout.of(problem)
+    out = np.zeros(layout.size, dtype=bool)
+    out[layout.lens : layout.offset] = problem.lens_sigma.ravel() == 0
+    return out

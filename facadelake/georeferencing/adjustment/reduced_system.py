@@ -1,0 +1,191 @@
+"""The normal equations with the nodes eliminated (Schur complement), dense in the unknowns that are kept.
+
+Source: Triggs et al. 2000, Bundle adjustment: a modern synthesis, section 6. A thousand photographs are a matrix of
+6,000 rows, 300 MB and a few seconds to factorise; nodes are eliminated in batches, each dense in the photographs that
+see it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+
+from facadelake.core.frames import Array
+from facadelake.georeferencing.adjustment.linearise import (
+    Layout,
+    SightingRows,
+    State,
+    WallRows,
+    prior_rows,
+    sighting_rows,
+    wall_rows,
+)
+from facadelake.georeferencing.adjustment.parameter_priors import add_kept
+from facadelake.georeferencing.adjustment.problem import Problem
+
+_BATCH_NODES = 2048  # neighbours see the same photographs, so a batch is dense in a few hundred unknowns
+# A direction in which a node is known worse than this share of its best (or, 1/m2, not at all) is held up to it, so
+# that the node can be inverted. Added to every node, it would hold the whole block: thousands of nodes move with it.
+_LEAST_SHARE = 1e-10
+_LEAST_INFORMATION = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Coupling:
+    """Derivative products between kept unknowns and nodes: entry k couples unknown ``row`` with ``node`` by (3,)."""
+
+    row: NDArray[np.int64]
+    node: NDArray[np.int64]
+    value: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reduced:
+    """``matrix`` (g, g) and ``gradient`` (g,) of the kept unknowns, the nodes' inverse information (m, 3, 3) and
+    gradient (m, 3), the coupling, sorted by node, and the robust cost."""
+
+    matrix: Array
+    gradient: Array
+    node_covariance: Array
+    node_gradient: Array
+    coupling: Coupling
+    cost: float
+
+    def node_step(self, step: Array) -> Array:
+        """The nodes' step (m, 3) that goes with the kept unknowns' ``step`` (g,)."""
+        pull = self.node_gradient + _by_node(
+            self.coupling.node, self.coupling.value * step[self.coupling.row][:, None], len(self.node_gradient)
+        )
+        nodes: Array = -np.einsum("mij,mj->mi", self.node_covariance, pull)
+        return nodes
+
+
+def _by_node(node: NDArray[np.int64], values: Array, count: int) -> Array:
+    """Sums (count, ...) of ``values`` (k, ...) over equal ``node``."""
+    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
+    sums = np.zeros((count, flat.shape[1]))
+    for j in range(flat.shape[1]):
+        sums[:, j] = np.bincount(node, weights=flat[:, j], minlength=count)
+    return sums.reshape(count, *values.shape[1:])
+
+
+def cost_of(problem: Problem, state: State, tie_sigma_px: float) -> float:
+    """The robust cost of a state, without its derivatives' sums."""
+    size = Layout.of(problem).size
+    return (
+        sighting_rows(problem, state, tie_sigma_px).cost
+        + wall_rows(problem, state).cost
+        + prior_rows(problem, state).cost
+        + add_kept(problem, state, np.zeros((size, size)), np.zeros(size))
+    )
+
+
+def reduce(problem: Problem, state: State, tie_sigma_px: float) -> Reduced:
+    """Linearise about ``state`` and eliminate the nodes."""
+    layout, count = Layout.of(problem), len(state.node_m)
+    matrix, gradient = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
+    seen, walls, priors = (
+        sighting_rows(problem, state, tie_sigma_px),
+        wall_rows(problem, state),
+        prior_rows(problem, state),
+    )
+    cost = seen.cost + walls.cost + priors.cost + add_kept(problem, state, matrix, gradient)
+    _add_sightings(problem, seen, layout, matrix, gradient)
+    _add_walls(problem, walls, layout, matrix, gradient)
+    information = (
+        _by_node(problem.sightings.node, np.einsum("kai,kaj->kij", seen.by_node, seen.by_node), count)
+        + _by_node(problem.walls.node, np.einsum("ki,kj->kij", walls.by_node, walls.by_node), count)
+        + _by_node(problem.node_priors.node, priors.information, count)
+    )
+    node_gradient = (
+        _by_node(problem.sightings.node, np.einsum("kai,ka->ki", seen.by_node, seen.residual), count)
+        + _by_node(problem.walls.node, walls.by_node * walls.residual[:, None], count)
+        + _by_node(problem.node_priors.node, priors.gradient, count)
+    )
+    information = _held_up(information)
+    coupling = _coupling(problem, seen, walls, layout)
+    _eliminate(coupling, information, node_gradient, matrix, gradient)
+    return Reduced(
+        matrix=matrix,
+        gradient=gradient,
+        node_covariance=np.linalg.inv(information).astype(np.float64),
+        node_gradient=node_gradient,
+        coupling=coupling,
+        cost=cost,
+    )
+
+
+def _held_up(information: Array) -> Array:
+    """``information`` (m, 3, 3), its open directions raised to what can be inverted."""
+    size = np.trace(information, axis1=1, axis2=2)
+    # No node with an open direction passes by its determinant; few others are looked at.
+    weak = np.linalg.det(information) <= np.maximum(_LEAST_SHARE * size, _LEAST_INFORMATION) * size**2
+    values, axes = np.linalg.eigh(information[weak])
+    raised = np.maximum(values, np.maximum(_LEAST_SHARE * values[:, -1:], _LEAST_INFORMATION))
+    out = information.copy()
+    out[weak] = (axes * raised[:, None, :]) @ axes.transpose(0, 2, 1)
+    return out
+
+
+def _columns(problem: Problem, layout: Layout) -> NDArray[np.int64]:
+    """The kept unknowns (k, 14) of each sighting: its photograph's six and its lens's eight."""
+    photo = problem.sightings.photo
+    lens = problem.block.camera_of_photo[photo]
+    return np.hstack([6 * photo[:, None] + np.arange(6), layout.lens + 8 * lens[:, None] + np.arange(8)])
+
+
+def _add_sightings(problem: Problem, seen: SightingRows, layout: Layout, matrix: Array, gradient: Array) -> None:
+    columns = _columns(problem, layout)
+    order = np.argsort(problem.sightings.photo, kind="stable")
+    ends = np.searchsorted(problem.sightings.photo[order], np.arange(len(problem.block.centre_site_m) + 1))
+    for begin, end in pairwise(ends):
+        if begin == end:
+            continue
+        rows = order[begin:end]
+        jacobian = np.concatenate([seen.by_photo[rows], seen.by_lens[rows]], axis=2).reshape(-1, 14)
+        at = columns[rows[0]]
+        matrix[np.ix_(at, at)] += jacobian.T @ jacobian
+        gradient[at] += jacobian.T @ seen.residual[rows].ravel()
+
+
+def _add_walls(problem: Problem, rows: WallRows, layout: Layout, matrix: Array, gradient: Array) -> None:
+    on = problem.walls.wall >= 0
+    place = layout.wall + problem.walls.wall[on]
+    np.add.at(matrix, (place, place), rows.by_wall[on] ** 2)
+    np.add.at(gradient, place, rows.by_wall[on] * rows.residual[on])
+
+
+def _coupling(problem: Problem, seen: SightingRows, walls: WallRows, layout: Layout) -> Coupling:
+    jacobian = np.concatenate([seen.by_photo, seen.by_lens], axis=2)
+    product = np.einsum("kag,kai->kgi", jacobian, seen.by_node)
+    on = problem.walls.wall >= 0
+    row = np.concatenate([_columns(problem, layout).ravel(), layout.wall + problem.walls.wall[on]])
+    node = np.concatenate([np.repeat(problem.sightings.node, 14), problem.walls.node[on]])
+    value = np.concatenate([product.reshape(-1, 3), walls.by_wall[on][:, None] * walls.by_node[on]])
+    order = np.argsort(node, kind="stable")
+    return Coupling(row=row[order], node=node[order], value=value[order])
+
+
+def _eliminate(coupling: Coupling, information: Array, node_gradient: Array, matrix: Array, gradient: Array) -> None:
+    """Subtract the nodes' part from ``matrix`` and ``gradient`` in place."""
+    # information = L L^T, so its inverse is M^T M with M = inv(L)
+    root = np.linalg.inv(np.linalg.cholesky(information))
+    count = len(information)
+    for begin in range(0, count, _BATCH_NODES):
+        end = min(count, begin + _BATCH_NODES)
+        first, last = np.searchsorted(coupling.node, (begin, end))
+        if first < last:
+            touched, local = np.unique(coupling.row[first:last], return_inverse=True)
+            nodes = coupling.node[first:last] - begin
+            shape = (len(touched), 3 * (end - begin))
+            columns = (3 * nodes[:, None] + np.arange(3)).ravel()
+            dense = coo_matrix(
+                (coupling.value[first:last].ravel(), (np.repeat(local, 3), columns)), shape=shape
+            ).toarray()
+            white = np.einsum("gmi,mji->gmj", dense.reshape(len(touched), -1, 3), root[begin:end]).reshape(shape)
+            matrix[np.ix_(touched, touched)] -= white @ white.T
+            gradient[touched] -= white @ np.einsum("mij,mj->mi", root[begin:end], node_gradient[begin:end]).ravel()

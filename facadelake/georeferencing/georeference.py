@@ -1,0 +1,344 @@
+"""Georeference: the block onto the globe by control points, an earlier campaign, the building's model or GPS.
+
+Each way finds a start; then one bundle adjustment holds the block to all the evidence at once.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array, Similarity, similarity_between
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_of_rows
+from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust
+from facadelake.georeferencing.adjustment.evidence import Evidence
+from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
+from facadelake.georeferencing.gcp.control_points import ControlPoints
+from facadelake.georeferencing.gcp.placement import LEAST_CONTROL_POINTS, marks_of
+from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps, gps_priors
+from facadelake.georeferencing.gps.terms import anchored_terms, attitude_terms, position_terms
+from facadelake.georeferencing.model.control import ModelControl
+from facadelake.georeferencing.model.lean import Lean, lean_of, upright, upright_words
+from facadelake.georeferencing.model.plumb_lines import vertical_of
+from facadelake.georeferencing.passport import (
+    PassportPoint,
+    control_points,
+    gps_points,
+    model_fit,
+    points_table,
+    require_good,
+    require_one_frame,
+)
+from facadelake.georeferencing.starts import Start, start_by
+from facadelake.sfm.reconstruction import Reconstruction
+from schemas.vocabulary import ControlKind, PointKind
+
+logger = logging.getLogger(__name__)
+
+# An earlier campaign placed no worse than this goes before control points.
+_FINE_FRAME_M = 0.03
+# No photograph of a building is taken from farther; swapped axes and wrong zones are off by hundreds of kilometres.
+_FARTHEST_M = 10_000.0
+_REMEDY = (
+    "bring control points (gcp_list.txt, 3 or more around the building), a wider block or a model with openings, or "
+    "accept metres with --georeference gps"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where the site frame lies: its origin, the model's projected CRS and vertical datum ("ellipsoidal" or a vertical
+    CRS), and how the model is georeferenced (LoGeoRef)."""
+
+    origin: SiteOrigin
+    map_crs: str
+    vertical_datum: str
+    georeference_level: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Control:
+    """What there is to place a campaign by.
+
+    ``kind`` None: the best there is, in the order control points, earlier campaign, model, GPS. ``references``: of
+    earlier campaigns, the preferred one first, with the descriptors of this block's points. ``placement_sigma_max_m``:
+    what the campaign must be known to; GPS that was asked for by name is excused.
+    """
+
+    kind: ControlKind | None = None
+    points: ControlPoints | None = None
+    check_points: ControlPoints | None = None
+    model: ModelControl | None = None
+    references: Sequence[tuple[ReferencePoints, NDArray[np.uint8]]] = ()
+    placement_sigma_max_m: float = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Georeferenced:
+    """The campaign on the globe.
+
+    ``cameras`` and ``covariance`` (6, 6; centre in m, attitude in rad about the camera's axes) by photo_id;
+    ``site_from_sfm`` is the similarity nearest to the adjusted block.
+    """
+
+    control: ControlKind
+    site_from_sfm: Similarity
+    cameras: Mapping[str, PosedCamera]
+    covariance: Mapping[str, Array]
+    adjusted: Adjusted
+    priors: GpsPriors
+    frame_covariance_m2: Array
+    points: tuple[PassportPoint, ...]
+    row: Mapping[str, Any]
+
+    def table(self) -> pa.Table:
+        """Table `georeference`, one row."""
+        return table_of_rows("georeference", [self.row])
+
+    def reference(
+        self,
+        reconstruction: Reconstruction,
+        descriptors: NDArray[np.uint8],
+        building_id: str,
+        campaign_id: str,
+        origin: SiteOrigin,
+    ) -> ReferencePoints | None:
+        """The tie points by which later campaigns find into this one's frame; None where it is known to metres only."""
+        count = len(reconstruction.xyz_sfm)
+        xyz, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+        xyz[self.adjusted.ties.point] = self.adjusted.xyz_site_m
+        covariance[self.adjusted.ties.point] = self.adjusted.point_covariance_m2
+        try:
+            return reference_of(
+                reconstruction,
+                descriptors,
+                cameras=self.adjusted.cameras,
+                xyz_site_m=xyz,
+                covariance_m2=covariance,
+                frame_covariance_m2=self.frame_covariance_m2,
+                building_id=building_id,
+                campaign_id=campaign_id,
+                origin=origin,
+            )
+        except GeoreferenceError as error:
+            logger.warning("no reference is kept: %s", error)
+            return None
+
+    def points_table(self, origin: SiteOrigin) -> pa.Table:
+        """Table `georeference_points`."""
+        return points_table(self.points, origin)
+
+
+def georeference(reconstruction: Reconstruction, photos: pa.Table, *, place: Place, control: Control) -> Georeferenced:
+    """Place the block in site, by the control that was asked for, else by the best that works; what did not is said.
+
+    Raises GeoreferenceError where the control cannot place the block, or not well enough.
+    """
+    priors = gps_priors(reconstruction, photos, place.origin)
+    if control.kind is not None:
+        return _placed(control.kind, reconstruction, priors, place, control, ())
+    kinds, remarks = _offered(reconstruction, control)
+    for kind in kinds[:-1]:
+        try:
+            return _placed(kind, reconstruction, priors, place, control, (f"chosen by itself: {kind}", *remarks))
+        except GeoreferenceError as error:
+            logger.warning("not placed by %s: %s", kind, error)
+            remarks.append(f"not placed by {kind}: {error}")
+    try:
+        return _placed(kinds[-1], reconstruction, priors, place, control, (f"chosen by itself: {kinds[-1]}", *remarks))
+    except GeoreferenceError as error:
+        raise GeoreferenceError("; ".join([str(error), *remarks])) from error
+
+
+def _offered(reconstruction: Reconstruction, control: Control) -> tuple[list[ControlKind], list[str]]:
+    """The kinds of control to try, the best first, and what is to be said of those that are not tried.
+
+    An earlier campaign that is itself placed to centimetres comes first, so that defects can be compared at the
+    centimetre; control points then judge it. Wrong control points are the user's to mend, not to be passed over.
+    """
+    finest_m = min((_frame_sigma(reference) for reference, _ in control.references), default=np.inf)
+    campaign = [ControlKind.CAMPAIGN]
+    if control.points is not None:
+        usable = sum(mark is not None for mark in marks_of(reconstruction, control.points))
+        if usable >= LEAST_CONTROL_POINTS:
+            return [*(campaign if finest_m <= _FINE_FRAME_M else []), ControlKind.GCP], []
+        remarks = [
+            f"{usable} of {len(control.points.points)} control points of {control.points.source} can be used "
+            f"({LEAST_CONTROL_POINTS} are needed)"
+        ]
+    else:
+        remarks = []
+    kinds = campaign if finest_m <= control.placement_sigma_max_m else []
+    if control.model is not None:
+        kinds = [*kinds, ControlKind.MODEL]
+    return [*kinds, ControlKind.GPS], remarks
+
+
+def _placed(
+    kind: ControlKind,
+    reconstruction: Reconstruction,
+    priors: GpsPriors,
+    place: Place,
+    control: Control,
+    remarks: tuple[str, ...],
+) -> Georeferenced:
+    start = start_by(kind, reconstruction, priors, place=place, control=control).with_remarks(remarks)
+    _refuse_far_away(start.site_from_sfm.apply(reconstruction.centres_sfm), kind, place.origin)
+    if kind is not ControlKind.GPS:
+        _check_against_gps(start, reconstruction, priors)
+    xyz_start = start.site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
+    evidence = Evidence(
+        positions=position_terms(priors, start.gps_used, xyz_start)
+        if start.datum_sigma_m is None
+        else anchored_terms(priors, start.gps_used, xyz_start, start.datum_sigma_m),
+        attitudes=attitude_terms(priors),
+        marked=start.marked,
+        known=start.known,
+        model=start.model,
+    )
+    adjusted = adjust(reconstruction, start.site_from_sfm, evidence)
+    if start.model is None:
+        return _described(reconstruction, priors, place, control, start, adjusted, None)
+    edges = control.model.edges if control.model is not None else None
+    vertical = vertical_of(adjusted.cameras, edges.photographs) if edges is not None else None
+    lean = lean_of(adjusted, start.model.sigma_m, vertical)
+    if vertical is not None:
+        start = start.with_remarks((upright_words(vertical, lean),))
+    return _described(reconstruction, priors, place, control, start, upright(adjusted, lean), lean)
+
+
+def _frame_sigma(reference: ReferencePoints) -> float:
+    return float(np.sqrt(np.linalg.eigvalsh(reference.frame_covariance_m2)[-1]))
+
+
+def _check_against_gps(start: Start, reconstruction: Reconstruction, priors: GpsPriors) -> None:
+    # RTK bends less than the block does: no judge of it.
+    if priors.sigma_m.size and float(np.median(priors.sigma_m)) > 1.0:
+        centres = reconstruction.centres_sfm[priors.photo]
+        check_against_gps(start.site_from_sfm, centres, priors, by=start.words)
+
+
+def _refuse_far_away(centres_site_m: Array, control: ControlKind, origin: SiteOrigin) -> None:
+    """Raise GeoreferenceError where the cameras came to lie at another place than the building (site's origin)."""
+    middle_m = np.median(centres_site_m, axis=0)
+    away_m = float(np.linalg.norm(middle_m))
+    if away_m > _FARTHEST_M:
+        lon, lat, _ = origin.geo_from_site(middle_m[None])[0]
+        raise GeoreferenceError(
+            f"the photographs come to lie {away_m / 1000:.0f} km from the building model (limit "
+            f"{_FARTHEST_M / 1000:.0f} km) by {control}, near lon {lon:.3f}, lat {lat:.3f}; are latitude and longitude "
+            "(or east and north) swapped, is a CRS or UTM zone wrong, or do photographs and model belong to different "
+            "buildings?"
+        )
+
+
+def _described(
+    reconstruction: Reconstruction,
+    priors: GpsPriors,
+    place: Place,
+    control: Control,
+    start: Start,
+    adjusted: Adjusted,
+    lean: Lean | None,
+) -> Georeferenced:
+    frame = adjusted.datum_covariance_m2 + start.frame_covariance_m2
+    leaning = np.zeros((1, 6, 6)) if lean is None else lean.covariance(adjusted)
+    frame += leaning[:, :3, :3].mean(axis=0)  # what a lean does to a camera of the block, on average
+    sigma_m = np.sqrt(np.diag(frame))
+    points = [*control_points(start, adjusted), *gps_points(reconstruction, priors, adjusted, start)]
+    held_out_m = np.array(
+        [np.linalg.norm(p.residual_site_m) for p in points if p.kind in (PointKind.HELD_OUT, PointKind.CHECK)]
+    )
+    if start.kind is ControlKind.CAMPAIGN and len(held_out_m):
+        require_one_frame(held_out_m, float(sigma_m.max()), start.words)
+    excused = control.kind is ControlKind.GPS
+    require_good(
+        control=start.kind,
+        sigma_m=sigma_m,
+        limit_m=np.inf if excused else control.placement_sigma_max_m,
+        held_out_m=held_out_m,
+        remedy=_REMEDY,
+    )
+    site_from_sfm = similarity_between(reconstruction.xyz_sfm[adjusted.ties.point], adjusted.xyz_site_m)
+    ids = [photo.photo_id for photo in reconstruction.photos]
+    covariance = adjusted.covariance.copy()
+    covariance[:, :3, :3] += start.frame_covariance_m2
+    covariance += leaning
+    left_m = start.residual_m(adjusted)
+    row: dict[str, Any] = {
+        "control": start.kind,
+        "method": start.words,
+        "map_crs": place.map_crs,
+        "vertical_datum": place.vertical_datum,
+        "georeference_level": place.georeference_level,
+        "reference_campaign": start.reference_campaign,
+        "points_used": start.points_used,
+        "points_total": start.points_total,
+        "scale": site_from_sfm.scale,
+        "residual_mean_m": float(left_m.mean()),
+        "residual_rmse_m": float(np.sqrt((left_m**2).mean())),
+        "residual_max_m": float(left_m.max()),
+        "check_points": len(held_out_m),
+        "tie_sigma_px": adjusted.solution.tie_sigma_px,
+        "tie_inflation": adjusted.tie_inflation,
+        **{f"sigma_{axis}_m": float(s) for axis, s in zip(("east", "north", "up"), sigma_m, strict=True)},
+    }
+    if len(held_out_m):
+        row |= {
+            "check_residual_mean_m": float(held_out_m.mean()),
+            "check_residual_max_m": float(held_out_m.max()),
+        }
+    remarks = [*start.remarks, *_lens_remarks(adjusted)]
+    if len(priors.photo):
+        centres = np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
+        offset = np.median(priors.xyz_site_m - centres, axis=0)
+        row |= {f"gps_offset_{axis}_m": float(v) for axis, v in zip(("east", "north", "up"), offset, strict=True)}
+        row["gps_offset_sigma_m"] = float(adjusted.gps_offset_sigma_m.max())
+        if priors.datum_unknown and start.kind is not ControlKind.GPS:
+            remarks.append("GPS heights do not name their datum, and gps_offset_up_m says how far they are off")
+    fit = model_fit(adjusted, control.model.surface) if control.model is not None else None
+    if fit is not None:
+        row["model_residual_m"] = fit.residual_m
+        if np.isfinite(fit.doming_m):
+            row |= {"doming_m": fit.doming_m, "doming_sigma_m": fit.doming_sigma_m}
+    if start.shift is not None:
+        row |= {
+            "shift_score": start.shift.score,
+            "competing_score": start.shift.competing_score,
+            "edge_features": start.shift.features,
+        }
+    row["remarks"] = "; ".join(remarks)
+    return Georeferenced(
+        control=start.kind,
+        site_from_sfm=site_from_sfm,
+        cameras=dict(zip(ids, adjusted.cameras, strict=True)),
+        covariance=dict(zip(ids, covariance, strict=True)),
+        adjusted=adjusted,
+        priors=priors,
+        frame_covariance_m2=frame,
+        points=tuple(points),
+        row=row,
+    )
+
+
+def _lens_remarks(adjusted: Adjusted) -> list[str]:
+    remarks = []
+    if adjusted.held_terms:
+        remarks.append(f"lens terms that the photographs do not show, held at nought: {', '.join(adjusted.held_terms)}")
+    if adjusted.focal_height_correlation > 0.9:
+        remarks.append(
+            f"focal length and height hang together (correlation {adjusted.focal_height_correlation:.2f}): the block "
+            "is too flat to part them; add oblique photographs or control points at different heights"
+        )
+    if not adjusted.solution.settled:
+        remarks.append(f"the adjustment had not settled after {adjusted.solution.steps} steps")
+    return remarks

@@ -1,0 +1,186 @@
+"""Read COLMAP's text files: cameras.txt, images.txt, and where their world lies.
+
+COLMAP's format: https://colmap.github.io/format.html. A quaternion (real part first) and translation take the world
+into the camera, so the centre is ``-R^T t``; (0.5, 0.5) is the centre of the top left pixel. Its world is the model's
+map CRS unless ``georeference.txt`` beside the files says another.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array, Similarity
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.georeferencing.imported.attitude import CameraAxes, Direction, from_quaternion
+from facadelake.georeferencing.imported.records import (
+    ImportedLens,
+    ImportedPose,
+    ImportedPoses,
+    UnusablePose,
+    read_head,
+)
+from facadelake.georeferencing.imported.world import SITE, North, PoseWorld
+
+GEOREFERENCE = "georeference.txt"
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_KEYS = ("crs", "site_origin", "offset", "transform")
+# The parameters of each camera model as COLMAP orders them.
+_MODELS = {
+    "SIMPLE_PINHOLE": ("f", "cx", "cy"),
+    "PINHOLE": ("fx", "fy", "cx", "cy"),
+    "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
+    "RADIAL": ("f", "cx", "cy", "k1", "k2"),
+    "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+}
+
+
+def read_colmap_text(folder: Path) -> ImportedPoses:
+    """The poses of the COLMAP model in ``folder``; bad lines and unknown camera models are unusable, with the reason.
+
+    Raises InputDataError where a file is missing or not COLMAP's.
+    """
+    lenses = _lenses(folder / "cameras.txt")
+    poses, unusable = [], []
+    for number, line in _image_lines(folder / "images.txt"):
+        words = line.split(maxsplit=9)
+        name = words[9] if len(words) == 10 else ""
+        try:
+            if not name:
+                raise InputDataError(
+                    f"'{line[:60]}' is neither IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME nor a list of points"
+                )
+            lens = lenses.get(words[8], f"camera {words[8]} is not in cameras.txt")
+            if isinstance(lens, str):
+                raise InputDataError(lens)
+            numbers = _numbers(words[1:8])
+            world_from_cam = from_quaternion(numbers[:4], Direction.CAM_FROM_WORLD, CameraAxes.RIGHT_DOWN_FORWARD)
+            poses.append(
+                ImportedPose(
+                    image=name, xyz_world=-world_from_cam @ numbers[4:7], world_from_cam=world_from_cam, lens=lens
+                )
+            )
+        except InputDataError as error:
+            unusable.append(UnusablePose(image=name, reason=f"images.txt, line {number}: {error}"))
+    return ImportedPoses(
+        source=f"{folder.name}/images.txt",
+        world=_world(folder / GEOREFERENCE),
+        poses=tuple(poses),
+        unusable=tuple(unusable),
+    )
+
+
+def _lines(path: Path) -> list[tuple[int, str]]:
+    """The file's lines with their numbers, comments left out, empty ones kept."""
+    return [(i, line.strip()) for i, line in enumerate(_text(path).splitlines(), start=1) if not line.startswith("#")]
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputDataError(f"COLMAP's {path} cannot be read as text: {error}") from error
+
+
+def _image_lines(path: Path) -> list[tuple[int, str]]:
+    """The lines that are not lists of points, whether or not every image has its (perhaps empty) line of points."""
+    return [(number, line) for number, line in _lines(path) if line and not _points(line)]
+
+
+def _points(line: str) -> bool:
+    """Whether a line is X, Y, POINT3D_ID over and over."""
+    words = line.split()
+    return len(words) % 3 == 0 and all(_NUMBER.fullmatch(word) for word in words)
+
+
+def _numbers(words: list[str]) -> Array:
+    try:
+        numbers = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise InputDataError(f"'{' '.join(words)}' are not all numbers") from error
+    if not np.isfinite(numbers).all():
+        raise InputDataError(f"'{' '.join(words)}' are not all finite")
+    return numbers
+
+
+def _lenses(path: Path) -> dict[str, ImportedLens | str]:
+    """The lenses by camera id, or why one cannot be used."""
+    lenses: dict[str, ImportedLens | str] = {}
+    for number, line in _lines(path):
+        words = line.split()
+        if not words:
+            continue
+        if len(words) < 5:
+            raise InputDataError(f"{path}, line {number}: '{line}' is not CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
+        names = _MODELS.get(words[1])
+        if names is None:
+            lenses[words[0]] = (
+                f"camera {words[0]} is of the model {words[1]}; known are {', '.join(_MODELS)}: calibrate with one of "
+                "these (OPENCV holds most lenses)"
+            )
+            continue
+        try:
+            width, height, *values = _numbers(words[2:])
+            given = dict(zip(names, values, strict=True))
+        except (InputDataError, ValueError) as error:
+            lenses[words[0]] = f"cameras.txt, line {number}: {words[1]} has the parameters {', '.join(names)} ({error})"
+            continue
+        focal = given.get("f", 0.0)
+        lenses[words[0]] = ImportedLens(
+            fx_px=given.get("fx", focal),
+            fy_px=given.get("fy", focal),
+            cx_px=given["cx"],
+            cy_px=given["cy"],
+            **{name: given.get(name, 0.0) for name in ("k1", "k2", "p1", "p2")},
+            width_px=int(width),
+            height_px=int(height),
+        )
+    if not lenses:
+        raise InputDataError(f"{path} lists no cameras")
+    return lenses
+
+
+def _world(path: Path) -> PoseWorld:
+    """Where the world lies, by ``georeference.txt``: crs, and an offset or a similarity into it."""
+    if not path.is_file():
+        return PoseWorld(crs=None, north=North.GRID)
+    lines = "\n".join(f"# {line.lstrip('# ')}" for line in _text(path).splitlines())
+    said, rest = read_head(path, lines, _KEYS)
+    if rest.strip() or "crs" not in said or ("offset" in said and "transform" in said):
+        raise InputDataError(
+            f"{path}: give crs (an EPSG code or 'site') and at most one of offset (x y z) and transform (scale qw qx "
+            f"qy qz tx ty tz, as COLMAP writes a sim3), each on its line as 'key: value'; found {said}"
+        )
+    crs = said["crs"]
+    origin = None
+    if "site_origin" in said:
+        lon, lat, height = _exactly(path, said, "site_origin", 3)
+        origin = SiteOrigin(lon_deg=lon, lat_deg=lat, height_ellipsoidal_m=height)
+    crs_from_world = None
+    if "offset" in said:
+        crs_from_world = Similarity(rotation=np.eye(3), translation=_exactly(path, said, "offset", 3))
+    elif "transform" in said:
+        scale, w, x, y, z, *shift = _exactly(path, said, "transform", 8)
+        if not (scale > 0 and np.linalg.norm([w, x, y, z]) > 0):
+            raise InputDataError(f"{path}, transform: {said['transform']}: the scale or the quaternion is not above 0")
+        crs_from_world = Similarity(
+            rotation=Rotation.from_quat([x, y, z, w]).as_matrix(), translation=np.array(shift), scale=float(scale)
+        )
+    return PoseWorld(
+        crs=crs, north=North.TRUE if crs == SITE else North.GRID, origin=origin, crs_from_world=crs_from_world
+    )
+
+
+def _exactly(path: Path, said: dict[str, str], key: str, count: int) -> Array:
+    words = re.split(r"[\s,;]+", said[key].strip())
+    try:
+        numbers = _numbers(words)
+    except InputDataError as error:
+        raise InputDataError(f"{path}, {key}: {error}") from error
+    if len(numbers) != count:
+        raise InputDataError(f"{path}, {key}: {len(numbers)} numbers, {count} are needed")
+    return numbers

@@ -1,0 +1,250 @@
+"""The shift that walls do not observe (height; along a lone facade too), searched by the model's edges.
+
+All photographs together score a grid of shifts, coarse to fine. Windows and storeys repeat, so several answers can
+look alike: the best must beat every other one feature by feature, else the search refuses.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, maximum_filter
+
+from facadelake.building.surface.edges import ModelEdges
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.camera import PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Array
+from facadelake.georeferencing.model.edge_samples import sample_edges, seen_samples
+from facadelake.georeferencing.model.edge_scores import EdgeScene, moved_camera, score_shifts
+from facadelake.georeferencing.model.gradients import GreyPhotographs
+
+_log = logging.getLogger(__name__)
+
+_WINDOW_SIGMAS = 3.0
+# Blur of the photographs on the building, coarse to fine; a search in two directions begins one level coarser.
+_LEVELS_M = (0.32, 0.16, 0.08)
+_FINEST_M = 0.04
+_SPACING_M = 0.10
+_COARSE_SPACING = 1.25  # of the coarsest blur
+_SPARSE_M = 0.6
+_NODE_LEVELS = 7.5  # what is visible is asked anew after so many times the coarsest blur
+_MOST_PHOTOS = 30
+_LEAST_FEATURES = 6
+_RIVALS = 5
+_APART_M = 0.40  # two peaks closer than this are one answer, blurred by the building's relief
+_LEAST_GAP_SIGMAS = 2.0
+_CONSENSUS_M = 0.4
+_CONSENSUS_STEP_M = 0.02
+_PROFILE_M = 0.06  # frames and mouldings show lines beside the one that was modelled
+_MISTAKEN = 0.2  # share of features that show something else
+_TRUSTED_SAMPLES = 200.0
+_NO_EVIDENCE = 0.1
+_BOOTSTRAPS = 200
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShiftFound:
+    """``shift_site_m`` (3,) is to be added to the cameras' centres; ``sigma_m`` one sigma along the free directions.
+
+    ``score`` (0 to 1) is how well the edges are met there, ``competing_score`` the best elsewhere, at
+    ``competing_shift_site_m`` (3,); ``gap_sigmas`` is by how many standard errors, over the building's features, the
+    best is better.
+    """
+
+    shift_site_m: Array
+    sigma_m: float
+    score: float
+    competing_score: float
+    competing_shift_site_m: Array
+    gap_sigmas: float
+    features: int
+
+
+def find_shift(
+    cameras: Sequence[PosedCamera],
+    photographs: GreyPhotographs,
+    edges: ModelEdges,
+    surface: Surface,
+    free: Array,
+    sigma_m: Array,
+    *,
+    tolerance_m: float = 0.05,
+) -> ShiftFound:
+    """Search within three ``sigma_m`` (j,) along the unit directions ``free`` (j, 3) of site; j is 1 or 2.
+
+    Photograph k of ``photographs`` was taken by ``cameras[k]``; ``tolerance_m`` is one sigma of as-built against
+    as-designed. Raises GeoreferenceError where too little of the model is seen, or two answers compete.
+    """
+    free = np.asarray(free, dtype=np.float64).reshape(-1, 3)
+    reach = _WINDOW_SIGMAS * np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), len(free))
+    levels = _LEVELS_M[-1 - len(free) :]
+    search = EdgeScene(
+        cameras=cameras,
+        photographs=photographs,
+        rows=_spread(cameras, _MOST_PHOTOS // len(free)),
+        samples=sample_edges(edges, _COARSE_SPACING * levels[0]),
+        surface=surface,
+        free=free,
+        features=int(edges.feature.max(initial=-1)) + 1,
+    )
+    grid = _grid(reach, levels[0] / 2)
+    shifts = grid.reshape(-1, len(free))
+    _, node = np.unique(np.round(shifts / (_NODE_LEVELS * levels[0])), axis=0, return_inverse=True)
+    seen = _ever_seen(search, edges, shifts, node.ravel())
+    search = replace(search, samples=search.samples.take(seen[search.samples.edge]))
+    scores = score_shifts(search, shifts, node.ravel(), levels[0])
+    peaks = _peaks(scores.total.reshape(grid.shape[:-1]), grid, levels[0] / 2)
+    dense = sample_edges(edges, _SPACING_M)
+    search = replace(search, samples=dense.take(seen[dense.edge]))
+    rivals: list[_Peak] = []
+    for coarser, finer in pairwise(levels):
+        rivals = _refined(search, peaks, coarser, finer)
+        peaks = np.array([rival.shift for rival in rivals])
+    best = rivals[0]
+    features = int((best.weight > 0).sum())
+    if features < _LEAST_FEATURES:
+        raise GeoreferenceError(
+            f"{features} edges of the building model are seen by {len(search.rows)} photographs, {_LEAST_FEATURES} are "
+            "needed: model openings, storey lines or eaves, take photographs that show them, or give control points"
+        )
+    rival, gap = _closest_rival(rivals)
+    if gap < _LEAST_GAP_SIGMAS:
+        raise GeoreferenceError(
+            f"two placements of the building model fit its edges alike: a shift of {_words(best.shift @ free)} (score "
+            f"{best.score:.3f}) and of {_words(rival.shift @ free)} (score {rival.score:.3f}); they differ by "
+            f"{gap:.1f} standard errors (limit {_LEAST_GAP_SIGMAS}): storeys or windows repeat. Give one control point "
+            "on the ground, or photographs with RTK, or that show the building's ends and its roof"
+        )
+    _log.info("edges: best score %.3f, next %.3f, %.1f standard errors less", best.score, rival.score, gap)
+    shift, sigma = _consensus(search, best.shift, tolerance_m)
+    return ShiftFound(
+        shift_site_m=shift @ free,
+        sigma_m=sigma,
+        score=best.score,
+        competing_score=rival.score,
+        competing_shift_site_m=rival.shift @ free,
+        gap_sigmas=gap,
+        features=features,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Peak:
+    """A shift (j,) that may be the answer, and each feature's best evidence near it and root weight (features,)."""
+
+    shift: Array
+    score: float
+    evidence: Array
+    weight: Array
+
+
+def _refined(search: EdgeScene, peaks: Array, coarser_m: float, finer_m: float) -> list[_Peak]:
+    """The peaks moved to their best place at the finer level, best first; each sees what is visible there."""
+    around = _grid(np.full(len(search.free), coarser_m), finer_m / 2).reshape(-1, len(search.free))
+    shifts = (peaks[:, None, :] + around[None]).reshape(-1, len(search.free))
+    scores = score_shifts(search, shifts, np.repeat(np.arange(len(peaks)), len(around)), finer_m)
+    shape = (len(peaks), len(around), search.features)
+    total, mean = scores.total.reshape(shape[:2]), scores.mean.reshape(shape)
+    root = np.sqrt(scores.weight).reshape(shape).mean(axis=1)
+    best = total.argmax(axis=1)
+    found = [
+        _Peak(
+            shift=peaks[k] + around[best[k]],
+            score=float(total[k, best[k]]),
+            evidence=mean[k].max(axis=0),
+            weight=root[k],
+        )
+        for k in range(len(peaks))
+    ]
+    return sorted(found, key=lambda peak: -peak.score)
+
+
+def _closest_rival(rivals: list[_Peak]) -> tuple[_Peak, float]:
+    """The other answer that the best beats by the fewest standard errors, and by how many.
+
+    Each feature is a witness: what they say of the difference has a mean and, from their scatter, a standard error.
+    """
+    best, closest, least = rivals[0], rivals[0], np.inf
+    for other in rivals[1:]:
+        if np.linalg.norm(other.shift - best.shift) < _APART_M:
+            continue
+        weight = np.maximum(best.weight, other.weight)
+        share = weight / max(float(weight.sum()), 1e-12)
+        difference = best.evidence - other.evidence
+        mean = float(share @ difference)
+        error = float(np.sqrt((share**2) @ (difference - mean) ** 2))
+        gap = mean / max(error, 1e-9)
+        if gap < least:
+            closest, least = other, gap
+    return closest, least
+
+
+def _consensus(search: EdgeScene, start: Array, tolerance_m: float) -> tuple[Array, float]:
+    """The shift (j,) that most features agree on, and its standard error (m).
+
+    Each feature has its own idea of the shift, with several candidates where profiles run side by side. The likeliest
+    shift is taken, where every feature is off by its own normal deviation, the building's tolerance, and a share of
+    them is mistaken. The error is the scatter under resampling of the features.
+    """
+    grid = _grid(np.full(len(search.free), _CONSENSUS_M), _CONSENSUS_STEP_M)
+    shifts = start + grid.reshape(-1, len(search.free))
+    scores = score_shifts(search, shifts, np.zeros(len(shifts), dtype=np.int64), _FINEST_M)
+    seen = np.median(scores.weight, axis=0) > 0
+    curve = scores.mean[:, seen].T ** 2 + _NO_EVIDENCE**2  # a feature that nothing shows says nothing
+    curve /= curve.sum(axis=1, keepdims=True)
+    trust = np.median(scores.weight[:, seen], axis=0)
+    trust = trust / (trust + _TRUSTED_SAMPLES)
+    blur = (0.0, *[float(np.hypot(tolerance_m, _PROFILE_M)) / _CONSENSUS_STEP_M] * len(search.free))
+    likely = gaussian_filter(curve.reshape(-1, *grid.shape[:-1]), blur, mode="nearest").reshape(curve.shape)
+    ballots = np.log((1 - _MISTAKEN) * likely + _MISTAKEN / curve.shape[1])
+    draws = np.random.default_rng(1).multinomial(len(trust), np.full(len(trust), 1 / len(trust)), size=_BOOTSTRAPS)
+    total = (np.vstack([np.ones(len(trust)), draws]) * trust) @ ballots
+    places = shifts[total.argmax(axis=1)]
+    spread = np.sqrt(((places[1:] - places[0]) ** 2).mean(axis=0).max() + _CONSENSUS_STEP_M**2 / 12)
+    return places[0], float(spread)
+
+
+def _words(shift_site_m: Array) -> str:
+    east, north, up = shift_site_m
+    return f"{east:+.2f} m east, {north:+.2f} m north, {up:+.2f} m up"
+
+
+def _grid(reach_m: Array, step_m: float) -> Array:
+    """Shifts (..., j) on a grid within ``reach_m`` (j,) of none, none among them."""
+    counts = [max(1, int(np.ceil(limit / step_m))) for limit in reach_m]
+    axes = [np.arange(-count, count + 1) * step_m for count in counts]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
+def _spread(cameras: Sequence[PosedCamera], most: int) -> NDArray[np.int64]:
+    """Rows of at most ``most`` photographs, in even steps through the block."""
+    count = min(len(cameras), most)
+    return np.unique(np.linspace(0, len(cameras) - 1, count).round().astype(np.int64))
+
+
+def _ever_seen(search: EdgeScene, edges: ModelEdges, shifts: Array, node: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """The edges that a sparse look, from every node, finds visible: most of a building is inside."""
+    sparse = sample_edges(edges, _SPARSE_M)
+    seen = np.zeros(len(edges.feature), dtype=bool)
+    for k in range(node.max() + 1):
+        centre = shifts[node == k].mean(axis=0) @ search.free
+        for row in search.rows:
+            found = seen_samples(
+                sparse, moved_camera(search.cameras[row], centre), search.surface, border_px=0.0, free=search.free
+            )
+            seen[sparse.edge[found.row]] = True
+    return seen
+
+
+def _peaks(total: Array, grid: Array, step_m: float) -> Array:
+    """The best local maxima (k, j), best first, each the highest within ``_APART_M``."""
+    highest = total == maximum_filter(total, size=2 * round(_APART_M / step_m) + 1, mode="nearest")
+    at = np.flatnonzero(highest)
+    order = at[np.argsort(-total.ravel()[at])][:_RIVALS]
+    return grid.reshape(-1, grid.shape[-1])[order]

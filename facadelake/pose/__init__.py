@@ -1,1 +1,0 @@
-"""Structure from motion, control points, georeference. pycolmap works in a process of its own (``pose/worker``)."""

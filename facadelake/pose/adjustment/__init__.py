@@ -1,1 +1,0 @@
-"""Georeferenced bundle adjustment: tie points, control, GPS, attitudes and the building's model in one estimate."""

@@ -1,1 +1,0 @@
-"""Poses that another program found: read, brought into site, judged."""

@@ -1,1 +1,0 @@
-"""Detections to observations on the surface, observations to defects."""

@@ -1,0 +1,67 @@
+"""The pixel that shows the middle of what a detection encloses, as it lies on the surface."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from facadelake.building.surface.raycasting import Hits
+from facadelake.core.camera import PosedCamera
+from facadelake.core.frames import Array
+from facadelake.registration.outline import Outlines
+from facadelake.registration.patch import tangents_of
+
+_BENT_COSINE = 0.87  # 30 deg: a curved wall bends less within a defect, a corner more
+
+Rows = NDArray[np.int64]
+
+
+def middle_of_mask(
+    outlines: Outlines, hits: Hits, pixel_m2: Array, row: int, polygon_site: Any, camera: PosedCamera
+) -> Array:
+    """The pixel (2,) of a mask's middle: the centroid of its area on the surface.
+
+    Other than the centroid of its pixels, it is one place for all photographs. Round a corner, where the outline cannot
+    be laid flat, it is that of the pixels' areas.
+    """
+    first, last = np.searchsorted(outlines.detection, (row, row + 1))
+    own = slice(first, last)
+    met = pixel_m2[own] > 0
+    weight, normals, xyz = pixel_m2[own][met], hits.normal_site[own][met], hits.xyz_site_m[own][met]
+    middle = np.average(xyz, axis=0, weights=weight)
+    facing = weight @ normals
+    facing /= max(float(np.linalg.norm(facing)), 1e-12)
+    if np.all(normals @ facing > _BENT_COSINE):
+        axes = np.vstack([*(tangent[0] for tangent in tangents_of(facing[None])), facing])
+        flat = shapely.transform(polygon_site, lambda xyz: (xyz - middle) @ axes.T, include_z=True)
+        middle = middle + shapely.get_coordinates(shapely.centroid(flat))[0] @ axes[:2]
+    pixel: Array = camera.project_site(middle[None])[0]
+    return pixel
+
+
+def middles_of_boxes(outlines: Outlines, depth_m: Array, member: NDArray[np.bool_], rows: Rows) -> Array:
+    """The pixels (m, 2) of the middles of what boxes ``rows`` (m,) enclose; ``depth_m``, ``member`` (k,) of all pixels.
+
+    What is nearer looks larger, so a box's centre lies too near: the image of a segment's middle is the mean of its
+    ends' images, weighted by their depths. A box that is not wholly on one surface keeps its centre.
+    """
+    middle: Array = outlines.centre_img[rows].copy()
+    first = np.searchsorted(outlines.detection, rows)
+    side = np.sqrt(np.searchsorted(outlines.detection, rows, side="right") - first).astype(np.int64)
+    for number in np.unique(side):
+        mine = np.flatnonzero(side == number)
+        cells = first[mine, None] + np.arange(number * number)
+        whole = member[cells].all(axis=1)
+        mine, cells = mine[whole], cells[whole].reshape(-1, number, number)
+        half_px = outlines.pitch_px[rows[mine]] * number / 2
+        # On a plane the inverse of the depth is linear in pixels, so it goes on from the last pixels to the edges.
+        for axis, line in ((0, cells[:, number // 2, :]), (1, cells[:, :, number // 2])):
+            low, high = 1 / depth_m[line[:, 0]], 1 / depth_m[line[:, -1]]
+            beyond = (high - low) / (2 * (number - 1))
+            low, high = low - beyond, high + beyond
+            seen = (low > 0) & (high > 0)  # else the plane's horizon runs through the box
+            middle[mine[seen], axis] += half_px[seen, axis] * ((low - high) / (low + high))[seen]
+    return middle

@@ -1,0 +1,109 @@
+"""Rays of pixels, how they turn from pixel to pixel, and the 3x3 covariance in site of the place where one meets the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.frames import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PixelRays:
+    """Rays of k pixels in site: ``origin_site_m`` (k, 3), ``direction_site`` (k, 3) unit, ``by_pixel`` (k, 3, 2) what
+    the direction turns by a pixel to the right and down, ``solid_angle`` (k,) steradian a square pixel, and
+    ``forward`` (k,) the share of a distance that is depth."""
+
+    origin_site_m: Array
+    direction_site: Array
+    by_pixel: Array
+    solid_angle: Array
+    forward: Array
+
+
+def rays_of(cameras: Sequence[PosedCamera], camera_of: NDArray[np.int64], xy_img: Array) -> PixelRays:
+    """Rays of the pixels ``xy_img`` (k, 2), each of ``cameras[camera_of]`` (k,)."""
+    count = len(xy_img)
+    origin, direction = np.empty((count, 3)), np.empty((count, 3))
+    by_pixel, solid, forward = np.empty((count, 3, 2)), np.empty(count), np.empty(count)
+    for number in np.unique(camera_of):
+        own = np.flatnonzero(camera_of == number)
+        posed = cameras[number]
+        origin[own], direction[own] = posed.rays_site(xy_img[own])
+        rotation = posed.site_from_cam.rotation
+        forward[own] = direction[own] @ rotation[:, 2]
+        turned, solid[own] = _turned_by_a_pixel(posed.camera, direction[own] @ rotation)
+        by_pixel[own] = rotation @ turned
+    return PixelRays(
+        origin_site_m=origin, direction_site=direction, by_pixel=by_pixel, solid_angle=solid, forward=forward
+    )
+
+
+def _turned_by_a_pixel(camera: Camera, rays_cam: Array) -> tuple[Array, Array]:
+    """Derivative (k, 3, 2) of unit rays by their pixel, and the pixel's solid angle (k,); Brown's model, inverted."""
+    x, y = (rays_cam[:, :2] / rays_cam[:, 2:]).T
+    r2 = x * x + y * y
+    radial = 1 + camera.k1 * r2 + camera.k2 * r2 * r2
+    slope = 2 * camera.k1 + 4 * camera.k2 * r2  # d radial / dx = slope x
+    xx = camera.fx_px * (radial + slope * x * x + 2 * camera.p1 * y + 6 * camera.p2 * x)
+    yy = camera.fy_px * (radial + slope * y * y + 6 * camera.p1 * y + 2 * camera.p2 * x)
+    mixed = slope * x * y + 2 * camera.p1 * x + 2 * camera.p2 * y
+    xy, yx = camera.fx_px * mixed, camera.fy_px * mixed
+    grown = xx * yy - xy * yx
+    plane = np.array([[yy, -xy], [-yx, xx]]).transpose(2, 0, 1) / grown[:, None, None]
+    length = np.sqrt(1 + r2)
+    # d unit = (I - unit unit') d(x, y, 1) / length
+    across = np.eye(3)[None] - rays_cam[:, :, None] * rays_cam[:, None, :]
+    turned: Array = across[:, :, :2] @ plane / length[:, None, None]
+    solid: Array = 1 / (np.abs(grown) * length**3)
+    return turned, solid
+
+
+_LEAST_COSINE = 0.01  # of a ray flatter than 89.4 deg to the normal nothing finite can be said
+
+
+def surface_covariance(direction_site: Array, normal_site: Array, model_sigma_m: float) -> Array:
+    """Covariance (n, 3, 3) in m2 of places by a surface that stands ``model_sigma_m`` (one sigma) off its model.
+
+    It has rank 1, along the ray; all sightings of a place share the surface.
+    """
+    along = direction_site / _facing(direction_site, normal_site)[:, None]
+    covariance: Array = model_sigma_m**2 * along[:, :, None] * along[:, None, :]
+    return covariance
+
+
+def ray_covariance(
+    direction_site: Array,
+    distance_m: Array,
+    normal_site: Array,
+    by_pixel: Array,
+    pixel_sigma_px: Array,
+    site_from_cam: Array,
+    pose_covariance: Array,
+) -> Array:
+    """Covariance (n, 3, 3) in m2 of places by their rays alone, on a surface that is where the model has it.
+
+    ``direction_site`` (n, 3) unit, ``normal_site`` (n, 3); ``by_pixel`` (n, 3, 2): the direction's derivative by the
+    pixel, ``pixel_sigma_px`` (n, 2) in x and y; ``site_from_cam`` (n, 3, 3) rotations; ``pose_covariance`` (n, 6, 6):
+    centre (m, site) and attitude (rad, about the camera's own x, y, z).
+    """
+    cosine = _facing(direction_site, normal_site)
+    onto_plane = np.eye(3)[None] - direction_site[:, :, None] * normal_site[:, None, :] / cosine[:, None, None]
+    by_pixels = distance_m[:, None, None] * by_pixel * pixel_sigma_px[:, None, :]
+    # site_from_cam (I + [turn]x) ray_cam: a turn about the camera's axis k moves the ray by (axis k in site) x ray.
+    axes = site_from_cam.transpose(0, 2, 1)
+    by_turn = distance_m[:, None, None] * np.cross(axes, direction_site[:, None, :]).transpose(0, 2, 1)
+    by_pose = np.concatenate([np.broadcast_to(np.eye(3), by_turn.shape), by_turn], axis=2)
+    moved = by_pixels @ by_pixels.transpose(0, 2, 1) + by_pose @ pose_covariance @ by_pose.transpose(0, 2, 1)
+    covariance: Array = onto_plane @ moved @ onto_plane.transpose(0, 2, 1)
+    return (covariance + covariance.transpose(0, 2, 1)) / 2
+
+
+def _facing(direction_site: Array, normal_site: Array) -> Array:
+    """``normal . direction`` (n,): negative, as normals face the camera, and kept off zero."""
+    cosine: Array = np.minimum(np.einsum("ij,ij->i", direction_site, normal_site), -_LEAST_COSINE)
+    return cosine

@@ -1,0 +1,128 @@
+"""Which photographs are compared: by position, viewing direction and order, so that large sets stay affordable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.core.frames import Array
+from facadelake.sfm.settings import ReconstructionSettings
+
+Booleans = NDArray[np.bool_]
+
+# Photographs whose optical axes differ by more than this hardly show the same side of anything.
+WIDEST_ANGLE_DEG = 110.0
+# Neighbours in the order of taking are always tried: a position prior may be wrong; more of them where there is none.
+SEQUENCE = 2
+SEQUENCE_UNPLACED = 5
+# How far ahead the facade may be: from a close-range photograph's two metres to a wide view's thirty.
+_DEPTHS_M = np.array([2.0, 4.0, 8.0, 16.0, 32.0])
+# Half the diagonal view of a common drone camera, for photographs that do not tell their focal length.
+_HALF_VIEW_DEG = 38.0
+# A hovering drone may take two photographs at one place; three positions alike to the millimetre were cut off.
+_ALIKE = 3
+_ALIKE_M = 0.001
+
+
+def viewing_directions(yaw_deg: Array, pitch_deg: Array) -> Array:
+    """Unit vectors (n, 3) in site of yaw (clockwise from north) and pitch (above the horizon); NaN if unknown."""
+    yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
+    return np.column_stack([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
+
+
+def choose_pairs(
+    xyz_m: Array,
+    direction: Array,
+    close_range: Booleans,
+    settings: ReconstructionSettings,
+    *,
+    half_view_deg: Array | None = None,
+) -> list[tuple[int, int]]:
+    """Pairs (i < j) of photographs to compare, sorted; their number grows with that of the photographs, not its square.
+
+    ``xyz_m`` (n, 3): position priors, NaN where there is none; ``direction`` (n, 3): viewing directions, NaN where
+    unknown; ``close_range`` (n,): the role; ``half_view_deg`` (n,): half the diagonal angle of view, NaN where unknown.
+    Photographs are in the order of taking. Those that ``poorly_placed`` names want partners by their looks besides.
+    """
+    n = len(xyz_m)
+    if n <= settings.exhaustive_up_to:
+        return list(combinations(range(n), 2))
+    half_view = np.full(n, _HALF_VIEW_DEG) if half_view_deg is None else half_view_deg
+    half_view = np.where(np.isfinite(half_view), half_view, _HALF_VIEW_DEG)
+    placed = _placed(xyz_m)
+    pairs: set[tuple[int, int]] = set()
+    for i in range(n):
+        reach = SEQUENCE if placed[i] else SEQUENCE_UNPLACED
+        pairs |= _with(i, (j for j in range(i - reach, i + reach + 1) if j != i and 0 <= j < n))
+        if not placed[i]:
+            continue
+        cost = _cost(i, xyz_m, direction)
+        cost[~placed] = np.inf
+        pairs |= _with(i, _smallest(cost, settings.neighbours))
+        # Close-range photographs crowd together; they join the block by others of which the view holds the same place.
+        shared = _shared_view(i, xyz_m, direction, half_view)
+        other = np.where(close_range != close_range[i], cost / np.maximum(shared, 0.05), np.inf)
+        pairs |= _with(i, _smallest(other, settings.neighbours // 2))
+    return sorted(pairs)
+
+
+def poorly_placed(xyz_m: Array, sigma_m: Array, settings: ReconstructionSettings) -> Booleans:
+    """Which photographs (n,) their position does not tell from others: partners must be sought by their looks.
+
+    No position; one whose horizontal sigma (``sigma_m`` (n, 3)) is more than half the distance within which its
+    neighbours by position lie, so that true neighbours may lie beyond; or one that several photographs state alike.
+    None where every pair is compared anyway.
+    """
+    n = len(xyz_m)
+    if n <= settings.exhaustive_up_to:
+        return np.zeros(n, dtype=bool)
+    placed = _placed(xyz_m)
+    poor = np.array(~placed)
+    for i in np.flatnonzero(placed):
+        distance = np.linalg.norm(xyz_m[:, :2] - xyz_m[i, :2], axis=1)
+        within = np.sort(distance[placed])[: settings.neighbours + 1][-1]
+        alike = np.count_nonzero(np.linalg.norm(xyz_m - xyz_m[i], axis=1) < _ALIKE_M)
+        poor[i] = bool(2 * np.nanmax(sigma_m[i, :2], initial=0.0) > within) or alike >= _ALIKE
+    return poor
+
+
+def _placed(xyz_m: Array) -> Booleans:
+    return np.asarray(np.isfinite(xyz_m).all(axis=1))
+
+
+def _with(i: int, others: Iterable[int]) -> set[tuple[int, int]]:
+    return {(min(i, j), max(i, j)) for j in others}
+
+
+def _smallest(cost: Array, count: int) -> list[int]:
+    return [int(j) for j in np.argsort(cost, kind="stable")[:count] if np.isfinite(cost[j])]
+
+
+def _cost(i: int, xyz_m: Array, direction: Array) -> Array:
+    """Distance (m) to each photograph, stretched by the angle between the views; inf where they cannot overlap."""
+    distance = np.linalg.norm(xyz_m - xyz_m[i], axis=1)
+    cosine = direction @ direction[i]
+    known = np.isfinite(cosine)
+    cost: Array = np.where(known, distance * (2.0 - np.where(known, cosine, 1.0)), distance)
+    cost[known & (cosine < np.cos(np.radians(WIDEST_ANGLE_DEG)))] = np.inf
+    cost[i] = np.inf
+    return cost
+
+
+def _shared_view(i: int, xyz_m: Array, direction: Array, half_view_deg: Array) -> Array:
+    """Share (n,) of the depths at which what lies ahead of one photograph is in the other's view; 0.5 if unknown.
+
+    Of the two ways the better: a wide view holds what a close one looks at, not the reverse.
+    """
+    seen = np.cos(np.radians(half_view_deg))
+    ahead_of_i = xyz_m[i] + _DEPTHS_M[:, None] * direction[i]
+    to_i = ahead_of_i[None, :, :] - xyz_m[:, None, :]  # (n, depths, 3), from each other photograph
+    by_others = np.einsum("ndk,nk->nd", to_i, direction) > seen[:, None] * np.linalg.norm(to_i, axis=2)
+    to_others = _DEPTHS_M[None, :, None] * direction[:, None, :] + (xyz_m - xyz_m[i])[:, None, :]
+    by_i = to_others @ direction[i] > seen[i] * np.linalg.norm(to_others, axis=2)
+    share: Array = np.maximum(by_others.mean(axis=1), by_i.mean(axis=1))
+    share[~np.isfinite(direction @ direction[i])] = 0.5
+    return share

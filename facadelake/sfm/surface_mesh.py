@@ -1,0 +1,200 @@
+"""The as-built surface: a mesh of the tie points that separates free space from matter.
+
+The wheel of pycolmap has no Delaunay meshing (it is built without CGAL), so the method is here: Delaunay tetrahedra of
+the tie points, each ray of sight votes its tetrahedra free and the one behind its point solid, and a minimum cut
+parts the two. Source: Labatut, Pons, Keriven 2009, "Robust and efficient surface reconstruction from range data".
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+from scipy.spatial import Delaunay, cKDTree
+
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.progress import stage_progress
+from facadelake.sfm.free_space import Crossings, cross
+from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
+
+_MOST_POINTS = 30_000
+_LEAST_POINTS = 50
+_VIEWS_PER_POINT = 4
+# Weight of one ray against the shape term, in the integers that the flow needs.
+_RAY = 100
+_SHAPE = 60
+# Triangles with an edge this many times longer than usual close gaps that nobody saw.
+_LONGEST_EDGE_FACTOR = 4.0
+_EDGE_PERCENTILE = 90.0
+
+
+def as_built_mesh(reconstruction_folder: Path, folder: Path) -> None:
+    """Mesh the reconstruction's tie points and write ``folder/mesh.npz`` (frame sfm).
+
+    Raises InputDataError for fewer than 50 well-observed tie points.
+    """
+    vertices, triangles = mesh_of(read_reconstruction(reconstruction_folder))
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savez(folder / "mesh.npz", vertices_sfm=vertices, triangles=triangles)
+
+
+def read_mesh(folder: Path) -> tuple[Array, NDArray[np.int64]]:
+    """Vertices (n, 3) in sfm and triangles (m, 3), wound so that normals point to the free side."""
+    try:
+        with np.load(folder / "mesh.npz") as loaded:
+            return loaded["vertices_sfm"], loaded["triangles"]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputDataError(f"{folder} holds no as-built mesh ({error}); remove the folder and run again") from error
+
+
+def mesh_of(
+    reconstruction: Reconstruction, *, seed: int = 1, most_points: int = _MOST_POINTS
+) -> tuple[Array, NDArray[np.int64]]:
+    """The surface between free space and matter: vertices (n, 3) in sfm, triangles (m, 3).
+
+    Of more than ``most_points`` well-observed tie points that many are drawn by ``seed``.
+    """
+    with stage_progress("Meshing the tie points", 4) as step:
+        point, photo = _sightings(reconstruction, seed, most_points)
+        kept, vertex = np.unique(point, return_inverse=True)
+        if len(kept) < _LEAST_POINTS:
+            raise InputDataError(
+                f"{len(kept)} tie points seen three times or more; a surface needs {_LEAST_POINTS} or more: "
+                "photograph with more overlap"
+            )
+        xyz = reconstruction.xyz_sfm[kept]
+        spacing = cKDTree(xyz).query(xyz, k=5)[0][:, 1:].mean(axis=1)
+        corners = _far_corners(np.vstack([xyz, reconstruction.centres_sfm]))
+        delaunay = Delaunay(np.vstack([xyz, corners]))
+        step.advance()
+        crossings = cross(delaunay, reconstruction.centres_sfm[photo], xyz[vertex], vertex, spacing[vertex])
+        step.advance()
+        free = _free(delaunay, crossings, float(np.median(spacing)))
+        step.advance()
+        triangles = _between(delaunay, free)
+        triangles = _without_long(delaunay.points, triangles[(triangles < len(xyz)).all(axis=1)])
+        step.advance()
+    used, renumbered = np.unique(triangles, return_inverse=True)
+    return xyz[used], renumbered.reshape(-1, 3).astype(np.int64)
+
+
+def _sightings(
+    reconstruction: Reconstruction, seed: int, most_points: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Points and photographs of the rays to walk: points seen three times or more, a few views of each."""
+    rng = np.random.default_rng(seed)
+    seen = np.bincount(reconstruction.track_point, minlength=len(reconstruction.xyz_sfm))
+    chosen = np.flatnonzero(seen >= 3)
+    if len(chosen) > most_points:
+        chosen = rng.choice(chosen, most_points, replace=False)
+    rows = np.flatnonzero(np.isin(reconstruction.track_point, chosen))
+    rows = rng.permutation(rows)
+    rows = rows[np.argsort(reconstruction.track_point[rows], kind="stable")]
+    point = reconstruction.track_point[rows]
+    first = np.concatenate([[True], point[1:] != point[:-1]])
+    rank = np.arange(len(point)) - np.flatnonzero(first)[np.cumsum(first) - 1]
+    rows = rows[rank < _VIEWS_PER_POINT]
+    return reconstruction.track_point[rows], reconstruction.track_photo[rows]
+
+
+def _far_corners(xyz: Array) -> Array:
+    """Eight corners of a box three times as wide as everything, so that every camera stands in a tetrahedron."""
+    middle, half = (xyz.max(axis=0) + xyz.min(axis=0)) / 2, (xyz.max(axis=0) - xyz.min(axis=0)).max() * 1.5
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    corners: Array = middle + half * signs
+    return corners
+
+
+def _free(delaunay: Delaunay, crossings: Crossings, spacing: float) -> NDArray[np.bool_]:
+    """Which tetrahedra are free space (t,), by a minimum cut between the cameras' and those behind points."""
+    count = len(delaunay.simplices)
+    source, sink = count, count + 1
+    # A crossing close before its point says little: the point itself is uncertain by about the spacing.
+    trust = _RAY * (1.0 - np.exp(-0.5 * (crossings.before_end / spacing) ** 2))
+    solid = crossings.behind[crossings.behind >= 0]
+    own = np.repeat(np.arange(count), 4)
+    other = delaunay.neighbors.ravel().astype(np.int64)
+    inner = other >= 0
+    hull = np.flatnonzero((delaunay.neighbors < 0).any(axis=1))
+    rows = np.concatenate(
+        [crossings.tetrahedron, own[inner], np.full(len(crossings.begins) + len(hull), source), solid]
+    )
+    columns = np.concatenate(
+        [
+            delaunay.neighbors[crossings.tetrahedron, crossings.facet],
+            other[inner],
+            crossings.begins,
+            hull,
+            np.full(len(solid), sink),
+        ]
+    )
+    always = float(2**30)
+    weights = np.concatenate(
+        [
+            trust,
+            _SHAPE * _badness(delaunay)[inner],
+            np.full(len(crossings.begins) + len(hull), always),
+            np.full(len(solid), float(_RAY)),
+        ]
+    )
+    summed = coo_array((weights, (rows, columns)), shape=(count + 2, count + 2)).tocsr()
+    capacity = csr_array(
+        (np.minimum(summed.data, always).astype(np.int32), summed.indices, summed.indptr), shape=summed.shape
+    )
+    flow = maximum_flow(capacity, source, sink).flow
+    left = capacity - flow
+    left.eliminate_zeros()
+    reached = np.zeros(count + 2, dtype=bool)
+    reached[breadth_first_order(left, source, return_predecessors=False)] = True
+    return reached[:count]
+
+
+def _badness(delaunay: Delaunay) -> Array:
+    """Shape term of every facet (4 t,), 0 (good) to 2: large where a circumsphere bulges far out of the facet."""
+    corners = delaunay.points[delaunay.simplices]
+    base = corners[:, 0]
+    edges = corners[:, 1:] - base[:, None]
+    with np.errstate(all="ignore"):
+        determinant = np.linalg.det(edges)
+        flat = np.abs(determinant) < 1e-12 * np.abs(edges).max(axis=(1, 2)) ** 3
+        edges = np.where(flat[:, None, None], np.eye(3), edges)
+        centre = base + np.linalg.solve(edges, 0.5 * (edges**2).sum(axis=2)[:, :, None])[:, :, 0]
+    radius = np.linalg.norm(centre - base, axis=1)
+    cosine = np.empty((len(corners), 4))
+    for facet in range(4):
+        a, b, c = (corners[:, k] for k in range(4) if k != facet)
+        normal = np.cross(b - a, c - a)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        side = np.sign(np.einsum("ij,ij->i", normal, corners[:, facet] - a))
+        cosine[:, facet] = side * np.einsum("ij,ij->i", normal, centre - a) / np.maximum(radius, 1e-300)
+    cosine[flat] = -1.0
+    mine = cosine.ravel()
+    neighbour = delaunay.neighbors.ravel()
+    # The neighbour's facet towards this tetrahedron is the one whose neighbour this is.
+    back = np.argmax(delaunay.neighbors[neighbour] == np.repeat(np.arange(len(corners)), 4)[:, None], axis=1)
+    theirs = cosine[neighbour, back]
+    badness: Array = 1.0 - np.clip(np.minimum(mine, theirs), -1.0, 1.0)
+    return badness
+
+
+def _between(delaunay: Delaunay, free: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Facets (m, 3) between matter and free space, wound with their normals to the free side."""
+    solid, facet = np.nonzero(~free[:, None] & (delaunay.neighbors >= 0) & free[delaunay.neighbors])
+    others = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])[facet]
+    triangles = np.take_along_axis(delaunay.simplices[solid], others, axis=1).astype(np.int64)
+    a, b, c = (delaunay.points[triangles[:, k]] for k in range(3))
+    inside = delaunay.points[delaunay.simplices[solid, facet]]
+    wrong = np.einsum("ij,ij->i", np.cross(b - a, c - a), inside - a) > 0
+    triangles[wrong] = triangles[wrong][:, [0, 2, 1]]
+    return triangles
+
+
+def _without_long(points: Array, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    edges = np.linalg.norm(points[triangles] - points[np.roll(triangles, 1, axis=1)], axis=2).max(axis=1)
+    limit = _LONGEST_EDGE_FACTOR * np.percentile(edges, _EDGE_PERCENTILE) if len(edges) else 0.0
+    kept: NDArray[np.int64] = triangles[edges <= limit]
+    return kept

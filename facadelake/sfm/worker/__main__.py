@@ -1,0 +1,42 @@
+"""Entry of the worker process: read the job, do it, report on standard output, one JSON object a line."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+from facadelake.core.errors import InputDataError
+from facadelake.sfm.worker.report import Report
+
+_PR_SET_PDEATHSIG = 1
+
+
+def _end_with_parent(parent: int) -> None:
+    """Ask the kernel (Linux) to end this process when the one that started it dies; a half-dead run holds gigabytes."""
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        sys.exit("the starting process is gone")
+
+
+def main(job_path: Path) -> int:
+    """Do the job; 0 done, 2 refused (the reason was reported)."""
+    job: dict[str, Any] = json.loads(job_path.read_text(encoding="utf-8"))
+    _end_with_parent(job["parent"])
+    report = Report.on_standard_output()
+    from facadelake.sfm.worker.job import reconstruct  # pycolmap loads after its output was redirected
+
+    try:
+        reconstruct(job, Path(job["folder"]), report)
+    except InputDataError as error:
+        report.refused(str(error))
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))
