@@ -7,8 +7,8 @@ from pathlib import Path
 from facadelake.core.errors import InputDataError
 from facadelake.detection.configured import chosen_detector
 from facadelake.georeferencing.imported.records import pose_files
-from facadelake.lake.severity import rule_file
 from facadelake.registry import Building, CocoDetector
+from facadelake.severity.rule_packs import rule_file
 from schemas.vocabulary import ControlKind, SurfaceKind
 
 LATEST = "latest"

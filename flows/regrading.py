@@ -7,9 +7,9 @@ from pathlib import Path
 
 from facadelake.lake.read import versions
 from facadelake.lake.regrade import Regrading, preview, regrade
-from facadelake.lake.severity import rule_file
 from facadelake.publish.releases import publish_regraded
 from facadelake.registry import Building, read_portfolio
+from facadelake.severity.rule_packs import rule_file
 
 
 def registered_rules(portfolio: Path, building_id: str) -> str | None:

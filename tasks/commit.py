@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from prefect import task
 
-from facadelake.campaign import lake_tables
 from facadelake.core.tables import read_table
 from facadelake.georeferencing.campaign.reference import REFERENCE, drop_reference, keep_reference
+from facadelake.lake.campaign_tables import lake_tables
 from facadelake.lake.commit import Committed, commit_campaign
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import whole_campaign

@@ -13,8 +13,8 @@ from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.deduplication.appearance import Photographs
 from facadelake.deduplication.merge import merge
-from facadelake.lake.severity import grade, rule_file
 from facadelake.registration.settings import MergeSettings
+from facadelake.severity.rule_packs import grade, rule_file
 from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

@@ -21,7 +21,7 @@ from facadelake.lake.commit import last_version
 from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, quoted, store_errors, writing
 from facadelake.lake.migrate import migrate, roll_back
 from facadelake.lake.read import read_table
-from facadelake.lake.severity import BY_RULES, GRADES, grade
+from facadelake.severity.rule_packs import BY_RULES, GRADES, grade
 
 logger = logging.getLogger(__name__)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import FacadelakeError, InputDataError
-from facadelake.lake.severity import rule_file
 from facadelake.registry import Building, read_portfolio
+from facadelake.severity.rule_packs import rule_file
 from tests.counterexamples.command_line import facadelake
 
 GOOD = """

@@ -11,8 +11,8 @@ import shapely
 from facadelake.core.checkout import source_path
 from facadelake.core.sql_files import statements
 from facadelake.core.tables import table_of_rows
+from facadelake.lake.checks import CHECKED, across_tables
 from facadelake.lake.connect import bare_connection
-from facadelake.lake.expectations import CHECKED, across_tables
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, rows
 
 

@@ -59,7 +59,7 @@ UNRELATED = [
     ("placing a block", "facadelake/georeferencing/starts.py", ["reconstruct", "ingest", "load_model"]),
     ("merging", "facadelake/deduplication/merge.py", ["register", "georeference", "reconstruct"]),
     ("the portfolio's model", "data/detector/facadelake-nano.card.yaml", STAGES),
-    ("a note beside the code", "facadelake/pose/NOTES.txt", STAGES),
+    ("a note beside the code", "facadelake/sfm/NOTES.txt", STAGES),
 ]
 
 

@@ -11,7 +11,7 @@ import pytest
 from facadelake.core.errors import SchemaError
 from facadelake.core.sql_files import statements
 from facadelake.core.tables import stage_schema
-from facadelake.lake.expectations import CHECKED, CHECKS, failure_text, failures, validate
+from facadelake.lake.checks import CHECKED, CHECKS, failure_text, failures, validate
 from schemas.tables import RUN_KEYS, TABLES
 from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_tables
 
@@ -36,7 +36,7 @@ def checked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pa.Table]:
     (folder / "tables").write_bytes(pickle.dumps(tables))
     code = (
         "import pathlib, pickle, sys\n"
-        "from facadelake.lake.expectations import validate\n"
+        "from facadelake.lake.checks import validate\n"
         "tables, checks = map(pathlib.Path, sys.argv[1:])\n"
         "found = {name: validate(given) for name, given in pickle.loads(tables.read_bytes()).items()}\n"
         "checks.write_bytes(pickle.dumps(found))\n"

@@ -13,7 +13,7 @@ from facadelake.lake.connect import writing
 from facadelake.lake.questions import ask
 from facadelake.lake.read import read_table, read_tables, versions
 from facadelake.lake.regrade import Regrading, Step, preview, regrade
-from facadelake.lake.severity import rule_file
+from facadelake.severity.rule_packs import rule_file
 from schemas.tables import TABLES
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit
 

@@ -10,7 +10,7 @@ from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement, statements
 from facadelake.core.tables import check_table
 from facadelake.lake.connect import bare_connection
-from facadelake.lake.severity import RULES, grade, rule_file, rule_packs, severities
+from facadelake.severity.rule_packs import RULES, grade, rule_file, rule_packs, severities
 from tests.unit.lake.small_campaign import stage_tables
 
 HEADER = "-- severities: bad, good\n"

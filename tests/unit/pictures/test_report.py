@@ -12,13 +12,13 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.tables import table_of_rows
-from facadelake.lake.severity import rule_file, rule_packs, severities
 from facadelake.pictures.crops import defect_crops
 from facadelake.pictures.inspection import PictureSettings
 from facadelake.pictures.overlays import photo_overlays, telling_photographs
 from facadelake.pictures.palette import bgr_of, outcome_colour, short_ids
 from facadelake.pictures.report import write_report
 from facadelake.pictures.report_defects import worst_first
+from facadelake.severity.rule_packs import rule_file, rule_packs, severities
 from tests.unit.pictures.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
 
 COARSE = PictureSettings(cell_m=0.03, overlay_width_px=500)

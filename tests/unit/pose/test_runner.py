@@ -105,7 +105,7 @@ def test_the_worker_ends_with_its_parent(tmp_path: Path, end: signal.Signals) ->
     # The worker is the real one; only its work is replaced by a long sleep, after it has asked the kernel.
     waiting.write_text(
         "import sys, pathlib, subprocess\n"
-        "from facadelake.pose import runner\n"
+        "from facadelake.sfm import worker_process as runner\n"
         "real = subprocess.Popen\n"
         "code = ('import sys,time,os,facadelake.sfm.worker.__main__ as m; m._end_with_parent(int(sys.argv[1]));'\n"
         "        'print(os.getpid(), file=open(sys.argv[2],\"w\")); time.sleep(60)')\n"

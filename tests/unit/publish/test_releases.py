@@ -17,10 +17,10 @@ import shapely
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake.connect import bare_connection
 from facadelake.lake.regrade import regrade
-from facadelake.lake.severity import rule_file
 from facadelake.publish import releases
 from facadelake.publish.geopackage import facade_layers, geo_layers, right_of
 from facadelake.publish.releases import publish_campaign, publish_regraded
+from facadelake.severity.rule_packs import rule_file
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit, lake_tables
 
 KEYS = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
