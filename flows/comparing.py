@@ -21,10 +21,11 @@ from facadelake.core.hashing import file_sha256, key_of
 from facadelake.core.tables import read_table, write_table
 from facadelake.detection.campaign import View, detect_photographs
 from facadelake.detection.inference.detector import OnnxDetector, load_detector
-from facadelake.photos.files import find_masks
-from facadelake.registry import Building, Portfolio
-from facadelake.review.changes import Change, Changed, changes_between
-from facadelake.review.comparison_report import (
+from facadelake.evaluation.model_comparison.against_reviews import OnWords, against_words
+from facadelake.evaluation.model_comparison.changes import Change, Changed, changes_between
+from facadelake.evaluation.model_comparison.contact_sheet import Crop, write_sheet
+from facadelake.evaluation.model_comparison.defects import WallDefect, joint_detections, wall_defects
+from facadelake.evaluation.model_comparison.report import (
     CampaignComparison,
     Comparison,
     ModelNamed,
@@ -33,11 +34,10 @@ from facadelake.review.comparison_report import (
     lost_defects,
     write_comparison,
 )
-from facadelake.review.contact_sheet import Crop, write_sheet
-from facadelake.review.on_the_wall import WallDefect, joint_detections, wall_defects
-from facadelake.review.on_words import OnWords, against_words
-from facadelake.review.record import reviews_of
-from facadelake.review.standing import Detected, detected, judge
+from facadelake.photos.files import find_masks
+from facadelake.registry import Building, Portfolio
+from facadelake.reviews.match_reviews import Detected, detected, judge
+from facadelake.reviews.review import reviews_of
 from flows.committed import committed_model, committed_tables
 from flows.evaluation import registered_again
 from schemas.vocabulary import PhotoOutcome

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from facadelake.core.errors import InputDataError
-from facadelake.review.forms import LabelForm, Pictures
+from facadelake.reviews.training.forms import LabelForm, Pictures
 from flows.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,

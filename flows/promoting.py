@@ -11,8 +11,8 @@ from facadelake.detection.inference.detector import load_detector
 from facadelake.detection.inference.find_card import find_card
 from facadelake.detection.model_registry import LIST, MODELS, Promotion, default_model, promote, promotions
 from facadelake.evaluate.detector.card_results import evaluations
-from facadelake.review.comparison_report import REPORT, comparison_folder, read_comparison
-from facadelake.review.promotion import evidence, objections
+from facadelake.evaluation.model_comparison.promotion import evidence, objections
+from facadelake.evaluation.model_comparison.report import REPORT, comparison_folder, read_comparison
 
 log = logging.getLogger("facadelake.flows")
 

@@ -15,12 +15,12 @@ from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.lake.read import read_table
 from facadelake.lake.reviews import Added, append_reviews
 from facadelake.registry import Building
-from facadelake.review.coco_words import Words, words_of_coco
-from facadelake.review.csv_words import words_of_csv
-from facadelake.review.record import Review, reviews_of, table_of_reviews
-from facadelake.review.shown import Said, Shown, shown_places
-from facadelake.review.standing import Judgement, detected, judge
-from facadelake.review.task_files import Task, coco_task, defects_csv, read_task, write_task
+from facadelake.reviews.coco_import import Words, words_of_coco
+from facadelake.reviews.csv_import import words_of_csv
+from facadelake.reviews.match_reviews import Judgement, detected, judge
+from facadelake.reviews.presented import Said, Shown, shown_places
+from facadelake.reviews.review import Review, reviews_of, table_of_reviews
+from facadelake.reviews.task_files import Task, coco_task, defects_csv, read_task, write_task
 from flows.committed import committed_tables
 from schemas.vocabulary import PhotoOutcome
 

@@ -6,8 +6,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.review.changes import Change
-from facadelake.review.comparison_report import REPORT, CampaignComparison
+from facadelake.evaluation.model_comparison.changes import Change
+from facadelake.evaluation.model_comparison.report import REPORT, CampaignComparison
 from flows.comparing import Compared
 
 _MOST = 10

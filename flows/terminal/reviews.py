@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.review.record import Review
-from facadelake.review.task_files import Task
+from facadelake.reviews.review import Review
+from facadelake.reviews.task_files import Task
 from flows.reviewing import Imported, ReviewedCampaign
 from schemas.vocabulary import Verdict
 

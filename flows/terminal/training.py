@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from facadelake.review.splits import Split
-from facadelake.review.training_set import MANIFEST, TrainingSet
+from facadelake.reviews.training.splits import Split
+from facadelake.reviews.training.training_set import MANIFEST, TrainingSet
 
 
 def show_training_set(console: Console, done: TrainingSet, placed: Mapping[str, Split]) -> None:

@@ -52,7 +52,7 @@ UNRELATED = [
     ("command line", "flows/cli.py", STAGES),
     ("the flow itself", "flows/inspect_building.py", STAGES),
     ("evaluation", "facadelake/evaluate/comparison.py", STAGES),
-    ("reviews", "facadelake/review/record.py", STAGES),
+    ("reviews", "facadelake/reviews/review.py", STAGES),
     ("demo", "facadelake/demo/generate.py", STAGES),
     ("publishing", "facadelake/publish/geopackage.py", STAGES),
     ("question", "sql/questions/passport.sql", STAGES),

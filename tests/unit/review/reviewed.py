@@ -7,8 +7,8 @@ import pyarrow as pa
 
 from facadelake.core.tables import table_of_rows
 from facadelake.detection.boxes import Box
-from facadelake.review.shown import Said, Shown, shown_places
-from facadelake.review.standing import Detected, Judgement, detected, judge
+from facadelake.reviews.match_reviews import Detected, Judgement, detected, judge
+from facadelake.reviews.presented import Said, Shown, shown_places
 from schemas.vocabulary import DefectClass
 
 CRACK, SPALLING, MOISTURE = DefectClass.CRACK, DefectClass.SPALLING, DefectClass.MOISTURE

@@ -11,8 +11,12 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.review.changes import Change, changes_between, covered_share
-from facadelake.review.comparison_report import (
+from facadelake.evaluation.model_comparison.against_reviews import OnWords, against_words
+from facadelake.evaluation.model_comparison.changes import Change, changes_between, covered_share
+from facadelake.evaluation.model_comparison.contact_sheet import Crop, write_sheet
+from facadelake.evaluation.model_comparison.defects import joint_detections, wall_defects
+from facadelake.evaluation.model_comparison.promotion import evidence, objections
+from facadelake.evaluation.model_comparison.report import (
     CampaignComparison,
     Comparison,
     ModelNamed,
@@ -21,13 +25,9 @@ from facadelake.review.comparison_report import (
     read_comparison,
     write_comparison,
 )
-from facadelake.review.contact_sheet import Crop, write_sheet
-from facadelake.review.on_the_wall import joint_detections, wall_defects
-from facadelake.review.on_words import OnWords, against_words
-from facadelake.review.overlap import corners_of
-from facadelake.review.promotion import evidence, objections
-from facadelake.review.shown import shown_places, word_on, word_on_missed
-from facadelake.review.standing import detected, judge
+from facadelake.reviews.box_matching import corners_of
+from facadelake.reviews.match_reviews import detected, judge
+from facadelake.reviews.presented import shown_places, word_on, word_on_missed
 from schemas.vocabulary import Verdict
 from tests.unit.review.reviewed import CRACK, NEW_MODEL, OLD_MODEL, SAID, box, rows, seen
 

@@ -15,8 +15,8 @@ from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import file_sha256
 from facadelake.detection.model_registry import default_model, promotions
 from facadelake.registry import Portfolio, read_portfolio
-from facadelake.review.forms import LabelForm, Pictures
-from facadelake.review.splits import Split
+from facadelake.reviews.training.forms import LabelForm, Pictures
+from facadelake.reviews.training.splits import Split
 from flows.cli import app
 from flows.comparing import compare_models
 from flows.options import console

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from facadelake.review.overlap import corners_of, matched, overlaps
-from facadelake.review.record import Review
-from facadelake.review.shown import word_on
-from facadelake.review.standing import Judgement, judge
+from facadelake.reviews.box_matching import corners_of, matched, overlaps
+from facadelake.reviews.match_reviews import Judgement, judge
+from facadelake.reviews.presented import word_on
+from facadelake.reviews.review import Review
 from schemas.vocabulary import Verdict
 from tests.unit.review.reviewed import CRACK, NEW_MODEL, SAID, box, seen, unreviewed
 

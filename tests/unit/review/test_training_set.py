@@ -18,11 +18,11 @@ from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.evaluate.detector.labels_open import open_labels
 from facadelake.evaluate.detector.sites import with_sites
-from facadelake.review.forms import LabelForm, Pictures
-from facadelake.review.shown import shown_places, word_on, word_on_missed
-from facadelake.review.splits import Split, chosen_splits, split_of
-from facadelake.review.standing import judge
-from facadelake.review.training_set import Source, write_training_set
+from facadelake.reviews.match_reviews import judge
+from facadelake.reviews.presented import shown_places, word_on, word_on_missed
+from facadelake.reviews.training.forms import LabelForm, Pictures
+from facadelake.reviews.training.splits import Split, chosen_splits, split_of
+from facadelake.reviews.training.training_set import Source, write_training_set
 from schemas.vocabulary import Verdict
 from tests.unit.review.reviewed import CRACK, MOISTURE, SAID, box, seen
 

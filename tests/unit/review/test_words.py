@@ -10,14 +10,14 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import crosswalk_with
-from facadelake.review.coco_words import words_of_coco
-from facadelake.review.csv_words import words_of_csv
-from facadelake.review.material import material_of
-from facadelake.review.record import latest, reviews_of, table_of_reviews
-from facadelake.review.shown import Shown, shown_places, word_on
-from facadelake.review.standing import judge
-from facadelake.review.task_files import Task, coco_task, defects_csv, read_task, write_task
-from facadelake.review.tiles import tiles_of
+from facadelake.reviews.coco_import import words_of_coco
+from facadelake.reviews.csv_import import words_of_csv
+from facadelake.reviews.match_reviews import judge
+from facadelake.reviews.presented import Shown, shown_places, word_on
+from facadelake.reviews.review import latest, reviews_of, table_of_reviews
+from facadelake.reviews.task_files import Task, coco_task, defects_csv, read_task, write_task
+from facadelake.reviews.training.material import material_of
+from facadelake.reviews.training.tiles import tiles_of
 from schemas.vocabulary import Verdict
 from tests.unit.review.reviewed import CRACK, MOISTURE, SAID, SIZES, SPALLING, box, seen, unreviewed
 

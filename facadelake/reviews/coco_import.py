@@ -20,10 +20,10 @@ from facadelake.detection.boxes import Box, clip_box, describe
 from facadelake.detection.coco.file import CocoAnnotation, number, read_coco
 from facadelake.detection.coco.mask import box_about, mask_of, polygons_of_text
 from facadelake.detection.crosswalk import Crosswalk
-from facadelake.review.overlap import corners_of, overlaps, pairs_of
-from facadelake.review.record import Review
-from facadelake.review.shown import Said, Shown, word_on, word_on_missed
-from facadelake.review.task_files import read_json
+from facadelake.reviews.box_matching import corners_of, overlaps, pairs_of
+from facadelake.reviews.presented import Said, Shown, word_on, word_on_missed
+from facadelake.reviews.review import Review
+from facadelake.reviews.task_files import read_json
 from schemas.vocabulary import DefectClass, Verdict
 
 _log = logging.getLogger(__name__)

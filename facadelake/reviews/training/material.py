@@ -8,7 +8,7 @@ from typing import Any
 
 from facadelake.detection.boxes import Box
 from facadelake.detection.coco.mask import polygons_of_text
-from facadelake.review.standing import Judgement
+from facadelake.reviews.match_reviews import Judgement
 from schemas.vocabulary import DefectClass
 
 

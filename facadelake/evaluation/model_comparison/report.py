@@ -10,10 +10,10 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.review.changes import Change, Changed
-from facadelake.review.on_the_wall import WallDefect
-from facadelake.review.on_words import OnWords, Place
-from facadelake.review.record import Review
+from facadelake.evaluation.model_comparison.against_reviews import OnWords, Place
+from facadelake.evaluation.model_comparison.changes import Change, Changed
+from facadelake.evaluation.model_comparison.defects import WallDefect
+from facadelake.reviews.review import Review
 
 FOLDER, REPORT = "comparisons", "comparison.json"
 

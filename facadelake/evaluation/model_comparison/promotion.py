@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from facadelake.review.comparison_report import Comparison
+from facadelake.evaluation.model_comparison.report import Comparison
 
 
 def objections(

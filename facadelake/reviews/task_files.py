@@ -14,8 +14,8 @@ import shapely
 
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.detection.boxes import Box
-from facadelake.review.record import box_of_row
-from facadelake.review.shown import Shown, polygons
+from facadelake.reviews.presented import Shown, polygons
+from facadelake.reviews.review import box_of_row
 from schemas.vocabulary import DefectClass, Verdict
 
 COCO_FILE, CSV_FILE, PHOTOGRAPHS_FILE = "detections.coco.json", "defects.csv", "photographs.txt"

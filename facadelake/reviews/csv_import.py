@@ -12,9 +12,9 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
 from facadelake.detection.boxes import Box, clip_box
 from facadelake.detection.crosswalk import Crosswalk
-from facadelake.review.coco_words import Words
-from facadelake.review.record import Review
-from facadelake.review.shown import Said, Shown, word_on, word_on_missed
+from facadelake.reviews.coco_import import Words
+from facadelake.reviews.presented import Said, Shown, word_on, word_on_missed
+from facadelake.reviews.review import Review
 from schemas.vocabulary import DefectClass, Verdict
 
 _SIDES = ("box_x_px", "box_y_px", "box_width_px", "box_height_px")

@@ -11,8 +11,8 @@ import numpy as np
 
 from facadelake.core.frames import Array
 from facadelake.detection.boxes import Box
-from facadelake.review.overlap import corners_of, overlaps, pairs_of
-from facadelake.review.standing import Detected
+from facadelake.reviews.box_matching import corners_of, overlaps, pairs_of
+from facadelake.reviews.match_reviews import Detected
 from schemas.vocabulary import DefectClass
 
 SAME_BOX = 0.3  # intersection over union from which two models' boxes are one: they draw differently

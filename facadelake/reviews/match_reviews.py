@@ -11,8 +11,8 @@ import pyarrow as pa
 
 from facadelake.core.frames import Array
 from facadelake.detection.boxes import Box
-from facadelake.review.overlap import corners_of, overlaps, pairs_of
-from facadelake.review.record import Review, box_of_row, latest
+from facadelake.reviews.box_matching import corners_of, overlaps, pairs_of
+from facadelake.reviews.review import Review, box_of_row, latest
 from schemas.vocabulary import DefectClass, DetectionOutcome
 
 # A new run's box that shares less with the one that was judged may be another defect's.

@@ -10,8 +10,8 @@ from typing import Any
 import shapely
 
 from facadelake.detection.boxes import Box
-from facadelake.review.record import Review, subject_of
-from facadelake.review.standing import Judgement
+from facadelake.reviews.match_reviews import Judgement
+from facadelake.reviews.review import Review, subject_of
 from schemas.vocabulary import DefectClass, Verdict
 
 

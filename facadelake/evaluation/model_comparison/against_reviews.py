@@ -6,9 +6,9 @@ from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from facadelake.review.changes import found_at
-from facadelake.review.record import Review
-from facadelake.review.standing import Detected, Judgement
+from facadelake.evaluation.model_comparison.changes import found_at
+from facadelake.reviews.match_reviews import Detected, Judgement
+from facadelake.reviews.review import Review
 
 
 @dataclass(frozen=True, kw_only=True)

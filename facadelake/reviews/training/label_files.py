@@ -10,10 +10,10 @@ from typing import Any
 
 import yaml
 
-from facadelake.review.forms import LabelForm
-from facadelake.review.material import Labelled
-from facadelake.review.shown import polygons
-from facadelake.review.splits import Split
+from facadelake.reviews.presented import polygons
+from facadelake.reviews.training.forms import LabelForm
+from facadelake.reviews.training.material import Labelled
+from facadelake.reviews.training.splits import Split
 from schemas.vocabulary import DefectClass
 
 CLASSES = tuple(DefectClass)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.review.changes import Change, Changed
-from facadelake.review.standing import Detected
+from facadelake.evaluation.model_comparison.changes import Change, Changed
+from facadelake.reviews.match_reviews import Detected
 from schemas.vocabulary import DefectClass
 
 _BOTH, _OLD, _NEW = "both:", "old:", "new:"

@@ -20,12 +20,12 @@ from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.progress import track
 from facadelake.detection.inference.letterbox import Image
 from facadelake.detection.inference.photograph import read_photograph, turned_by_exif
-from facadelake.review.forms import LabelForm, Pictures
-from facadelake.review.label_files import CLASSES, Picture, write_labels
-from facadelake.review.material import Labelled, Material, material_of
-from facadelake.review.splits import Split
-from facadelake.review.standing import Judgement
-from facadelake.review.tiles import picture_of, tiles_of
+from facadelake.reviews.match_reviews import Judgement
+from facadelake.reviews.training.forms import LabelForm, Pictures
+from facadelake.reviews.training.label_files import CLASSES, Picture, write_labels
+from facadelake.reviews.training.material import Labelled, Material, material_of
+from facadelake.reviews.training.splits import Split
+from facadelake.reviews.training.tiles import picture_of, tiles_of
 
 _log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from shapely import affinity
 from facadelake.detection.boxes import Box
 from facadelake.detection.coco.mask import polygons_of
 from facadelake.detection.inference.letterbox import Image
-from facadelake.review.material import Labelled, Material
+from facadelake.reviews.training.material import Labelled, Material
 
 _ROOM = 1.2  # a tile's side over its place's, so that what surrounds it is seen too
 _OFF_CENTRE = 0.7  # how far a place may lie off the tile's centre, of what keeps it whole: models learn where boxes lie
