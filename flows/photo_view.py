@@ -16,9 +16,9 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.progress import stage_progress
-from facadelake.pictures.photofile import read_photograph
-from facadelake.pictures.view_sheet import Panels, view_sheet
 from facadelake.registry import Building
+from facadelake.reporting.drawing.photograph import read_photograph
+from facadelake.reporting.view_sheet import Panels, view_sheet
 from flows.committed import committed_model, committed_tables
 from flows.precheck import resolved_campaign
 from schemas.vocabulary import PoseSource

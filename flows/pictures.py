@@ -7,15 +7,15 @@ from pathlib import Path
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import stage_schema
-from facadelake.pictures.inspection import Inspection, PictureSettings
-from facadelake.pictures.on_request import (
+from facadelake.registry import Building
+from facadelake.reporting.inspection import Inspection, PictureSettings
+from facadelake.reporting.on_request import (
     Drawn,
     draw_wanted,
     everything,
     wanted_by_name,
     what_the_report_shows,
 )
-from facadelake.registry import Building
 from flows.committed import committed_model, committed_tables
 
 _TABLES = (

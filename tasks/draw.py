@@ -10,8 +10,8 @@ from facadelake.building.model import read_building
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table
-from facadelake.pictures.inspection import Inspection, PictureSettings
-from facadelake.pictures.report import write_report
+from facadelake.reporting.inspection import Inspection, PictureSettings
+from facadelake.reporting.page.report import write_report
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import stage_tables
 from tasks.stage import Counts, run_stage

@@ -15,7 +15,7 @@ from flows.terminal.bars import ProgressBars
 from flows.terminal.stopping import stoppable
 
 if TYPE_CHECKING:
-    from facadelake.pictures.on_request import Drawn
+    from facadelake.reporting.on_request import Drawn
 
 _TOLD = 5  # of many alike, so many are named
 

@@ -46,8 +46,8 @@ PLANTED = [
 # What only draws, prints, evaluates, reviews or demonstrates, and stages that must not be made anew for it.
 COMPUTING = tuple(stage for stage in STAGES if stage != "draw")
 UNRELATED = [
-    ("picture", "facadelake/pictures/elevations.py", COMPUTING),
-    ("report", "facadelake/pictures/report.py", COMPUTING),
+    ("picture", "facadelake/reporting/elevations/elevation.py", COMPUTING),
+    ("report", "facadelake/reporting/page/report.py", COMPUTING),
     ("terminal", "flows/terminal/inspection.py", STAGES),
     ("command line", "flows/cli.py", STAGES),
     ("the flow itself", "flows/inspect_building.py", STAGES),

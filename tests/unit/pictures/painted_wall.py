@@ -15,7 +15,7 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import stage_schema, table_of_rows
-from facadelake.pictures.inspection import Inspection
+from facadelake.reporting.inspection import Inspection
 
 WALL_WIDTH_M, WALL_HEIGHT_M, WALL_THICK_M = 8.0, 4.0, 0.3
 PAINT_PX_PER_M = 100

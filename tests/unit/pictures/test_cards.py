@@ -13,20 +13,20 @@ from matplotlib.figure import Figure
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.tables import table_of_rows
-from facadelake.pictures.backdrop import draw_place, model_backdrop, place_on
-from facadelake.pictures.card import bar_length_m, length_words
-from facadelake.pictures.card_facts import card_facts, merges_by_defect
-from facadelake.pictures.cards import defect_cards
-from facadelake.pictures.crops import cut_out
-from facadelake.pictures.elevations import facades_of
-from facadelake.pictures.inspection import Inspection, PictureSettings
-from facadelake.pictures.marks import Mark, marks_of, surface_axes
-from facadelake.pictures.palette import bgr_of, class_colour
-from facadelake.pictures.patch_view import PatchView, patch_view
-from facadelake.pictures.photofile import read_photograph
-from facadelake.pictures.places import places_on_model
-from facadelake.pictures.sightings import outline_of, sightings_of
-from facadelake.pictures.storeys import storey_levels
+from facadelake.reporting.cards.card import bar_length_m, length_words
+from facadelake.reporting.cards.cards import defect_cards
+from facadelake.reporting.cards.crops import cut_out
+from facadelake.reporting.cards.facts import card_facts, merges_by_defect
+from facadelake.reporting.cards.patch_view import PatchView, patch_view
+from facadelake.reporting.cards.sightings import outline_of, sightings_of
+from facadelake.reporting.drawing.palette import bgr_of, class_colour
+from facadelake.reporting.drawing.photograph import read_photograph
+from facadelake.reporting.elevations.backdrop import draw_place, model_backdrop, place_on
+from facadelake.reporting.elevations.elevation import facades_of
+from facadelake.reporting.elevations.marks import Mark, marks_of, surface_axes
+from facadelake.reporting.elevations.places import places_on_model
+from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.inspection import Inspection, PictureSettings
 from tests.unit.pictures.painted_wall import PAINT_PX_PER_M, WALL_HEIGHT_M, Painted, box, defect_row, inspection_of
 
 SETTINGS = PictureSettings(cell_m=0.02)

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from facadelake.core.tables import table_of_rows
-from facadelake.pictures.distribution import (
+from facadelake.reporting.distribution import (
     NO_STOREY,
     distribution_of,
     distribution_title,
     draw_distribution,
     write_distribution,
 )
-from facadelake.pictures.inspection import Inspection
-from facadelake.pictures.palette import bgr_of, class_colour
+from facadelake.reporting.drawing.palette import bgr_of, class_colour
+from facadelake.reporting.inspection import Inspection
 from tests.unit.pictures.painted_wall import Painted, defect_row, inspection_of
 
 

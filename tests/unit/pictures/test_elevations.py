@@ -10,13 +10,13 @@ import pytest
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.frames import Array
 from facadelake.core.tables import table_of_rows
-from facadelake.pictures.elevations import compose, facade_elevations
-from facadelake.pictures.facades import Facade, find_facades
-from facadelake.pictures.inspection import PictureSettings
-from facadelake.pictures.marks import marks_also_seen, marks_of, marks_per_facade
-from facadelake.pictures.rectify import RectifiedElevation, rectify
-from facadelake.pictures.relief import look_square_on
-from facadelake.pictures.storeys import storey_levels
+from facadelake.reporting.elevations.elevation import compose, facade_elevations
+from facadelake.reporting.elevations.facades import Facade, find_facades
+from facadelake.reporting.elevations.marks import marks_also_seen, marks_of, marks_per_facade
+from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify
+from facadelake.reporting.elevations.relief import look_square_on
+from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.inspection import PictureSettings
 from schemas.vocabulary import SurfaceKind
 from tests.unit.pictures.painted_wall import (
     PAINT_PX_PER_M,

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.pictures.inspection import Inspection, PictureSettings
-from facadelake.pictures.on_request import (
+from facadelake.reporting.inspection import Inspection, PictureSettings
+from facadelake.reporting.on_request import (
     Wanted,
     draw_wanted,
     everything,

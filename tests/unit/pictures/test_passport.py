@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from facadelake.core.tables import stage_schema, table_of_rows
-from facadelake.pictures.inspection import Inspection
-from facadelake.pictures.passport import draw_passport
-from facadelake.pictures.passport_facts import Verdict, facts_of, summary
-from facadelake.pictures.passport_views import NORTH, UP, Scales, draw_view, extent_of, place_of, scales_for
-from facadelake.pictures.projected_model import draw_model
-from facadelake.pictures.report_passport import passport
+from facadelake.reporting.drawing.projected_model import draw_model
+from facadelake.reporting.inspection import Inspection
+from facadelake.reporting.page.passport import passport
+from facadelake.reporting.passport.facts import Verdict, facts_of, summary
+from facadelake.reporting.passport.figure import draw_passport
+from facadelake.reporting.passport.views import NORTH, UP, Scales, draw_view, extent_of, place_of, scales_for
 from tests.unit.pictures.painted_wall import NASTY_NAME, Painted, inspection_of
 
 CENTIMETRES: dict[str, Any] = {

@@ -12,12 +12,12 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.tables import table_of_rows
-from facadelake.pictures.crops import defect_crops
-from facadelake.pictures.inspection import PictureSettings
-from facadelake.pictures.overlays import photo_overlays, telling_photographs
-from facadelake.pictures.palette import bgr_of, outcome_colour, short_ids
-from facadelake.pictures.report import write_report
-from facadelake.pictures.report_defects import worst_first
+from facadelake.reporting.cards.crops import defect_crops
+from facadelake.reporting.drawing.palette import bgr_of, outcome_colour, short_ids
+from facadelake.reporting.inspection import PictureSettings
+from facadelake.reporting.overlays import photo_overlays, telling_photographs
+from facadelake.reporting.page.defects import worst_first
+from facadelake.reporting.page.report import write_report
 from facadelake.severity.rule_packs import rule_file, rule_packs, severities
 from tests.unit.pictures.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
 

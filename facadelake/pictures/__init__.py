@@ -1,1 +1,0 @@
-"""Pictures for people: facade elevations from rectified photographs, plans, overlays, the report of a campaign."""

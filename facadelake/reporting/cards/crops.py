@@ -1,0 +1,90 @@
+"""Pieces of photographs round a detection, with its outline; and each defect's best one for the report."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.progress import track
+from facadelake.reporting.cards.sightings import Outline, Sighting, sightings_of
+from facadelake.reporting.drawing.palette import bgr_of, class_colour, short_ids
+from facadelake.reporting.drawing.photograph import read_photograph
+from facadelake.reporting.elevations.relief import Picture
+from facadelake.reporting.inspection import Inspection, PictureSettings
+
+log = logging.getLogger(__name__)
+
+_MARGIN = 1.1  # of the box's longer side, left free around it
+_LEAST_SIDE_PX = 24.0
+_JPEG_QUALITY = 82
+_ROOMY_PX = 400  # from this width on there is room for a white rim round an outline
+
+
+def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings | None = None) -> dict[str, Path]:
+    """Write ``defect_<label>.jpg`` for each defect into ``folder``; returns the paths by defect_id.
+
+    The crop is the defect's box in its best photograph with room around it, square, ``thumbnail_px`` wide. A defect
+    whose best photograph has no box of it, or cannot be read, has no crop. Photographs are read one by one, once.
+    """
+    settings = settings or PictureSettings()
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = inspection.defects.select(["defect_id", "defect_class", "best_photo_id"]).to_pylist()
+    labels = short_ids([row["defect_id"] for row in rows])
+    sightings = sightings_of(inspection)
+    by_photo: dict[str, list[tuple[Mapping[str, str], Sighting]]] = {}
+    for row in rows:
+        own = sightings[row["defect_id"]]
+        if own and own[0].photo_id == row["best_photo_id"]:
+            by_photo.setdefault(own[0].photo_id, []).append((row, own[0]))
+    paths: dict[str, Path] = {}
+    for photo_id, wanted in track(sorted(by_photo.items()), label="Cutting out defects"):
+        if photo_id not in inspection.posed:
+            continue
+        try:
+            pixels = read_photograph(inspection.photograph(photo_id), inspection.posed[photo_id].camera)
+        except InputDataError as error:
+            log.warning("no crops of its defects: %s", error)
+            continue
+        for row, sighting in wanted:
+            path = folder / f"defect_{file_word(labels[row['defect_id']])}.jpg"
+            crop = cut_out(pixels, sighting.outline, settings.thumbnail_px, class_colour(row["defect_class"]))
+            cv2.imwrite(str(path), crop, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+            paths[row["defect_id"]] = path
+    return paths
+
+
+def file_word(text: str) -> str:
+    """``text`` as a part of a file's name, the same on every system."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", text)
+
+
+def cut_out(pixels: Picture, outline: Outline, size_px: int, colour: str) -> Picture:
+    """A square piece (BGR, ``size_px`` wide) of a photograph (RGB) round a detection, its outline drawn on it."""
+    side = max(outline.width_px, outline.height_px) * (1 + 2 * _MARGIN)
+    side = min(max(side, _LEAST_SIDE_PX), float(min(pixels.shape[:2])))
+    corner = np.clip(outline.centre_px - side / 2, 0, np.array([pixels.shape[1], pixels.shape[0]]) - side)
+    left, top = np.floor(corner).astype(int)
+    piece = pixels[top : top + int(side), left : left + int(side), ::-1]
+    scale = size_px / piece.shape[0]
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    crop = np.ascontiguousarray(cv2.resize(piece, (size_px, size_px), interpolation=method), dtype=np.uint8)
+    draw_outline(crop, outline, np.array([left, top]), scale, colour)
+    return crop
+
+
+def draw_outline(picture: Picture, outline: Outline, corner_px: Array, scale: float, colour: str) -> None:
+    """Draw a detection on a piece (BGR) of its photograph that begins at ``corner_px`` (2,): its mask, else its box."""
+    first = np.array([outline.left_px, outline.top_px])
+    size = np.array([outline.width_px, outline.height_px])
+    box = first + size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    rings = [np.round((ring - corner_px) * scale).astype(np.int32) for ring in (outline.rings_px or (box,))]
+    if max(picture.shape[:2]) >= _ROOMY_PX:
+        cv2.polylines(picture, rings, True, (255, 255, 255), 4, cv2.LINE_AA)
+    cv2.polylines(picture, rings, True, bgr_of(colour), 2, cv2.LINE_AA)

@@ -1,0 +1,184 @@
+"""How many defects of each class lie on each facade and storey (the paper's Fig. 19): bars, and tables."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from facadelake.reporting.drawing.palette import class_colour, class_hatch, plain
+from facadelake.reporting.elevations.outward import COMPASS_DEG, told_directions
+from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.inspection import Inspection
+
+_DPI = 150
+NO_STOREY = "no storey"
+_LAST_DEG = 999.0
+_A_ROW = 6  # facades side by side
+_PANEL_IN, _STOREY_IN, _LINE_IN = 1.75, 0.34, 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distribution:
+    """``counts`` and ``areas_m2`` by (facade, storey, class), with their axes in the order they are shown in."""
+
+    facades: tuple[str, ...]
+    storeys: tuple[str, ...]
+    classes: tuple[str, ...]
+    counts: Counter[tuple[str, str, str]]
+    areas_m2: Counter[tuple[str, str, str]]
+
+    def total(self, facade: str | None = None, defect_class: str | None = None) -> int:
+        """Defects of a facade, a class, or of all."""
+        return sum(n for (f, _, c), n in self.counts.items() if facade in (None, f) and defect_class in (None, c))
+
+
+def distribution_of(inspection: Inspection) -> Distribution:
+    """Facades clockwise from north, then those without a direction; storeys from the top, as they stand."""
+    rows = inspection.defects.select(["defect_class", "facade", "storey", "area_m2"]).to_pylist()
+    keys = [(row["facade"], row["storey"] or NO_STOREY, row["defect_class"]) for row in rows]
+    areas: Counter[tuple[str, str, str]] = Counter()
+    for key, row in zip(keys, rows, strict=True):
+        areas[key] += row["area_m2"]
+    found = {storey for _, storey, _ in keys}
+    named = [level.name for level in storey_levels(inspection.building)][::-1]
+    return Distribution(
+        facades=tuple(_clockwise({facade for facade, _, _ in keys}, inspection)),
+        storeys=tuple(named + sorted(found - set(named))),
+        classes=tuple(sorted({word for _, _, word in keys})),
+        counts=Counter(keys),
+        areas_m2=areas,
+    )
+
+
+def _clockwise(names: set[str], inspection: Inspection) -> list[str]:
+    """Names by the mean direction of their elements; by their own word where no element has it."""
+    vectors: dict[str, complex] = {}
+    elements = inspection.building.elements
+    areas = elements.column("surface_area_m2").to_pylist()
+    for name, told, area in zip(
+        elements.column("facade").to_pylist(), told_directions(inspection.building), areas, strict=True
+    ):
+        if told is not None:
+            vectors[name] = vectors.get(name, 0j) + area * complex(np.exp(1j * np.radians(told)))
+    azimuth = dict(COMPASS_DEG)
+    azimuth |= {name: float(np.degrees(np.angle(vector))) % 360.0 for name, vector in vectors.items()}
+    return sorted(names, key=lambda name: (round(azimuth.get(name, _LAST_DEG), 3), name))
+
+
+def write_distribution(distribution: Distribution, path: Path) -> Path:
+    """Write a CSV with a line for each facade, storey and class that has defects: their number and area in m2."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["facade", "storey", "defect_class", "defects", "area_m2"])
+        for facade in distribution.facades:
+            for storey in distribution.storeys:
+                for word in distribution.classes:
+                    if count := distribution.counts[facade, storey, word]:
+                        area = distribution.areas_m2[facade, storey, word]
+                        writer.writerow([facade, storey, word, count, f"{area:.4f}"])
+    return path
+
+
+def distribution_title(inspection: Inspection) -> str:
+    """What stands over the picture."""
+    count = len(inspection.defects)
+    many = "1 defect" if count == 1 else f"{count} defects"
+    return f"{inspection.building_name}, {inspection.campaign_id}: {many} by facade and storey"
+
+
+def draw_distribution(distribution: Distribution, title: str, path: Path) -> Path:
+    """Write a PNG: a panel a facade, in it a bar a storey as they stand, stacked by class; below it the totals."""
+    facades, storeys = distribution.facades or ("none",), distribution.storeys or (NO_STOREY,)
+    rows = -(-len(facades) // _A_ROW)
+    across = min(len(facades), _A_ROW)
+    words_in = 0.35 + 0.085 * max(len(storey) for storey in storeys)
+    panel_in = max(_PANEL_IN, 5.0 / across)
+    width = words_in + across * panel_in + 0.3
+    panels_in = rows * (len(storeys) * _STOREY_IN + 0.55)
+    table_in = (len(distribution.classes) + 3) * _LINE_IN
+    height = 0.65 + panels_in + 0.35 + table_in
+    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    longest = max(
+        (sum(distribution.counts[f, s, c] for c in distribution.classes) for f in facades for s in storeys), default=1
+    )
+    for place, facade in enumerate(facades):
+        row, column = divmod(place, _A_ROW)
+        left, top = words_in + column * panel_in, 0.85 + row * (len(storeys) * _STOREY_IN + 0.55)
+        high = len(storeys) * _STOREY_IN
+        axes = figure.add_axes((left / width, 1 - (top + high) / height, (panel_in - 0.2) / width, high / height))
+        _panel(axes, distribution, facade, storeys, max(longest, 1), named=column == 0)
+    figure.text(0.12 / width, 1 - 0.12 / height, plain(title), fontsize=11, weight="bold", va="top")
+    handles = [
+        Patch(facecolor=class_colour(word), hatch=class_hatch(word), edgecolor="white", label=word)
+        for word in distribution.classes
+    ]
+    if handles:
+        corner = (0.06 / width, 1 - 0.32 / height)
+        figure.legend(
+            handles=handles, loc="upper left", bbox_to_anchor=corner, ncols=len(handles), fontsize=8.5, frameon=False,
+            borderaxespad=0.0,
+        )  # fmt: skip
+    _totals(figure, distribution, width, height, table_in)
+    figure.savefig(path, dpi=_DPI)
+    return path
+
+
+def _panel(
+    axes: Axes, distribution: Distribution, facade: str, storeys: Sequence[str], longest: int, *, named: bool
+) -> None:
+    """One facade: the top storey's bar at the top."""
+    at = np.arange(len(storeys))[::-1]
+    ends = np.zeros(len(storeys))
+    for word in distribution.classes:
+        counts = np.array([distribution.counts[facade, storey, word] for storey in storeys])
+        axes.barh(
+            at, counts, 0.72, left=ends, color=class_colour(word), hatch=class_hatch(word), edgecolor="white",
+            linewidth=0.6,
+        )  # fmt: skip
+        ends += counts
+    for place, end in zip(at, ends, strict=True):
+        axes.text(end + 0.02 * longest, place, f"{end:.0f}" if end else "", fontsize=8, va="center")
+    axes.set_title(plain(facade), fontsize=9.5, loc="left", pad=4)
+    axes.set_xlim(0, longest * 1.2)
+    axes.set_ylim(-0.6, len(storeys) - 0.4)
+    axes.set_yticks(at, [plain(storey) if named else "" for storey in storeys], fontsize=8.5)
+    axes.set_xticks([])
+    axes.tick_params(axis="y", length=0)
+    axes.spines[["top", "right", "bottom"]].set_visible(False)
+
+
+def _totals(figure: Figure, distribution: Distribution, width: float, height: float, table_in: float) -> None:
+    """Numbers by class and facade under the panels."""
+    heads = [*distribution.facades, "all"]
+    lines: list[tuple[str, list[int]]] = [
+        (word, [distribution.total(facade, word) for facade in distribution.facades] + [distribution.total(None, word)])
+        for word in distribution.classes
+    ]
+    lines.append(("all", [distribution.total(facade) for facade in distribution.facades] + [distribution.total()]))
+    first = 0.3 + 0.085 * max(len(word) for word, _ in lines)
+    step = min((width - first - 0.3) / len(heads), 1.1)
+
+    def write(x: float, y: float, text: str, *, bold: bool = False, right: bool = True) -> None:
+        figure.text(
+            x / width, y / height, plain(text), fontsize=8.5, ha="right" if right else "left", va="center",
+            weight="bold" if bold else "normal",
+        )  # fmt: skip
+
+    y = table_in
+    for place, head in enumerate(heads):
+        write(first + (place + 1) * step, y, head, bold=True)
+    for word, numbers in lines:
+        y -= _LINE_IN
+        write(0.12, y, word, bold=word == "all", right=False)
+        for place, number in enumerate(numbers):
+            write(first + (place + 1) * step, y, str(number) if number else "–", bold=word == "all")

@@ -1,0 +1,70 @@
+"""Words on pictures that OpenCV draws: labels on a dark ground, and a strip above with a legend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from facadelake.core.frames import Array
+from facadelake.reporting.elevations.relief import Picture
+
+Bgr = tuple[int, int, int]
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_LINE_PX, _GAP_PX, _SWATCH_PX = 24, 20, 14
+_SIZE, _TITLE_SIZE = 0.45, 0.5
+_PAPER, _INK = (250, 250, 250), (30, 30, 30)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A colour and what it means."""
+
+    colour_bgr: Bgr
+    text: str
+
+
+def with_legend(picture: Picture, title: str, entries: Sequence[Entry]) -> Picture:
+    """The picture (BGR) under a light strip with ``title`` and ``entries``, in as many lines as they need."""
+    width = picture.shape[1]
+    title = _ascii(title)
+    x = 8 + _width(title, _TITLE_SIZE) + _GAP_PX
+    places: list[tuple[int, int, Entry]] = []
+    line = 0
+    for entry in entries:
+        needed = _SWATCH_PX + 6 + _width(_ascii(entry.text), _SIZE)
+        if x + needed > width - 8 and x > 8:
+            x, line = 8, line + 1
+        places.append((x, line, entry))
+        x += needed + _GAP_PX
+    strip = np.full((_LINE_PX * (line + 1), width, 3), _PAPER, dtype=np.uint8)
+    cv2.putText(strip, title, (8, 17), _FONT, _TITLE_SIZE, _INK, 1, cv2.LINE_AA)
+    for left, row, entry in places:
+        top = row * _LINE_PX + 6
+        corner = (left + _SWATCH_PX, top + _SWATCH_PX - 3)
+        cv2.rectangle(strip, (left, top), corner, entry.colour_bgr, cv2.FILLED)
+        cv2.rectangle(strip, (left, top), corner, _INK, 1)
+        at = (left + _SWATCH_PX + 6, top + 11)
+        cv2.putText(strip, _ascii(entry.text), at, _FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+    return np.vstack([strip, picture])
+
+
+def write_text(picture: Picture, text: str, at: Array, colour: Bgr, size: float) -> None:
+    """Write ``text`` on a dark ground from ``at`` (2,), its lower left."""
+    place = np.round(at).astype(int).tolist()
+    (width, height), below = cv2.getTextSize(_ascii(text), _FONT, size, 1)
+    left, top = max(0, place[0] - 2), max(0, place[1] - height - 2)
+    ground = picture[top : max(0, place[1] + below), left : max(0, place[0] + width + 2)]
+    ground[:] = (0.3 * ground).astype(np.uint8)
+    cv2.putText(picture, _ascii(text), place, _FONT, size, colour, 1, cv2.LINE_AA)
+
+
+def _ascii(text: str) -> str:
+    """OpenCV's letters are ASCII alone."""
+    return text.encode("ascii", "replace").decode()
+
+
+def _width(text: str, size: float) -> int:
+    return int(cv2.getTextSize(text, _FONT, size, 1)[0][0])

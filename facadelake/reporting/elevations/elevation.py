@@ -1,0 +1,127 @@
+"""Facade elevations: each main facade square-on, in metres, its photographs rectified, its defects on it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.errors import InputDataError
+from facadelake.reporting.elevations.backdrop import Backdrop
+from facadelake.reporting.elevations.facades import Facade, find_facades
+from facadelake.reporting.elevations.figure import DPI, Scene, draw_elevation
+from facadelake.reporting.elevations.marks import Mark, marks_also_seen, marks_of, marks_per_facade
+from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify
+from facadelake.reporting.elevations.relief import Picture, cell_size_m, grey_drawing, look_square_on, relief_edges
+from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.inspection import Inspection, PictureSettings
+
+log = logging.getLogger(__name__)
+
+_THUMBNAIL_WIDTH_PX = 1200
+_BRIGHTEST = 1.8  # a darker facade is not brightened further
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Elevation:
+    """A drawn facade: its file, what is on it, the share of its surface that photographs show, its picture in small."""
+
+    path: Path
+    facade: Facade
+    marks: tuple[Mark, ...]
+    covered_share: float
+    backdrop: Backdrop
+
+
+def facade_elevations(
+    inspection: Inspection,
+    surface: Surface,
+    folder: Path,
+    settings: PictureSettings | None = None,
+    names: Collection[str] | None = None,
+) -> list[Elevation]:
+    """Write ``elevation_<facade>.png`` into ``folder`` for each main facade; the largest comes first, and
+    a small copy of it is ``thumbnail_elevation.jpg``.
+
+    ``names`` of facades restrict it to those. Photographs that cannot be read are left out with a warning; what no
+    photograph shows is a grey drawing of the model. Memory: one photograph, and about 60 bytes for each of a facade's
+    cells.
+    """
+    settings = settings or PictureSettings()
+    building = inspection.building
+    marks = marks_of(inspection.defects, building.origin)
+    facades = facades_of(inspection, surface, settings)
+    shown, nowhere = marks_per_facade(facades, marks, building)
+    if nowhere:
+        log.info("%d of %d defects lie on no drawn facade", len(nowhere), len(marks))
+    if names is not None:
+        kept = [place for place, facade in enumerate(facades) if facade.name in names]
+        facades, shown = [facades[place] for place in kept], [shown[place] for place in kept]
+    scene = Scene(
+        building_name=inspection.building_name,
+        campaign_id=inspection.campaign_id,
+        control=inspection.control,
+        storeys=tuple(storey_levels(building)),
+    )
+    reliefs = [look_square_on(facade, surface, cell_size_m(facade, settings)) for facade in facades]
+    photographs = {photo_id: inspection.photograph(photo_id) for photo_id in inspection.posed}
+    elevations = []
+    for rectified, own in zip(rectify(reliefs, surface, inspection.posed, photographs, settings), shown, strict=True):
+        facade = rectified.relief.facade
+        path = folder / f"elevation_{facade.name.lower().replace(' ', '_')}.png"
+        background = compose(rectified, building)
+        met = rectified.relief.element >= 0
+        covered = float((rectified.covered & met).sum() / max(int(met.sum()), 1))
+        others = marks_also_seen(rectified.relief, marks, own)
+        sheet = draw_elevation(scene, rectified, background, own, others, covered)
+        sheet.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
+        elevations.append(
+            Elevation(
+                path=path,
+                facade=facade,
+                marks=tuple(own),
+                covered_share=covered,
+                backdrop=Backdrop.of(facade, background, rectified.relief.cell_m),
+            )
+        )
+    elevations.sort(key=lambda elevation: -elevation.facade.area_m2)
+    if elevations:
+        _thumbnail(elevations[0].path, folder / "thumbnail_elevation.jpg")
+    return elevations
+
+
+def facades_of(inspection: Inspection, surface: Surface, settings: PictureSettings) -> list[Facade]:
+    """The facades that elevations are drawn of, clockwise from north: the main ones and those with a defect."""
+    guids = frozenset(inspection.defects.column("element_guid").to_pylist())
+    return find_facades(inspection.building, surface, inspection.posed, guids, settings)
+
+
+def _thumbnail(source: Path, path: Path) -> None:
+    """A small copy, for places that show a picture inline."""
+    sheet = cv2.imread(str(source))
+    if sheet is None:
+        raise InputDataError(f"the elevation {source} that was just written cannot be read; is the disk full?")
+    scale = min(1.0, _THUMBNAIL_WIDTH_PX / sheet.shape[1])
+    small = cv2.resize(sheet, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(path), small, [cv2.IMWRITE_JPEG_QUALITY, 85])
+
+
+def compose(rectified: RectifiedElevation, building: BuildingModel) -> Picture:
+    """Photographs over the grey model, brightened as a whole where they are dark, the model's edges drawn thin."""
+    picture = grey_drawing(rectified.relief, building)
+    covered = rectified.covered
+    if covered.any():
+        light = float(np.quantile(rectified.picture[covered].max(axis=1), 0.98))
+        gain = min(max(245.0 / max(light, 1.0), 1.0), _BRIGHTEST)
+        picture[covered] = np.clip(rectified.picture[covered].astype(np.float32) * gain, 0, 255).astype(np.uint8)
+    edges = relief_edges(rectified.relief, building)
+    over_photo, over_grey = edges & covered, edges & ~covered
+    picture[over_photo] = (0.45 * picture[over_photo]).astype(np.uint8)
+    picture[over_grey] = 110
+    return picture

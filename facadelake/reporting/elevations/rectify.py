@@ -1,0 +1,137 @@
+"""Rectified photographs: every cell of an elevation takes its colour from the photographs that show it best.
+
+Each photograph is read twice, whatever the number of facades: once tiny, to choose among them, once for the colours.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.building.surface.raycasting import MISS, Surface
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Array
+from facadelake.core.progress import track
+from facadelake.reporting.drawing.photograph import read_photograph, reduction_for
+from facadelake.reporting.elevations.candidates import Share, find_candidates, share_out
+from facadelake.reporting.elevations.relief import Picture, Relief
+from facadelake.reporting.elevations.visibility import pixels_of
+from facadelake.reporting.inspection import PictureSettings
+
+log = logging.getLogger(__name__)
+
+_BAND_ROWS = 512  # rows of cells sampled at a time, to bound memory
+_LEAST_WEIGHT = 0.01
+_ENOUGH_WEIGHT = 0.25  # weights add up to 1 inside what photographs show and run out across its border
+_TINY_PX = 640  # width at which photographs are compared with one another; all of them are held at once
+_LINE = 4096  # OpenCV remaps pictures whose sides are below 32768
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RectifiedElevation:
+    """``picture`` (rows, columns, RGB) where ``covered`` (rows, columns) a photograph shows the surface."""
+
+    relief: Relief
+    picture: Picture
+    covered: NDArray[np.bool_]
+
+
+class _Canvas:
+    """The weighted sum of photographs on one elevation."""
+
+    def __init__(self, relief: Relief, shares: Mapping[str, Share], step: int) -> None:
+        self.relief, self.shares, self._step = relief, shares, step
+        self._sum = np.zeros((*relief.shape, 3), dtype=np.float32)
+        self._weight = np.zeros(relief.shape, dtype=np.float32)
+
+    def add(self, posed: PosedCamera, pixels: Picture, reduction: int, share: Share) -> None:
+        """Sample one photograph where it has a share."""
+        rows, columns = self.relief.shape
+        for top in range(0, rows, _BAND_ROWS):
+            bottom = min(rows, top + _BAND_ROWS)
+            # Coarse weights at the cells' centres, by the same pixel convention as everywhere.
+            map_y = ((np.arange(top, bottom) + 0.5) / self._step - 0.5 - share.top).astype(np.float32)
+            map_x = ((np.arange(columns) + 0.5) / self._step - 0.5 - share.left).astype(np.float32)
+            if map_y[0] > share.weight.shape[0] or map_y[-1] < -1:
+                continue
+            grid_x, grid_y = np.meshgrid(map_x, map_y)
+            weight = cv2.remap(share.weight.astype(np.float32), grid_x, grid_y, cv2.INTER_LINEAR) / 255
+            weight[self.relief.element[top:bottom] == MISS] = 0.0
+            use_rows, use_columns = np.nonzero(weight > _LEAST_WEIGHT)
+            if len(use_rows) == 0:
+                continue
+            xy, inside = pixels_of(posed, self.relief.xyz_site_m(use_rows + top, use_columns))
+            use_rows, use_columns, xy = use_rows[inside], use_columns[inside], xy[inside]
+            part = weight[use_rows, use_columns]
+            self._sum[use_rows + top, use_columns] += sampled(pixels, xy / reduction) * (part * share.gain)[:, None]
+            self._weight[use_rows + top, use_columns] += part
+
+    def finished(self) -> RectifiedElevation:
+        """The weighted mean."""
+        covered = self._weight > _ENOUGH_WEIGHT
+        self._sum /= np.maximum(self._weight, _ENOUGH_WEIGHT)[..., None]
+        picture = np.clip(self._sum + 0.5, 0, 255).astype(np.uint8)
+        return RectifiedElevation(relief=self.relief, picture=picture, covered=covered)
+
+
+def sampled(pixels: Picture, xy: Array) -> NDArray[np.float32]:
+    """Colours (n, 3) at positions (n, 2) of a picture, (0.5, 0.5) the centre of its first pixel; bilinear."""
+    count = len(xy)
+    maps = np.zeros((2, -(-max(count, 1) // _LINE) * _LINE), dtype=np.float32)
+    maps[:, :count] = xy.T - 0.5  # OpenCV counts from the centre of the first pixel
+    at_x, at_y = maps.reshape(2, -1, _LINE)
+    sampled = cv2.remap(pixels, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    colours: NDArray[np.float32] = sampled.reshape(-1, 3)[:count].astype(np.float32)
+    return colours
+
+
+def _tiny(path: Path, camera: Camera) -> Picture:
+    """The photograph, at most ``_TINY_PX`` wide."""
+    pixels = read_photograph(path, camera, 8 if camera.width_px >= 1024 else 1)
+    scale = min(1.0, _TINY_PX / pixels.shape[1])
+    return np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def rectify(
+    reliefs: Sequence[Relief],
+    surface: Surface,
+    posed: Mapping[str, PosedCamera],
+    photographs: Mapping[str, Path],
+    settings: PictureSettings,
+) -> list[RectifiedElevation]:
+    """Colour each relief from the photographs; one that cannot be read is left out with a warning."""
+    tiny = {}
+    for name in track(list(posed), label="Evening out exposures"):
+        try:
+            tiny[name] = _tiny(photographs[name], posed[name].camera)
+        except InputDataError as error:
+            log.warning("left out of the elevations: %s", error)
+    readable = {name: camera for name, camera in posed.items() if name in tiny}
+
+    def colours(name: str, xy: Array) -> NDArray[np.float32]:
+        return sampled(tiny[name], xy * (tiny[name].shape[1] / readable[name].camera.width_px))
+
+    canvases = []
+    for relief in track(reliefs, label="Choosing photographs"):
+        candidates = find_candidates(relief, surface, readable, settings)
+        feather = settings.feather_m / relief.cell_m / settings.visibility_step
+        canvases.append(_Canvas(relief, share_out(candidates, readable, colours, feather), settings.visibility_step))
+    used = [name for name in readable if any(name in canvas.shares for canvas in canvases)]
+    for name in track(used, label="Rectifying photographs"):
+        mine = [(canvas, canvas.shares[name]) for canvas in canvases if name in canvas.shares]
+        reduction = min(reduction_for(share.pixel_m, canvas.relief.cell_m) for canvas, share in mine)
+        try:
+            pixels = read_photograph(photographs[name], readable[name].camera, reduction)
+        except InputDataError as error:
+            log.warning("left out of the elevations: %s", error)
+            continue
+        for canvas, share in mine:
+            canvas.add(readable[name], pixels, reduction, share)
+    return [canvas.finished() for canvas in canvases]

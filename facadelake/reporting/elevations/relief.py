@@ -1,0 +1,151 @@
+"""The model seen square-on: what each cell of an elevation shows, its edges and its grey drawing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import MISS, Surface
+from facadelake.core.frames import Array
+from facadelake.reporting.elevations.facades import Facade
+from facadelake.reporting.inspection import PictureSettings
+from schemas.vocabulary import SurfaceKind
+
+Picture = NDArray[np.uint8]
+
+_ROWS = 256  # rows of cells cast at a time, to bound memory
+_STEP_M = 0.03  # a jump of the surface that is drawn as an edge
+_CREASE_COS = np.cos(np.radians(25))
+_OPENINGS = ("IfcWindow", "IfcDoor", "IfcCurtainWall", "IfcPlate")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Relief:
+    """An elevation's cells, (rows, columns) from the top left as seen from outside; float32 to halve the memory.
+
+    ``w_m`` along the facade's axis towards the viewer (NaN: nothing there), ``normal`` in site, ``element`` rows.
+    """
+
+    facade: Facade
+    cell_m: float
+    w_m: NDArray[np.float32]
+    normal: NDArray[np.float32]
+    element: NDArray[np.int32]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.w_m.shape[0], self.w_m.shape[1]
+
+    def xyz_site_m(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
+        """Surface points (n, 3) in site of cells' centres."""
+        uvw = np.column_stack(
+            [
+                self.facade.u_min_m + (columns + 0.5) * self.cell_m,
+                self.facade.v_max_m - (rows + 0.5) * self.cell_m,
+                self.w_m[rows, columns].astype(np.float64),
+            ]
+        )
+        points: Array = uvw @ self.facade.axes_site
+        return points
+
+    def shows(self, xyz_site_m: Array, tolerance_m: float) -> bool:
+        """Whether the elevation's surface passes within ``tolerance_m`` of a point (3,) of site, seen square-on."""
+        u, v, w = self.facade.uvw(xyz_site_m[None])[0]
+        column, row = int((u - self.facade.u_min_m) // self.cell_m), int((self.facade.v_max_m - v) // self.cell_m)
+        if not (0 <= row < self.shape[0] and 0 <= column < self.shape[1]):
+            return False
+        return bool(abs(float(self.w_m[row, column]) - w) <= tolerance_m)
+
+
+def cell_size_m(facade: Facade, settings: PictureSettings) -> float:
+    """The settings' cell, or the smallest that keeps the facade below ``max_cells``."""
+    area = (facade.u_max_m - facade.u_min_m) * (facade.v_max_m - facade.v_min_m)
+    return max(settings.cell_m, float(np.sqrt(area / settings.max_cells)))
+
+
+def look_square_on(facade: Facade, surface: Surface, cell_m: float) -> Relief:
+    """Parallel rays against the facade, one a cell, from ``near_w_m`` inwards."""
+    rows = max(1, int(np.ceil((facade.v_max_m - facade.v_min_m) / cell_m)))
+    columns = max(1, int(np.ceil((facade.u_max_m - facade.u_min_m) / cell_m)))
+    w_m = np.full((rows, columns), np.nan, dtype=np.float32)
+    normal = np.zeros((rows, columns, 3), dtype=np.float32)
+    element = np.full((rows, columns), MISS, dtype=np.int32)
+    axes = facade.axes_site
+    u = facade.u_min_m + (np.arange(columns) + 0.5) * cell_m
+    for top in range(0, rows, _ROWS):
+        v = facade.v_max_m - (np.arange(top, min(rows, top + _ROWS)) + 0.5) * cell_m
+        uvw = np.stack(np.broadcast_arrays(u[None, :], v[:, None], facade.near_w_m), axis=-1).reshape(-1, 3)
+        hits = surface.cast(uvw @ axes, np.broadcast_to(-axes[2], (len(uvw), 3)))
+        shape = (len(v), columns)
+        w = np.where(hits.hit, facade.near_w_m - hits.distance_m, np.nan)
+        w_m[top : top + len(v)] = w.reshape(shape)
+        normal[top : top + len(v)] = np.where(hits.hit[:, None], hits.normal_site, 0.0).reshape(*shape, 3)
+        element[top : top + len(v)] = hits.element.reshape(shape)
+    return Relief(facade=facade, cell_m=cell_m, w_m=w_m, normal=normal, element=element)
+
+
+def openings_of(building: BuildingModel) -> NDArray[np.bool_]:
+    """Which elements are windows, doors and the like (elements,)."""
+    return np.array(
+        [word.startswith(_OPENINGS) for word in building.elements.column("ifc_class").to_pylist()], dtype=bool
+    )
+
+
+def edges_of(
+    xyz: NDArray[np.float32], normal: NDArray[np.float32], element: NDArray[np.int32], is_opening: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Pixels (h, w) where the seen surface jumps, creases, ends, or meets an opening.
+
+    ``xyz`` and ``normal`` (h, w, 3) of any view, near the frame's origin; ``element`` (h, w), ``MISS``: nothing.
+    Seams between coplanar elements (wall piers and lintels) are no edges: nobody sees them on the building.
+    """
+    edges = np.zeros(element.shape, dtype=bool)
+    opening = np.append(is_opening, False)[element]  # MISS is -1: the entry appended
+    for here, there in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        both = (element[here] != MISS) & (element[there] != MISS)
+        step = xyz[there] - xyz[here]
+        off = np.minimum(np.abs((step * normal[here]).sum(axis=-1)), np.abs((step * normal[there]).sum(axis=-1)))
+        crease = (normal[here] * normal[there]).sum(axis=-1) < _CREASE_COS
+        into_opening = (opening[here] != opening[there]) & (element[here] != element[there])
+        change = both & ((off > _STEP_M) | crease | into_opening)
+        edges[here] |= change | ((element[here] != MISS) != (element[there] != MISS))
+    return edges
+
+
+def edges_tell(building: BuildingModel) -> bool:
+    """Whether the surface's edges are the building's: noise makes those of tie points, which look like cracks."""
+    return building.surface_kind is not SurfaceKind.AS_BUILT
+
+
+def relief_edges(relief: Relief, building: BuildingModel) -> NDArray[np.bool_]:
+    """The building's edges in an elevation (rows, columns), none where they would tell nothing."""
+    rows, columns = relief.shape
+    if not edges_tell(building):
+        return np.zeros((rows, columns), dtype=bool)
+    u = (np.arange(columns, dtype=np.float32) + np.float32(0.5)) * np.float32(relief.cell_m)
+    v = -(np.arange(rows, dtype=np.float32) + np.float32(0.5)) * np.float32(relief.cell_m)
+    w = np.nan_to_num(relief.w_m - np.float32(relief.facade.far_w_m))
+    uvw = np.stack(np.broadcast_arrays(u[None, :], v[:, None], w), axis=-1)
+    in_axes = relief.normal @ relief.facade.axes_site.T.astype(np.float32)
+    return edges_of(uvw, in_axes, relief.element, openings_of(building))
+
+
+def grey_drawing(relief: Relief, building: BuildingModel) -> Picture:
+    """The model as a light grey drawing (rows, columns, RGB): lit from the upper left, openings bluish, sky white."""
+    axes = relief.facade.axes_site
+    light = np.array([-0.45, 0.55, 0.70]) @ axes
+    shade = np.clip(relief.normal @ light.astype(np.float32), 0.0, 1.0)
+    picture = np.full((*relief.shape, 3), 255, dtype=np.uint8)
+    value = (196 + 44 * shade)[..., None]
+    met = relief.element != MISS
+    opening = np.append(openings_of(building), False)[relief.element]
+    tint = np.where(opening[..., None], np.array([0.90, 0.95, 1.0]), np.array([1.0, 1.0, 0.985])).astype(np.float32)
+    picture[met] = (value * tint)[met].astype(np.uint8)
+    return picture

@@ -1,0 +1,155 @@
+"""Pictures that a person asks for by name: cards of defects, elevations of facades, overlays of photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path, PurePosixPath
+
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.errors import InputDataError
+from facadelake.reporting.cards.cards import defect_cards
+from facadelake.reporting.distribution import (
+    distribution_of,
+    distribution_title,
+    draw_distribution,
+    write_distribution,
+)
+from facadelake.reporting.drawing.palette import short_ids
+from facadelake.reporting.elevations.elevation import facade_elevations, facades_of
+from facadelake.reporting.elevations.places import places_on_elevations, places_on_model
+from facadelake.reporting.inspection import Inspection, PictureSettings
+from facadelake.reporting.overlays import photo_overlays, telling_photographs
+from facadelake.reporting.page.defects import worst_first
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What is to be drawn: ids of defects, names of facades, ids of photographs; and whether the distribution is."""
+
+    defect_ids: tuple[str, ...] = ()
+    facades: tuple[str, ...] = ()
+    photo_ids: tuple[str, ...] = ()
+    distribution: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """Files that were written, and the photographs that are not there or cannot be read."""
+
+    paths: tuple[Path, ...]
+    missing: tuple[str, ...]
+
+
+def wanted_by_name(
+    inspection: Inspection,
+    surface: Surface,
+    *,
+    defects: Sequence[str],
+    facades: Sequence[str],
+    photos: Sequence[str],
+    settings: PictureSettings,
+) -> Wanted:
+    """Names as people write them, such as "D0012" or "12", "south", "IMG_0009".
+
+    Raises InputDataError for one that there is not, with those that are near it.
+    """
+    known = inspection.defects.column("defect_id").to_pylist()
+    labels = {label: name for name, label in short_ids(known).items()}
+    ends = _unique({name: name.rsplit("-", 1)[-1] for name in known})
+    files = inspection.photos.column("photo_id").to_pylist()
+    stems = _unique({name: PurePosixPath(name).stem for name in files})
+    names = _unique({name: PurePosixPath(name).name for name in files})
+    sheets = [facade.name for facade in facades_of(inspection, surface, settings)] if facades else []
+    return Wanted(
+        defect_ids=tuple(_found(word, "defect", known, labels | ends) for word in defects),
+        facades=tuple(_found(word, "facade", sheets, _compass(sheets)) for word in facades),
+        photo_ids=tuple(_found(word, "photograph", files, stems | names) for word in photos),
+    )
+
+
+def everything(inspection: Inspection, surface: Surface, settings: PictureSettings) -> Wanted:
+    """All defects, all facades that are drawn, all localised photographs."""
+    return Wanted(
+        defect_ids=tuple(inspection.defects.column("defect_id").to_pylist()),
+        facades=tuple(facade.name for facade in facades_of(inspection, surface, settings)),
+        photo_ids=tuple(sorted(inspection.posed)),
+        distribution=True,
+    )
+
+
+def what_the_report_shows(inspection: Inspection, surface: Surface, settings: PictureSettings) -> Wanted:
+    """The worst defects, all facades, a few photographs, the distribution."""
+    worst = worst_first(inspection.defects)[: settings.report_cards]
+    return Wanted(
+        defect_ids=tuple(row["defect_id"] for row in worst),
+        facades=tuple(facade.name for facade in facades_of(inspection, surface, settings)),
+        photo_ids=tuple(telling_photographs(inspection, settings.report_overlays)),
+        distribution=True,
+    )
+
+
+def draw_wanted(
+    inspection: Inspection, surface: Surface, wanted: Wanted, folder: Path, settings: PictureSettings
+) -> Drawn:
+    """Write what is wanted into ``folder``: ``cards/``, ``elevations/``, ``overlays/``, ``distribution.png`` and
+    ``.csv``. Files of an earlier call are written over, others stay."""
+    paths: list[Path] = []
+    gone: set[str] = set()
+    if wanted.distribution:
+        folder.mkdir(parents=True, exist_ok=True)
+        found = distribution_of(inspection)
+        paths.append(draw_distribution(found, distribution_title(inspection), folder / "distribution.png"))
+        paths.append(write_distribution(found, folder / "distribution.csv"))
+    elevations = []
+    if wanted.facades:
+        (folder / "elevations").mkdir(parents=True, exist_ok=True)
+        elevations = facade_elevations(inspection, surface, folder / "elevations", settings, wanted.facades)
+        paths += [elevation.path for elevation in elevations]
+        gone |= {name for name in inspection.posed if not inspection.photograph(name).is_file()}
+    if wanted.defect_ids:
+        places = places_on_elevations(elevations)
+        others = [name for name in wanted.defect_ids if name not in places]
+        if others:
+            facades = facades_of(inspection, surface, settings)
+            places |= places_on_model(inspection, surface, facades, others)
+        cards = defect_cards(
+            inspection, surface, wanted.defect_ids, folder / "cards", places=places,
+            most_sightings=settings.card_sightings,
+        )  # fmt: skip
+        paths += [cards.paths[name] for name in wanted.defect_ids]
+        gone |= set(cards.missing)
+    if wanted.photo_ids:
+        (folder / "overlays").mkdir(parents=True, exist_ok=True)
+        overlays = photo_overlays(inspection, surface, wanted.photo_ids, folder / "overlays", settings)
+        paths += overlays.values()
+        gone |= set(wanted.photo_ids) - overlays.keys()
+    return Drawn(paths=tuple(dict.fromkeys(paths)), missing=tuple(sorted(gone)))
+
+
+def _unique(short: Mapping[str, str]) -> dict[str, str]:
+    """Full names by short ones, those short ones alone that are of one name."""
+    every = list(short.values())
+    return {word: name for name, word in short.items() if every.count(word) == 1}
+
+
+def _compass(sheets: Sequence[str]) -> dict[str, str]:
+    """Facades by their letters too: "SE" is "South-east"."""
+    letters = {name: "".join(part[0] for part in name.partition(" ")[0].split("-")).upper() for name in sheets}
+    return _unique(letters) | {name.replace(" ", "_"): name for name in sheets}
+
+
+def _found(word: str, what: str, names: Sequence[str], short: Mapping[str, str]) -> str:
+    """The name that ``word`` stands for, capitals or not."""
+    if word in names:
+        return word
+    exact = {other.lower(): name for other, name in (*short.items(), *((name, name) for name in names))}
+    if word.lower() in exact:
+        return exact[word.lower()]
+    near = get_close_matches(word.lower(), list(exact), n=4, cutoff=0.5)
+    told = list(dict.fromkeys(exact[one] for one in near)) or list(names[:4])
+    if not told:
+        raise InputDataError(f"there is no {what} '{word}'; the campaign has none")
+    more = "" if near else f" (of {len(names)})"
+    raise InputDataError(f"there is no {what} '{word}' in this campaign; near it: {', '.join(told)}{more}")

@@ -1,0 +1,59 @@
+"""The report's passport: the verdict, the picture, and each number with its meaning and limit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from facadelake.reporting.inspection import Inspection
+from facadelake.reporting.page.html import Html, figure, html_of, paragraph, table
+from facadelake.reporting.passport.facts import AXES, Verdict, facts_of, summary
+from facadelake.reporting.passport.figure import draw_passport
+from schemas.vocabulary import PointKind
+
+_STYLES = {Verdict.GOOD: "good", Verdict.LOOK: "look", Verdict.POOR: "bad", Verdict.NONE: "soft"}
+_CAPTION = (
+    "From above and from the south: cameras with the ellipses that hold their places in 95 of 100 cases, surveyed "
+    "points with arrows to where they came to lie, and the photographs' GPS. Right: the numbers of the table, and "
+    "what is left at each point."
+)
+
+
+def passport(inspection: Inspection, folder: Path) -> list[Html]:
+    """How the campaign was placed on the globe, and how well; ``passport.png`` is drawn into ``folder``."""
+    if not len(inspection.georeference):
+        return [paragraph("The campaign has no passport.", "bad")]
+    row = inspection.georeference.to_pylist()[0]
+    facts = facts_of(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
+    verdict, sentence = summary(row, facts)
+    lines = [[fact.name, fact.value, fact.meaning, fact.limit or None, _verdict(fact.verdict)] for fact in facts]
+    pieces = [
+        paragraph(sentence, _STYLES[verdict]),
+        figure(draw_passport(inspection, folder / "passport.png"), folder, "the passport of the campaign", _CAPTION),
+        table(["what", "found", "what it means", "limit", "verdict"], lines),
+        _surveyed(inspection),
+    ]
+    remarks = [remark for remark in row["remarks"].split("; ") if remark]
+    if remarks:
+        pieces.append(Html("<p>Remarks</p><ul>" + "".join(f"<li>{html_of(one)}</li>" for one in remarks) + "</ul>"))
+    return pieces
+
+
+def _verdict(verdict: Verdict) -> Html:
+    return Html(f'<span class="{_STYLES[verdict]}">{verdict or "told"}</span>')
+
+
+def _surveyed(inspection: Inspection) -> Html:
+    """Control, held-out and check points, each with what is left there."""
+    rows = [row for row in inspection.georeference_points.to_pylist() if row["point_kind"] != PointKind.GPS]
+    if not rows:
+        return Html("")
+    lines = [
+        [
+            row["point_name"],
+            row["point_kind"].replace("_", " "),
+            *(f"{-1000 * row[f'residual_{axis}_m']:+.0f}" for axis in AXES),
+        ]
+        for row in rows
+    ]
+    heads = ["point", "kind", *(f"{axis} (mm)" for axis in AXES)]
+    return table(heads, lines, caption="Where surveyed points came to lie, minus their survey", numeric=[2, 3, 4])

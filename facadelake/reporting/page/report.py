@@ -1,0 +1,142 @@
+"""The report of a campaign: one HTML page and its pictures, for a person who decides what to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from facadelake.building.surface.raycasting import Surface
+from facadelake.reporting.cards.cards import defect_cards
+from facadelake.reporting.cards.crops import defect_crops
+from facadelake.reporting.distribution import (
+    distribution_of,
+    distribution_title,
+    draw_distribution,
+    write_distribution,
+)
+from facadelake.reporting.elevations.elevation import Elevation, facade_elevations
+from facadelake.reporting.elevations.places import places_on_elevations
+from facadelake.reporting.elevations.relief import edges_tell
+from facadelake.reporting.inspection import Inspection, PictureSettings
+from facadelake.reporting.overlays import photo_overlays, telling_photographs
+from facadelake.reporting.page.campaign import (
+    checks_met,
+    files_not_used,
+    integrity_in_words,
+    photograph_counts,
+)
+from facadelake.reporting.page.defects import counts_by_facade, defect_table, worst_first
+from facadelake.reporting.page.html import Html, beside, figure, html_of, page, paragraph, section, tiles
+from facadelake.reporting.page.passport import passport
+from facadelake.reporting.passport.facts import AXES, length_text
+from facadelake.reporting.plan import draw_plan
+from schemas.vocabulary import PhotoOutcome
+
+_OVERLAY = (
+    "The model's edges as this photograph should show them, what the detector saw, and the defects at their real size: "
+    "where edges and building part, its pose or the model is off."
+)
+_OVERLAY_WITHOUT_EDGES = "What the detector saw, and the defects at their real size."
+
+
+def write_report(
+    inspection: Inspection,
+    surface: Surface,
+    folder: Path,
+    settings: PictureSettings | None = None,
+    elevations: Sequence[Elevation] | None = None,
+) -> Path:
+    """Write ``report.html`` with its pictures into ``folder`` and return its path.
+
+    ``elevations`` are those already drawn into ``folder``; without them they are drawn. The page loads nothing from
+    elsewhere: pictures are linked relatively, so the folder can be moved or sent as a whole.
+    """
+    settings = settings or PictureSettings()
+    folder.mkdir(parents=True, exist_ok=True)
+    if elevations is None:
+        elevations = facade_elevations(inspection, surface, folder, settings)
+    plan = draw_plan(inspection, folder / "plan.png")
+    distribution = distribution_of(inspection)
+    bars = draw_distribution(distribution, distribution_title(inspection), folder / "distribution.png")
+    write_distribution(distribution, folder / "distribution.csv")
+    crops = defect_crops(inspection, folder / "crops", settings)
+    worst = [row["defect_id"] for row in worst_first(inspection.defects)[: settings.report_cards]]
+    cards = defect_cards(
+        inspection, surface, worst, folder / "cards", places=places_on_elevations(elevations),
+        most_sightings=settings.report_sightings,
+    )  # fmt: skip
+    overlays = photo_overlays(
+        inspection, surface, telling_photographs(inspection, settings.report_overlays), folder, settings
+    )
+    title = f"{inspection.building_name} — {inspection.campaign_id}"
+    of_overlays = _OVERLAY if edges_tell(inspection.building) else _OVERLAY_WITHOUT_EDGES
+    body = [
+        Html(f"<h1>{html_of(title)}</h1>"),
+        paragraph(_subtitle(inspection), "under"),
+        _contents(),
+        _tiles(inspection),
+        section("elevations", "Elevations", *(_elevation(e, folder) for e in elevations)),
+        section("defects", "Defects", *defect_table(inspection, crops, cards.paths, elevations, folder)),
+        section(
+            "distribution", "Where they are", counts_by_facade(distribution),
+            figure(bars, folder, "bars of defects by facade and storey", "Defects by facade and storey."),
+        ),
+        section("plan", "Plan", figure(plan, folder, "plan with cameras and defects", _plan_caption())),
+        section("photographs", "Photographs", beside(photograph_counts(inspection)), files_not_used(inspection),
+                *(figure(path, folder, "a photograph with what was found in it", of_overlays)
+                  for path in overlays.values())),
+        section("passport", "Passport: its place on the globe", *passport(inspection, folder)),
+        section(
+            "checks", "Checks before the commit",
+            beside(checks_met(inspection.checks)), integrity_in_words(inspection.integrity_views),
+        ),
+    ]  # fmt: skip
+    path = folder / "report.html"
+    path.write_text(page(title, body), encoding="utf-8")
+    return path
+
+
+def _subtitle(inspection: Inspection) -> str:
+    times = [time for time in inspection.photos.column("taken_at").to_pylist() if time is not None]
+    when = f"photographed {min(times):%Y-%m-%d}" if times else "time of the photographs unknown"
+    if times and max(times).date() != min(times).date():
+        when += f" to {max(times):%Y-%m-%d}"
+    return f"Facade inspection · {when} · placed by {inspection.control}"
+
+
+def _contents() -> Html:
+    words = {"elevations": "Elevations", "defects": "Defects", "distribution": "Distribution", "plan": "Plan",
+             "photographs": "Photographs", "passport": "Passport", "checks": "Checks"}  # fmt: skip
+    return Html("<nav>" + "".join(f'<a href="#{name}">{word}</a>' for name, word in words.items()) + "</nav>")
+
+
+def _tiles(inspection: Inspection) -> Html:
+    passed = inspection.checks.column("passed").to_pylist()
+    failed = len(passed) - sum(passed)
+    sigmas = [inspection.georeference.column(f"sigma_{axis}_m").to_pylist() for axis in AXES]
+    accepted = inspection.photos.column("photo_outcome").to_pylist().count(PhotoOutcome.ACCEPTED)
+    return tiles(
+        [
+            (len(inspection.defects), "defects"),
+            (f"{len(inspection.posed)} / {accepted}", "photographs localised"),
+            (len(inspection.detections), "detections"),
+            (length_text(max(sigma[0] for sigma in sigmas)) if sigmas[0] else None, "its place known to (one sigma)"),
+            (Html(f'<span class="bad">{failed} of {len(passed)}</span>' if failed else f"{len(passed)}"),
+             "checks failed" if failed else "checks passed"),
+        ]
+    )  # fmt: skip
+
+
+def _elevation(elevation: Elevation, folder: Path) -> Html:
+    count = len(elevation.marks)
+    name = elevation.facade.title
+    caption = (
+        f"{name}, facing {elevation.facade.azimuth_deg:.0f}°, {elevation.facade.area_m2:.0f} m² of walls and openings: "
+        f"{count} defect{'' if count == 1 else 's'}. Seen square-on from outside; photographs rectified onto the model "
+        f"show {100 * elevation.covered_share:.0f} % of it, grey is the model alone. Numbers are those of the table."
+    )
+    return figure(elevation.path, folder, f"elevation of the {name} with {count} defects", caption)
+
+
+def _plan_caption() -> str:
+    return "Metres east and north of the site's origin. Arrows are viewing directions; a short arrow looks up or down."

@@ -1,0 +1,190 @@
+"""The passport as a picture: where the campaign stands, how well that is known, and what tells so."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from facadelake.core.frames import Array
+from facadelake.reporting.drawing.palette import POINT_STYLES
+from facadelake.reporting.inspection import Inspection
+from facadelake.reporting.passport.facts import AXES, Fact, Verdict, facts_of, length_text, summary
+from facadelake.reporting.passport.views import NORTH, UP, Place, Scales, draw_view, extent_of, place_of, scales_for
+from schemas.vocabulary import PointKind
+
+_DPI = 150
+_VIEW_IN, _VIEW_HEIGHT_IN = 7.2, 7.9
+_TOP_IN, _RIGHT_IN, _LEAST_HEIGHT_IN = 0.95, 6.5, 10.8
+_LINE_IN = 0.155
+_VERDICT_COLOURS = {Verdict.GOOD: "#00664a", Verdict.LOOK: "#8a5a00", Verdict.POOR: "#a32d00", Verdict.NONE: "#202020"}
+_KIND_WORDS = {
+    PointKind.CONTROL: "control point, as fitted",
+    PointKind.HELD_OUT: "the same, left out",
+    PointKind.CHECK: "check point",
+    PointKind.GPS: "GPS of a photograph (true scale)",
+}
+
+
+def draw_passport(inspection: Inspection, path: Path) -> Path:
+    """Write the passport as a PNG: plan and view from the south on the left, facts and residuals on the right."""
+    row = inspection.georeference.to_pylist()[0]
+    facts = facts_of(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
+    place = place_of(inspection)
+    corners = extent_of(inspection, place)
+    wide, deep, high = corners[1] - corners[0]
+    per_m = min(_VIEW_IN / wide, _VIEW_HEIGHT_IN / (deep + high))
+    scales = scales_for(place, float(max(wide, deep)))
+
+    height_in = max(_TOP_IN + (deep + high) * per_m + 1.8, _LEAST_HEIGHT_IN)
+    width_in = 0.75 + _VIEW_IN + _RIGHT_IN
+    figure = Figure(figsize=(width_in, height_in), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+
+    def axes_at(left: float, top: float, width: float, height: float) -> Axes:
+        return figure.add_axes((left / width_in, 1 - (top + height) / height_in, width / width_in, height / height_in))
+
+    _heading(figure, inspection, row, facts, height_in)
+    left = 0.75 + (_VIEW_IN - wide * per_m) / 2
+    plan = axes_at(left, _TOP_IN, wide * per_m, deep * per_m)
+    draw_view(plan, inspection, place, NORTH, corners, scales)
+    plan.set_ylabel("metres north", fontsize=8)
+    side = axes_at(left, _TOP_IN + deep * per_m + 0.35, wide * per_m, high * per_m)
+    draw_view(side, inspection, place, UP, corners, scales)
+    side.set_ylabel("metres up", fontsize=8)
+    side.set_xlabel("metres east of the site's origin; above: from the sky, below: from the south", fontsize=8)
+    _legend(figure, place, scales)
+    _scale_bars(plan, place, scales, float(wide), row_m=0.16 / per_m)
+
+    right = 0.75 + _VIEW_IN + 0.35
+    bottom = _fact_lines(figure, facts, right, width_in, height_in)
+    panels = [("surveyed points: where they came to lie, minus survey (mm)", place.surveyed, 1000.0, False)]
+    gps = tuple(group for group in place.points if group[0] == PointKind.GPS)
+    panels.append(("GPS minus adjusted camera (m); bar: what they have in common", gps, 1.0, True))
+    each = (height_in - bottom - 0.35) / len(panels)
+    for k, (title, groups, unit, common) in enumerate(panels):
+        axes = axes_at(right + 0.5, bottom + k * each + 0.3, _RIGHT_IN - 1.1, each - 0.65)
+        _residuals(axes, groups, unit, common=common)
+        axes.set_title(title, fontsize=8.5, loc="left")
+    figure.savefig(path, dpi=_DPI)
+    return path
+
+
+def _heading(
+    figure: Figure, inspection: Inspection, row: dict[str, Any], facts: tuple[Fact, ...], height: float
+) -> None:
+    verdict, sentence = summary(row, facts)
+    title = f"{inspection.building_name}, {inspection.campaign_id}: passport"
+    figure.text(0.012, 1 - 0.12 / height, title, fontsize=13, weight="bold", va="top", parse_math=False)
+    for k, line in enumerate(textwrap.wrap(sentence, 150)[:2]):
+        figure.text(
+            0.012, 1 - (0.45 + 0.22 * k) / height, line, fontsize=10.5, weight="bold", va="top", parse_math=False,
+            color=_VERDICT_COLOURS[verdict],
+        )  # fmt: skip
+
+
+def _fact_lines(figure: Figure, facts: tuple[Fact, ...], left: float, width: float, height: float) -> float:
+    """Write the facts one under another; returns how far from the top they reach, inches."""
+    top = _TOP_IN
+    for fact in facts:
+        colour = _VERDICT_COLOURS[fact.verdict]
+        word = fact.verdict.upper() if fact.verdict else ""
+        figure.text(left / width, 1 - top / height, word, fontsize=8, weight="bold", color=colour, va="top")
+        figure.text((left + 0.55) / width, 1 - top / height, fact.name, fontsize=8.5, weight="bold", va="top")
+        lines = textwrap.wrap(fact.value, 56)
+        if fact.limit:
+            lines += textwrap.wrap(f"limit {fact.limit}", 56)
+        for k, line in enumerate(lines):
+            figure.text(
+                (left + 2.45) / width, 1 - (top + _LINE_IN * k) / height, line, fontsize=8.5, va="top",
+                parse_math=False, color="#606060" if line.startswith("limit ") else "#202020",
+            )  # fmt: skip
+        top += _LINE_IN * len(lines) + 0.12
+    return top
+
+
+def _legend(figure: Figure, place: Place, scales: Scales) -> None:
+    handles = [
+        Line2D([], [], color="#202020", marker="o", markersize=4, linestyle="none", label="camera"),
+        Line2D(
+            [], [], color="#0072b2", marker="o", markersize=9, markerfacecolor="#56b4e955", linestyle="none",
+            label=f"its 95 % (2 sigma) ellipse, {_times(scales.ellipses)}",
+        ),
+    ]  # fmt: skip
+    for kind, given, _ in place.points:
+        colour, marker = POINT_STYLES[kind]
+        label = f"{_KIND_WORDS[PointKind(kind)]} ({len(given)})"
+        handles.append(Line2D([], [], color=colour, marker=marker, markersize=5, linestyle="none", label=label))
+    if place.surveyed:
+        label = f"from the survey to where it came to lie, {_times(scales.residuals)}"
+        handles.append(
+            Line2D([], [], color="#606060", marker=r"$\rightarrow$", markersize=10, linestyle="none", label=label)
+        )
+    figure.legend(handles=handles, loc="lower left", fontsize=8, frameon=False, ncols=2)
+
+
+def _times(factor: float) -> str:
+    if factor == 1:
+        return "true size"
+    return f"{factor:g} times as large" if factor > 1 else f"{1 / factor:g} times smaller"
+
+
+def _scale_bars(axes: Axes, place: Place, scales: Scales, wide_m: float, row_m: float) -> None:
+    """Bars in the plan's lower left: metres of the plan, and millimetres of ellipses and residuals."""
+    low_x, low_y = axes.get_xlim()[0], axes.get_ylim()[0]
+    bars = [(1.0, "#202020", "plan"), (scales.ellipses, "#0072b2", "ellipses")]
+    if place.surveyed:
+        bars.append((scales.residuals, "#606060", "arrows"))
+    for k, (times, colour, what) in enumerate(bars):
+        fitting = [p * 10.0**e for e in range(-3, 4) for p in (1, 2, 5) if p * 10.0**e * times <= wide_m / 8]
+        length = max(fitting, default=0.001)
+        y = low_y + row_m * (0.6 + k)
+        axes.add_patch(
+            Rectangle(
+                (low_x + row_m * 0.5, y), length * times, row_m * 0.3, facecolor=colour, edgecolor="white", zorder=7
+            )
+        )
+        axes.text(
+            low_x + row_m * 0.7 + length * times, y + row_m * 0.15, f"{what}: {length_text(length)}", fontsize=7.5,
+            va="center", zorder=7, bbox={"facecolor": "#ffffffc0", "edgecolor": "none", "pad": 0.8},
+        )  # fmt: skip
+
+
+def _residuals(axes: Axes, groups: tuple[tuple[str, Array, Array], ...], unit: float, *, common: bool) -> None:
+    """Signed residuals by axis of site, a dot each."""
+    axes.set_yticks(range(3), AXES, fontsize=8)
+    axes.set_ylim(2.6, -0.6)
+    axes.tick_params(labelsize=8)
+    axes.axvline(0.0, color="#202020", linewidth=0.8)
+    axes.grid(axis="x", color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
+    if not groups:
+        axes.text(
+            0.5,
+            0.5,
+            "none was measured",
+            transform=axes.transAxes,
+            ha="center",
+            va="center",
+            fontsize=9,
+            color="#606060",
+        )
+        axes.set_xticks([])
+        return
+    for k, (kind, _, residual) in enumerate(groups):
+        colour, marker = POINT_STYLES[kind]
+        shown = residual * unit * (1.0 if common else -1.0)
+        for axis in range(3):
+            y = np.full(len(shown), axis + 0.26 * (k - (len(groups) - 1) / 2))
+            axes.plot(shown[:, axis], y, marker, color=colour, markersize=4.5, alpha=0.8, linestyle="none")
+            if common:
+                axes.plot([np.median(shown[:, axis])] * 2, [axis - 0.35, axis + 0.35], color="#202020", linewidth=1.6)
+    largest = float(max(np.abs(residual).max() for _, _, residual in groups)) * unit
+    axes.set_xlim(-1.1 * largest - 1e-9, 1.1 * largest + 1e-9)

@@ -1,0 +1,104 @@
+"""The campaign from above: the building's outline, where the cameras stood and looked, and the defects."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from facadelake.core.frames import Array
+from facadelake.reporting.drawing.palette import class_colour, plain
+from facadelake.reporting.drawing.projected_model import draw_model
+from facadelake.reporting.inspection import Inspection
+from schemas.vocabulary import PhotoOutcome
+
+_DPI = 150
+_WIDTH_IN = 9.0
+_MARGIN_M = 4.0
+
+
+def draw_plan(inspection: Inspection, path: Path) -> Path:
+    """Write the plan as a PNG: metres east and north of the site's origin, north up."""
+    figure = Figure(figsize=(_WIDTH_IN, _WIDTH_IN), dpi=_DPI, facecolor="white", layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    low, high = draw_model(axes, inspection.building, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+    centres = np.array([posed.centre_site_m[:2] for posed in inspection.posed.values()]).reshape(-1, 2)
+    low, high = np.vstack([low, centres]).min(axis=0), np.vstack([high, centres]).max(axis=0)
+    low, high = low - _MARGIN_M, high + _MARGIN_M
+    _cameras(axes, inspection, float(np.max(high - low)))
+    _unlocalised(axes, inspection, low, high)
+    _defects(axes, inspection)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal")
+    shape = (high - low)[1] / (high - low)[0]
+    figure.set_size_inches(_WIDTH_IN, float(np.clip(_WIDTH_IN * shape * 0.95 + 1.2, 4.0, 14.0)))
+    axes.set_xlabel("metres east", fontsize=8)
+    axes.set_ylabel("metres north", fontsize=8)
+    axes.tick_params(labelsize=8)
+    axes.grid(color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
+    title = f"{inspection.building_name}, {inspection.campaign_id}: plan, north up"
+    axes.set_title(plain(title), fontsize=11, weight="bold", loc="left")
+    figure.legend(loc="outside lower left", fontsize=8, frameon=False, ncols=4)
+    figure.savefig(path, dpi=_DPI)
+    return path
+
+
+def _cameras(axes: Axes, inspection: Inspection, extent_m: float) -> None:
+    """An arrow along each localised camera's viewing direction; its length is the direction's share in the plan."""
+    roles = dict(
+        zip(inspection.photos.column("photo_id").to_pylist(), inspection.photos.column("role").to_pylist(), strict=True)
+    )
+    groups: dict[str, list[tuple[float, float, float, float]]] = {}
+    for photo_id, posed in inspection.posed.items():
+        forward = posed.site_from_cam.rotation[:, 2]
+        groups.setdefault(roles.get(photo_id) or "no role", []).append((*posed.centre_site_m[:2], *forward[:2]))
+    length = 0.035 * extent_m
+    for role, colour in (("multiview", "#202020"), ("closerange", "#8a5a00"), ("no role", "#606060")):
+        rows = np.array(groups.get(role, [])).reshape(-1, 4)
+        if len(rows):
+            x, y, dx, dy = rows.T
+            axes.quiver(
+                x, y, dx * length, dy * length, angles="xy", scale_units="xy", scale=1, color=colour, width=0.0022,
+                headwidth=5, headlength=6, headaxislength=5, zorder=3,
+            )  # fmt: skip
+            label = f"camera, {role} ({len(rows)})"
+            axes.plot(x, y, "o", color=colour, markersize=3.2, zorder=3, label=label, linestyle="none")
+
+
+def _unlocalised(axes: Axes, inspection: Inspection, low: Array, high: Array) -> None:
+    """Crosses where photographs without a pose say they were taken, by their GPS."""
+    lost = [
+        row
+        for row in inspection.photos.to_pylist()
+        if row["photo_outcome"] == PhotoOutcome.ACCEPTED and row["photo_id"] not in inspection.posed
+    ]
+    if not lost:
+        return
+    origin = inspection.building.origin
+    known = [row for row in lost if row["prior_lon_deg"] is not None and row["prior_lat_deg"] is not None]
+    geo = [[row["prior_lon_deg"], row["prior_lat_deg"], origin.height_ellipsoidal_m] for row in known]
+    site = origin.site_from_geo(np.array(geo).reshape(-1, 3))[:, :2]
+    inside = ((site >= low) & (site <= high)).all(axis=1)
+    off = len(lost) - int(inside.sum())
+    label = f"photograph not localised ({len(lost)}" + (f", {off} off the plan)" if off else ")")
+    axes.plot(*site[inside].T, "x", color="#b00020", markersize=7, label=label, linestyle="none", zorder=4)
+
+
+def _defects(axes: Axes, inspection: Inspection) -> None:
+    counts = Counter(inspection.defects.column("defect_class").to_pylist())
+    words = np.array(inspection.defects.column("defect_class").to_pylist(), dtype=object)
+    x = np.array(inspection.defects.column("x_site_m").to_pylist(), dtype=np.float64)
+    y = np.array(inspection.defects.column("y_site_m").to_pylist(), dtype=np.float64)
+    for (word, count), marker in zip(sorted(counts.items()), "os^Dv*", strict=False):
+        mine = words == word
+        axes.plot(
+            x[mine], y[mine], marker, color=class_colour(word), markersize=4.5, markeredgecolor="white",
+            markeredgewidth=0.4, label=f"{word} ({count})", linestyle="none", zorder=5,
+        )  # fmt: skip

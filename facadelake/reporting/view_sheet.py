@@ -1,0 +1,143 @@
+"""A photograph beside what the model says it shows: virtual view, depth, elements (the paper's Fig. 8)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from facadelake.building.surface.view_images import ViewImages
+from facadelake.core.frames import Array
+from facadelake.reporting.drawing.palette import OTHER_COLOUR, plain
+
+_PANEL_IN = 8.0
+_LEAST_PANEL_PX = 800
+_GAP_IN, _TOP_IN, _FOOT_IN = 0.4, 0.75, 0.8
+_BORDER = 0.92  # of the element's colour, so that neighbours of one class can be told apart
+_SKY = (1.0, 1.0, 1.0)
+_BESIDE = (0.80, 0.80, 0.80)  # in the model, no part of the building
+_CLASS_COLOURS = (
+    ("IfcWall", "#d9b38c"),
+    ("IfcWindow", "#56b4e9"),
+    ("IfcDoor", "#8c5a2b"),
+    ("IfcSlab", "#999999"),
+    ("IfcRoof", "#d55e00"),
+    ("IfcColumn", "#cc79a7"),
+    ("IfcBeam", "#b39dbd"),
+    ("IfcRailing", "#009e73"),
+    ("IfcCurtainWall", "#0072b2"),
+    ("IfcStair", "#e69f00"),
+    ("IfcCovering", "#f0e442"),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Panels:
+    """What is drawn: ``photograph`` and ``virtual`` (h, w, 3) RGB and ``images``, pixel on pixel."""
+
+    photograph: NDArray[np.uint8]
+    virtual: NDArray[np.uint8]
+    images: ViewImages
+
+
+def view_sheet(panels: Panels, *, title: str, note: str) -> Figure:
+    """The finished sheet: four panels, a scale for the depth, a legend for the elements.
+
+    A pixel of the images is one of the sheet, or a whole number of them where they are small.
+    """
+    height, width = panels.photograph.shape[:2]
+    zoom = max(1, round(_LEAST_PANEL_PX / width))
+    panel_in = _PANEL_IN * height / width
+    sheet_in = np.array([2 * _PANEL_IN + 3 * _GAP_IN, _FOOT_IN + _TOP_IN + _GAP_IN + 2 * panel_in])
+    figure = Figure(figsize=tuple(sheet_in), dpi=width * zoom / _PANEL_IN)
+    FigureCanvasAgg(figure)
+
+    def axes_at(left_in: float, bottom_in: float, height_in: float) -> Axes:
+        across, down = sheet_in
+        return figure.add_axes((left_in / across, bottom_in / down, _PANEL_IN / across, height_in / down))
+
+    left, right, low, high = _GAP_IN, 2 * _GAP_IN + _PANEL_IN, _FOOT_IN, _FOOT_IN + panel_in + _GAP_IN
+    _panel(axes_at(left, high, panel_in), panels.photograph, "Photograph")
+    _panel(axes_at(right, high, panel_in), panels.virtual, "Virtual view of the model")
+    bar = axes_at(left, low - 0.25, 0.15)
+    _draw_depth(axes_at(left, low, panel_in), bar, panels.images.depth_m)
+    _draw_elements(axes_at(right, low, panel_in), panels.images)
+    figure.text(_GAP_IN / sheet_in[0], 1 - 0.32 / sheet_in[1], plain(title), fontsize=13)
+    figure.text(_GAP_IN / sheet_in[0], 0.12 / sheet_in[1], plain(note), fontsize=9, color="#404040")
+    return figure
+
+
+def _panel(axes: Axes, picture: NDArray[np.uint8] | Array, title: str) -> None:
+    axes.imshow(picture, interpolation="nearest")
+    axes.set_title(title, loc="left", fontsize=10)
+    axes.set_axis_off()
+
+
+def _draw_depth(axes: Axes, bar: Axes, depth_m: NDArray[np.float32]) -> None:
+    found = np.isfinite(depth_m)
+    shown = axes.imshow(np.where(found, depth_m, np.nan), cmap="viridis_r", interpolation="nearest")
+    axes.set_title("Depth of the model along the camera's axis, m", loc="left", fontsize=10)
+    axes.set_axis_off()
+    if found.any():
+        axes.figure.colorbar(shown, cax=bar, orientation="horizontal").ax.tick_params(labelsize=9)
+    else:
+        bar.set_axis_off()
+
+
+def _draw_elements(axes: Axes, images: ViewImages) -> None:
+    classes = images.legend.column("ifc_class").to_pylist()
+    target = np.zeros(len(classes) + 1, dtype=bool)
+    target[images.element[images.target]] = True
+    colours = np.array([*(_shade(name, i) for i, name in enumerate(classes)), _SKY])  # the last answers for no element
+    seen = [int(row) for row in np.unique(images.element) if row >= 0]
+    for row in seen:
+        if not target[row]:
+            colours[row] = _BESIDE
+    picture = colours[images.element]
+    picture[_borders(images.element)] *= 1 - _BORDER
+    _panel(axes, picture, "Elements of the model, by class")
+    axes.legend(
+        handles=_legend([classes[row] for row in seen if target[row]], any(not target[row] for row in seen)),
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        ncols=6,
+        fontsize=9,
+        frameon=False,
+    )
+
+
+def _legend(classes: Sequence[str], beside: bool) -> list[Patch]:
+    handles = [
+        Patch(facecolor=_class_colour(name), edgecolor="#404040", label=f"{name.removeprefix('Ifc')} ({number})")
+        for name, number in sorted(Counter(classes).items(), key=lambda pair: (-pair[1], pair[0]))
+    ]
+    if beside:
+        handles.append(Patch(facecolor=_BESIDE, edgecolor="#404040", label="no part of the building"))
+    handles.append(Patch(facecolor=_SKY, edgecolor="#404040", label="not in the model"))
+    return handles
+
+
+def _class_colour(ifc_class: str) -> tuple[float, float, float]:
+    """Colour of a class, by the beginning of its name: IfcWallStandardCase is a wall."""
+    return to_rgb(next((colour for name, colour in _CLASS_COLOURS if ifc_class.startswith(name)), OTHER_COLOUR))
+
+
+def _shade(ifc_class: str, row: int) -> Array:
+    """The class's colour, a little lighter or darker from element to element."""
+    colour: Array = np.array(_class_colour(ifc_class)) * (0.82 + 0.06 * (row * 2 % 5 - 2))
+    return np.clip(colour + 0.12, 0.0, 1.0)
+
+
+def _borders(element: NDArray[np.int32]) -> NDArray[np.bool_]:
+    border = np.zeros(element.shape, dtype=bool)
+    border[:, 1:] |= element[:, 1:] != element[:, :-1]
+    border[1:] |= element[1:] != element[:-1]
+    return border
