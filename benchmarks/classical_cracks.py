@@ -27,9 +27,9 @@ from facadelake.core.frames import Array
 from facadelake.detection.boxes import Box
 from facadelake.detection.inference.detector import Found
 from facadelake.detection.inference.letterbox import Image
-from facadelake.evaluate.detector.labels import LabelledImage
-from facadelake.evaluate.detector.looking import Looks, Prediction, read_pixels
-from facadelake.evaluate.detector.matching import average_precision, match
+from facadelake.evaluation.detectors.average_precision import average_precision, match
+from facadelake.evaluation.detectors.labels.labels import LabelledImage
+from facadelake.evaluation.detectors.predictions import Looks, Prediction, read_pixels
 from schemas.vocabulary import DefectClass
 
 _SIDE_PX = 640  # larger pictures are shrunk to it: finer texture than cracks drowns them

@@ -33,15 +33,15 @@ from benchmarks.detector_sets import (
 )
 from benchmarks.foundation import SHARED
 from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
-from facadelake.evaluate.detector.card_results import write_results
-from facadelake.evaluate.detector.contact_sheet import write_sheets
-from facadelake.evaluate.detector.false_alarms import Rate
-from facadelake.evaluate.detector.figures import ClassFigures, Judgement, judge
-from facadelake.evaluate.detector.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
-from facadelake.evaluate.detector.labels import LabelledSet
-from facadelake.evaluate.detector.lookers import OnnxLooker
-from facadelake.evaluate.detector.looking import Looker, collect
-from facadelake.evaluate.detector.plots import write_plots
+from facadelake.evaluation.detectors.card_results import write_results
+from facadelake.evaluation.detectors.contact_sheet import write_sheets
+from facadelake.evaluation.detectors.false_alarms import Rate
+from facadelake.evaluation.detectors.figures import ClassFigures, Judgement, judge
+from facadelake.evaluation.detectors.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
+from facadelake.evaluation.detectors.labels.labels import LabelledSet
+from facadelake.evaluation.detectors.plots import write_plots
+from facadelake.evaluation.detectors.predictions import Looker, collect
+from facadelake.evaluation.detectors.sources import OnnxLooker
 from flows.detector_evaluation import model_file
 from schemas.vocabulary import DefectClass
 

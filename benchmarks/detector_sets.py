@@ -20,7 +20,7 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.pose_table import posed_cameras
 from facadelake.detection.boxes import Box
 from facadelake.detection.crosswalk import crosswalk_with
-from facadelake.evaluate.detector.labels import (
+from facadelake.evaluation.detectors.labels.labels import (
     Gathering,
     LabelledImage,
     LabelledSet,
@@ -30,8 +30,8 @@ from facadelake.evaluate.detector.labels import (
     photographs_below,
     sound_photographs,
 )
-from facadelake.evaluate.detector.labels_open import open_labels
-from facadelake.evaluate.detector.sites import with_scale, with_sites
+from facadelake.evaluation.detectors.labels.open import open_labels
+from facadelake.evaluation.detectors.labels.sites import with_scale, with_sites
 from facadelake.georeferencing.georeference import Place
 from facadelake.georeferencing.imported.placement import place_imported
 from facadelake.georeferencing.imported.read import read_poses

@@ -29,7 +29,7 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.detection.coco.file import read_coco
-from facadelake.evaluate.truth import Truth, read_truth
+from facadelake.evaluation.campaigns.truth import Truth, read_truth
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
 from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
 from facadelake.georeferencing.similarity_fit import robust_similarity

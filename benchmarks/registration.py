@@ -36,8 +36,8 @@ from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.deduplication.appearance import Photographs
 from facadelake.deduplication.merge import merge
 from facadelake.detection.coco.import_detections import import_coco
-from facadelake.evaluate.comparison import compare
-from facadelake.evaluate.evaluation import figures_of
+from facadelake.evaluation.campaigns.comparison import compare
+from facadelake.evaluation.campaigns.evaluate import figures_of
 from facadelake.georeferencing.gcp.control_points import read_control_points
 from facadelake.georeferencing.georeference import Place
 from facadelake.georeferencing.imported.placement import PlacedByImport, place_imported

@@ -9,14 +9,14 @@ from pathlib import Path
 from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
 from facadelake.detection.model_registry import default_model
-from facadelake.evaluate.detector.figures import Judgement, judge
-from facadelake.evaluate.detector.form import Form
-from facadelake.evaluate.detector.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
-from facadelake.evaluate.detector.labels import LabelledSet, joined, labelled_only, sound_photographs
-from facadelake.evaluate.detector.labels_open import open_labels
-from facadelake.evaluate.detector.lookers import FileLooker, OnnxLooker
-from facadelake.evaluate.detector.looking import Collected, Looker, collect
-from facadelake.evaluate.detector.sites import with_scale, with_sites
+from facadelake.evaluation.detectors.figures import Judgement, judge
+from facadelake.evaluation.detectors.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
+from facadelake.evaluation.detectors.labels.format import Form
+from facadelake.evaluation.detectors.labels.labels import LabelledSet, joined, labelled_only, sound_photographs
+from facadelake.evaluation.detectors.labels.open import open_labels
+from facadelake.evaluation.detectors.labels.sites import with_scale, with_sites
+from facadelake.evaluation.detectors.predictions import Collected, Looker, collect
+from facadelake.evaluation.detectors.sources import FileLooker, OnnxLooker
 from schemas.vocabulary import DefectClass
 
 

@@ -15,7 +15,7 @@ from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.deduplication.appearance import Photographs
 from facadelake.deduplication.merge import MergeResult, merge
 from facadelake.detection.coco.import_detections import import_coco
-from facadelake.evaluate.comparison import Comparison, compare
+from facadelake.evaluation.campaigns.comparison import Comparison, compare
 from facadelake.lake.connect import exists
 from facadelake.lake.read import read_table
 from facadelake.photos.files import find_masks

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluate.detector.form import Form
+from facadelake.evaluation.detectors.labels.format import Form
 from flows.options import console, problems
 from schemas.vocabulary import DefectClass
 
@@ -63,7 +63,7 @@ def evaluate_detector(
     Nothing is tuned: the card's threshold is used as it is. Judge on sites that the model never learned from.
     """
     from facadelake.core.progress import listening
-    from facadelake.evaluate.detector.card_results import write_results
+    from facadelake.evaluation.detectors.card_results import write_results
     from flows.detector_evaluation import Question, evaluate_looker, looker_of, model_file
     from flows.terminal.bars import ProgressBars
     from flows.terminal.judging import show_answer, write_pictures
@@ -107,7 +107,7 @@ def describe_detector(
     output: Annotated[Path | None, typer.Option(help="File to write; left out, it is printed.")] = None,
 ) -> None:
     """Write a model's page in Markdown from its card: terms, training data, figures by class and site, false alarms."""
-    from facadelake.evaluate.detector.page import page_of
+    from facadelake.evaluation.detectors.page import page_of
     from flows.detector_evaluation import model_file
 
     path = model_file(model)

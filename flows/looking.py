@@ -193,7 +193,7 @@ def evaluate(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Compare a committed campaign with truth: cameras, rays, positions, sigmas, merging, elements."""
-    from facadelake.evaluate.evaluation import figures_of
+    from facadelake.evaluation.campaigns.evaluate import figures_of
     from flows.evaluation import compare_campaign
     from flows.terminal.answers import show_figures
 
@@ -201,7 +201,7 @@ def evaluate(
         portfolio_at(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections
     )
     if plots is not None:
-        from facadelake.evaluate.plots import write_plots
+        from facadelake.evaluation.campaigns.plots import write_plots
 
         for path in write_plots(compared, plots, f"{building} {campaign}"):
             problems.print(f"written: {path}", soft_wrap=True, highlight=False)

@@ -10,7 +10,7 @@ from facadelake.core.hashing import file_sha256
 from facadelake.detection.inference.detector import load_detector
 from facadelake.detection.inference.find_card import find_card
 from facadelake.detection.model_registry import LIST, MODELS, Promotion, default_model, promote, promotions
-from facadelake.evaluate.detector.card_results import evaluations
+from facadelake.evaluation.detectors.card_results import evaluations
 from facadelake.evaluation.model_comparison.promotion import evidence, objections
 from facadelake.evaluation.model_comparison.report import REPORT, comparison_folder, read_comparison
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from facadelake.doctor import Check
-    from facadelake.evaluate.figures import Figures
+    from facadelake.evaluation.campaigns.figures import Figures
 
 
 def show_questions(console: Console) -> None:
@@ -109,7 +109,7 @@ def _show(console: Console, answer: pa.Table) -> None:
 
 def show_figures(console: Console, figures: Figures) -> None:
     """The figures of an evaluation, a line each, and the paper's Table 2 beside ours."""
-    from facadelake.evaluate.table2 import PAPER_REMARK
+    from facadelake.evaluation.campaigns.paper_table2 import PAPER_REMARK
 
     table = RichTable(title="Against truth (no alignment after the run)", title_justify="left")
     for index, name in enumerate(figures.COLUMNS):

@@ -9,12 +9,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.evaluate.detector.contact_sheet import write_sheets
-from facadelake.evaluate.detector.figures import Figures
-from facadelake.evaluate.detector.image_level import ImageLevelFigures
-from facadelake.evaluate.detector.operating import Operating
-from facadelake.evaluate.detector.plots import write_plots
-from facadelake.evaluate.detector.resampling import Interval
+from facadelake.evaluation.detectors.bootstrap import Interval
+from facadelake.evaluation.detectors.contact_sheet import write_sheets
+from facadelake.evaluation.detectors.figures import Figures
+from facadelake.evaluation.detectors.image_level import ImageLevelFigures
+from facadelake.evaluation.detectors.operating_point import Operating
+from facadelake.evaluation.detectors.plots import write_plots
 from flows.detector_evaluation import Answer
 
 _MOST_SITES = 40

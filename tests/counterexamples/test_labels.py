@@ -13,8 +13,8 @@ from PIL import Image
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import crosswalk_with
-from facadelake.evaluate.detector.labels import LabelledSet
-from facadelake.evaluate.detector.labels_open import Form, open_labels
+from facadelake.evaluation.detectors.labels.labels import LabelledSet
+from facadelake.evaluation.detectors.labels.open import Form, open_labels
 
 CROSSWALK = crosswalk_with({})
 WIDTH, HEIGHT = 100, 80

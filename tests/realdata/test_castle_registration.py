@@ -21,8 +21,8 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.deduplication.merge import merge
 from facadelake.detection.coco.import_detections import import_coco
-from facadelake.evaluate.evaluation import evaluate
-from facadelake.evaluate.figures import Figures
+from facadelake.evaluation.campaigns.evaluate import evaluate
+from facadelake.evaluation.campaigns.figures import Figures
 from facadelake.georeferencing.georeference import Place
 from facadelake.georeferencing.imported.placement import PlacedByImport, place_imported
 from facadelake.georeferencing.imported.read import read_poses

@@ -8,12 +8,12 @@ import pytest
 
 from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.detection.model_registry import MODELS, SHIPPED
-from facadelake.evaluate.detector.figures import judge
-from facadelake.evaluate.detector.labels import LabelledSet, sound_photographs
-from facadelake.evaluate.detector.labels_open import open_labels
-from facadelake.evaluate.detector.lookers import OnnxLooker
-from facadelake.evaluate.detector.looking import collect
-from facadelake.evaluate.detector.sites import with_sites
+from facadelake.evaluation.detectors.figures import judge
+from facadelake.evaluation.detectors.labels.labels import LabelledSet, sound_photographs
+from facadelake.evaluation.detectors.labels.open import open_labels
+from facadelake.evaluation.detectors.labels.sites import with_sites
+from facadelake.evaluation.detectors.predictions import collect
+from facadelake.evaluation.detectors.sources import OnnxLooker
 
 pytestmark = pytest.mark.realdata
 

@@ -51,7 +51,7 @@ UNRELATED = [
     ("terminal", "flows/terminal/inspection.py", STAGES),
     ("command line", "flows/cli.py", STAGES),
     ("the flow itself", "flows/inspect_building.py", STAGES),
-    ("evaluation", "facadelake/evaluate/comparison.py", STAGES),
+    ("evaluation", "facadelake/evaluation/campaigns/comparison.py", STAGES),
     ("reviews", "facadelake/reviews/review.py", STAGES),
     ("demo", "facadelake/demo/generate.py", STAGES),
     ("publishing", "facadelake/publish/geopackage.py", STAGES),
@@ -175,7 +175,7 @@ def test_the_flow_covers_every_stage() -> None:
     flow = code_version("flows.inspect_building").files
     for stage in STAGES:
         assert code_version(f"tasks.{stage}").files.keys() <= flow.keys(), stage
-    assert "facadelake/evaluate/comparison.py" not in flow
+    assert "facadelake/evaluation/campaigns/comparison.py" not in flow
 
 
 def test_a_name_of_a_face_is_followed_to_its_module_alone(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
 from facadelake.detection.coco.import_detections import import_coco
-from facadelake.evaluate.evaluation import evaluate
+from facadelake.evaluation.campaigns.evaluate import evaluate
 
 pytestmark = pytest.mark.realdata
 # Not truth's own origin: 30 m off, so that positions must come through EPSG:4979.

@@ -10,11 +10,11 @@ import pytest
 from scipy.stats import chi2
 
 from facadelake.core.errors import SchemaError
-from facadelake.evaluate.checkpoints import check_points_of
-from facadelake.evaluate.evaluation import evaluate
-from facadelake.evaluate.figures import Figures
-from facadelake.evaluate.honesty import CHI_SQUARE_50, honesty_of
-from facadelake.evaluate.table2 import PAPER_MAE, PAPER_RMSE
+from facadelake.evaluation.campaigns.check_points import check_points_of
+from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_50, honesty_of
+from facadelake.evaluation.campaigns.evaluate import evaluate
+from facadelake.evaluation.campaigns.figures import Figures
+from facadelake.evaluation.campaigns.paper_table2 import PAPER_MAE, PAPER_RMSE
 from tests.unit.evaluate.campaigns import CRS, ORIGIN, Array, Made, Sighting, pixel, tables, write_truth
 
 CAMERA = np.array([0.0, -15.0, 3.0])

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from facadelake.core.errors import SchemaError
-from facadelake.evaluate.evaluation import evaluate
-from facadelake.evaluate.figures import Figures
-from facadelake.evaluate.honesty import CHI_SQUARE_95
+from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_95
+from facadelake.evaluation.campaigns.evaluate import evaluate
+from facadelake.evaluation.campaigns.figures import Figures
 from tests.unit.evaluate.campaigns import CRS, ORIGIN, Array, Made, tables, write_truth
 
 TURN = Rotation.from_euler("xyz", [20, -35, 70], degrees=True).as_matrix()

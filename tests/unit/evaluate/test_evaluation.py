@@ -11,8 +11,8 @@ import pytest
 
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.evaluate.evaluation import evaluate
-from facadelake.evaluate.figures import Figures
+from facadelake.evaluation.campaigns.evaluate import evaluate
+from facadelake.evaluation.campaigns.figures import Figures
 from tests.unit.evaluate.campaigns import CRS, ORIGIN, Made, Sighting, pixel, tables, write_csv, write_truth
 
 CAMERAS = {f"near/{i}.jpg": np.array([-8.0 + 4 * i, -15.0, 3.0 + 0.5 * i]) for i in range(5)}

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluate.merging import merging_of
-from facadelake.evaluate.stats import Stats, stats_of, surface_axes
-from facadelake.evaluate.truth import read_truth
+from facadelake.evaluation.campaigns.merging import merging_of
+from facadelake.evaluation.campaigns.statistics import Stats, stats_of, surface_axes
+from facadelake.evaluation.campaigns.truth import read_truth
 from tests.unit.evaluate.campaigns import write_csv
 
 

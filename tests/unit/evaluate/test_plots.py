@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from facadelake.evaluate.comparison import compare
-from facadelake.evaluate.plots import write_plots
+from facadelake.evaluation.campaigns.comparison import compare
+from facadelake.evaluation.campaigns.plots import write_plots
 from tests.unit.evaluate.campaigns import CRS, ORIGIN, Made, Sighting, pixel, tables, write_truth
 
 CAMERA = np.array([0.0, -15.0, 3.0])

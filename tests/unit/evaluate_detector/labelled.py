@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from facadelake.detection.boxes import Box
-from facadelake.evaluate.detector.labels import LabelledImage, TrueBox
-from facadelake.evaluate.detector.looking import Prediction
+from facadelake.evaluation.detectors.labels.labels import LabelledImage, TrueBox
+from facadelake.evaluation.detectors.predictions import Prediction
 from schemas.vocabulary import DefectClass
 
 CRACK, SPALLING, MOISTURE = DefectClass

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facadelake.evaluate.detector.image_level import auroc, image_average_precision
+from facadelake.evaluation.detectors.image_level import auroc, image_average_precision
 
 
 def test_by_hand() -> None:

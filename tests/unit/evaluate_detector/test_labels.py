@@ -10,10 +10,10 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import crosswalk_with
-from facadelake.evaluate.detector.form import Form
-from facadelake.evaluate.detector.labels import LabelledSet, joined, labelled_only, sound_photographs
-from facadelake.evaluate.detector.labels_open import open_labels
-from facadelake.evaluate.detector.sites import with_scale, with_sites
+from facadelake.evaluation.detectors.labels.format import Form
+from facadelake.evaluation.detectors.labels.labels import LabelledSet, joined, labelled_only, sound_photographs
+from facadelake.evaluation.detectors.labels.open import open_labels
+from facadelake.evaluation.detectors.labels.sites import with_scale, with_sites
 from tests.unit.evaluate_detector.labelled import CRACK, MOISTURE, SPALLING, picture
 
 CROSSWALK = crosswalk_with({})

@@ -14,8 +14,8 @@ import yaml
 from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.detection.inference.detector import load_detector
 from facadelake.detection.tiling.detect_image import detect_image
-from facadelake.evaluate.detector.lookers import FLOOR, FileLooker, OnnxLooker
-from facadelake.evaluate.detector.looking import collect
+from facadelake.evaluation.detectors.predictions import collect
+from facadelake.evaluation.detectors.sources import FLOOR, FileLooker, OnnxLooker
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model
 from tests.unit.evaluate_detector.labelled import image, picture
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facadelake.evaluate.detector.labels import LabelledImage
-from facadelake.evaluate.detector.looking import Prediction
-from facadelake.evaluate.detector.matching import Matches, average_precision, match
-from facadelake.evaluate.detector.operating import confusions, joined_operating, operating_of
+from facadelake.evaluation.detectors.average_precision import Matches, average_precision, match
+from facadelake.evaluation.detectors.labels.labels import LabelledImage
+from facadelake.evaluation.detectors.operating_point import confusions, joined_operating, operating_of
+from facadelake.evaluation.detectors.predictions import Prediction
 from tests.unit.evaluate_detector.labelled import CRACK, MOISTURE, SPALLING, Corner, guess, image
 
 A, B, C = (10.0, 10.0, 20.0, 20.0), (50.0, 10.0, 20.0, 20.0), (10.0, 50.0, 20.0, 20.0)

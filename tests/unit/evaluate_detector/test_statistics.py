@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluate.detector.calibration import calibration_of
-from facadelake.evaluate.detector.false_alarms import false_alarms_of
-from facadelake.evaluate.detector.matching import average_precision, match
-from facadelake.evaluate.detector.resampling import interval_of
+from facadelake.evaluation.detectors.average_precision import average_precision, match
+from facadelake.evaluation.detectors.bootstrap import interval_of
+from facadelake.evaluation.detectors.calibration import calibration_of
+from facadelake.evaluation.detectors.false_alarms import false_alarms_of
 from tests.unit.evaluate_detector.labelled import CRACK, MOISTURE, guess, image
 
 HERE, THERE = (10.0, 10.0, 20.0, 20.0), (60.0, 40.0, 20.0, 20.0)

@@ -16,8 +16,8 @@ from facadelake.core.tables import table_of_rows
 from facadelake.detection.boxes import Box
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.crosswalk import crosswalk_with
-from facadelake.evaluate.detector.labels_open import open_labels
-from facadelake.evaluate.detector.sites import with_sites
+from facadelake.evaluation.detectors.labels.open import open_labels
+from facadelake.evaluation.detectors.labels.sites import with_sites
 from facadelake.reviews.match_reviews import judge
 from facadelake.reviews.presented import shown_places, word_on, word_on_missed
 from facadelake.reviews.training.forms import LabelForm, Pictures

@@ -10,7 +10,7 @@ from facadelake.detection.boxes import Box
 from facadelake.detection.coco.file import CocoAnnotation, CocoImage, number, read_coco
 from facadelake.detection.coco.mask import box_about
 from facadelake.detection.crosswalk import Crosswalk
-from facadelake.evaluate.detector.labels import Gathering, LabelledSet, TrueBox, photographs_below
+from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
 
 
 def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:

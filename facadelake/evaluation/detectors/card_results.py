@@ -14,9 +14,9 @@ import yaml
 from facadelake.core.errors import ModelError, StoreError
 from facadelake.core.hashing import file_sha256
 from facadelake.detection.card import card_path, read_card
-from facadelake.evaluate.detector.false_alarms import FalseAlarms
-from facadelake.evaluate.detector.figures import ClassFigures, Figures
-from facadelake.evaluate.detector.image_level import ImageLevelFigures
+from facadelake.evaluation.detectors.false_alarms import FalseAlarms
+from facadelake.evaluation.detectors.figures import ClassFigures, Figures
+from facadelake.evaluation.detectors.image_level import ImageLevelFigures
 
 KEY = "evaluations"
 _BLOCK = re.compile(r"^metrics:.*\n(?:(?:[ \t-].*)?\n)*", re.MULTILINE)

@@ -18,7 +18,7 @@ from facadelake.detection.crosswalk import Crosswalk
 from facadelake.detection.inference.detector import Found
 from facadelake.detection.inference.letterbox import Image
 from facadelake.detection.inference.photograph import read_photograph
-from facadelake.evaluate.detector.labels import LabelledImage
+from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from schemas.vocabulary import DefectClass
 
 _log = logging.getLogger(__name__)

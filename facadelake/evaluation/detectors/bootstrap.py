@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.frames import Array
-from facadelake.evaluate.detector.labels import LabelledImage
+from facadelake.evaluation.detectors.labels.labels import LabelledImage
 
 DRAWS = 500
 FEW = 10  # of fewer groups the percentiles say little

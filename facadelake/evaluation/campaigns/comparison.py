@@ -15,9 +15,9 @@ from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.frames import Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import posed_cameras
-from facadelake.evaluate.cameras import ComparedCameras, found_and_true
-from facadelake.evaluate.samples import PositionSamples, Row, position_samples
-from facadelake.evaluate.truth import Truth, read_truth
+from facadelake.evaluation.campaigns.cameras import ComparedCameras, found_and_true
+from facadelake.evaluation.campaigns.samples import PositionSamples, Row, position_samples
+from facadelake.evaluation.campaigns.truth import Truth, read_truth
 from schemas.vocabulary import DetectionOutcome, ObservationOutcome
 
 _COCO = "coco:"

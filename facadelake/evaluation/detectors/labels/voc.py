@@ -11,7 +11,7 @@ from defusedxml.common import DefusedXmlException
 
 from facadelake.detection.boxes import Box
 from facadelake.detection.crosswalk import Crosswalk
-from facadelake.evaluate.detector.labels import Gathering, LabelledSet, TrueBox, photographs_below
+from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
 from schemas.vocabulary import DefectClass
 
 if TYPE_CHECKING:

@@ -13,10 +13,10 @@ import numpy as np
 from facadelake.core.errors import StoreError
 from facadelake.detection.boxes import Box
 from facadelake.detection.inference.letterbox import Image
-from facadelake.evaluate.detector.figures import Judgement
-from facadelake.evaluate.detector.labels import LabelledImage
-from facadelake.evaluate.detector.looking import Collected, read_pixels
-from facadelake.evaluate.detector.matching import Matches
+from facadelake.evaluation.detectors.average_precision import Matches
+from facadelake.evaluation.detectors.figures import Judgement
+from facadelake.evaluation.detectors.labels.labels import LabelledImage
+from facadelake.evaluation.detectors.predictions import Collected, read_pixels
 from schemas.vocabulary import DefectClass
 
 _SIDE_PX = 260

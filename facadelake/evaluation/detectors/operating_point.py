@@ -11,9 +11,9 @@ import numpy as np
 from pycocotools.mask import iou
 
 from facadelake.core.frames import Array
-from facadelake.evaluate.detector.labels import LabelledImage
-from facadelake.evaluate.detector.looking import Prediction
-from facadelake.evaluate.detector.matching import Matches
+from facadelake.evaluation.detectors.average_precision import Matches
+from facadelake.evaluation.detectors.labels.labels import LabelledImage
+from facadelake.evaluation.detectors.predictions import Prediction
 
 NOTHING = "nothing"
 IOU = 0.5

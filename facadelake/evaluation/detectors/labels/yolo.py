@@ -13,7 +13,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.detection.boxes import Box
 from facadelake.detection.crosswalk import Crosswalk
 from facadelake.detection.inference.photograph import turned_by_exif
-from facadelake.evaluate.detector.labels import Gathering, LabelledSet, TrueBox, photographs_below
+from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
 
 # Labelling tools show the turned view and write shares of it; the pixels as stored are another view.
 _TURNED = "photographs that EXIF turns (YOLO does not say of which view its shares are; store them upright)"

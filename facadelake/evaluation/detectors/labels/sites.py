@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluate.detector.labels import LabelledImage, LabelledSet
+from facadelake.evaluation.detectors.labels.labels import LabelledImage, LabelledSet
 
 _MANY = frozenset("*?[")
 # Roboflow exports a.png as a_png_jpg.rf.0123456789abcdef.jpg.

@@ -14,7 +14,7 @@ from facadelake.core.frames import Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.pose_table import posed_cameras
-from facadelake.evaluate.truth import Truth
+from facadelake.evaluation.campaigns.truth import Truth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ from typing import Any
 from facadelake.core.hashing import file_sha256
 from facadelake.detection.card import ModelCard
 from facadelake.detection.inference.find_card import find_card
-from facadelake.evaluate.detector.card_results import evaluations
+from facadelake.evaluation.detectors.card_results import evaluations
 
 
 def page_of(model: Path) -> str:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.frames import Array
-from facadelake.evaluate.samples import PositionSamples
-from facadelake.evaluate.stats import Stats, stats_of, surface_axes
+from facadelake.evaluation.campaigns.samples import PositionSamples
+from facadelake.evaluation.campaigns.statistics import Stats, stats_of, surface_axes
 
 # As printed (Zhang et al., Table 2): MAE and RMSE of two axes and of the diagonal, by a round trip through one camera.
 PAPER_MAE = (2.350, 1.037, 4.056)

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from facadelake.core.frames import Array
-from facadelake.evaluate.axes import dress
-from facadelake.evaluate.comparison import Comparison
-from facadelake.evaluate.honesty import CHI_SQUARE_95, normalised_squares
-from facadelake.evaluate.samples import PositionSamples
+from facadelake.evaluation.campaigns.comparison import Comparison
+from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_95, normalised_squares
+from facadelake.evaluation.campaigns.samples import PositionSamples
+from facadelake.evaluation.plot_style import dress
 
 _DPI = 130
 _FLOOR_CM = 0.01  # a logarithm has no zero

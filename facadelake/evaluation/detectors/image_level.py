@@ -13,10 +13,10 @@ from scipy.stats import rankdata
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Array
 from facadelake.detection.crosswalk import Crosswalk
-from facadelake.evaluate.detector.figures import Judged
-from facadelake.evaluate.detector.labels import Gathering, LabelledImage, LabelledSet, photographs_below
-from facadelake.evaluate.detector.looking import Collected, Looker
-from facadelake.evaluate.detector.resampling import Interval, interval_of
+from facadelake.evaluation.detectors.bootstrap import Interval, interval_of
+from facadelake.evaluation.detectors.figures import Judged
+from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledImage, LabelledSet, photographs_below
+from facadelake.evaluation.detectors.predictions import Collected, Looker
 from schemas.vocabulary import DefectClass
 
 _SOUND = frozenset({"intact", "clean", "sound", "negative", "negatives", "none", "normal", "background", "undamaged"})

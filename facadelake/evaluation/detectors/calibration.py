@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.evaluate.detector.matching import Matches
+from facadelake.evaluation.detectors.average_precision import Matches
 
 BINS = 10
 

@@ -19,8 +19,8 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from facadelake.core.frames import Array
-from facadelake.evaluate.detector.labels import LabelledImage
-from facadelake.evaluate.detector.looking import Prediction
+from facadelake.evaluation.detectors.labels.labels import LabelledImage
+from facadelake.evaluation.detectors.predictions import Prediction
 from schemas.vocabulary import DefectClass
 
 IOU_THRESHOLDS = np.linspace(0.5, 0.95, 10)

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from facadelake.evaluate.axes import dress
-from facadelake.evaluate.detector.calibration import BINS
-from facadelake.evaluate.detector.figures import Judgement
-from facadelake.evaluate.detector.matching import IOU_THRESHOLDS, RECALLS, precision_at_recalls
+from facadelake.evaluation.detectors.average_precision import IOU_THRESHOLDS, RECALLS, precision_at_recalls
+from facadelake.evaluation.detectors.calibration import BINS
+from facadelake.evaluation.detectors.figures import Judgement
+from facadelake.evaluation.plot_style import dress
 from schemas.vocabulary import DefectClass
 
 _DPI = 130

@@ -9,19 +9,19 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from facadelake.core.frames import Array
-from facadelake.evaluate.detector.calibration import Calibration, calibration_of
-from facadelake.evaluate.detector.false_alarms import FalseAlarms, false_alarms_of
-from facadelake.evaluate.detector.labels import LabelledImage, LabelledSet
-from facadelake.evaluate.detector.looking import Collected, Looker
-from facadelake.evaluate.detector.matching import Matches, average_precision, match
-from facadelake.evaluate.detector.operating import (
+from facadelake.evaluation.detectors.average_precision import Matches, average_precision, match
+from facadelake.evaluation.detectors.bootstrap import FEW, Interval, interval_of
+from facadelake.evaluation.detectors.calibration import Calibration, calibration_of
+from facadelake.evaluation.detectors.false_alarms import FalseAlarms, false_alarms_of
+from facadelake.evaluation.detectors.labels.labels import LabelledImage, LabelledSet
+from facadelake.evaluation.detectors.operating_point import (
     Confusion,
     Operating,
     confusions,
     joined_operating,
     operating_of,
 )
-from facadelake.evaluate.detector.resampling import FEW, Interval, interval_of
+from facadelake.evaluation.detectors.predictions import Collected, Looker
 from schemas.vocabulary import DefectClass
 
 _EVERY = 10**6  # at the threshold every box is shown, however many

@@ -14,8 +14,8 @@ from facadelake.detection.inference.detector import Found, OnnxDetector
 from facadelake.detection.inference.find_card import find_card
 from facadelake.detection.inference.letterbox import Image
 from facadelake.detection.tiling.detect_image import detect_image
-from facadelake.evaluate.detector.labels import LabelledImage
-from facadelake.evaluate.detector.looking import Looks
+from facadelake.evaluation.detectors.labels.labels import LabelledImage
+from facadelake.evaluation.detectors.predictions import Looks
 
 # Precision at high recall needs the boxes that nobody would be shown.
 FLOOR = 0.01

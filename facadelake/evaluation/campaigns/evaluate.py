@@ -9,13 +9,13 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.evaluate.checkpoints import check_points_of
-from facadelake.evaluate.comparison import Comparison, compare
-from facadelake.evaluate.figures import Figures
-from facadelake.evaluate.honesty import honesty_of
-from facadelake.evaluate.merging import merging_of
-from facadelake.evaluate.stats import position_stats, stats_of, surface_stats
-from facadelake.evaluate.table2 import table2_of
+from facadelake.evaluation.campaigns.check_points import check_points_of
+from facadelake.evaluation.campaigns.comparison import Comparison, compare
+from facadelake.evaluation.campaigns.covariance_consistency import honesty_of
+from facadelake.evaluation.campaigns.figures import Figures
+from facadelake.evaluation.campaigns.merging import merging_of
+from facadelake.evaluation.campaigns.paper_table2 import table2_of
+from facadelake.evaluation.campaigns.statistics import position_stats, stats_of, surface_stats
 
 
 def evaluate(

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from facadelake.evaluate.checkpoints import CheckPoints
-from facadelake.evaluate.honesty import Honesty
-from facadelake.evaluate.merging import Merging
-from facadelake.evaluate.stats import PositionStats, Stats, SurfaceStats
-from facadelake.evaluate.table2 import Table2
+from facadelake.evaluation.campaigns.check_points import CheckPoints
+from facadelake.evaluation.campaigns.covariance_consistency import Honesty
+from facadelake.evaluation.campaigns.merging import Merging
+from facadelake.evaluation.campaigns.paper_table2 import Table2
+from facadelake.evaluation.campaigns.statistics import PositionStats, Stats, SurfaceStats
 
 
 @dataclass(frozen=True, kw_only=True)

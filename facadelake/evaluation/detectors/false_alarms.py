@@ -10,9 +10,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluate.detector.labels import LabelledImage
-from facadelake.evaluate.detector.looking import Prediction
-from facadelake.evaluate.detector.resampling import interval_of
+from facadelake.evaluation.detectors.bootstrap import interval_of
+from facadelake.evaluation.detectors.labels.labels import LabelledImage
+from facadelake.evaluation.detectors.predictions import Prediction
 from schemas.vocabulary import DefectClass
 
 TEN_M2 = 10.0

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import Crosswalk
-from facadelake.evaluate.detector.form import Form
-from facadelake.evaluate.detector.labels import PHOTOGRAPHS, LabelledSet
-from facadelake.evaluate.detector.labels_coco import read_coco_labels
-from facadelake.evaluate.detector.labels_voc import read_voc_labels
-from facadelake.evaluate.detector.labels_yolo import read_yolo_labels
+from facadelake.evaluation.detectors.labels.coco import read_coco_labels
+from facadelake.evaluation.detectors.labels.format import Form
+from facadelake.evaluation.detectors.labels.labels import PHOTOGRAPHS, LabelledSet
+from facadelake.evaluation.detectors.labels.voc import read_voc_labels
+from facadelake.evaluation.detectors.labels.yolo import read_yolo_labels
 
 
 def open_labels(
