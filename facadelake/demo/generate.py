@@ -24,16 +24,17 @@ from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError
 from facadelake.core.hashing import key_of
 from facadelake.core.progress import stage_progress
-from facadelake.demo.annotations import FALSE_SHARE, exact_boxes, false_boxes, noisy_boxes, write_coco
-from facadelake.demo.exif_writer import exif_bytes, xmp_bytes
-from facadelake.demo.flight import Shot, camera_of, plan_flight
-from facadelake.demo.ifc_writer import write_ifc
-from facadelake.demo.light import RayScene
-from facadelake.demo.mesh import ifc_solids
-from facadelake.demo.placement import Placement, place_model
+from facadelake.demo.building.ifc_writer import write_ifc
+from facadelake.demo.building.placement import Placement, place_model
+from facadelake.demo.building.solids import ifc_solids
+from facadelake.demo.photographs.annotations import FALSE_SHARE, exact_boxes, false_boxes, noisy_boxes, write_coco
+from facadelake.demo.photographs.exif_writer import exif_bytes, xmp_bytes
+from facadelake.demo.photographs.flight import Shot, camera_of, plan_flight
+from facadelake.demo.photographs.render import PhotoJob, RenderJob
+from facadelake.demo.photographs.visibility import sightings, spot_of
 from facadelake.demo.recipe import Campaign, DemoRecipe
-from facadelake.demo.render import PhotoJob, RenderJob
 from facadelake.demo.scene import Scene, build_scene
+from facadelake.demo.textures.light import RayScene
 from facadelake.demo.truth import (
     Home,
     home_of,
@@ -43,7 +44,6 @@ from facadelake.demo.truth import (
     write_defects,
     write_detections,
 )
-from facadelake.demo.visibility import sightings, spot_of
 from facadelake.demo.world import World, make_world
 
 log = logging.getLogger(__name__)
@@ -168,7 +168,7 @@ def _run_workers(folder: Path, count: int) -> Iterator[str]:
     workers = []
     for shard in range(count):
         errors = (folder / f"errors_{shard}.txt").open("w+")
-        command = [sys.executable, "-m", "facadelake.demo.render", str(folder), str(shard), str(count)]
+        command = [sys.executable, "-m", "facadelake.demo.photographs.render", str(folder), str(shard), str(count)]
         workers.append(
             (subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment), errors)
         )

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.demo.bake import bake_chart, lit_part
-from facadelake.demo.light import RayScene
-from facadelake.demo.mesh import Solid, box_solid, ground_solid, roof_solid, tree_solids
-from facadelake.demo.parts import DETAIL, RenderPart, dome_part, far_ground_part, split_by_chart
+from facadelake.demo.building.solids import Solid, box_solid, ground_solid, roof_solid, tree_solids
 from facadelake.demo.recipe import Campaign
-from facadelake.demo.surroundings import has_roof, paint_concrete, paint_sky
+from facadelake.demo.textures.bake import bake_chart, lit_part
+from facadelake.demo.textures.light import RayScene
+from facadelake.demo.textures.parts import DETAIL, RenderPart, dome_part, far_ground_part, split_by_chart
+from facadelake.demo.textures.surroundings import has_roof, paint_concrete, paint_sky
 from facadelake.demo.world import GROUND_HALF_M, World, seeded
 
 TILE_PX = 1024

@@ -11,14 +11,14 @@ import numpy as np
 
 from facadelake.core.errors import ModelError
 from facadelake.core.frames import Array
-from facadelake.demo.annotations import Box
-from facadelake.demo.defects import size_in
-from facadelake.demo.flight import Shot
-from facadelake.demo.light import RayScene
-from facadelake.demo.mesh import Solid
-from facadelake.demo.placement import Placement
+from facadelake.demo.building.placement import Placement
+from facadelake.demo.building.solids import Solid
+from facadelake.demo.photographs.annotations import Box
+from facadelake.demo.photographs.flight import Shot
+from facadelake.demo.photographs.visibility import Spot, sighting_of, spot_of
 from facadelake.demo.recipe import ControlPoint, Defect, DefectState
-from facadelake.demo.visibility import Spot, sighting_of, spot_of
+from facadelake.demo.textures.defects import size_in
+from facadelake.demo.textures.light import RayScene
 from facadelake.demo.world import World
 
 SURVEY_SIGMA_M = 0.003

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from facadelake.core.frames import Array
-from facadelake.demo.charts import Chart, box_charts, building_charts, flat_chart
-from facadelake.demo.mesh import Solid
+from facadelake.demo.building.charts import Chart, box_charts, building_charts, flat_chart
+from facadelake.demo.building.solids import Solid
 from facadelake.demo.recipe import DemoRecipe
 
 GROUND_HALF_M = 42.0

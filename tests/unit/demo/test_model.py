@@ -14,9 +14,9 @@ import pyproj
 import pytest
 import trimesh
 
+from facadelake.demo.building.ifc_writer import write_ifc
+from facadelake.demo.building.placement import place_model
 from facadelake.demo.generate import DemoFiles
-from facadelake.demo.ifc_writer import write_ifc
-from facadelake.demo.placement import place_model
 from facadelake.demo.recipe import DemoRecipe
 
 

@@ -1,6 +1,6 @@
 """Photographs of a scene by pyrender, in a process of its own (one OpenGL context a process).
 
-``python -m facadelake.demo.render FOLDER SHARD SHARDS``: reads ``job.pickle`` and the scene's arrays in FOLDER, makes
+``python -m facadelake.demo.photographs.render FOLDER SHARD SHARDS``: reads ``job.pickle`` and the scene's arrays in FOLDER, makes
 every SHARDS-th photograph and prints its name. Light is baked into textures and colours, so pyrender draws them flat.
 """
 
@@ -180,6 +180,6 @@ def render_shard(folder: Path, shard: int, shards: int) -> None:
 
 if __name__ == "__main__":
     # Through the imported module, so that the pickled classes are the same.
-    from facadelake.demo import render as module
+    from facadelake.demo.photographs import render as module
 
     module.render_shard(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.frames import Array
-from facadelake.demo.defects import size_in
-from facadelake.demo.flight import Shot
-from facadelake.demo.light import RayScene
+from facadelake.demo.photographs.flight import Shot
 from facadelake.demo.recipe import Defect, DefectState
+from facadelake.demo.textures.defects import size_in
+from facadelake.demo.textures.light import RayScene
 from facadelake.demo.world import World
 
 MAX_INCIDENCE_DEG = 75.0

@@ -16,8 +16,8 @@ import ifcopenshell.api.root
 import ifcopenshell.api.unit
 import numpy as np
 
-from facadelake.demo.charts import Chart, building_charts
-from facadelake.demo.ifc_parts import (
+from facadelake.demo.building.charts import Chart, building_charts
+from facadelake.demo.building.ifc_parts import (
     Entity,
     body,
     extrusion,
@@ -28,7 +28,7 @@ from facadelake.demo.ifc_parts import (
     ring_sector,
     settle_guids,
 )
-from facadelake.demo.placement import Placement
+from facadelake.demo.building.placement import Placement
 from facadelake.demo.recipe import Building, DemoRecipe, Openings
 
 COURSE_OUT_M, COURSE_HEIGHT_M = 0.06, 0.15

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from facadelake.core.frames import Array
-from facadelake.demo.flight import Shot
-from facadelake.demo.light import RayScene
-from facadelake.demo.visibility import Sighting
+from facadelake.demo.photographs.flight import Shot
+from facadelake.demo.photographs.visibility import Sighting
+from facadelake.demo.textures.light import RayScene
 
 CATEGORIES = {"crack": 1, "spalling": 2, "moisture": 3}
 OFF_TARGET = "off_target"

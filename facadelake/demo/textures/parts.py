@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.frames import Array
-from facadelake.demo.charts import Chart, building_charts
-from facadelake.demo.light import shade
-from facadelake.demo.mesh import Solid, ground_solid
+from facadelake.demo.building.charts import Chart, building_charts
+from facadelake.demo.building.solids import Solid, ground_solid
 from facadelake.demo.recipe import Box, Light
+from facadelake.demo.textures.light import shade
 from facadelake.demo.world import World
 
 # The texture of everything that no chart draws.

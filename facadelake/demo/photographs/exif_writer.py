@@ -5,7 +5,7 @@ from __future__ import annotations
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from facadelake.demo.flight import Shot
+from facadelake.demo.photographs.flight import Shot
 from facadelake.demo.recipe import Optics
 
 EXIF_IFD, GPS_IFD = 0x8769, 0x8825

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.demo.canvas import Canvas
-from facadelake.demo.charts import Chart
-from facadelake.demo.facade_textures import bricks, patches
+from facadelake.demo.building.charts import Chart
 from facadelake.demo.recipe import Box
+from facadelake.demo.textures.canvas import Canvas
+from facadelake.demo.textures.facades import bricks, patches
 
 
 def paint_box(chart: Chart, look: str, rng: np.random.Generator) -> Canvas:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.frames import Array
-from facadelake.demo.canvas import Canvas, Image
-from facadelake.demo.facade_textures import BRICK, blob
 from facadelake.demo.recipe import ControlPoint, Defect, DefectState
+from facadelake.demo.textures.canvas import Canvas, Image
+from facadelake.demo.textures.facades import BRICK, blob
 
 # Texels are drawn this many times finer and averaged.
 FINE = 4

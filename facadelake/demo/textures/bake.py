@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.frames import Array
-from facadelake.demo.canvas import Canvas
-from facadelake.demo.charts import Chart
-from facadelake.demo.defects import draw_defect, draw_target
-from facadelake.demo.facade_textures import paint_facade
-from facadelake.demo.light import RayScene, shade, sky_open, sunlit
-from facadelake.demo.mesh import Solid, subdivided
-from facadelake.demo.parts import DETAIL, RenderPart, face_normals
+from facadelake.demo.building.charts import Chart
+from facadelake.demo.building.solids import Solid, subdivided
 from facadelake.demo.recipe import Box, Campaign, Light
-from facadelake.demo.surroundings import paint_box, paint_ground, paint_roof
+from facadelake.demo.textures.canvas import Canvas
+from facadelake.demo.textures.defects import draw_defect, draw_target
+from facadelake.demo.textures.facades import paint_facade
+from facadelake.demo.textures.light import RayScene, shade, sky_open, sunlit
+from facadelake.demo.textures.parts import DETAIL, RenderPart, face_normals
+from facadelake.demo.textures.surroundings import paint_box, paint_ground, paint_roof
 from facadelake.demo.world import World, seeded
 
 TILE_M = 4.0

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.demo.charts import Chart
+from facadelake.demo.building.charts import Chart
 
 Image = NDArray[np.float32]
 Colour = tuple[float, float, float]

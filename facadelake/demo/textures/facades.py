@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from facadelake.demo.canvas import Canvas, Colour, Image
-from facadelake.demo.charts import Chart
+from facadelake.demo.building.charts import Chart
 from facadelake.demo.recipe import Building, Openings
+from facadelake.demo.textures.canvas import Canvas, Colour, Image
 
 RENDER: Colour = (203, 184, 146)
 TOP_RENDER: Colour = (196, 198, 194)

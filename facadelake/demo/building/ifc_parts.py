@@ -12,7 +12,7 @@ import ifcopenshell.api.spatial
 import ifcopenshell.guid
 import numpy as np
 
-from facadelake.demo.charts import Chart
+from facadelake.demo.building.charts import Chart
 
 # ifcopenshell's entities have no static types.
 Entity = Any
