@@ -46,7 +46,7 @@ format: setup
 	$(BIN)/ruff format --check .
 
 types: setup
-	$(BIN)/mypy --strict facadelake schemas
+	$(BIN)/mypy --strict
 
 directions: setup
 	$(BIN)/lint-imports --no-logo

@@ -35,6 +35,7 @@ from benchmarks.foundation import SHARED
 from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
 from facadelake.evaluation.detectors.card_results import write_results
 from facadelake.evaluation.detectors.contact_sheet import write_sheets
+from facadelake.evaluation.detectors.evaluate import model_file
 from facadelake.evaluation.detectors.false_alarms import Rate
 from facadelake.evaluation.detectors.figures import ClassFigures, Judgement, judge
 from facadelake.evaluation.detectors.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
@@ -42,7 +43,6 @@ from facadelake.evaluation.detectors.labels.labels import LabelledSet
 from facadelake.evaluation.detectors.plots import write_plots
 from facadelake.evaluation.detectors.predictions import Looker, collect
 from facadelake.evaluation.detectors.sources import OnnxLooker
-from flows.detector_evaluation import model_file
 from schemas.vocabulary import DefectClass
 
 WHOLE = (

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from benchmarks.foundation import ROOT, SHARED
 from benchmarks.published_poses import write_published
+from facadelake.building.registered import read_registered_model
 from facadelake.building.surface.footprint import horizontal_distance
 from facadelake.building.surface.raycasting import Surface
 from facadelake.building.target_elements import target_elements
@@ -38,7 +39,6 @@ from facadelake.georeferencing.imported.read import read_poses
 from facadelake.photos.ingest import ingest_photographs
 from facadelake.registry import read_portfolio
 from schemas.vocabulary import DefectClass
-from tasks.load_model import read_model
 from training.data.judged import read_drawn, write_coco
 
 SITES = ROOT / "training" / "data" / "sites.yaml"
@@ -124,7 +124,7 @@ def castle_facade(work: Path) -> LabelledSet:
     incidence, photograph by photograph. Its plaster is real and presumed free of defects.
     """
     building = read_portfolio(ROOT / "data" / "portfolio.yaml").building("castle")
-    model = read_model(building)
+    model = read_registered_model(building)
     surface = Surface(model)
     root = building.photographs_of("2026-04")
     photos = ingest_photographs(root, distance_to_model_m=horizontal_distance(model), close_range_below_m=8.0)

@@ -30,11 +30,10 @@ from benchmarks.foundation import DEMO, ROOT, SHARED, evaluated, facadelake
 from benchmarks.published_poses import write_published
 from benchmarks.registration_report import Report
 from facadelake.building.model import BuildingModel
+from facadelake.building.registered import read_registered_model
 from facadelake.building.surface.footprint import horizontal_distance
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.pose_table import pose_covariances, posed_cameras
-from facadelake.deduplication.appearance import Photographs
-from facadelake.deduplication.merge import merge
+from facadelake.campaigns.registration import register_on_committed_poses
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluation.campaigns.comparison import compare
 from facadelake.evaluation.campaigns.evaluate import figures_of
@@ -43,12 +42,7 @@ from facadelake.georeferencing.georeference import Place
 from facadelake.georeferencing.imported.placement import PlacedByImport, place_imported
 from facadelake.georeferencing.imported.read import read_poses
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.registration.observe import observe
 from facadelake.registry import Building, read_portfolio
-from tasks.load_model import read_model
-from tasks.merge import merge_settings
-from tasks.register import register_settings
 
 SEED = 4
 
@@ -68,7 +62,7 @@ class Scenery:
 
 def _scenery(building_id: str, campaign_id: str, truth: Path, name: str) -> Scenery:
     building = read_portfolio(ROOT / "data" / "portfolio.yaml").building(building_id)
-    model = read_model(building)
+    model = read_registered_model(building)
     photos = ingest_photographs(
         building.photographs_of(campaign_id), distance_to_model_m=horizontal_distance(model), close_range_below_m=8.0
     )
@@ -80,25 +74,9 @@ def _scenery(building_id: str, campaign_id: str, truth: Path, name: str) -> Scen
 
 def _registered(scene: Scenery, placed: PlacedByImport, boxes: str) -> dict[str, Any]:
     """The figures of one detections file on imported poses, by the domain's own calls."""
-    passport = placed.georeference.to_pylist()[0]
-    posed, covariances = posed_cameras(placed.poses), pose_covariances(placed.poses)
     found = import_coco(scene.building.detections_of(scene.campaign_id, boxes), scene.photos, class_names={})
-    seen = observe(
-        found, posed, scene.model, scene.surface, settings=register_settings(scene.building), covariances=covariances
-    )
-    around = Scene(placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in ("east", "north", "up")))
-    seen = exclude(seen, found, posed, scene.model.elements, scene.surface, around, ExclusionSettings())
-    root = scene.building.photographs_of(scene.campaign_id)
-    merged = merge(
-        seen,
-        found,
-        scene.model,
-        posed,
-        prefix=scene.name,
-        settings=merge_settings(passport),
-        covariances=covariances,
-        photographs=Photographs(root=root, posed=posed),
-    )
+    tables = {"poses": placed.poses, "georeference": placed.georeference}
+    merged = register_on_committed_poses(scene.building, scene.campaign_id, scene.model, found, tables)
     return figures_of(
         compare(
             photos=scene.photos,

@@ -29,15 +29,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from facadelake.building.model import BuildingModel
+from facadelake.building.registered import read_registered_model
 from facadelake.building.surface.raycasting import Surface
 from facadelake.building.surface.virtual_view import write_scene
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.lake.read import read_tables
 from facadelake.registration.observe import cast, observe
+from facadelake.registration.settings import registration_settings
 from facadelake.registry import read_portfolio
-from tasks.load_model import read_model
-from tasks.register import register_settings
 
 ROOT = Path(__file__).resolve().parent.parent
 HUGE = (8000, 6000)
@@ -128,7 +128,7 @@ def render_ready(folder: Path) -> None:
 def measure(building_id: str, campaign: str, lake: Path, portfolio: Path) -> None:
     """Print the table."""
     building = read_portfolio(portfolio).building(building_id)
-    model, settings = read_model(building), register_settings(building)
+    model, settings = read_registered_model(building), registration_settings(building)
     tables = read_tables(lake, ["poses", "detections"], building_id=building_id, campaign_id=campaign)
     cameras, covariances = posed_cameras(tables["poses"]), pose_covariances(tables["poses"])
     found = tables["detections"].filter(pc.equal(tables["detections"].column("detection_outcome"), "accepted"))

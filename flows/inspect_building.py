@@ -10,12 +10,12 @@ from uuid import uuid4
 
 from prefect import flow
 
+from facadelake.campaigns.preflight import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
+from facadelake.campaigns.regrading import regrading_replaced
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError
 from facadelake.detection.configured import settled
 from facadelake.registry import CocoDetector, read_portfolio
-from flows.precheck import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
-from flows.regrading import regrading_replaced
 from schemas.vocabulary import ControlKind, SurfaceKind
 from tasks.as_built_model import as_built_model
 from tasks.commit import commit

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from prefect import task
 
@@ -13,9 +11,8 @@ from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.deduplication.appearance import Photographs
 from facadelake.deduplication.merge import merge
-from facadelake.registration.settings import MergeSettings
+from facadelake.deduplication.settings import merge_settings
 from facadelake.severity.rule_packs import grade, rule_file
-from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -59,12 +56,3 @@ def merge_duplicates(
         "model": model, "photos": photos, "placed": placed, "observations": observations, "detections": detections
     }  # fmt: skip
     return run_stage(job, "merge", reads=reads, inputs=inputs, make=make)
-
-
-def merge_settings(passport: Mapping[str, Any]) -> MergeSettings:
-    """What the campaign's row of table ``georeference`` tells the merging."""
-    return MergeSettings.under(
-        ControlKind(passport["control"]),
-        checked_m=passport["check_residual_mean_m"],
-        check_points=passport["check_points"],
-    )

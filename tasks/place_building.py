@@ -8,9 +8,9 @@ import numpy as np
 from prefect import task
 
 from facadelake.building.mesh.load import place_without_model
+from facadelake.building.registered import bare_settings
 from facadelake.core.tables import read_table
 from tasks.job import InspectionJob, StageResult
-from tasks.load_model import bare_settings
 from tasks.stage import Counts, run_stage
 
 

@@ -14,7 +14,7 @@ from facadelake.core.frames import Array
 from facadelake.deduplication.cluster import numbered
 from facadelake.deduplication.gate import Pairs
 from facadelake.deduplication.observations import Sightings
-from facadelake.registration.settings import MergeSettings
+from facadelake.deduplication.settings import MergeSettings
 
 _HOST_LEAST = 2  # sightings that outvote one
 _OVERLAP_LEAST = 0.5  # of the smaller patch

@@ -14,7 +14,7 @@ from facadelake.deduplication.aggregate import commonest
 from facadelake.deduplication.gate import joined_pairs, measured, placing_m2
 from facadelake.deduplication.grouping import Grouping
 from facadelake.deduplication.observations import Sightings
-from facadelake.registration.settings import MergeSettings
+from facadelake.deduplication.settings import MergeSettings
 from schemas.vocabulary import MergeDecision, MergeReason
 
 _JOINED_EACH = 1  # pairs that are kept for each sighting: its nearest companion in the defect

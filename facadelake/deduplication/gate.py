@@ -18,8 +18,8 @@ from scipy.spatial import cKDTree
 from facadelake.core.frames import Array
 from facadelake.core.parallel import side_by_side
 from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration.patch import tangents_of
-from facadelake.registration.settings import MergeSettings
 
 _GRAZING_COSINE = 0.15  # a ray flatter than this says nothing more of relief
 _FACING_MIN = -0.2  # surfaces that turn further from one another do not show one defect

@@ -14,9 +14,9 @@ from facadelake.deduplication.cluster import clusters_of, numbered
 from facadelake.deduplication.gate import Noise, Pairs, measured_again, pairs_of
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.seams import united, units_of
+from facadelake.deduplication.settings import MergeSettings
 from facadelake.deduplication.triangulate import Estimate, Rays, estimated
 from facadelake.deduplication.verify import Compare, Verified, unverified, verified
-from facadelake.registration.settings import MergeSettings
 
 _log = logging.getLogger(__name__)
 _NEAR_MISS = 1.5  # gates: pairs further apart than that are not worth a word

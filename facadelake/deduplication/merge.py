@@ -24,8 +24,8 @@ from facadelake.deduplication.grouping import grouped
 from facadelake.deduplication.observations import codes_of, column, sightings_of
 from facadelake.deduplication.position import positions_of
 from facadelake.deduplication.rear_surface import Moved, looked_behind
+from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration.patch import tangents_of
-from facadelake.registration.settings import MergeSettings
 from schemas.vocabulary import ObservationOutcome
 
 _log = logging.getLogger(__name__)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from facadelake.core.frames import Array
 from facadelake.deduplication.gate import Noise
 from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.settings import MergeSettings
 from facadelake.deduplication.triangulate import Planes, Rays, planes_of, triangulated
-from facadelake.registration.settings import MergeSettings
 
 Rows = NDArray[np.int64]
 

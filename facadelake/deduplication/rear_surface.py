@@ -20,8 +20,8 @@ from facadelake.deduplication.cluster import numbered
 from facadelake.deduplication.gate import Noise, measured, placing_m2
 from facadelake.deduplication.grouping import Grouping
 from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.settings import MergeSettings
 from facadelake.deduplication.triangulate import Planes, Rays, planes_of, triangulated
-from facadelake.registration.settings import MergeSettings
 
 _log = logging.getLogger(__name__)
 _LAYERS = 3  # surfaces behind the first that are looked at

@@ -18,7 +18,7 @@ from facadelake.core.frames import Array
 from facadelake.deduplication.appearance import Likeness
 from facadelake.deduplication.gate import Noise, Pairs
 from facadelake.deduplication.observations import Sightings
-from facadelake.registration.settings import MergeSettings
+from facadelake.deduplication.settings import MergeSettings
 
 _EDGE = 0.75  # of the gate: joined pairs further apart are looked at
 _EACH = 3  # pairs compared between two groups, and in one

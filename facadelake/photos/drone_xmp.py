@@ -53,8 +53,9 @@ class DroneMetadata:
     """What a drone's packet says; NaN, empty or None where it says nothing.
 
     Latitude and longitude in degrees (WGS 84), altitudes in metres (the absolute one's datum depends on the drone: see
-    ``facadelake.photos.position_prior``), attitude of the camera in degrees (north-east-down), ``*_sigma_*`` as stated by the
-    maker. ``camera_pitch_deg`` is Camera:Pitch as written, where the attitude rests on it. ``body`` names the aircraft.
+    ``facadelake.photos.position_prior``), attitude of the camera in degrees (north-east-down), ``*_sigma_*`` as stated
+    by the maker. ``camera_pitch_deg`` is Camera:Pitch as written, where the attitude rests on it. ``body`` names the
+    aircraft.
     """
 
     maker: str

@@ -1,4 +1,4 @@
-"""Rays of pixels, how they turn from pixel to pixel, and the 3x3 covariance in site of the place where one meets the surface."""
+"""Rays of pixels, and the 3x3 covariance (site) of the place where one meets the surface."""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,14 +13,19 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.building.target_elements import target_elements
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
+from facadelake.core.pose_table import posed_cameras
+from facadelake.detection.campaign import View
 from facadelake.registration.exclusion_mask import read_mask
+from schemas.vocabulary import SurfaceKind
 
 _log = logging.getLogger(__name__)
 
+WITHOUT_POSE = "the photograph has no pose: it was looked at everywhere, at its own pixels"
 _WIDTH_PX = 480  # of the target image: a tile of the smallest detectors is 20 of its pixels in a photograph of 48 Mpx
 _MARGIN = 0.02  # of the width: how far a building may stand beside its model in the photograph
 
@@ -54,3 +61,18 @@ def target_view(posed: PosedCamera, surface: Surface, elements: pa.Table, mask: 
         except InputDataError as error:
             _log.warning("%s; the mask is not used", error)
     return TargetView(target=target, gsd_mm=gsd_mm)
+
+
+def views_on_building(building: BuildingModel, poses: pa.Table, masks: Mapping[str, Path]) -> Callable[[str], View]:
+    """What is known of each photograph, by its photo_id, from table ``poses`` and the user's masks."""
+    posed, surface = posed_cameras(poses), Surface(building)
+
+    def view_of(photo_id: str) -> View:
+        if photo_id not in posed:
+            return View(remark=WITHOUT_POSE)
+        seen = target_view(posed[photo_id], surface, building.elements, masks.get(photo_id))
+        # A surface made of tie points has holes where a wall is bare.
+        target = None if building.surface_kind is SurfaceKind.AS_BUILT else seen.target
+        return View(gsd_mm=None if math.isnan(seen.gsd_mm) else seen.gsd_mm, target=target)
+
+    return view_of

@@ -11,7 +11,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 def facadelake(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run ``facadelake`` with the arguments; the console is wide enough that no line is broken."""
     return subprocess.run(
-        [sys.executable, "-c", "from flows.cli import main; main()", *map(str, arguments)],
+        [sys.executable, "-c", "from cli.main import main; main()", *map(str, arguments)],
         cwd=REPOSITORY,
         env=os.environ | {"COLUMNS": "4000"} | environment,
         capture_output=True,

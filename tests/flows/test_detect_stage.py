@@ -16,8 +16,9 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.pose_table import pose_columns
 from facadelake.core.tables import read_table, table_of_rows, write_table
+from facadelake.registration.target_view import WITHOUT_POSE
 from facadelake.registry import Building
-from tasks.detect import WITHOUT_POSE, detect
+from tasks.detect import detect
 from tasks.job import InspectionJob, StageResult
 from tests.synthetic.registration_scene import Wall, building_of
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model

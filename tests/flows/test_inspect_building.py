@@ -20,7 +20,7 @@ from tests.flows.conftest import CAMPAIGN, SmallPortfolio
 
 pytestmark = pytest.mark.slow
 
-CLI = [sys.executable, "-c", "from flows.cli import main; main()"]
+CLI = [sys.executable, "-c", "from cli.main import main; main()"]
 NOISE = ("Traceback", "Warning", "WARNING", "ERROR", "database is locked")
 
 

@@ -23,7 +23,7 @@ from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_mode
 
 pytestmark = pytest.mark.slow
 
-CLI = [sys.executable, "-c", "from flows.cli import main; main()"]
+CLI = [sys.executable, "-c", "from cli.main import main; main()"]
 GSD_MM = 80.0  # about a quarter of the photographs' resolution: some eight tiles each
 
 

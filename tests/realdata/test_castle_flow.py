@@ -21,7 +21,7 @@ from facadelake.lake.read import read_table
 pytestmark = [pytest.mark.realdata, pytest.mark.slow]
 
 REGISTRY = Path(__file__).parents[2] / "data" / "portfolio.yaml"
-CLI = [sys.executable, "-c", "from flows.cli import main; main()"]
+CLI = [sys.executable, "-c", "from cli.main import main; main()"]
 KEYS = {
     "photographs", "camera_error_m", "ray_error_m", "observation_error_m", "defect_error_m", "roundtrip_px",
     "roundtrip_cm", "merge", "element_correct_share", "off_truth", "coverage_2sigma",

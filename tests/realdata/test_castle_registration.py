@@ -20,6 +20,7 @@ from facadelake.building.model import BuildingModel, ModelSettings
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.deduplication.merge import merge
+from facadelake.deduplication.settings import MergeSettings
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluation.campaigns.evaluate import evaluate
 from facadelake.evaluation.campaigns.figures import Figures
@@ -28,7 +29,7 @@ from facadelake.georeferencing.imported.placement import PlacedByImport, place_i
 from facadelake.georeferencing.imported.read import read_poses
 from facadelake.photos.ingest import ingest_photographs
 from facadelake.registration.observe import observe
-from facadelake.registration.settings import MergeSettings, RegisterSettings
+from facadelake.registration.settings import RegisterSettings
 from schemas.vocabulary import ControlKind
 
 pytestmark = pytest.mark.realdata

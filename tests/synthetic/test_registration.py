@@ -18,9 +18,10 @@ import pytest
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.deduplication.merge import MergeResult, merge
+from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.registration.observe import observe
-from facadelake.registration.settings import MergeSettings, RegisterSettings
+from facadelake.registration.settings import RegisterSettings
 from facadelake.registration.tie_points import Tracks, tie_points
 from schemas.vocabulary import ObservationOutcome
 from tests.synthetic.registration_scene import (

@@ -1,4 +1,4 @@
-"""Table ``elements`` of an IFC: attributes and property sets of each element, how much its body shows, and its facade."""
+"""Table ``elements`` of an IFC: attributes, property sets and level of detail of each element, and its facade."""
 
 from __future__ import annotations
 

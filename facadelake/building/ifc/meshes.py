@@ -1,4 +1,4 @@
-"""The triangles of an IFC's elements, in the model's own axes and metres (ifcopenshell's geometry iterator), checked for size and strays."""
+"""The triangles of an IFC's elements in the model's own axes, in metres (ifcopenshell's iterator), without strays."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Photographs of a scene by pyrender, in a process of its own (one OpenGL context a process).
 
-``python -m facadelake.demo.photographs.render FOLDER SHARD SHARDS``: reads ``job.pickle`` and the scene's arrays in FOLDER, makes
-every SHARDS-th photograph and prints its name. Light is baked into textures and colours, so pyrender draws them flat.
+``python -m facadelake.demo.photographs.render FOLDER SHARD SHARDS``: reads ``job.pickle`` and the scene's arrays in
+FOLDER, makes every SHARDS-th photograph and prints its name. Light is baked into textures and colours, so pyrender
+draws them flat.
 """
 
 from __future__ import annotations

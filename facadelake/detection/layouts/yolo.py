@@ -1,4 +1,4 @@
-"""The YOLO families: a candidate for every cell of the input (YOLOX, YOLOv5, YOLOv8 and 11), with masks from prototypes."""
+"""The YOLO families (YOLOX, YOLOv5, v8 and 11): a candidate for every cell of the input; masks from prototypes."""
 
 from __future__ import annotations
 

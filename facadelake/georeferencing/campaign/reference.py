@@ -1,4 +1,4 @@
-"""The reference of a building: tie points of a placed campaign, by which later campaigns find into its frame; one file a campaign."""
+"""The reference of a building: tie points of a placed campaign, by which later campaigns find into its frame."""
 
 from __future__ import annotations
 

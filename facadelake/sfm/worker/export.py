@@ -1,4 +1,4 @@
-"""The reconstruction as plain arrays, which the parent reads without pycolmap, with one descriptor for each tie point."""
+"""The reconstruction as plain arrays, with a descriptor for each tie point; the parent reads them without pycolmap."""
 
 from __future__ import annotations
 

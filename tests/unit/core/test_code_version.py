@@ -48,8 +48,8 @@ COMPUTING = tuple(stage for stage in STAGES if stage != "draw")
 UNRELATED = [
     ("picture", "facadelake/reporting/elevations/elevation.py", COMPUTING),
     ("report", "facadelake/reporting/page/report.py", COMPUTING),
-    ("terminal", "flows/terminal/inspection.py", STAGES),
-    ("command line", "flows/cli.py", STAGES),
+    ("terminal", "cli/terminal/inspection.py", STAGES),
+    ("command line", "cli/main.py", STAGES),
     ("the flow itself", "flows/inspect_building.py", STAGES),
     ("evaluation", "facadelake/evaluation/campaigns/comparison.py", STAGES),
     ("reviews", "facadelake/reviews/review.py", STAGES),

@@ -12,9 +12,9 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from cli.main import app
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.detection.card import read_card
-from flows.cli import app
 from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model
 
 # The model answers with these in every photograph of its input's size: a hit on 'a' and nowhere else, and a faint one.

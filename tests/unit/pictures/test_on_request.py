@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.reporting.inspection import Inspection, PictureSettings
-from facadelake.reporting.on_request import (
+from facadelake.reporting.draw import (
     Wanted,
     draw_wanted,
     everything,
     wanted_by_name,
     what_the_report_shows,
 )
+from facadelake.reporting.inspection import Inspection, PictureSettings
 from tests.unit.pictures.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
 
 SETTINGS = PictureSettings(cell_m=0.05, overlay_width_px=300, report_cards=1, report_overlays=1)

@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.building.surface.view_images import ViewImages
-from facadelake.reporting.view_sheet import Panels, view_sheet
+from facadelake.reporting.photo_view import Panels, view_sheet
 
 HEIGHT, WIDTH = 60, 90
 

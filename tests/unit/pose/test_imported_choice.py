@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.campaigns.preflight import chosen_poses
 from facadelake.core.errors import InputDataError
 from facadelake.registry import Building, read_portfolio
-from flows.precheck import chosen_poses
 
 REGISTRY = """
 buildings:

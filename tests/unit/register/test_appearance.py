@@ -9,7 +9,7 @@ from facadelake.core.frames import Similarity
 from facadelake.deduplication.appearance import Photographs
 from facadelake.deduplication.grouping import grouped
 from facadelake.deduplication.observations import Sightings
-from facadelake.registration.settings import MergeSettings
+from facadelake.deduplication.settings import MergeSettings
 from tests.unit.register.conftest import looking
 
 CAMERA = Camera(width_px=900, height_px=700, fx_px=1500, fy_px=1500, cx_px=450, cy_px=350, k1=-0.05)

@@ -12,8 +12,9 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.deduplication.grouping import grouped
 from facadelake.deduplication.merge import merge
 from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration.observe import observe
-from facadelake.registration.settings import MergeSettings, RegisterSettings
+from facadelake.registration.settings import RegisterSettings
 from tests.unit.register.conftest import looking
 
 MERGE = MergeSettings()

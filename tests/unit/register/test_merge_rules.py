@@ -8,7 +8,7 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.deduplication.decisions import merges_table
 from facadelake.deduplication.grouping import grouped
 from facadelake.deduplication.rear_surface import looked_behind
-from facadelake.registration.settings import MergeSettings
+from facadelake.deduplication.settings import MergeSettings
 from tests.unit.register.conftest import sheet
 from tests.unit.register.merging import sightings_on_wall
 

@@ -8,7 +8,7 @@ import pytest
 from facadelake.deduplication.gate import Noise
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.position import positions_of
-from facadelake.registration.settings import MergeSettings
+from facadelake.deduplication.settings import MergeSettings
 
 NORMAL = np.array([0.0, -1, 0])
 EYES = np.array([[-6.0, -8, 1], [5.0, -9, 2], [0.5, -10, 0], [-2.0, -7, 3], [3.0, -12, 1]])

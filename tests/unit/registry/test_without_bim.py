@@ -12,12 +12,13 @@ import trimesh
 import yaml
 
 from facadelake.building.model import read_building
+from facadelake.building.registered import bare_settings, read_registered_model
+from facadelake.campaigns.preflight import AUTO, check_control, check_files
 from facadelake.core.errors import InputDataError
 from facadelake.registry import Building, read_portfolio
-from flows.precheck import AUTO, check_control, check_files
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob
-from tasks.load_model import bare_settings, load_model, read_model
+from tasks.load_model import load_model
 
 MESH = {"map": "EPSG:25832", "vertical": "ellipsoidal"}
 
@@ -59,7 +60,7 @@ def test_what_a_mesh_is_told_reaches_geobim_and_paths_count_from_the_registry(tm
     assert (settings.unit_m, settings.axes, settings.map_crs) == (0.3048, "y-up", "EPSG:25832")
     assert [(storey.name, storey.floor_m) for storey in settings.storeys] == [("Ground floor", 178.5)]
     (tmp_path / "mesh" / "hall.obj").write_text("v 0 0 0\nv 30 0 0\nv 30 30 0\nf 1 2 3\n")
-    model = read_model(building)
+    model = read_registered_model(building)
     assert model.surface_kind is SurfaceKind.MESH
     # One triangle of 30 by 30 feet that glTF's axes lay into the plane facing south, at the offset on the map.
     assert abs(model.elements.column("surface_area_m2")[0].as_py() - (30 * 0.3048) ** 2 / 2) < 0.1  # m2

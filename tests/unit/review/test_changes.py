@@ -15,7 +15,7 @@ from facadelake.evaluation.model_comparison.against_reviews import OnWords, agai
 from facadelake.evaluation.model_comparison.changes import Change, changes_between, covered_share
 from facadelake.evaluation.model_comparison.contact_sheet import Crop, write_sheet
 from facadelake.evaluation.model_comparison.defects import joint_detections, wall_defects
-from facadelake.evaluation.model_comparison.promotion import evidence, objections
+from facadelake.evaluation.model_comparison.promote import evidence, objections
 from facadelake.evaluation.model_comparison.report import (
     CampaignComparison,
     Comparison,

@@ -11,18 +11,18 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from cli.main import app
+from cli.options import console
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import file_sha256
 from facadelake.detection.model_registry import default_model, promotions
+from facadelake.evaluation.model_comparison.compare import compare_models
+from facadelake.evaluation.model_comparison.promote import promote_model
 from facadelake.registry import Portfolio, read_portfolio
+from facadelake.reviews.campaign import export_task, import_reviews, reviewed_campaign
+from facadelake.reviews.training.collect import make_training_set
 from facadelake.reviews.training.forms import LabelForm, Pictures
 from facadelake.reviews.training.splits import Split
-from flows.cli import app
-from flows.comparing import compare_models
-from flows.options import console
-from flows.promoting import promote_model
-from flows.reviewing import export_task, import_reviews, reviewed_campaign
-from flows.training_sets import make_training_set
 from tests.unit.detect.onnx_models import card, save_model
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit
 

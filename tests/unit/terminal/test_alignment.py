@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from flows.terminal.inspection import alignment_lines
+from cli.terminal.inspection import alignment_lines
 
 PASSPORT: dict[str, Any] = {
     "control": "gcp", "method": "control points", "points_used": 5, "points_total": 6, "residual_mean_m": 0.0052,

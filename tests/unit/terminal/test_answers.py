@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from flows.terminal.answers import ask
+from cli.terminal.answers import ask
 from tests.unit.lake.small_campaign import commit
 
 

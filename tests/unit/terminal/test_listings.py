@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from flows.terminal import listings
-from flows.terminal.listings import show_defects
+from cli.terminal import listings
+from cli.terminal.listings import show_defects
 from tests.unit.lake.small_campaign import BUILDING, commit
 
 

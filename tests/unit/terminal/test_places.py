@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.cli import main
+from cli.main import main
 
 
 def test_a_folder_that_cannot_be_made_is_told_without_a_traceback(
@@ -28,6 +28,6 @@ def test_a_fault_of_ours_still_shows_where(monkeypatch: pytest.MonkeyPatch) -> N
     def fail() -> None:
         raise FileNotFoundError(2, "No such file or directory", "x")
 
-    monkeypatch.setattr("flows.cli.app", fail)
+    monkeypatch.setattr("cli.main.app", fail)
     with pytest.raises(FileNotFoundError):
         main()

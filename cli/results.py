@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from facadelake.core.errors import InputDataError
-from flows.options import (
+from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
     AnyPortfolioPath,
@@ -22,6 +21,7 @@ from flows.options import (
     portfolio_at,
     problems,
 )
+from facadelake.core.errors import InputDataError
 
 
 def campaigns(
@@ -30,7 +30,7 @@ def campaigns(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """List what is registered and what the lake holds, with each campaign's version."""
-    from flows.terminal.listings import show_campaigns
+    from cli.terminal.listings import show_campaigns
 
     show_campaigns(console, portfolio_at(portfolio), lake, building)
 
@@ -45,7 +45,7 @@ def defects(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Show the defects of a building: what, where, how large, how often seen."""
-    from flows.terminal.listings import require_known, show_defects
+    from cli.terminal.listings import require_known, show_defects
 
     require_known(lake, portfolio, building)
     show_defects(console, lake, building, campaign, defect_class, limit, as_of)
@@ -68,7 +68,7 @@ def sql(
 
     Example: facadelake sql "SELECT facade, count(*) AS n FROM defects GROUP BY facade ORDER BY n DESC"
     """
-    from flows.terminal.answers import ask, show_questions
+    from cli.terminal.answers import ask, show_questions
 
     if list_questions or question is None:
         show_questions(console)
@@ -86,9 +86,9 @@ def export(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
+    from cli.terminal.listings import require_known
     from facadelake.lake.read import read_table
     from facadelake.publish.releases import export as export_table
-    from flows.terminal.listings import require_known
 
     require_known(lake, portfolio, building)
     rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=as_of)
@@ -120,7 +120,7 @@ def view(
 
     The images are written beside the picture as a NumPy archive, .npz.
     """
-    from flows.photo_view import view_photograph
+    from facadelake.reporting.photo_view import view_photograph
 
     shown = view_photograph(
         portfolio_at(portfolio).building(building), campaign, photo, lake=lake, output=output, scale=scale
@@ -153,9 +153,9 @@ def pictures(
     Without a name it draws what the report shows: the worst defects, all facades, a few photographs, the distribution.
     Running it again is safe: files are written over.
     """
-    from flows.pictures import draw_pictures
-    from flows.precheck import resolved_campaign
-    from flows.terminal.drawing import default_folder, draw_in_terminal
+    from cli.terminal.drawing import default_folder, draw_in_terminal
+    from facadelake.campaigns.preflight import resolved_campaign
+    from facadelake.reporting.draw import draw_pictures
 
     registered = portfolio_at(portfolio).building(building)
     chosen = resolved_campaign(registered, campaign)
@@ -193,9 +193,9 @@ def evaluate(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Compare a committed campaign with truth: cameras, rays, positions, sigmas, merging, elements."""
+    from cli.terminal.answers import show_figures
+    from facadelake.evaluation.campaigns.committed import compare_campaign
     from facadelake.evaluation.campaigns.evaluate import figures_of
-    from flows.evaluation import compare_campaign
-    from flows.terminal.answers import show_figures
 
     compared = compare_campaign(
         portfolio_at(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections

@@ -10,10 +10,10 @@ from typing import Annotated
 
 import typer
 
-from facadelake.core.checkout import CHECKOUT
-from facadelake.core.errors import FacadelakeError
-from flows import improving, judging, looking
-from flows.options import (
+from cli import detectors as judging
+from cli import results as looking
+from cli import reviews as improving
+from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
     BuildingId,
@@ -24,6 +24,8 @@ from flows.options import (
     portfolio_at,
     problems,
 )
+from facadelake.core.checkout import CHECKOUT
+from facadelake.core.errors import FacadelakeError
 
 DEMO_RECIPE = CHECKOUT / "data" / "demo" / "recipe.yaml"
 
@@ -81,9 +83,9 @@ def inspect(
     Running it again is safe: finished stages come from the cache, unchanged inputs make no second copy. After Ctrl-C
     run it again; it goes on after the last finished stage.
     """
-    from flows.precheck import check_files, chosen_poses, resolved_campaign
-    from flows.terminal.inspection import show_inspection
-    from flows.terminal.run import inspect_in_terminal
+    from cli.terminal.inspection import show_inspection
+    from cli.terminal.run import inspect_in_terminal
+    from facadelake.campaigns.preflight import check_files, chosen_poses, resolved_campaign
 
     registered = portfolio_at(portfolio).building(building)
     resolved = resolved_campaign(registered, campaign)
@@ -109,8 +111,8 @@ def demo(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Make the demo building with two campaigns of photographs, inspect both, and say where to look."""
-    from flows.terminal.inspection import show_inspection, show_where_to_look
-    from flows.terminal.run import make_demo_in_terminal
+    from cli.terminal.inspection import show_inspection, show_where_to_look
+    from cli.terminal.run import make_demo_in_terminal
 
     results = make_demo_in_terminal(console, folder=folder, lake=lake, recipe=DEMO_RECIPE, portfolio=portfolio)
     for result in results:
@@ -138,8 +140,8 @@ def regrade(
 
     Grades of persons stay. Running it again changes nothing. A new inspection grades by the registry's rule pack.
     """
-    from flows.regrading import preview_grades, registered_rules, regrade_campaigns
-    from flows.terminal.grades import show_regrading
+    from cli.terminal.grades import show_regrading
+    from facadelake.campaigns.regrading import preview_grades, registered_rules, regrade_campaigns
 
     registered = registered_rules(portfolio, building)
     if dry_run:
@@ -162,9 +164,9 @@ app.command()(improving.promote_model)
 @app.command()
 def doctor(portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: LakePath = DEFAULT_LAKE) -> None:
     """Check this machine: libraries, rendering, extensions, disk, models; says what is missing and how to get it."""
+    from cli.terminal.answers import show_checks
     from facadelake.doctor import Status, run_checks
     from facadelake.registry import DEFAULT_MODEL, OnnxDetectorSetting
-    from flows.terminal.answers import show_checks
 
     detectors = [building.detector for building in portfolio_at(portfolio).buildings]
     models = {d.model for d in detectors if isinstance(d, OnnxDetectorSetting)} - {DEFAULT_MODEL}
@@ -181,7 +183,7 @@ def serve_prefect(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Run Prefect's server and the registry's schedules until Ctrl-C; the page shows runs, tables and pictures."""
-    from flows.serve import serve_schedules
+    from cli.serve import serve_schedules
 
     serve_schedules(console, portfolio_at(portfolio), portfolio=portfolio, lake=lake, port=port)
 

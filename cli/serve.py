@@ -12,9 +12,9 @@ from pathlib import Path
 
 from rich.console import Console
 
+from cli.prefect_session import ADDRESS_FILE, prefect_home, prepare
 from facadelake.core.errors import StoreError
 from facadelake.registry import Portfolio
-from flows.prefect_session import ADDRESS_FILE, prefect_home, prepare
 
 START_LIMIT_S = 180
 

@@ -1,4 +1,4 @@
-"""Pictures that a person asks for by name: cards of defects, elevations of facades, overlays of photographs."""
+"""Pictures of a committed campaign by name: cards of defects, elevations of facades, overlays of photographs."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
 
 from facadelake.building.surface.raycasting import Surface
+from facadelake.campaigns.committed import committed_model, committed_tables
 from facadelake.core.errors import InputDataError
+from facadelake.core.pose_table import posed_cameras
+from facadelake.core.tables import stage_schema
+from facadelake.registry import Building
 from facadelake.reporting.cards.cards import defect_cards
-from facadelake.reporting.distribution import (
-    distribution_of,
-    distribution_title,
-    draw_distribution,
-    write_distribution,
-)
+from facadelake.reporting.distribution import distribution_of, distribution_title, draw_distribution, write_distribution
 from facadelake.reporting.drawing.palette import short_ids
 from facadelake.reporting.elevations.elevation import facade_elevations, facades_of
 from facadelake.reporting.elevations.places import places_on_elevations, places_on_model
@@ -153,3 +152,51 @@ def _found(word: str, what: str, names: Sequence[str], short: Mapping[str, str])
         raise InputDataError(f"there is no {what} '{word}'; the campaign has none")
     more = "" if near else f" (of {len(names)})"
     raise InputDataError(f"there is no {what} '{word}' in this campaign; near it: {', '.join(told)}{more}")
+
+
+_TABLES = (
+    "photos", "poses", "georeference", "georeference_points", "detections", "observations", "defects", "merges",
+    "integrity_views", "checks",
+)  # fmt: skip
+
+
+def draw_pictures(
+    building: Building,
+    campaign_id: str,
+    *,
+    lake: Path,
+    folder: Path,
+    defects: tuple[str, ...] = (),
+    facades: tuple[str, ...] = (),
+    photos: tuple[str, ...] = (),
+    all_of_them: bool = False,
+) -> Drawn:
+    """Pictures of a committed campaign into ``folder``; of what the report shows where nothing is named.
+
+    Tables come from the lake, photographs and the building's model from the registry. Raises StoreError where the
+    lake does not hold the campaign, InputDataError for a name there is not or a model that is not the campaign's.
+    """
+    inspection = _inspection(building, campaign_id, lake)
+    surface = Surface(inspection.building)
+    settings = PictureSettings()
+    if all_of_them:
+        wanted = everything(inspection, surface, settings)
+    elif defects or facades or photos:
+        wanted = wanted_by_name(inspection, surface, defects=defects, facades=facades, photos=photos, settings=settings)
+    else:
+        wanted = what_the_report_shows(inspection, surface, settings)
+    return draw_wanted(inspection, surface, wanted, folder, settings)
+
+
+def _inspection(building: Building, campaign_id: str, lake: Path) -> Inspection:
+    held = committed_tables(building, campaign_id, _TABLES, lake=lake)
+    tables = {name: held[name].select(stage_schema(name).names) for name in _TABLES}
+    return Inspection(
+        building_name=building.name,
+        campaign_id=campaign_id,
+        photographs_root=building.photographs_of(campaign_id),
+        building=committed_model(building, campaign_id, held["buildings"].to_pylist()[0]),
+        posed=posed_cameras(tables["poses"]),
+        placement_sigma_max_m=building.tolerances.placement_sigma_max_m,
+        **tables,
+    )

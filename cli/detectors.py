@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
+from cli.options import console, problems
 from facadelake.core.errors import InputDataError
 from facadelake.evaluation.detectors.labels.format import Form
-from flows.options import console, problems
 from schemas.vocabulary import DefectClass
 
 
@@ -62,11 +62,11 @@ def evaluate_detector(
 
     Nothing is tuned: the card's threshold is used as it is. Judge on sites that the model never learned from.
     """
+    from cli.terminal.bars import ProgressBars
+    from cli.terminal.detectors import show_answer, write_pictures
     from facadelake.core.progress import listening
     from facadelake.evaluation.detectors.card_results import write_results
-    from flows.detector_evaluation import Question, evaluate_looker, looker_of, model_file
-    from flows.terminal.bars import ProgressBars
-    from flows.terminal.judging import show_answer, write_pictures
+    from facadelake.evaluation.detectors.evaluate import Question, evaluate_looker, looker_of, model_file
 
     path = model_file(model)
     if write_card and (path.suffix.lower() != ".onnx" or threshold is not None):
@@ -107,8 +107,8 @@ def describe_detector(
     output: Annotated[Path | None, typer.Option(help="File to write; left out, it is printed.")] = None,
 ) -> None:
     """Write a model's page in Markdown from its card: terms, training data, figures by class and site, false alarms."""
+    from facadelake.evaluation.detectors.evaluate import model_file
     from facadelake.evaluation.detectors.page import page_of
-    from flows.detector_evaluation import model_file
 
     path = model_file(model)
     if path.suffix.lower() != ".onnx":

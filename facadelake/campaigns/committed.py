@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.building.model import BuildingModel
+from facadelake.building.registered import read_registered_model
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.hashing import file_sha256
 from facadelake.core.progress import stage_progress
@@ -18,7 +19,6 @@ from facadelake.lake.connect import exists
 from facadelake.lake.read import read_tables
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
-from tasks.load_model import read_model
 
 log = logging.getLogger("facadelake.flows")
 
@@ -54,7 +54,7 @@ def committed_model(building: Building, campaign_id: str, committed: Mapping[str
         )
     path = building.model_path()
     with stage_progress(f"Reading {path.name}"):
-        model = read_model(building)
+        model = read_registered_model(building)
     names = ("origin_lon_deg", "origin_lat_deg", "origin_height_ellipsoidal_m")
     then = np.array([[committed[name] for name in names]], dtype=np.float64)
     off_m = float(np.linalg.norm(model.origin.site_from_geo(then)))

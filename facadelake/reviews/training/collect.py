@@ -9,10 +9,10 @@ from pathlib import Path
 from facadelake.core.errors import InputDataError
 from facadelake.lake.read import read_table, versions
 from facadelake.registry import Building
+from facadelake.reviews.campaign import reviewed_campaign
 from facadelake.reviews.training.forms import LabelForm, Pictures
 from facadelake.reviews.training.splits import Split, chosen_splits, split_of
 from facadelake.reviews.training.training_set import TERMS, Source, TrainingSet, write_training_set
-from flows.reviewing import reviewed_campaign
 
 
 def make_training_set(

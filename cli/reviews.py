@@ -8,9 +8,7 @@ from typing import Annotated
 
 import typer
 
-from facadelake.core.errors import InputDataError
-from facadelake.reviews.training.forms import LabelForm, Pictures
-from flows.options import (
+from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
     BuildingId,
@@ -20,6 +18,8 @@ from flows.options import (
     console,
     portfolio_at,
 )
+from facadelake.core.errors import InputDataError
+from facadelake.reviews.training.forms import LabelForm, Pictures
 
 review = typer.Typer(
     no_args_is_help=True,
@@ -47,9 +47,9 @@ def export_task(
 
     What a photograph of the task shows counts as looked at when it comes back: export what will be looked at.
     """
-    from flows.precheck import resolved_campaign
-    from flows.reviewing import export_task as write
-    from flows.terminal.reviews import show_task
+    from cli.terminal.reviews import show_task
+    from facadelake.campaigns.preflight import resolved_campaign
+    from facadelake.reviews.campaign import export_task as write
 
     registered = portfolio_at(portfolio).building(building)
     task, files = write(
@@ -82,9 +82,9 @@ def import_reviews(
 
     Running it again adds nothing. Defects and published files stay as they are.
     """
-    from flows.precheck import resolved_campaign
-    from flows.reviewing import import_reviews as add
-    from flows.terminal.reviews import show_import
+    from cli.terminal.reviews import show_import
+    from facadelake.campaigns.preflight import resolved_campaign
+    from facadelake.reviews.campaign import import_reviews as add
 
     registered = portfolio_at(portfolio).building(building)
     chosen = resolved_campaign(registered, campaign)
@@ -100,9 +100,9 @@ def list_reviews(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """List what holds of a building's detections after all words, and words that meet no detection any more."""
+    from cli.terminal.reviews import show_reviews
     from facadelake.lake.read import read_table
-    from flows.reviewing import reviewed_campaign
-    from flows.terminal.reviews import show_reviews
+    from facadelake.reviews.campaign import reviewed_campaign
 
     registered = portfolio_at(portfolio).building(building)
     held = read_table(lake, "campaigns", building_id=building).column("campaign_id").to_pylist()
@@ -139,8 +139,8 @@ def training_set(
 
     A building is wholly in one split, so that no wall is both learned from and judged by.
     """
-    from flows.terminal.training import show_training_set
-    from flows.training_sets import make_training_set
+    from cli.terminal.training import show_training_set
+    from facadelake.reviews.training.collect import make_training_set
 
     registered = [portfolio_at(portfolio).building(one) for one in dict.fromkeys(buildings)]
     done, placed = make_training_set(
@@ -179,9 +179,9 @@ def compare_models(
     Against reviews it tells which confirmed defects the new one loses and which rejected ones it drops. Nothing that is
     committed changes; what a model found is cached, so that running it again is quick.
     """
+    from cli.terminal.comparison import show_comparison
     from facadelake.detection.model_registry import default_model
-    from flows.comparing import compare_models as compare
-    from flows.terminal.comparing import show_comparison
+    from facadelake.evaluation.model_comparison.compare import compare_models as compare
 
     done = compare(
         portfolio_at(portfolio),
@@ -214,7 +214,7 @@ def promote_model(
 
     The earlier models stay beside it; data/detector/models.yaml says who decided what, when and why.
     """
-    from flows.promoting import promote_model as promote
+    from facadelake.evaluation.model_comparison.promote import promote_model as promote
 
     entry, told = promote(new, lake=lake, report=report, by=by, why=why, lost_max=max_lost, confirmed_min=min_confirmed)
     console.print(f"the default detector is {entry.file} ({entry.sha256[:12]}), decided by {entry.by}: {entry.why}")

@@ -7,8 +7,8 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.evaluation.model_comparison.changes import Change
+from facadelake.evaluation.model_comparison.compare import Compared
 from facadelake.evaluation.model_comparison.report import REPORT, CampaignComparison
-from flows.comparing import Compared
 
 _MOST = 10
 

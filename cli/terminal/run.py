@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from cli.prefect_session import prepare
+from cli.terminal.bars import ProgressBars
+from cli.terminal.stopping import stoppable
 from facadelake.core.progress import listening
-from flows.prefect_session import prepare
-from flows.terminal.bars import ProgressBars
-from flows.terminal.stopping import stoppable
 
 if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult

@@ -14,6 +14,8 @@ from pathlib import Path
 import pyarrow as pa
 
 from facadelake.building.model import BuildingModel
+from facadelake.campaigns.committed import committed_model, committed_tables
+from facadelake.campaigns.registration import register_on_committed_poses
 from facadelake.core.cache import StageCache
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError, InputDataError
@@ -35,13 +37,11 @@ from facadelake.evaluation.model_comparison.report import (
     write_comparison,
 )
 from facadelake.photos.files import find_masks
+from facadelake.registration.target_view import views_on_building
 from facadelake.registry import Building, Portfolio
 from facadelake.reviews.match_reviews import Detected, detected, judge
 from facadelake.reviews.review import reviews_of
-from flows.committed import committed_model, committed_tables
-from flows.evaluation import registered_again
 from schemas.vocabulary import PhotoOutcome
-from tasks.detect import views_of
 
 log = logging.getLogger("facadelake.flows")
 
@@ -118,7 +118,7 @@ def _compared(
     photos = tables["photos"].filter(pa.compute.is_in(tables["photos"].column("photo_id"), pa.array(chosen)))
     model, remark = _model(building, campaign_id, tables)
     masks = find_masks(root)
-    view_of = (lambda _: View()) if model is None else views_of(model, tables["poses"], masks)
+    view_of = (lambda _: View()) if model is None else views_on_building(model, tables["poses"], masks)
     run_id = tables["runs"].column("run_id")[0].as_py()
     found = []
     for one in models:
@@ -137,7 +137,7 @@ def _compared(
     changes = changes_between(old, new)
     wall: tuple[WallDefect, ...] = ()
     if model is not None and changes:
-        merged = registered_again(building, campaign_id, model, joint_detections(changes, *found), tables)
+        merged = register_on_committed_poses(building, campaign_id, model, joint_detections(changes, *found), tables)
         wall = wall_defects(merged.observations, merged.defects)
     words = against_words(judge(reviews, detected(tables["detections"])), old, new, set(chosen))
     report = CampaignComparison(

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from cli.terminal.bars import ProgressBars
+from cli.terminal.stopping import stoppable
 from facadelake.core.progress import listening
-from flows.terminal.bars import ProgressBars
-from flows.terminal.stopping import stoppable
 
 if TYPE_CHECKING:
-    from facadelake.reporting.on_request import Drawn
+    from facadelake.reporting.draw import Drawn
 
 _TOLD = 5  # of many alike, so many are named
 

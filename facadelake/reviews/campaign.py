@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from facadelake.campaigns.committed import committed_tables
 from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.lake.read import read_table
@@ -21,7 +22,6 @@ from facadelake.reviews.match_reviews import Judgement, detected, judge
 from facadelake.reviews.presented import Said, Shown, shown_places
 from facadelake.reviews.review import Review, reviews_of, table_of_reviews
 from facadelake.reviews.task_files import Task, coco_task, defects_csv, read_task, write_task
-from flows.committed import committed_tables
 from schemas.vocabulary import PhotoOutcome
 
 _TABLES = ("runs", "photos", "detections", "observations", "defects", "reviews")

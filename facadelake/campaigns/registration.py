@@ -1,0 +1,49 @@
+"""Other detections of a committed campaign, registered and merged on its poses, in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pyarrow as pa
+
+from facadelake.building.model import BuildingModel
+from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.deduplication.appearance import Photographs
+from facadelake.deduplication.merge import MergeResult, merge
+from facadelake.deduplication.settings import merge_settings
+from facadelake.photos.files import find_masks
+from facadelake.registration.register import register_detections
+from facadelake.registration.settings import registration_settings
+from facadelake.registry import Building
+
+
+def register_on_committed_poses(
+    building: Building, campaign_id: str, model: BuildingModel, detections: pa.Table, tables: Mapping[str, pa.Table]
+) -> MergeResult:
+    """Observations and defects of ``detections`` on the poses of a committed campaign.
+
+    ``tables``: the campaign's ``poses`` and ``georeference``. What stands before the building is told by exclusion
+    masks and the model alone, because tie points are not in the lake.
+    """
+    passport, poses = tables["georeference"].to_pylist()[0], tables["poses"]
+    root = building.photographs_of(campaign_id)
+    observations = register_detections(
+        detections,
+        poses,
+        model,
+        passport=passport,
+        settings=registration_settings(building),
+        masks=find_masks(root),
+        block=None,
+    )
+    posed = posed_cameras(poses)
+    return merge(
+        observations,
+        detections,
+        model,
+        posed,
+        prefix=f"{building.id}-{campaign_id}",
+        settings=merge_settings(passport),
+        covariances=pose_covariances(poses),
+        photographs=Photographs(root=root, posed=posed),
+    )
