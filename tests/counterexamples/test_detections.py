@@ -15,7 +15,7 @@ from facadelake.detection.campaign import OnnxDetector
 from facadelake.detection.card import ModelCard
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.inference.detector import load_detector
-from tests.unit.detect.onnx_models import answer, card, save_model
+from tests.unit.detection.onnx_models import answer, card, save_model
 
 PHOTOS = table_of_rows(
     "photos",

@@ -22,7 +22,7 @@ from facadelake.core.tables import table_of_rows
 from facadelake.detection.campaign import detect_photographs
 from facadelake.detection.card import ModelCard, parse_card
 from facadelake.detection.inference.detector import OnnxDetector
-from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model, save_spot_finder
+from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model, save_spot_finder
 
 CRACK = (10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)
 LAYOUTS = ("yolox", "yolov5", "yolov8", "nms6")

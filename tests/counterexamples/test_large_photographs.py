@@ -16,7 +16,7 @@ from facadelake.detection.inference.detector import Found
 from facadelake.detection.inference.letterbox import Image
 from facadelake.detection.tiling.detect_image import detect_image
 from facadelake.detection.tiling.plan import plan_looks
-from tests.unit.detect.blobs import BlobDetector, card
+from tests.unit.detection.blobs import BlobDetector, card
 
 INPUT_PX = 160
 WIDTH, HEIGHT = 1500, 1000

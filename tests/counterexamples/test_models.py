@@ -12,7 +12,7 @@ from facadelake.building.model import ModelSettings
 from facadelake.building.model_georeference.selection import MapPlacement
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
 from facadelake.registry.building import Building
-from tests.unit.geobim.conftest import Box, Ifc
+from tests.unit.building.conftest import Box, Ifc
 
 WriteIfc = Callable[[Ifc], Path]
 CONVERSION = {"Eastings": 456639.25, "Northings": 5421033.5, "OrthogonalHeight": 178.25}

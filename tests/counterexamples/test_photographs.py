@@ -15,7 +15,7 @@ from facadelake.detection.coco.import_detections import import_coco
 from facadelake.photos.ingest import ingest_photographs
 from facadelake.sfm.reconstruct import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
-from tests.unit.photo.small_photographs import photograph
+from tests.unit.photos.small_photographs import photograph
 
 LAT = 48.94  # deg, where the good ones stand
 XMP_91 = 'drone-dji:GpsLatitude="91.0" drone-dji:GpsLongitude="8.4"'

@@ -21,7 +21,7 @@ from facadelake.registry import Building
 from tasks.detect import detect
 from tasks.job import InspectionJob, StageResult
 from tests.synthetic.registration_scene import Wall, building_of
-from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model
+from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model
 
 # From 10 m before the right end of a wall 20 m wide: it fills the left half, 12.5 mm a pixel, and sky the right one.
 CAMERA = Camera(width_px=800, height_px=600, fx_px=800, fy_px=800, cx_px=400, cy_px=300)

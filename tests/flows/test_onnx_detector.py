@@ -19,7 +19,7 @@ from facadelake.core.pose_table import posed_cameras
 from facadelake.detection.tiling.plan import SCALES_APART
 from facadelake.lake.read import read_table
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
-from tests.unit.detect.onnx_models import HEIGHT, WIDTH, answer, card, save_model
+from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model
 
 pytestmark = pytest.mark.slow
 

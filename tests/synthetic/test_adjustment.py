@@ -13,7 +13,7 @@ from facadelake.georeferencing.adjustment.linearise import Layout
 from facadelake.georeferencing.adjustment.problem import Problem
 from facadelake.georeferencing.adjustment.projection import lens_of
 from facadelake.georeferencing.adjustment.solve import covariance_of, solve
-from tests.unit.pose.small_block import (
+from tests.unit.georeferencing.small_block import (
     CAMERA,
     SITE_FROM_SFM,
     BoxSurface,

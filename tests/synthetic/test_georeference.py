@@ -19,7 +19,7 @@ from facadelake.georeferencing.model.control import ModelControl
 from facadelake.georeferencing.poses_table import poses_table
 from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
 from schemas.vocabulary import ControlKind
-from tests.unit.pose.small_block import BoxSurface, looking
+from tests.unit.georeferencing.small_block import BoxSurface, looking
 
 ORIGIN = SiteOrigin(lon_deg=8.4, lat_deg=48.9, height_ellipsoidal_m=180.0)
 CAMERA = Camera(width_px=4000, height_px=3000, fx_px=2900, fy_px=2900, cx_px=2010, cy_px=1490, k1=-0.02)

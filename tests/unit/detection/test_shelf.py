@@ -1,0 +1,90 @@
+"""The shelf of detectors: promoting keeps the earlier ones, and what is not whole is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from facadelake.core.errors import ModelError
+from facadelake.core.hashing import file_sha256
+from facadelake.detection.card import read_card
+from facadelake.detection.configured import model_file, settled
+from facadelake.detection.model_registry import LIST, SHIPPED, default_model, promote, promotions
+from facadelake.registry import Building, OnnxDetectorSetting
+from tests.unit.detection.onnx_models import card, save_model
+
+
+def _model(folder: Path, name: str, number: float) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    path = save_model(folder / f"{name}.onnx", np.full((1, 6, 4), number))
+    path.with_suffix(".card.yaml").write_text(yaml.safe_dump({**card("yolov8"), "name": name}))
+    return path
+
+
+def test_shipped_model_is_the_default_until_another_is_promoted(tmp_path: Path) -> None:
+    shelf = tmp_path / "shelf"
+    with pytest.raises(ModelError, match=r"default detector .*facadelake-nano.onnx does not exist; restore it"):
+        default_model(shelf)
+    shipped = _model(shelf, SHIPPED.removesuffix(".onnx"), 0.1)
+    assert default_model(shelf) == shipped
+    new = _model(tmp_path, "second try", 0.2)
+    given = {"by": "A. Mason", "why": "fewer joints", "evidence": "7 of 7", "folder": shelf}
+    done = promote(new, replaces=file_sha256(shipped), **given)
+    held = default_model(shelf)
+    assert held.name == done.file == f"second-try-{file_sha256(new)[:12]}.onnx"
+    assert file_sha256(held) == file_sha256(new)
+    assert read_card(held.with_suffix(".card.yaml")).name == "second try"
+    assert (done.by, done.why, done.replaces) == ("A. Mason", "fewer joints", file_sha256(shipped))
+    assert shipped.is_file()
+
+
+def test_again_changes_nothing_and_back_is_one_more_entry(tmp_path: Path) -> None:
+    shelf, old, new = tmp_path / "shelf", _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
+    given = {"by": "A. Mason", "why": "a trial", "evidence": "", "folder": shelf}
+    first = promote(old, replaces=None, **given)
+    promote(new, replaces=first.sha256, **given)
+    assert promote(new, replaces=first.sha256, **given) == promotions(shelf)[-1]
+    promote(old, replaces=file_sha256(new), **given)
+    assert [entry.sha256 for entry in promotions(shelf)] == [first.sha256, file_sha256(new), first.sha256]
+    assert file_sha256(default_model(shelf)) == first.sha256
+
+
+def test_changed_model_and_damaged_list_are_refused(tmp_path: Path) -> None:
+    shelf = tmp_path / "shelf"
+    promote(_model(tmp_path, "new", 0.2), by="A", why="b", evidence="", replaces=None, folder=shelf)
+    default_model(shelf).write_bytes(b"other")
+    with pytest.raises(ModelError, match=r"was changed since A promoted it .* restore it, or promote it anew"):
+        default_model(shelf)
+    (shelf / LIST).write_text("- file: ../elsewhere.onnx\n")
+    with pytest.raises(ModelError, match=r"(?s)models.yaml, the list of promoted detectors, cannot be read"):
+        default_model(shelf)
+
+
+def test_model_without_card_leaves_the_default(tmp_path: Path) -> None:
+    bare = save_model(tmp_path / "bare.onnx", np.full((1, 6, 4), 0.1))
+    with pytest.raises(ModelError, match=r"bare\.card\.yaml does not exist"):
+        promote(bare, by="A", why="b", evidence="", replaces=None, folder=tmp_path / "shelf")
+    assert promotions(tmp_path / "shelf") == ()
+
+
+def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
+    shelf = tmp_path / "shelf"
+    shipped, second, third = (_model(tmp_path, name, 0.1 * i) for i, name in enumerate(("first", "second", "third")))
+    given = {"by": "A. Mason", "why": "a trial", "evidence": "", "folder": shelf}
+    promote(second, replaces=file_sha256(shipped), **given)
+    with pytest.raises(ModelError, match=rf"but the default is {file_sha256(second)[:12]} since A. Mason promoted it"):
+        promote(third, replaces=file_sha256(shipped), **given)
+    assert file_sha256(default_model(shelf)) == file_sha256(second)
+
+
+def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    old, new = _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
+    given = {"id": "a", "name": "A", "model": "a.ifc", "photographs": "{campaign}"}
+    monkeypatch.setattr("facadelake.detection.configured.default_model", lambda: old)
+    begun = settled(Building.model_validate(given))
+    monkeypatch.setattr("facadelake.detection.configured.default_model", lambda: new)
+    assert isinstance(begun.detector, OnnxDetectorSetting)
+    assert (model_file(begun.detector), settled(begun)) == (old, begun)
+    own = Building.model_validate({**given, "detector": {"kind": "onnx", "model": str(tmp_path / "own.onnx")}})
+    assert settled(own) == own

@@ -1,0 +1,345 @@
+"""The reduced normal equations against the whole dense problem, written out with OpenCV and difference quotients."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from facadelake.georeferencing.adjustment.linearise import Layout, State, moved, start_of
+from facadelake.georeferencing.adjustment.problem import AttitudeTerms, NodePriors, Problem
+from facadelake.georeferencing.adjustment.reduced_system import cost_of, reduce
+from facadelake.georeferencing.adjustment.solve import Solution, covariance_of, solve
+from facadelake.georeferencing.adjustment.uncertainty import Uncertainty, residual_when_left_out
+from tests.unit.georeferencing.small_block import (
+    holding_lens,
+    small_block,
+    ties_problem,
+    with_control,
+    with_gps,
+    with_walls,
+)
+
+SIGMA_PX = 0.6
+
+
+def every_kind_of_term() -> Problem:
+    """Five photographs, two lenses, ties, lines of an edge, surveyed nodes, walls, GPS of two flights, attitudes."""
+    rng = np.random.default_rng(4)
+    block = small_block(photographs=6, points=30)
+    problem = ties_problem(block, rng, tie_px=0.7, start_m=0.01, start_deg=0.05)
+    problem = with_control(problem, block, rng, nodes=np.array([1, 5, 9]), sigma_m=0.02)
+    problem = with_gps(problem, block, rng, noise_m=0.3, bias_m=[[1.0, 0, 2], [0, -1, 0.5]], bias_sigma_m=2.0)
+    problem = with_walls(
+        problem, block, rng, relief_m=0.03, wall_m=np.array([0.02, -0.03, 0.0, 0.01, -0.02]), wall_sigma_m=0.03
+    )
+    walls = problem.walls
+    problem = replace(problem, walls=replace(walls, wall=np.where(np.arange(len(walls.wall)) % 4, walls.wall, -1)))
+    # An edge of the model: a node of its own, seen as lines at two samples in three photographs.
+    edge = len(problem.node_xyz_m)
+    samples = np.array([[5.0, -4.0, 2.0], [5.0, -4.0, 5.0]])
+    seen = problem.sightings
+    photos = np.array([0, 4, 5, 0, 4, 5])
+    at = samples[[0, 0, 0, 1, 1, 1]]
+    xy = np.array([block.cameras[p].project_site(x[None])[0] for p, x in zip(photos, at, strict=True)])
+    turn = rng.uniform(0, 2 * np.pi, 6)
+    line = np.zeros((6, 2, 2))
+    line[:, 0] = np.column_stack([np.cos(turn), np.sin(turn)]) / 1.5
+    sightings = replace(
+        seen,
+        photo=np.concatenate([seen.photo, photos]),
+        node=np.concatenate([seen.node, np.full(6, edge)]),
+        offset_site_m=np.vstack([seen.offset_site_m, at]),
+        xy_img=np.vstack([seen.xy_img, xy + rng.normal(0, 1.5, xy.shape)]),
+        whitening=np.concatenate([seen.whitening, line]),
+        tie=np.concatenate([seen.tie, np.zeros(6, dtype=bool)]),
+    )
+    priors = problem.node_priors
+    factor = rng.normal(size=(1, 3, 3))
+    return holding_lens(
+        replace(
+            problem,
+            block=replace(
+                problem.block,
+                cameras=(problem.block.cameras[0], replace(problem.block.cameras[0], fx_px=2850.0, k1=-0.05, p1=1e-3)),
+                camera_of_photo=np.array([0, 1, 0, 1, 0, 1]),
+            ),
+            lens_mean=np.vstack([problem.lens_mean, problem.lens_mean + 0.001]),
+            lens_sigma=np.vstack([problem.lens_sigma, problem.lens_sigma]),
+            node_xyz_m=np.vstack([problem.node_xyz_m, [[0.01, -0.02, 0.0]]]),
+            sightings=sightings,
+            node_priors=NodePriors(
+                node=np.append(priors.node, edge),
+                xyz_m=np.vstack([priors.xyz_m, np.zeros((1, 3))]),
+                information=np.concatenate([priors.information, 900 * (np.eye(3) + factor @ factor.mT)]),
+                limit=np.append(priors.limit, 2.5),
+            ),
+            # Gauss-Newton takes an attitude's derivative at a residual of nought, so they are small here.
+            attitudes=AttitudeTerms(
+                photo=np.array([0, 2, 3]),
+                flight=np.array([0, 0, 1]),
+                site_from_cam=Rotation.from_rotvec(rng.normal(0, 1e-4, (3, 3))).as_matrix()
+                @ problem.block.site_from_cam[[0, 2, 3]],
+                sigma_rad=np.full((3, 3), 1e-4),
+                yaw_sigma_rad=np.array([0.1, 0.08]),
+            ),
+        ),
+        "aspect", "p2",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Group:
+    """Residuals (k, d) whitened, and Cauchy's limit (None: not robust); ``share`` divides their square within it."""
+
+    residual: np.ndarray
+    limit: np.ndarray | float | None
+    share: float = 1.0
+
+
+def groups_of(problem: Problem, state: State) -> list[Group]:
+    """Every observation, written out by hand from the definitions in ``problem``."""
+    seen, block = problem.sightings, problem.block
+    xy = np.empty_like(seen.xy_img)
+    for photo in np.unique(seen.photo):
+        own = seen.photo == photo
+        focal, aspect, cx, cy, *distortion = state.lens[block.camera_of_photo[photo]]
+        cam_from_site = state.site_from_cam[photo].T
+        xy[own] = cv2.projectPoints(
+            seen.offset_site_m[own] + state.node_m[seen.node[own]],
+            cv2.Rodrigues(cam_from_site)[0],
+            -cam_from_site @ state.centre_site_m[photo],
+            np.array([[focal, 0, cx], [0, focal * aspect, cy], [0, 0, 1.0]]),
+            np.array(distortion),
+        )[0].reshape(-1, 2)
+    pixels = np.einsum("kij,kj->ki", seen.whitening, xy - seen.xy_img)
+    pixels[seen.tie] /= SIGMA_PX
+    walls, priors, gps, gimbal = problem.walls, problem.node_priors, problem.positions, problem.attitudes
+    off = np.array([state.wall_m[w] if w >= 0 else 0.0 for w in walls.wall])
+    wall = (np.sum(walls.normal_site * state.node_m[walls.node], axis=1) - walls.distance_m - off) / walls.sigma_m
+    known = np.array(
+        [np.linalg.cholesky(i).T @ (state.node_m[n] - x)
+         for n, x, i in zip(priors.node, priors.xyz_m, priors.information, strict=True)]
+    )  # fmt: skip
+    position = (state.centre_site_m[gps.photo] + state.gps_offset_m[gps.flight] - gps.xyz_site_m) / gps.sigma_m
+    turn = (
+        Rotation.from_matrix(state.site_from_cam[gimbal.photo]) * Rotation.from_matrix(gimbal.site_from_cam).inv()
+    ).as_rotvec()
+    turn[:, 2] -= state.yaw_offset_rad[gimbal.flight]
+    free = problem.lens_sigma > 0
+    lens = ((state.lens - problem.lens_mean)[free] / problem.lens_sigma[free])[:, None]
+    return [
+        Group(pixels, 2.4),
+        Group(wall[:, None], 2.0),
+        Group(known, priors.limit),
+        Group(position, 4.0, 3.0),
+        Group(turn / gimbal.sigma_rad, 4.0, 3.0),
+        Group(lens, None),
+        Group((state.gps_offset_m / gps.offset_sigma_m).ravel()[:, None], None),
+        Group((state.yaw_offset_rad / gimbal.yaw_sigma_rad)[:, None], None),
+        Group((state.wall_m / walls.wall_sigma_m)[:, None], None),
+    ]
+
+
+def robust_cost(groups: list[Group]) -> float:
+    """The cost by Cauchy's loss, limit^2 log(1 + s / limit^2)."""
+    cost = 0.0
+    for group in groups:
+        squared = (group.residual**2).sum(axis=1) / group.share
+        loss = squared if group.limit is None else group.limit**2 * np.log1p(squared / group.limit**2)
+        cost += float(group.share * loss.sum())
+    return cost
+
+
+def weights(groups: list[Group]) -> np.ndarray:
+    """The weights of reweighted least squares, one for each scalar residual."""
+    out = []
+    for group in groups:
+        squared = (group.residual**2).sum(axis=1) / group.share
+        weight = np.ones(len(squared)) if group.limit is None else 1 / (1 + squared / group.limit**2)
+        out.append(np.repeat(weight, group.residual.shape[1]))
+    return np.concatenate(out)
+
+
+@dataclass(frozen=True)
+class Dense:
+    """The whole problem: ``matrix`` and ``gradient`` of kept unknowns and then nodes; ``free`` are not held."""
+
+    matrix: np.ndarray
+    gradient: np.ndarray
+    free: np.ndarray
+    kept: int
+
+
+def dense(problem: Problem, state: State) -> Dense:
+    """Normal equations of the whole by difference quotients of every residual."""
+    kept, nodes = Layout.of(problem).size, len(state.node_m)
+
+    def flat(step: np.ndarray) -> np.ndarray:
+        at = moved(state, problem, step[:kept], step[kept:].reshape(-1, 3))
+        return np.concatenate([group.residual.ravel() for group in groups_of(problem, at)])
+
+    jacobian = slopes(flat, kept + 3 * nodes)
+    weighted = jacobian * weights(groups_of(problem, state))[:, None]
+    held = np.zeros(kept + 3 * nodes, dtype=bool)
+    held[Layout.of(problem).lens : Layout.of(problem).offset] = problem.lens_sigma.ravel() == 0
+    return Dense(weighted.T @ jacobian, weighted.T @ flat(np.zeros(kept + 3 * nodes)), ~held, kept)
+
+
+def slopes(function: Callable[[np.ndarray], np.ndarray], size: int) -> np.ndarray:
+    """Central differences (r, size) of a function about nought."""
+    step = 1e-6
+    return np.column_stack([(function(step * e) - function(-step * e)) / (2 * step) for e in np.eye(size)])
+
+
+@pytest.fixture(scope="module")
+def whole() -> tuple[Problem, State, Dense]:
+    """A problem of every kind of term, a state off its solution, and its dense normal equations."""
+    problem = every_kind_of_term()
+    rng = np.random.default_rng(8)
+    start = start_of(problem)
+    state = replace(
+        start,
+        gps_offset_m=rng.normal(0, 0.5, start.gps_offset_m.shape),
+        wall_m=rng.normal(0, 0.01, start.wall_m.shape),
+        yaw_offset_rad=np.array([1e-4, -1e-4]),
+    )
+    return problem, state, dense(problem, state)
+
+
+def scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The matrix with a unit diagonal, and the scale."""
+    scale = 1 / np.sqrt(np.diag(matrix))
+    return matrix * scale[:, None] * scale[None], scale
+
+
+def test_the_cost_is_the_definitions(whole: tuple[Problem, State, Dense]) -> None:
+    problem, state, _ = whole
+    by_hand = robust_cost(groups_of(problem, state))
+    assert reduce(problem, state, SIGMA_PX).cost == pytest.approx(by_hand, rel=1e-9)
+    assert cost_of(problem, state, SIGMA_PX) == pytest.approx(by_hand, rel=1e-9)
+
+
+def test_the_gradient_is_half_the_slope_of_the_robust_cost(whole: tuple[Problem, State, Dense]) -> None:
+    """Independent of the weights: the slope of the cost itself, before elimination."""
+    problem, state, full = whole
+
+    def cost(step: np.ndarray) -> np.ndarray:
+        at = moved(state, problem, step[: full.kept], step[full.kept :].reshape(-1, 3))
+        return np.array([robust_cost(groups_of(problem, at))])
+
+    slope = slopes(cost, len(full.gradient))[0] / 2
+    _, scale = scaled(full.matrix[np.ix_(full.free, full.free)])
+    # in sigmas of each unknown; robust costs of some hundreds give about 1e-7 by rounding
+    np.testing.assert_allclose(full.gradient[full.free] * scale, slope[full.free] * scale, rtol=0, atol=2e-3)
+    nodes = reduce(problem, state, SIGMA_PX).node_gradient.ravel()
+    np.testing.assert_allclose(
+        nodes * scale[-len(nodes) :], slope[full.kept :] * scale[-len(nodes) :], rtol=0, atol=2e-3
+    )
+
+
+def test_the_reduced_system_is_the_schur_complement(whole: tuple[Problem, State, Dense]) -> None:
+    problem, state, full = whole
+    kept = np.flatnonzero(full.free[: full.kept])
+    nodes = np.arange(full.kept, len(full.gradient))
+    inverse = np.linalg.inv(full.matrix[np.ix_(nodes, nodes)])
+    across = full.matrix[np.ix_(kept, nodes)]
+    matrix = full.matrix[np.ix_(kept, kept)] - across @ inverse @ across.T
+    gradient = full.gradient[kept] - across @ inverse @ full.gradient[nodes]
+    found = reduce(problem, state, SIGMA_PX)
+    wanted, scale = scaled(matrix)
+    np.testing.assert_allclose(
+        found.matrix[np.ix_(kept, kept)] * scale[:, None] * scale[None], wanted, rtol=0, atol=2e-4
+    )  # of a unit diagonal
+    np.testing.assert_allclose(found.gradient[kept] * scale, gradient * scale, rtol=0, atol=2e-3)  # sigmas
+    m = len(state.node_m)
+    blocks = inverse.reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m), :]
+    np.testing.assert_allclose(found.node_covariance, blocks, rtol=0, atol=1e-5 * np.abs(blocks).max())  # m2
+
+
+def test_the_step_is_the_whole_problems_step(whole: tuple[Problem, State, Dense]) -> None:
+    problem, state, full = whole
+    step = np.zeros(len(full.gradient))
+    free = full.free
+    matrix, scale = scaled(full.matrix[np.ix_(free, free)])
+    step[free] = -scale * np.linalg.solve(matrix, scale * full.gradient[free])
+    found = reduce(problem, state, SIGMA_PX)
+    kept = np.flatnonzero(free[: full.kept])
+    own = np.zeros(full.kept)
+    own[kept] = -np.linalg.solve(found.matrix[np.ix_(kept, kept)], found.gradient[kept])
+    sigma = np.sqrt(np.diag(np.linalg.inv(full.matrix[np.ix_(free, free)])))
+    assert np.abs(step[free] / sigma).max() > 1.0, "a step of no size would prove nothing"
+    np.testing.assert_allclose(own[kept] / sigma[: len(kept)], step[kept] / sigma[: len(kept)], rtol=0, atol=5e-3)
+    nodes = found.node_step(own).ravel()
+    np.testing.assert_allclose(nodes / sigma[len(kept) :], step[full.kept :] / sigma[len(kept) :], rtol=0, atol=5e-3)
+
+
+def test_the_covariance_is_the_inverse_of_the_whole() -> None:
+    problem = every_kind_of_term()
+    solution = solve(problem)
+    solution = Solution(state=solution.state, tie_sigma_px=SIGMA_PX, steps=1, settled=True)
+    full = dense(problem, solution.state)
+    inverse = np.zeros_like(full.matrix)
+    inverse[np.ix_(full.free, full.free)] = np.linalg.inv(full.matrix[np.ix_(full.free, full.free)])
+    system, covariance = covariance_of(problem, solution, 1.0)
+    sigma = np.sqrt(np.diag(inverse)[: full.kept])
+    free = full.free[: full.kept]
+    ratio = np.sqrt(np.diag(covariance))[free] / sigma[free]
+    np.testing.assert_allclose(ratio, 1.0, rtol=0, atol=2e-3)
+    assert (covariance[~free] == 0).all(), "held terms do not vary"
+    # a node's own covariance, cameras' included
+    nodes = np.array([0, 5, len(solution.state.node_m) - 1])
+    known = Uncertainty(covariance=covariance, formal=covariance, system=system).node_covariance(nodes)
+    for node, found in zip(nodes, known, strict=True):
+        at = full.kept + 3 * node + np.arange(3)
+        wanted = inverse[np.ix_(at, at)]
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=3e-3 * np.abs(wanted).max())  # m2
+
+
+def test_ties_that_are_moved_together_tell_nothing_of_the_datum() -> None:
+    """One flight's GPS is all the datum: the block is known to its bias and no better, however many its points."""
+    rng = np.random.default_rng(5)
+    block = small_block(points=500)
+    problem = with_gps(
+        holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, noise_m=0.05, bias_m=[[0, 0, 0]],
+        bias_sigma_m=3.0,
+    )  # fmt: skip
+    solution = solve(problem)
+    assert solution.settled and solution.steps < 12
+    _, covariance = covariance_of(problem, solution, 1.0)
+    n = len(block.cameras)
+    centres = covariance[: 6 * n, : 6 * n].reshape(n, 6, n, 6)[:, :3, :, :3].mean(axis=(0, 2))
+    np.testing.assert_allclose(np.sqrt(np.diag(centres)), 3.0, rtol=0, atol=0.02)  # m
+
+
+def test_a_node_that_lost_its_observations_does_no_harm() -> None:
+    rng = np.random.default_rng(6)
+    block = small_block()
+    problem = with_control(
+        holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, nodes=np.arange(0, 200, 20), sigma_m=0.01
+    )
+    lost = replace(problem, node_xyz_m=np.vstack([problem.node_xyz_m, [[1.0, 1.0, 1.0]]]))
+    found, without = solve(lost), solve(problem)
+    np.testing.assert_allclose(found.state.centre_site_m, without.state.centre_site_m, rtol=0, atol=1e-9)  # m
+    np.testing.assert_allclose(found.state.node_m[-1], [1.0, 1.0, 1.0], rtol=0, atol=0)
+
+
+def test_a_prior_left_out_by_a_formula_is_one_left_out_by_solving_again() -> None:
+    rng = np.random.default_rng(7)
+    block = small_block()
+    nodes = np.arange(0, 120, 15)
+    problem = with_control(holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, nodes=nodes, sigma_m=0.02)
+    priors = replace(problem.node_priors, limit=np.full(len(nodes), 1e3))  # the formula is of least squares
+    problem = replace(problem, node_priors=priors)
+    solution = solve(problem)
+    system, formal = covariance_of(problem, solution, 1.0)
+    known = Uncertainty(covariance=formal, formal=formal, system=system).node_covariance(nodes)
+    residual = priors.xyz_m - solution.state.node_m[nodes]
+    found = residual_when_left_out(residual, known, np.full((len(nodes), 3), 0.02**2))
+    for k, node in enumerate(nodes):
+        without = replace(problem, node_priors=priors.take(np.arange(len(nodes)) != k))
+        again = priors.xyz_m[k] - solve(without).state.node_m[node]
+        np.testing.assert_allclose(found[k], again, rtol=0, atol=0.0005)  # m
+        assert np.linalg.norm(again) > 1.02 * np.linalg.norm(residual[k])

@@ -1,0 +1,116 @@
+"""The passport: refused where a campaign is not known well enough, and what the model says of the block's bending."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust
+from facadelake.georeferencing.adjustment.evidence import Evidence
+from facadelake.georeferencing.passport import PassportPoint, model_fit, points_table, require_good
+from schemas.vocabulary import ControlKind, PointKind
+from tests.unit.georeferencing.small_block import (
+    SITE_FROM_SFM,
+    BoxSurface,
+    marked_points,
+    no_attitudes,
+    no_positions,
+    reconstruction_of,
+    small_block,
+)
+
+GOOD = np.array([0.02, 0.03, 0.05])
+
+
+def test_a_placement_not_known_well_enough_is_refused() -> None:
+    message = (
+        r"placed by gps, .* known to 0\.62 m up \(one sigma\), the limit is 0\.5 m .*placement_sigma_max_m\); do so"
+    )
+    with pytest.raises(GeoreferenceError, match=message):
+        require_good(
+            control=ControlKind.GPS, sigma_m=np.array([0.1, 0.2, 0.62]), limit_m=0.5, held_out_m=np.zeros(0),
+            remedy="do so",
+        )  # fmt: skip
+    with pytest.raises(GeoreferenceError, match=r"known to 0\.70 m east"):
+        require_good(
+            control=ControlKind.MODEL, sigma_m=np.array([0.7, 0.1, 0.1]), limit_m=0.5, held_out_m=np.zeros(0), remedy=""
+        )
+    require_good(control=ControlKind.GCP, sigma_m=GOOD, limit_m=0.5, held_out_m=np.zeros(0), remedy="")
+
+
+def test_held_out_points_that_lie_elsewhere_are_refused() -> None:
+    far = np.array([1.8, 1.7, 0.02])
+    with pytest.raises(
+        GeoreferenceError, match=r"lie 1\.70 m \(median\) .* the limit is 1\.5 m .* coordinates, CRS and"
+    ):
+        require_good(control=ControlKind.GCP, sigma_m=GOOD, limit_m=0.5, held_out_m=far, remedy="")
+    one_bad = np.array([9.0, 0.02, 0.03])  # one wrong point is no reason: it is named in the table
+    require_good(control=ControlKind.GCP, sigma_m=GOOD, limit_m=0.5, held_out_m=one_bad, remedy="")
+
+
+def test_points_are_told_in_site_and_on_the_globe() -> None:
+    origin = SiteOrigin(lon_deg=8.4, lat_deg=48.9, height_ellipsoidal_m=180.0)
+    point = PassportPoint(
+        name="G1", kind=PointKind.HELD_OUT, xyz_site_m=np.array([3.0, 4.0, 5.0]),
+        residual_site_m=np.array([0.01, -0.02, 0.03]), used=False,
+    )  # fmt: skip
+    row = points_table([point], origin).to_pylist()[0]
+    geo = np.array([[row["lon_deg"], row["lat_deg"], row["height_ellipsoidal_m"]]])
+    np.testing.assert_allclose(origin.site_from_geo(geo)[0], [3.0, 4.0, 5.0], rtol=0, atol=1e-5)  # m
+    assert (row["residual_east_m"], row["residual_north_m"], row["residual_up_m"]) == (0.01, -0.02, 0.03)
+    assert (row["point_kind"], row["point_used"]) == ("held_out", False)
+    assert points_table([], origin).num_rows == 0
+
+
+@pytest.fixture(scope="module")
+def held() -> Adjusted:
+    """A block of 600 points held by control points; its building is the model exactly."""
+    block = small_block(points=600)
+    rng = np.random.default_rng(3)
+    marked = marked_points(block, rng, points=np.arange(0, 600, 40), survey_m=0.005, mark_px=0.5)
+    evidence = Evidence(positions=no_positions(), attitudes=no_attitudes(), marked=marked)
+    return adjust(reconstruction_of(block, rng, tie_px=0.5), SITE_FROM_SFM, evidence)
+
+
+def bent(adjusted: Adjusted, away_m: Callable[[np.ndarray], np.ndarray]) -> Adjusted:
+    """The same block with the points of each facade moved out of it by ``away_m`` of their place along it."""
+    state = adjusted.solution.state
+    xyz = state.node_m.copy()
+    for axis, half in ((0, 5.0), (1, 4.0)):
+        for side in (-1, 1):
+            on = np.abs(xyz[:, axis] - side * half) < 0.1
+            xyz[on, axis] += side * away_m(xyz[on, 1 - axis])
+    return replace(adjusted, solution=replace(adjusted.solution, state=replace(state, node_m=xyz)))
+
+
+def test_a_block_that_is_not_bent_shows_no_doming(held: Adjusted) -> None:
+    fit = model_fit(held, BoxSurface())
+    assert fit is not None
+    assert 0.001 < fit.residual_m < 0.02
+    assert 1e-5 < fit.doming_sigma_m < 0.01
+    assert abs(fit.doming_m) < 3.5 * fit.doming_sigma_m + 0.003  # m; control itself errs by millimetres
+
+
+@pytest.mark.parametrize("sagitta_m", [0.06, -0.06])
+def test_a_bent_block_shows_its_sagitta(held: Adjusted, sagitta_m: float) -> None:
+    """Every facade bulges like one sphere: ``sagitta_m`` over the half of the longest, 5 m."""
+    before, after = model_fit(held, BoxSurface()), model_fit(
+        bent(held, lambda u: sagitta_m * (u / 5.0) ** 2), BoxSurface()
+    )  # fmt: skip
+    assert before is not None and after is not None
+    assert abs(after.doming_m - sagitta_m) < 3.5 * after.doming_sigma_m + 0.004  # m
+    assert after.doming_sigma_m < 0.01
+
+
+def test_a_wall_that_leans_or_stands_off_is_not_bent(held: Adjusted) -> None:
+    after = model_fit(bent(held, lambda u: 0.1 + 0.01 * u), BoxSurface())
+    assert after is not None
+    assert abs(after.doming_m) < 3.5 * after.doming_sigma_m + 0.004  # m
+    assert 0.07 < after.residual_m < 0.14
+
+
+def test_a_model_of_another_place_says_nothing(held: Adjusted) -> None:
+    assert model_fit(held, BoxSurface(half_m=(1.0, 1.0), ground=False)) is None

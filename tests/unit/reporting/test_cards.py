@@ -1,0 +1,269 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.tables import table_of_rows
+from facadelake.reporting.cards.card import bar_length_m, length_words
+from facadelake.reporting.cards.cards import defect_cards
+from facadelake.reporting.cards.crops import cut_out
+from facadelake.reporting.cards.facts import card_facts, merges_by_defect
+from facadelake.reporting.cards.patch_view import PatchView, patch_view
+from facadelake.reporting.cards.sightings import outline_of, sightings_of
+from facadelake.reporting.drawing.palette import bgr_of, class_colour
+from facadelake.reporting.drawing.photograph import read_photograph
+from facadelake.reporting.elevations.backdrop import draw_place, model_backdrop, place_on
+from facadelake.reporting.elevations.elevation import facades_of
+from facadelake.reporting.elevations.marks import Mark, marks_of, surface_axes
+from facadelake.reporting.elevations.places import places_on_model
+from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.inspection import Inspection, PictureSettings
+from tests.unit.reporting.painted_wall import PAINT_PX_PER_M, WALL_HEIGHT_M, Painted, box, defect_row, inspection_of
+
+SETTINGS = PictureSettings(cell_m=0.02)
+
+
+def mark_at(painted: Painted, x_m: float, z_m: float, **others: Any) -> Mark:
+    (mark,) = marks_of(table_of_rows("defects", [defect_row("D1", x_m, z_m, **others)]), painted.building.origin)
+    return mark
+
+
+def view_of(painted: Painted, mark: Mark, photo_id: str = "a.png", cells: int = 300) -> PatchView:
+    posed = painted.posed[photo_id]
+    pixels = read_photograph(painted.root / photo_id, posed.camera)
+    return patch_view(mark, posed, pixels, painted.surface, cells, pixel_m=0.006)
+
+
+def paint_under(painted: Painted, x_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
+    """The painting at places of the wall's front."""
+    at_x = (x_m * PAINT_PX_PER_M - 0.5).astype(np.float32)
+    at_y = ((WALL_HEIGHT_M - z_m) * PAINT_PX_PER_M - 0.5).astype(np.float32)
+    return np.asarray(cv2.remap(painted.paint, at_x, at_y, cv2.INTER_CUBIC))
+
+
+@pytest.mark.parametrize("photo_id", ["a.png", "b.png"])
+def test_the_rectified_patch_is_true_to_scale(painted: Painted, photo_id: str) -> None:
+    """The painting's own coordinates against the patch's cells: the best scale between them is one, to 1 %."""
+    x_m, z_m = 3.6, 2.2
+    view = view_of(painted, mark_at(painted, x_m, z_m, width_m=0.9, height_m=0.7), photo_id)
+    assert view.shown.all()
+    assert view.side_m == pytest.approx(0.9 * 1.8, rel=1e-9)
+    along = (np.arange(300) + 0.5 - 150) * view.cell_m
+    got = cv2.cvtColor(view.picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+
+    def unlikeness(scale_x: float, scale_z: float) -> float:
+        xs, zs = np.meshgrid(x_m + along * scale_x, z_m - along * scale_z)
+        want = cv2.cvtColor(paint_under(painted, xs, zs).astype(np.float32), cv2.COLOR_RGB2GRAY)
+        return float(np.abs(got - want).mean())
+
+    assert unlikeness(1.0, 1.0) < 3.0  # grey levels
+    scales = np.arange(0.95, 1.0501, 0.005)
+    assert scales[np.argmin([unlikeness(s, 1.0) for s in scales])] == pytest.approx(1.0, abs=0.0051)
+    assert scales[np.argmin([unlikeness(1.0, s) for s in scales])] == pytest.approx(1.0, abs=0.0051)
+    assert unlikeness(-1.0, 1.0) > 5 * unlikeness(1.0, 1.0)  # mirrored it would be another picture
+
+
+def test_a_reduced_patch_lies_where_the_fine_one_does(painted: Painted) -> None:
+    mark = mark_at(painted, 3.5, 2.0, width_m=1.2, height_m=1.0)
+    posed = painted.posed["a.png"]
+    pixels = read_photograph(painted.root / "a.png", posed.camera)
+    small = patch_view(mark, posed, pixels, painted.surface, 60, pixel_m=0.006)  # cells of 36 mm: reduced by 4
+    along = (np.arange(60) + 0.5 - 30) * small.cell_m
+    xs, zs = np.meshgrid(3.5 + along, 2.0 - along)
+    want = paint_under(painted, xs, zs).astype(np.float32)
+    (dx, dy), response = cv2.phaseCorrelate(
+        cv2.cvtColor(small.picture, cv2.COLOR_RGB2GRAY).astype(np.float32), cv2.cvtColor(want, cv2.COLOR_RGB2GRAY)
+    )
+    assert response > 0.4
+    np.testing.assert_allclose([dx, dy], [0.0, 0.0], rtol=0, atol=0.15)  # cells
+
+
+def test_a_patch_off_the_model_is_rectified_at_its_own_depth(painted: Painted) -> None:
+    """A place 0.25 m before the wall projects elsewhere than the wall behind it: its own ray says where."""
+    off = mark_at(painted, 3.5, 2.0, y_site_m=-0.25)
+    posed = painted.posed["a.png"]
+    xyz = posed.centre_site_m
+    ray = np.array([3.5, -0.25, 2.0]) - xyz
+    behind = xyz + ray * (-xyz[1] / ray[1])  # where that ray meets the painted wall
+    view = view_of(painted, off, cells=301)
+    want = paint_under(painted, behind[[0]][None], behind[[2]][None])[0, 0]
+    np.testing.assert_allclose(view.picture[150, 150].astype(float), want, rtol=0, atol=4.0)  # grey levels
+    assert np.abs(paint_under(painted, np.array([[3.5]]), np.array([[2.0]]))[0, 0] - want).max() > 8.0
+
+
+def test_what_something_else_hides_is_grey(painted: Painted) -> None:
+    screen, triangles = box(np.array([3.0, -2.0, 0.0]), np.array([4.0, -1.9, 4.0]))
+    surface = Surface.from_mesh(
+        np.vstack([painted.building.vertices_site_m, screen]), np.vstack([painted.building.triangles, triangles + 8])
+    )
+    view = view_of(replace(painted, surface=surface), mark_at(painted, 3.4, 2.0, width_m=1.0, height_m=1.0))
+    # From the camera at x = 2, y = -5.5 the screen at y = -1.9 hides the wall's front from x of 3.5 to about 5.
+    x_m = 3.4 + (np.arange(300) + 0.5 - 150) * view.cell_m
+    assert not view.shown[150, (x_m > 3.7) & (x_m < 4.2)].any()
+    assert view.shown[150, x_m < 3.4].all()
+    assert (view.picture[~view.shown] == 225).all()
+
+
+def test_a_patch_of_its_own_is_the_outline(painted: Painted) -> None:
+    site = np.array([[2.0, 0.0, 1.0], [2.6, 0.0, 1.0], [2.0, 0.0, 1.4], [2.0, 0.0, 1.0]])
+    wkb = shapely.to_wkb(shapely.Polygon(painted.building.origin.geo_from_site(site)), output_dimension=3)
+    mark = mark_at(painted, 2.2, 1.1, patch=wkb)
+    (ring,) = mark.outlines_site_m
+    np.testing.assert_allclose(ring, site, rtol=0, atol=1e-4)  # m
+    view = view_of(painted, mark)
+    np.testing.assert_allclose(view.rings_m[0][0], [-0.2, -0.1], rtol=0, atol=1e-4)  # m, right and up
+
+
+@pytest.mark.parametrize("normal", [(0, -1, 0), (1, 0, 0), (0.3, 0.4, 0.5), (0, 0, 1), (0, 0, -1)])
+def test_surface_axes_are_right_handed(normal: tuple[float, ...]) -> None:
+    axes = surface_axes(np.array(normal))
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(axes), 1.0, rtol=0, atol=1e-12)
+    assert axes[0, 2] == pytest.approx(0.0, abs=1e-12)  # right is level
+    assert axes[1, 2] >= -1e-12
+
+
+def test_the_marker_is_at_the_defects_pixel(painted: Painted) -> None:
+    inspection = inspection_of(painted, [defect_row("D1", 5.5, 3.0)], [])
+    (facade,) = facades_of(inspection, painted.surface, SETTINGS)
+    backdrop = places_on_model(inspection, painted.surface, [facade], ["D1"])["D1"]
+    mark = marks_of(inspection.defects, painted.building.origin)[0]
+    figure = Figure(figsize=(9, 5), dpi=100)
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.add_axes((0, 0, 1, 1))
+    draw_place(axes, backdrop, storey_levels(painted.building), mark)
+    axes.axis("off")
+    canvas.draw()
+    picture = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
+    ink = np.array(bgr_of(class_colour("crack"))[::-1])
+    ys, xs = np.nonzero(np.abs(picture - ink).max(axis=2) < 12)
+    middle = np.array([(xs.min() + xs.max() + 1) / 2, 500 - (ys.min() + ys.max() + 1) / 2])
+    found = axes.transData.inverted().transform(middle)
+    # The wall begins half a metre right of the sheet's left, and x is along it.
+    np.testing.assert_allclose(found, [5.5 + 0.5, 3.0], rtol=0, atol=0.03)  # m, about two pixels
+    np.testing.assert_allclose(place_on(facade, mark, 0.0), [6.0, 3.0], rtol=0, atol=1e-9)  # m
+
+
+def test_the_backdrop_shows_the_wall_where_it_is(painted: Painted) -> None:
+    inspection = inspection_of(painted, [], [])
+    (facade,) = facades_of(inspection, painted.surface, SETTINGS)
+    backdrop = model_backdrop(facade, painted.surface, painted.building)
+    per_m = backdrop.picture.shape[1] / backdrop.width_m
+    columns = np.flatnonzero((backdrop.picture < 250).all(axis=2).any(axis=0))
+    np.testing.assert_allclose(np.array([columns.min(), columns.max() + 1]) / per_m, [0.5, 8.5], rtol=0, atol=0.04)  # m
+
+
+@pytest.mark.parametrize(
+    ("width_m", "length_m", "words"),
+    [(0.3, 0.1, "10 cm"), (1.0, 0.2, "20 cm"), (8.0, 2.0, "2 m"), (0.02, 0.005, "5 mm"), (150.0, 50.0, "50 m")],
+)
+def test_bars_are_round_and_fit_a_third(width_m: float, length_m: float, words: str) -> None:
+    assert bar_length_m(width_m) == pytest.approx(length_m, rel=1e-12)
+    assert length_words(bar_length_m(width_m)) == words
+
+
+def test_a_mask_is_drawn_where_it_is(painted: Painted) -> None:
+    detection = {
+        "box_x_px": 100.0, "box_y_px": 80.0, "box_width_px": 60.0, "box_height_px": 40.0,
+        "mask": "POLYGON ((100 80, 160 80, 100 120, 100 80))",
+    }  # fmt: skip
+    blank = np.zeros((300, 400, 3), dtype=np.uint8)
+    crop = cut_out(blank, outline_of(detection), 192, class_colour("crack"))
+    drawn = np.argwhere(crop.max(axis=2) > 100)[:, ::-1]
+    # 192 px show 60 * 3.2 px of the photograph: one to one, from its middle (130, 100) less 96.
+    left, top = 130 - 96, 100 - 96
+    np.testing.assert_allclose(drawn.min(axis=0), [100 - left, 80 - top], rtol=0, atol=2)  # px
+    assert crop[120 - top - 3, 160 - left - 3].max() == 0  # a box would have its corner there
+    assert outline_of({**detection, "mask": "no polygon"}).rings_px == ()
+
+
+def many_sightings(painted: Painted) -> Inspection:
+    inspection = inspection_of(painted, [defect_row("D1", 2.5, 1.5), defect_row("D2", 3.2, 2.5)], ["D1", "D2"])
+    detections = inspection.detections.to_pylist()
+    observations = inspection.observations.to_pylist()
+    xy = painted.posed["b.png"].project_site(np.array([[3.2, 0.0, 2.5]]))[0]
+    detections.append({**detections[1], "detection_id": "D2b", "photo_id": "b.png", "box_x_px": xy[0] - 20,
+                       "box_y_px": xy[1] - 10})  # fmt: skip
+    observations.append({**observations[1], "detection_id": "D2b", "photo_id": "b.png", "gsd_mm": 2.0,
+                         "incidence_deg": 60.0})  # fmt: skip
+    return replace(
+        inspection,
+        detections=table_of_rows("detections", detections),
+        observations=table_of_rows("observations", observations),
+    )
+
+
+def test_the_best_photograph_comes_first(painted: Painted) -> None:
+    own = sightings_of(many_sightings(painted))["D2"]
+    assert [one.photo_id for one in own] == ["a.png", "b.png"]  # best_photo_id before the smaller pixel
+    assert own[1].pixel_mm == pytest.approx(4.0, rel=1e-9)
+    assert own[0].pixel_mm == np.inf
+
+
+def test_cards_are_written_and_say_what_is_missing(
+    painted: Painted, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    inspection = many_sightings(painted)
+    places = places_on_model(inspection, painted.surface, facades_of(inspection, painted.surface, SETTINGS), ["D2"])
+    cards = defect_cards(inspection, painted.surface, ["D1", "D2"], tmp_path, places=places, most_sightings=9)
+    assert cards.missing == ()
+    assert {name: path.name for name, path in cards.paths.items()} == {"D1": "card_1.png", "D2": "card_2.png"}
+    whole = cv2.imread(str(cards.paths["D2"]))
+    assert whole.shape[1] == 1980
+    elsewhere = tmp_path / "photographs"
+    elsewhere.mkdir()
+    (elsewhere / "b.png").write_bytes((painted.root / "b.png").read_bytes())
+    (elsewhere / "a.png").write_bytes(b"no picture")
+    broken = defect_cards(
+        replace(inspection, photographs_root=elsewhere), painted.surface, ["D1", "D2"], tmp_path / "again",
+        places={}, most_sightings=1,
+    )  # fmt: skip
+    assert broken.missing == ("a.png",)
+    assert set(broken.paths) == {"D1", "D2"}
+    assert "a.png cannot be decoded" in caplog.text
+
+
+def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) -> None:
+    inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0, score=0.537)], ["D1"])
+    (row,) = inspection.defects.to_pylist()
+    bare = dict(card_facts(row, inspection, []))
+    assert bare["found by"] == "coco:x, score 0.54"
+    assert not {"deviation", "joined", "kept apart", "crack width", "one sigma", "position from"} & set(bare)
+    assert "None" not in " ".join(bare.values())
+    pairs = [
+        {"detection_id": "a", "other_detection_id": "b", "defect_id": "D1", "other_defect_id": "D1",
+         "merge_decision": "joined", "merge_reason": "geography_and_image", "apart_m": 0.02, "apart_sigma": 1.24,
+         "overlap_share": 0.8, "appearance_score": 0.71},
+        {"detection_id": "a", "other_detection_id": "c", "defect_id": "D1", "other_defect_id": "D9",
+         "merge_decision": "apart", "merge_reason": "looks_different", "apart_m": 0.2, "apart_sigma": 2.0,
+         "overlap_share": None, "appearance_score": None},
+    ]  # fmt: skip
+    merges = merges_by_defect(table_of_rows("merges", pairs))
+    assert len(merges["D1"]) == 2
+    assert len(merges["D9"]) == 1
+    measured = {"deviation_from_model_m": -0.034, "deviation_sigma_m": 0.005, "crack_width_mm": 0.4, "length_m": 1.5}
+    sigmas = {"sigma_east_m": 0.01, "sigma_north_m": 0.02, "sigma_up_m": 0.03}
+    rich = {**row, **measured, **sigmas, "position_from": "triangulated"}
+    told = dict(card_facts(rich, inspection, merges["D1"]))
+    assert told["deviation"] == "34 mm behind the model's surface (± 5 mm)"
+    assert told["joined"] == "1 pair by geography and image; at most 1.2 sigma apart, likeness 0.71 to 0.71"
+    assert told["kept apart"] == "from D9, 20 cm away: looks different"
+    assert told["site e, n, u (m)"] == "2.000, 0.000, 1.000"
+    assert told["one sigma"] == "10.0, 20.0, 30.0 mm (east, north, up)"
+    assert told["position from"].endswith("(triangulated)")
+    assert told["crack width"] == "0.40 mm"
+    error = {"crack_width_mm": 2.34, "crack_width_sigma_mm": 0.42, "crack_width_max_mm": 4.06}
+    assert dict(card_facts({**rich, **error}, inspection, []))["crack width"] == "2.3 ± 0.4 mm, 4.1 mm at its widest"
+    bound = {"crack_width_mm": None, "crack_width_limit_mm": 3.24, "crack_width_outcome": "below_limit"}
+    assert dict(card_facts({**rich, **bound}, inspection, []))["crack width"] == "< 3.2 mm"
+    assert "crack width" not in dict(card_facts({**rich, **bound, "crack_width_outcome": "no_line"}, inspection, []))
+    assert "1.50 m at its longest" in told["size"]

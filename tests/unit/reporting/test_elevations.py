@@ -1,0 +1,285 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.frames import Array
+from facadelake.core.tables import table_of_rows
+from facadelake.reporting.elevations.elevation import compose, facade_elevations
+from facadelake.reporting.elevations.facades import Facade, find_facades
+from facadelake.reporting.elevations.marks import marks_also_seen, marks_of, marks_per_facade
+from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify
+from facadelake.reporting.elevations.relief import look_square_on
+from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.inspection import PictureSettings
+from schemas.vocabulary import SurfaceKind
+from tests.unit.reporting.painted_wall import (
+    PAINT_PX_PER_M,
+    WALL_HEIGHT_M,
+    WALL_WIDTH_M,
+    Painted,
+    box,
+    defect_row,
+    inspection_of,
+    looking,
+    photograph,
+)
+
+SETTINGS = PictureSettings(cell_m=0.01, feather_m=0.2)
+
+
+def front(painted: Painted, settings: PictureSettings = SETTINGS) -> Facade:
+    facades = find_facades(painted.building, painted.surface, painted.posed, frozenset(), settings)
+    assert [facade.name for facade in facades] == ["South"]
+    return facades[0]
+
+
+def rectified(painted: Painted, settings: PictureSettings = SETTINGS) -> RectifiedElevation:
+    relief = look_square_on(front(painted, settings), painted.surface, settings.cell_m)
+    files = {name: painted.root / name for name in painted.posed}
+    return rectify([relief], painted.surface, painted.posed, files, settings)[0]
+
+
+def expected(result: RectifiedElevation, painted: Painted) -> tuple[Array, Array]:
+    """The painting under each cell, found from the cell's site coordinates, and which cells the wall's front fills."""
+    facade, cell = result.relief.facade, result.relief.cell_m
+    rows, columns = result.relief.shape
+    x = facade.u_min_m + (np.arange(columns) + 0.5) * cell
+    z = facade.v_max_m - (np.arange(rows) + 0.5) * cell
+    at_x, at_y = np.meshgrid(x * PAINT_PX_PER_M - 0.5, (WALL_HEIGHT_M - z) * PAINT_PX_PER_M - 0.5)
+    paint = cv2.remap(painted.paint, at_x.astype(np.float32), at_y.astype(np.float32), cv2.INTER_CUBIC)
+    on_wall = (x > 0.1) & (x < WALL_WIDTH_M - 0.1), (z > 0.1) & (z < WALL_HEIGHT_M - 0.1)
+    return np.asarray(paint), on_wall[1][:, None] & on_wall[0][None, :]
+
+
+def test_a_surface_of_tie_points_gets_no_edges_that_would_look_like_cracks(painted: Painted) -> None:
+    result = rectified(painted)
+    rough = replace(
+        result,
+        relief=replace(result.relief, w_m=result.relief.w_m - 0.1 * (np.arange(result.relief.shape[1]) % 50 < 25)),
+    )
+    as_built = replace(painted.building, surface_kind=SurfaceKind.AS_BUILT)
+    smooth, drawn = compose(rough, as_built), compose(rough, painted.building)
+    np.testing.assert_array_equal(smooth, compose(result, as_built))  # steps of 10 cm leave no line
+    changed = (smooth != drawn).any(axis=2).sum()
+    height = round(WALL_HEIGHT_M / result.relief.cell_m)
+    assert changed > 20 * height  # cells: of a wall of 800 cells, with a step every 25
+
+
+def test_a_painted_wall_rectifies_to_its_painting(painted: Painted) -> None:
+    result = rectified(painted)
+    paint, on_wall = expected(result, painted)
+    use = on_wall & result.covered
+    assert 0.5 < use.sum() / on_wall.sum() <= 1.0
+    difference = np.abs(result.picture.astype(float) - paint)[use]
+    assert np.median(difference) < 3.0  # grey levels: rounding and two resamplings
+    gradient = np.abs(np.gradient(paint[..., 0], axis=1))[use]
+    assert np.quantile(gradient, 0.99) > 6.0  # per cell, so a shift of one cell would show
+
+
+def test_no_photograph_is_shifted_by_more_than_a_tenth_of_a_cell(painted: Painted) -> None:
+    result = rectified(painted)
+    paint, on_wall = expected(result, painted)
+    ys, xs = np.nonzero(on_wall & result.covered)
+    window = np.s_[ys.min() + 40 : ys.max() - 40, xs.min() + 200 : xs.max() - 200]
+    assert (on_wall & result.covered)[window].all()
+    got = cv2.cvtColor(result.picture, cv2.COLOR_RGB2GRAY)[window].astype(np.float32)
+    want = cv2.cvtColor(paint.astype(np.float32), cv2.COLOR_RGB2GRAY)[window]
+    (dx, dy), response = cv2.phaseCorrelate(got, want)
+    assert response > 0.5
+    np.testing.assert_allclose([dx, dy], [0.0, 0.0], rtol=0, atol=0.1)  # cells
+
+
+def test_the_picture_is_not_mirrored(painted: Painted) -> None:
+    result = rectified(painted)
+    paint, on_wall = expected(result, painted)
+    use = on_wall & result.covered & (on_wall & result.covered)[:, ::-1]
+    right = np.corrcoef(result.picture[use].ravel(), paint[use].ravel())[0, 1]
+    mirrored = np.corrcoef(result.picture[:, ::-1][use].ravel(), paint[use].ravel())[0, 1]
+    assert right > 0.95
+    assert mirrored < 0.5
+
+
+@pytest.mark.parametrize(
+    ("azimuth_deg", "right_site"), [(0, (-1, 0, 0)), (90, (0, 1, 0)), (180, (1, 0, 0)), (270, (0, -1, 0))]
+)
+def test_right_is_to_the_right_of_who_looks_at_the_facade(
+    painted: Painted, azimuth_deg: float, right_site: tuple[int, int, int]
+) -> None:
+    axes = replace(front(painted), azimuth_deg=azimuth_deg).axes_site
+    np.testing.assert_allclose(axes[0], right_site, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(axes), 1.0, rtol=0, atol=1e-12)
+
+
+def test_cameras_decide_which_side_of_a_wall_is_outside(painted: Painted) -> None:
+    words = painted.building.elements.set_column(
+        painted.building.elements.column_names.index("facade"),
+        painted.building.elements.schema.field("facade"),
+        [["N"]],
+    )
+    misled = replace(painted.building, elements=words)
+    facades = find_facades(misled, painted.surface, painted.posed, frozenset(), SETTINGS)
+    assert [facade.name for facade in facades] == ["South"]
+    alone = find_facades(misled, painted.surface, {}, frozenset(), SETTINGS)
+    assert [facade.name for facade in alone] == ["North"]
+
+
+def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: Painted) -> None:
+    """Part of a cylinder that bulges south: drawn from the south, whole."""
+    turn = np.radians(np.linspace(-75, 75, 13))
+    foot = np.column_stack([4 + 3 * np.sin(turn), 1 - 3 * np.cos(turn)])
+    low, high = np.column_stack([foot, np.zeros(13)]), np.column_stack([foot, np.full(13, 4.0)])
+    rows = np.arange(12)
+    arc = np.vstack([np.column_stack([rows, rows + 1, rows + 14]), np.column_stack([rows, rows + 14, rows + 13])])
+    element = {**painted.building.elements.to_pylist()[0], "facade": "around", "facade_azimuth_deg": None}
+    building = replace(
+        painted.building,
+        vertices_site_m=np.vstack([low, high]),
+        triangles=arc,
+        element_of_triangle=np.zeros(len(arc), dtype=np.int64),
+        elements=table_of_rows("elements", [element]),
+    )
+    camera = painted.posed["a.png"].camera
+    posed = {str(x): looking(np.array([x, -9.0, 1.5]), np.array([4.0, 0.0, 2.0]), camera) for x in (-1.0, 4.0, 9.0)}
+    (facade,) = find_facades(building, Surface(building), posed, frozenset(["wall"]), SETTINGS)
+    assert facade.name == "South"
+    np.testing.assert_allclose(facade.azimuth_deg, 180.0, rtol=0, atol=2.0)  # deg
+    reach = 3 * np.sin(np.radians(75)) + 0.5
+    np.testing.assert_allclose([facade.u_min_m, facade.u_max_m], [4 - reach, 4 + reach], rtol=0, atol=0.1)  # m
+
+
+def test_a_photograph_that_is_gone_is_left_out(painted: Painted, caplog: pytest.LogCaptureFixture) -> None:
+    whole = rectified(painted)
+    relief = look_square_on(front(painted), painted.surface, SETTINGS.cell_m)
+    files = {"a.png": painted.root / "a.png", "b.png": painted.root / "gone.png"}
+    result = rectify([relief], painted.surface, painted.posed, files, SETTINGS)[0]
+    assert 0 < result.covered.sum() < whole.covered.sum()
+    assert "gone.png cannot be decoded" in caplog.text
+
+
+def test_a_hidden_wall_takes_no_colour_from_what_hides_it(painted: Painted) -> None:
+    screen, triangles = box(np.array([3.0, -2.0, 0.0]), np.array([4.0, -1.9, 4.0]))
+    building = replace(
+        painted.building,
+        vertices_site_m=np.vstack([painted.building.vertices_site_m, screen]),
+        triangles=np.vstack([painted.building.triangles, triangles + 8]),
+        element_of_triangle=np.zeros(24, dtype=np.int64),
+    )
+    facade = front(painted)
+    one = {"a.png": painted.posed["a.png"]}
+    relief = look_square_on(replace(facade, near_w_m=1.0), Surface(building), 0.02)  # looks past the screen
+    result = rectify([relief], Surface(building), one, {"a.png": painted.root / "a.png"}, SETTINGS)[0]
+    # From the camera at x = 2, y = -5.5 the screen at y = -1.9 hides the wall's front from x of 3.5 to about 5.
+    u = facade.u_min_m + (np.arange(relief.shape[1]) + 0.5) * 0.02
+    shadow = (u > 3.7) & (u < 4.9)
+    lit = (u > 1.0) & (u < 3.2)
+    middle = result.covered[relief.shape[0] // 2]
+    assert not middle[shadow].any()
+    assert middle[lit].all()
+
+
+def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: Painted) -> None:
+    inspection = inspection_of(
+        painted,
+        [defect_row("D007", 2.0, 1.0), defect_row("D012", 6.0, 3.0, normal_y=1.0, y_site_m=9.0, element_guid="x")],
+        [],
+    )
+    facade = front(painted)
+    marks = marks_of(inspection.defects, painted.building.origin)
+    (shown,), nowhere = marks_per_facade([facade], marks, painted.building)
+    assert [mark.label for mark in shown] == ["7"]
+    assert [mark.label for mark in nowhere] == ["12"]
+    uvw = facade.uvw(shown[0].corners_site_m)
+    np.testing.assert_allclose(np.ptp(uvw, axis=0), [0.4, 0.2, 0.0], rtol=0, atol=1e-9)  # m
+    np.testing.assert_allclose(uvw.mean(axis=0), [2.0, 1.0, 0.0], rtol=0, atol=1e-9)  # m: u is east on a south wall
+
+
+def test_what_stands_before_the_wall_in_one_photograph_is_passed_over(painted: Painted, tmp_path: Path) -> None:
+    camera = painted.posed["a.png"].camera
+    posed = {
+        f"{i}.png": looking(np.array([x, -5.5, 1.8]), np.array([4.0, 0.0, 2.0]), camera)
+        for i, x in enumerate((4.0, 2.5, 5.5, 3.2))
+    }
+    for name, pose in posed.items():
+        shot = np.clip(photograph(pose, painted.paint) + 0.5, 0, 255).astype(np.uint8)
+        if name == "0.png":  # the squarest view has a red thing in its middle, about 1.5 m wide
+            shot[240:460, 380:620] = (220, 20, 20)
+        cv2.imwrite(str(tmp_path / name), shot[..., ::-1])
+    relief = look_square_on(front(painted), painted.surface, 0.02)
+
+    def red_share(names: list[str]) -> float:
+        some = {name: posed[name] for name in names}
+        files = {name: tmp_path / name for name in names}
+        result = rectify([relief], painted.surface, some, files, SETTINGS)[0]
+        red = (result.picture[..., 0] > 190) & (result.picture[..., 1] < 50)
+        return float(red.sum() / result.covered.sum())
+
+    assert red_share(["0.png"]) > 0.05
+    assert red_share(["0.png", "1.png", "2.png", "3.png"]) < 0.0005
+
+
+def test_a_mark_of_another_facade_is_shown_where_it_can_be_seen(painted: Painted) -> None:
+    relief = look_square_on(front(painted), painted.surface, 0.05)
+    rows = [
+        defect_row("D1", 2.0, 1.0),
+        defect_row("D2", 4.0, 1.0),
+        defect_row("D3", 5.0, 1.0, y_site_m=0.3, normal_y=1.0),  # on the wall's back
+        defect_row("D4", 20.0, 1.0),  # beside the wall
+    ]
+    marks = marks_of(inspection_of(painted, rows, []).defects, painted.building.origin)
+    seen = marks_also_seen(relief, marks, marks[:1])
+    assert [mark.defect_id for mark in seen] == ["D2"]
+
+
+def test_elevations_are_written_with_and_without_defects(painted: Painted, tmp_path: Path) -> None:
+    coarse = PictureSettings(cell_m=0.03)
+    for number, defects in enumerate(([], [defect_row("D1", 2.0, 1.0), defect_row("D2", 2.1, 1.1)])):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        elevations = facade_elevations(inspection_of(painted, defects, []), painted.surface, folder, coarse)
+        assert [elevation.path.name for elevation in elevations] == ["elevation_south.png"]
+        assert [len(elevation.marks) for elevation in elevations] == [len(defects)]
+        assert 0.5 < elevations[0].covered_share < 1.0
+        assert (folder / "thumbnail_elevation.jpg").is_file()
+        picture = cv2.imread(str(elevations[0].path))
+        assert picture.shape[1] > 800
+        assert picture.std() > 20
+
+
+def test_a_building_that_no_photograph_shows_is_drawn_grey(painted: Painted, tmp_path: Path) -> None:
+    inspection = replace(inspection_of(painted, [], []), posed={})
+    (elevation,) = facade_elevations(inspection, painted.surface, tmp_path, PictureSettings(cell_m=0.03))
+    assert elevation.covered_share == 0.0
+    picture = cv2.imread(str(elevation.path))
+    height, width = picture.shape[:2]
+    middle = picture[height // 2 - 50 : height // 2 + 50, width // 2 - 50 : width // 2 + 50].reshape(-1, 3)
+    assert 180 < np.median(middle) < 250  # light grey
+
+
+def test_storeys_begin_at_their_walls_feet(painted: Painted) -> None:
+    parts = [box(np.array([0.0, 0, z]), np.array([1.0, 1, z + 1])) for z in (0.0, 0.0, 2.0, 3.0, 3.0, 3.0, 5.2)]
+    names = ["Ground", "Ground", "Ground", "First", "First", "First", "First"]  # the last of each is a lintel
+    words = {
+        "element_guid": [str(i) for i in range(7)],
+        "ifc_class": ["IfcWall"] * 7,
+        "storey": names,
+        "facade": ["S"] * 7,
+        "surface_area_m2": [6.0] * 7,
+        "triangles": [12] * 7,
+    }
+    rows = [{key: values[i] for key, values in words.items()} for i in range(7)]
+    building = replace(
+        painted.building,
+        vertices_site_m=np.vstack([vertices for vertices, _ in parts]),
+        triangles=np.vstack([triangles + 8 * i for i, (_, triangles) in enumerate(parts)]),
+        element_of_triangle=np.repeat(np.arange(7), 12),
+        elements=table_of_rows("elements", rows),
+    )
+    levels = storey_levels(building)
+    assert [level.name for level in levels] == ["Ground", "First"]
+    np.testing.assert_allclose([level.z_site_m for level in levels], [0.0, 3.0], rtol=0, atol=1e-9)  # m

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from facadelake.core.errors import InputDataError
+from facadelake.reporting.draw import (
+    Wanted,
+    draw_wanted,
+    everything,
+    wanted_by_name,
+    what_the_report_shows,
+)
+from facadelake.reporting.inspection import Inspection, PictureSettings
+from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
+
+SETTINGS = PictureSettings(cell_m=0.05, overlay_width_px=300, report_cards=1, report_overlays=1)
+IDS = ["wall-2026-D0007", "wall-2026-D0012"]
+
+
+@pytest.fixture
+def two(painted: Painted) -> Inspection:
+    rows = [defect_row(IDS[0], 2.0, 1.0), defect_row(IDS[1], 3.0, 2.0, severity="high")]
+    return inspection_of(painted, rows, IDS)
+
+
+def asked(painted: Painted, inspection: Inspection, **names: list[str]) -> Wanted:
+    given = {"defects": [], "facades": [], "photos": [], **names}
+    return wanted_by_name(inspection, painted.surface, settings=SETTINGS, **given)
+
+
+@pytest.mark.parametrize(
+    ("kind", "word", "found"),
+    [
+        ("defects", "wall-2026-D0012", IDS[1]),
+        ("defects", "12", IDS[1]),
+        ("defects", "d0007", IDS[0]),
+        ("facades", "south", "South"),
+        ("facades", "S", "South"),
+        ("photos", "a.png", "a.png"),
+        ("photos", "B", "b.png"),
+    ],
+)
+def test_names_as_people_write_them(painted: Painted, two: Inspection, kind: str, word: str, found: str) -> None:
+    wanted = asked(painted, two, **{kind: [word]})
+    assert (*wanted.defect_ids, *wanted.facades, *wanted.photo_ids) == (found,)
+    assert not wanted.distribution
+
+
+@pytest.mark.parametrize(
+    ("kind", "word", "told"),
+    [
+        ("defects", "D0013", "defect 'D0013'.*near it: .*wall-2026-D0012"),
+        ("facades", "sout", "facade 'sout'.*near it: South"),
+        ("photos", "c.png", r"photograph 'c.png'.*near it: .*[ab]\.png"),
+        ("photos", "zzzzzzz", r"photograph 'zzzzzzz'.*near it: a.png.*\(of 3\)"),
+    ],
+)
+def test_an_unknown_name_is_told_with_near_ones(
+    painted: Painted, two: Inspection, kind: str, word: str, told: str
+) -> None:
+    with pytest.raises(InputDataError, match=told):
+        asked(painted, two, **{kind: [word]})
+    with pytest.raises(InputDataError, match="the campaign has none"):
+        asked(painted, inspection_of(painted, [], []), defects=["1"])
+
+
+def test_what_is_wanted_is_written_and_again(painted: Painted, two: Inspection, tmp_path: Path) -> None:
+    wanted = everything(two, painted.surface, SETTINGS)
+    assert wanted == Wanted(defect_ids=tuple(IDS), facades=("South",), photo_ids=("a.png", "b.png"), distribution=True)
+    drawn = draw_wanted(two, painted.surface, wanted, tmp_path, SETTINGS)
+    assert drawn.missing == ()
+    names = [
+        "distribution.png", "distribution.csv", "elevations/elevation_south.png", "cards/card_7.png",
+        "cards/card_12.png", "overlays/overlay_a.jpg", "overlays/overlay_b.jpg",
+    ]  # fmt: skip
+    assert [path.relative_to(tmp_path).as_posix() for path in drawn.paths] == names
+    card = tmp_path / "cards" / "card_7.png"
+    first = card.read_bytes()
+    card.write_bytes(b"half a file")  # as a run that was killed leaves it
+    few = Wanted(defect_ids=(IDS[0],), facades=("South",))
+    assert draw_wanted(two, painted.surface, few, tmp_path, SETTINGS).paths[-1] == card
+    assert card.read_bytes() == first
+
+
+def test_photographs_that_are_gone_are_named(painted: Painted, two: Inspection, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "photographs"
+    elsewhere.mkdir()
+    (elsewhere / "b.png").write_bytes((painted.root / "b.png").read_bytes())
+    moved = replace(two, photographs_root=elsewhere)
+    wanted = Wanted(defect_ids=tuple(IDS), photo_ids=("a.png", "b.png"))
+    drawn = draw_wanted(moved, painted.surface, wanted, tmp_path / "out", SETTINGS)
+    assert drawn.missing == ("a.png",)
+    assert [path.name for path in drawn.paths] == ["card_7.png", "card_12.png", "overlay_b.jpg"]
+
+
+def test_without_names_it_is_what_the_report_shows(painted: Painted, two: Inspection) -> None:
+    wanted = what_the_report_shows(two, painted.surface, SETTINGS)
+    assert wanted == Wanted(defect_ids=(IDS[1],), facades=("South",), photo_ids=("a.png",), distribution=True)
+    assert NASTY_NAME not in wanted.photo_ids

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
+
+from facadelake.core.tables import stage_schema, table_of_rows
+from facadelake.reporting.drawing.projected_model import draw_model
+from facadelake.reporting.inspection import Inspection
+from facadelake.reporting.page.passport import passport
+from facadelake.reporting.passport.facts import Verdict, facts_of, summary
+from facadelake.reporting.passport.figure import draw_passport
+from facadelake.reporting.passport.views import NORTH, UP, Scales, draw_view, extent_of, place_of, scales_for
+from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, inspection_of
+
+CENTIMETRES: dict[str, Any] = {
+    "control": "gcp", "method": "control points", "map_crs": "EPSG:25832", "vertical_datum": "ellipsoidal",
+    "georeference_level": "50", "reference_campaign": None, "points_used": 6, "points_total": 6,
+    "residual_mean_m": 0.005, "residual_max_m": 0.01, "check_points": 6, "check_residual_mean_m": 0.019,
+    "check_residual_max_m": 0.04, "sigma_east_m": 0.009, "sigma_north_m": 0.010, "sigma_up_m": 0.009,
+    "gps_offset_east_m": 1.25, "gps_offset_north_m": -0.84, "gps_offset_up_m": 1.95, "gps_offset_sigma_m": 0.1,
+    "tie_sigma_px": 0.32, "tie_inflation": 2.5, "model_residual_m": 0.034, "doming_m": -0.012,
+    "doming_sigma_m": 0.008, "edge_features": None, "shift_score": None, "competing_score": None, "remarks": "",
+}  # fmt: skip
+
+
+def judged(**changes: Any) -> tuple[Verdict, str, dict[str, Verdict]]:
+    row = CENTIMETRES | changes
+    facts = facts_of(row, stage_schema("poses").empty_table(), placement_sigma_max_m=0.5)
+    assert all(fact.value and fact.meaning for fact in facts)
+    assert all(fact.limit for fact in facts if fact.verdict)  # what is judged says by what
+    return *summary(row, facts), {fact.name: fact.verdict for fact in facts}
+
+
+def test_a_good_passport_says_so() -> None:
+    verdict, sentence, facts = judged()
+    assert verdict is Verdict.GOOD
+    assert sentence == "Good: placed by control points, known to 10 mm in its weakest direction (north, one sigma)"
+    assert not {Verdict.LOOK, Verdict.POOR} & set(facts.values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "fact"),
+    [
+        ({"check_residual_max_m": 0.10}, "held-out points"),  # three sigmas of block and survey: 71 mm
+        ({"check_points": 0, "check_residual_mean_m": None, "check_residual_max_m": None}, "held-out points"),
+        ({"points_used": 5}, "control points"),
+        ({"residual_mean_m": 0.031}, "control points"),
+        ({"control": "campaign", "residual_mean_m": 0.031, "points_used": 500, "points_total": 900}, "shared points"),
+        ({"sigma_up_m": 0.031}, "weakest direction"),
+        ({"doming_m": 0.03, "doming_sigma_m": 0.01}, "bend of the block"),
+        ({"model_residual_m": 0.11}, "distance to the model"),
+        ({"tie_sigma_px": 1.1}, "tie points"),
+        ({"edge_features": 40, "shift_score": 0.2, "competing_score": 0.21}, "edges of the model"),
+    ],
+)
+def test_what_is_to_be_looked_at_is_named(changes: dict[str, Any], fact: str) -> None:
+    verdict, sentence, facts = judged(**changes)
+    assert verdict is Verdict.LOOK
+    assert [name for name, one in facts.items() if one is Verdict.LOOK] == [fact]
+    assert f"look at {fact}" in sentence
+
+
+def test_what_is_not_wrong_is_not_blamed() -> None:
+    for changes in (
+        {"doming_m": 0.03, "doming_sigma_m": 0.02},  # less than two of its sigmas
+        {"doming_m": None, "doming_sigma_m": None},
+        {"control": "campaign", "points_used": 500, "points_total": 900, "reference_campaign": "2026-04"},
+        {"control": "model", "points_used": 500, "points_total": 900, "residual_mean_m": 0.05},
+        {"edge_features": 40, "shift_score": 0.3, "competing_score": None},
+    ):
+        assert judged(**changes)[0] is Verdict.GOOD, changes
+
+
+def test_metres_are_called_metres() -> None:
+    verdict, sentence, facts = judged(control="gps", method="the photographs' GPS", sigma_up_m=3.0, sigma_east_m=2.0)
+    assert (verdict, facts["known to (one sigma)"]) == (Verdict.POOR, Verdict.POOR)
+    assert sentence.startswith("Metres only: placed by the photographs' GPS, known to 3.00 m")
+
+
+def drawn(inspection: Inspection, up: np.ndarray) -> tuple[Any, Scales]:
+    axes = Figure().add_subplot()
+    place = place_of(inspection)
+    scales = Scales(ellipses=10.0, residuals=50.0)
+    draw_view(axes, inspection, place, up, extent_of(inspection, place), scales)
+    return axes, scales
+
+
+@pytest.mark.parametrize(("up", "axis"), [(NORTH, 1), (UP, 2)])
+def test_arrows_go_from_the_survey_to_where_the_point_came_to_lie(painted: Painted, up: np.ndarray, axis: int) -> None:
+    """The check point was given at (7, 0, 3) and is 12 mm west, 5 mm north and 15 mm below of it in the block."""
+    axes, scales = drawn(inspection_of(painted, [], []), up)
+    arrows = [child for child in axes.get_children() if isinstance(child, Quiver)]
+    ends = {(a.X[0], a.Y[0]): (a.U[0], a.V[0]) for a in arrows}
+    given, away = (7.0, 0.0, 3.0), (-0.012, 0.005, -0.015)
+    expected = (away[0] * scales.residuals, away[axis] * scales.residuals)
+    assert ends[given[0], given[axis]] == pytest.approx(expected, rel=0, abs=1e-9)  # m
+
+
+def test_ellipses_hold_95_of_100_cameras(painted: Painted) -> None:
+    """Camera a's ellipse by sampling: 95 % of the places that its covariance allows lie inside what is drawn."""
+    turn = cv2.Rodrigues(np.array([0.3, -0.2, 0.8]))[0]
+    factor = turn * [0.01, 0.03, 0.06]
+    inspection = inspection_of(painted, [], [])
+    rows = inspection.poses.to_pylist()
+    whole = np.eye(6)
+    whole[:3, :3] = factor @ factor.T
+    rows[0]["covariance"] = whole.ravel().tolist()
+    rows[1]["covariance"] = None
+    inspection = replace(inspection, poses=table_of_rows("poses", rows))
+    samples = np.random.default_rng(5).normal(size=(4000, 3)) @ factor.T
+    for up in (NORTH, UP):
+        axes, scales = drawn(inspection, up)
+        (ellipses,) = [child for child in axes.get_children() if isinstance(child, EllipseCollection)]
+        angle = np.radians(ellipses.get_angles()[0])
+        seen = samples @ np.column_stack([[1.0, 0.0, 0.0], up]) * scales.ellipses
+        along = seen @ [np.cos(angle), np.sin(angle)] / (ellipses.get_widths()[0] / 2)
+        beside = seen @ [-np.sin(angle), np.cos(angle)] / (ellipses.get_heights()[0] / 2)
+        assert len(ellipses.get_widths()) == 1  # the other camera states none
+        assert 0.935 < (along**2 + beside**2 <= 1).mean() < 0.965
+        assert np.std(along) == pytest.approx(np.std(beside), rel=0.08)  # and it lies along them
+
+
+@pytest.mark.parametrize(("up", "nearest_x_m"), [(NORTH, 0.0), (UP, 4.0)])
+def test_the_model_is_seen_from_above_and_from_the_south(painted: Painted, up: np.ndarray, nearest_x_m: float) -> None:
+    """Two triangles: one at the north and top, one at the south and bottom; the nearer one is drawn last."""
+    north_top = np.array([[0.0, 9.0, 8.0], [1.0, 9.5, 8.0], [0.0, 9.5, 9.0]])
+    south_low = np.array([[4.0, 0.0, 0.0], [6.0, 0.5, 0.0], [4.0, 0.5, 2.0]])
+    model = replace(
+        painted.building, vertices_site_m=np.vstack([north_top, south_low]), triangles=np.arange(6).reshape(2, 3)
+    )
+    axes = Figure().add_subplot()
+    low, high = draw_model(axes, model, np.array([1.0, 0.0, 0.0]), up)
+    assert np.ptp([low, high], axis=0) == pytest.approx([6.0, 9.5 if up is NORTH else 9.0], rel=0, abs=1e-9)  # m
+    (grey,) = [child for child in axes.get_children() if isinstance(child, PolyCollection)]
+    assert grey.get_paths()[-1].vertices[0, 0] == nearest_x_m
+
+
+def test_exaggeration_is_round(painted: Painted) -> None:
+    place = place_of(inspection_of(painted, [], []))
+    found = scales_for(place, extent_m=14.0)
+    assert found == Scales(ellipses=5.0, residuals=20.0)
+    metres = replace(place, covariance_m2=place.covariance_m2 * 1e6, points=())
+    assert scales_for(metres, extent_m=14.0) == Scales(ellipses=0.005, residuals=1.0)
+    exact = tuple((kind, given, residual * 0) for kind, given, residual in place.points)
+    assert scales_for(replace(place, points=exact), extent_m=14.0).residuals == 1.0
+
+
+def test_the_report_tells_numbers_meanings_limits_and_points(painted: Painted, tmp_path: Path) -> None:
+    inspection = inspection_of(painted, [], [])
+    text = "".join(piece.text for piece in passport(inspection, tmp_path))
+    assert "Usable, but look at control points" in text
+    for words in (
+        "how far surveyed points lie off",
+        "three of the stated sigmas",
+        'class="look">look',
+        "<td>check</td>",
+    ):
+        assert words in text
+    assert '<td class="n">-12</td><td class="n">+5</td><td class="n">-15</td>' in text
+    assert NASTY_NAME not in text  # escaped
+    empty = replace(inspection, georeference=stage_schema("georeference").empty_table())
+    assert "no passport" in passport(empty, tmp_path)[0].text
+
+
+def test_a_passport_without_points_or_cameras_is_drawn(painted: Painted, tmp_path: Path) -> None:
+    inspection = replace(
+        inspection_of(painted, [], []),
+        georeference_points=stage_schema("georeference_points").empty_table(),
+        poses=stage_schema("poses").empty_table(),
+    )
+    picture = cv2.imread(str(draw_passport(inspection, tmp_path / "passport.png")))
+    assert min(picture.shape[:2]) > 1000
+    assert (picture < 128).any(axis=2).mean() > 0.005  # there is writing on it

@@ -1,0 +1,182 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from facadelake.core.tables import table_of_rows
+from facadelake.reporting.cards.crops import defect_crops
+from facadelake.reporting.drawing.palette import bgr_of, outcome_colour, short_ids
+from facadelake.reporting.inspection import PictureSettings
+from facadelake.reporting.overlays import photo_overlays, telling_photographs
+from facadelake.reporting.page.defects import worst_first
+from facadelake.reporting.page.report import write_report
+from facadelake.severity.rule_packs import rule_file, rule_packs, severities
+from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
+
+COARSE = PictureSettings(cell_m=0.03, overlay_width_px=500)
+
+
+class Page(HTMLParser):
+    """What a browser would load, and the text it would show."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.tags: list[str] = []
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in ("src", "href", "data", "srcset") and value]
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def read(path: Path) -> Page:
+    page = Page()
+    page.feed(path.read_text(encoding="utf-8"))
+    return page
+
+
+def test_the_report_loads_nothing_from_elsewhere_and_escapes_names(painted: Painted, tmp_path: Path) -> None:
+    defects = [
+        defect_row("D1", 2.0, 1.0),
+        defect_row("D2", 3.0, 2.0, severity="high"),
+        defect_row("D3", 4.0, 2.0, severity="low"),
+    ]
+    inspection = inspection_of(painted, defects, ["D1", "D2"])
+    path = write_report(inspection, painted.surface, tmp_path, COARSE)
+    source, page = path.read_text(encoding="utf-8"), read(path)
+    assert not re.search(r"(https?:)?//", source)
+    assert "url(" not in source and "@import" not in source
+    assert not {"script", "link", "iframe", "object"} & set(page.tags)
+    assert NASTY_NAME in page.text  # as text, not as a tag
+    assert "<script" not in source
+    files = [link for link in page.links if not link.startswith("#")]
+    assert len(files) > 4
+    assert all((tmp_path / unquote(link)).is_file() for link in files)
+
+
+def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, tmp_path: Path) -> None:
+    defects = [
+        defect_row("D1", 2.0, 1.0),
+        defect_row("D2", 3.0, 2.0, severity="high"),
+        defect_row("D3", 4.0, 2.0, severity="low"),
+    ]
+    settings = replace(COARSE, report_cards=1, report_overlays=1)
+    inspection = inspection_of(painted, defects, ["D1", "D2"])
+    found = [{**row, "detector": "onnx:nano"} for row in inspection.detections.to_pylist()]
+    inspection = replace(inspection, detections=table_of_rows("detections", found))
+    path = write_report(inspection, painted.surface, tmp_path, settings)
+    page = read(path)
+    assert "Found by onnx:nano. A model misses defects" in page.text
+    assert [link for link in page.links if "card_" in link] == ["cards/card_2.png"] * 2  # from its number and its crop
+    assert [link for link in page.links if "overlay_" in link] == ["overlay_a.jpg"] * 2
+    assert "This one has a card" in page.text
+    table = path.read_text(encoding="utf-8").split('id="defects"')[1].split("</section>")[0]
+    assert re.findall(r'<b title="(D\d)">', table) == ["D2", "D3", "D1"]
+    assert table.count('class="crop"') == 2
+    assert table.count("no picture") == 1
+
+
+@pytest.mark.parametrize("pack", rule_packs())
+def test_the_words_of_every_rule_pack_stand_worst_first(pack: str) -> None:
+    words = severities(rule_file(pack))
+    rows = [{"severity": word, "area_m2": float(place), "defect_id": word} for place, word in enumerate(words)]
+    found = worst_first(pa.Table.from_pylist(rows[::-1]))
+    assert [row["severity"] for row in found] == list(words)
+
+
+def test_a_campaign_without_defects_has_a_report(painted: Painted, tmp_path: Path) -> None:
+    page = read(write_report(inspection_of(painted, [], []), painted.surface, tmp_path, COARSE))
+    assert "0defects" in page.text
+    assert (tmp_path / "plan.png").stat().st_size > 5000
+    assert (tmp_path / "distribution.png").stat().st_size > 2000
+
+
+def test_a_crop_shows_the_box_it_was_cut_for(painted: Painted, tmp_path: Path) -> None:
+    inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], ["D1"])
+    crop = cv2.imread(str(defect_crops(inspection, tmp_path, PictureSettings(thumbnail_px=128))["D1"]))
+    photograph = cv2.imread(str(painted.root / "a.png"))
+    box = inspection.detections.to_pylist()[0]
+    side = int(40 * (1 + 2 * 1.1))
+    left, top = int(box["box_x_px"] + 20 - side / 2), int(box["box_y_px"] + 10 - side / 2)
+    piece = cv2.resize(photograph[top : top + side, left : left + side], (128, 128), interpolation=cv2.INTER_CUBIC)
+    difference = cv2.absdiff(crop, piece).max(axis=2)
+    assert 0.75 < (difference < 25).mean() < 1.0  # the same but for the box drawn on it and JPEG
+
+
+def test_overlays_show_posed_and_unposed_photographs(
+    painted: Painted, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], ["D1"])
+    inspection = replace(inspection, posed={"a.png": painted.posed["a.png"]})
+    paths = photo_overlays(inspection, painted.surface, ["a.png", "b.png", "gone.png"], tmp_path, COARSE)
+    assert {name: path.name for name, path in paths.items()} == {"a.png": "overlay_a.jpg", "b.png": "overlay_b.jpg"}
+    sheets = [cv2.imread(str(path)).astype(int) for path in paths.values()]
+    assert [sheet.shape[1:] for sheet in sheets] == [(500, 3)] * 2
+    posed, unposed = (sheet[-350:] for sheet in sheets)  # below the legend
+    cyan = [((p[..., 0] > 200) & (p[..., 1] > 200) & (p[..., 2] < 90)).sum() for p in (posed, unposed)]
+    assert cyan[0] > 200  # pixels of the model's edges
+    assert cyan[1] < 20
+    assert "gone.png cannot be decoded" in caplog.text
+
+
+@pytest.mark.parametrize("outcome", ["registered", "masked"])
+def test_boxes_have_the_colour_of_their_outcome_where_they_are(painted: Painted, tmp_path: Path, outcome: str) -> None:
+    inspection = inspection_of(painted, [defect_row("D1", 2.5, 1.5)], ["D1"])
+    rows = [{**row, "observation_outcome": outcome, "defect_id": None} for row in inspection.observations.to_pylist()]
+    inspection = replace(
+        inspection, observations=table_of_rows("observations", rows), defects=table_of_rows("defects", [])
+    )
+    whole = PictureSettings(overlay_width_px=1000)
+    paths = photo_overlays(inspection, painted.surface, ["a.png"], tmp_path, whole)
+    picture = cv2.imread(str(paths["a.png"]))[-700:].astype(int)
+    ink = np.array(bgr_of(outcome_colour(outcome)))
+    before = cv2.imread(str(painted.root / "a.png")).astype(int)
+    changed = (np.abs(picture - ink).max(axis=2) < 60) & (np.abs(before - ink).max(axis=2) > 80)
+    box = inspection.detections.to_pylist()[0]
+    left, top = box["box_x_px"], box["box_y_px"]
+    ys, xs = np.nonzero(changed[int(top) - 15 : int(top) + 36, int(left) - 15 : int(left) + 56])
+    found = np.array([xs.min(), ys.min(), xs.max(), ys.max()]) - 15
+    np.testing.assert_allclose(found, [0, 0, 40, 20], rtol=0, atol=2.5)  # px
+    cross = np.array([xs, ys]).T - 15 - [20, 10]
+    assert (np.abs(cross).max(axis=1) <= 2).any()  # the registered point, in the box's middle
+
+
+def test_telling_photographs_show_outcomes_first_and_then_defects(painted: Painted) -> None:
+    inspection = inspection_of(painted, [defect_row(f"D{n}", 2.0 + 0.2 * n, 1.0) for n in range(3)], ["D0", "D1", "D2"])
+    rows = inspection.observations.to_pylist()
+    rows.append({**rows[0], "detection_id": "x", "photo_id": "b.png", "observation_outcome": "masked",
+                 "defect_id": None})  # fmt: skip
+    rows.append({**rows[0], "detection_id": "y", "photo_id": "b.png"})
+    both = replace(inspection, observations=table_of_rows("observations", rows))
+    assert telling_photographs(both, 1) == ["b.png"]  # two outcomes, one defect
+    assert telling_photographs(both, 5) == ["b.png", "a.png"]
+    again = replace(inspection, observations=table_of_rows("observations", [*rows[:3], rows[4]]))
+    assert telling_photographs(again, 5) == ["a.png"]  # b.png adds nothing
+    assert telling_photographs(replace(both, posed={}), 5) == []
+
+
+@pytest.mark.parametrize(
+    ("ids", "labels"),
+    [
+        (["D0001", "D0012", "D0100"], ["1", "12", "100"]),
+        (["castle-d1", "castle-d2"], ["1", "2"]),
+        (["defect-9f3ac1d2", "defect-17be0a11"], ["1", "2"]),
+        (["D7"], ["7"]),
+        (["a", "b"], ["a", "b"]),
+        ([], []),
+    ],
+)
+def test_short_ids_are_short_and_different(ids: list[str], labels: list[str]) -> None:
+    assert [short_ids(ids)[name] for name in ids] == labels

@@ -1,0 +1,261 @@
+"""What a person did to the boxes of a task becomes words, whatever the tool kept of ids and attributes."""
+
+import json
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from facadelake.core.errors import InputDataError
+from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.reviews.coco_import import words_of_coco
+from facadelake.reviews.csv_import import words_of_csv
+from facadelake.reviews.match_reviews import judge
+from facadelake.reviews.presented import Shown, shown_places, word_on
+from facadelake.reviews.review import latest, reviews_of, table_of_reviews
+from facadelake.reviews.task_files import Task, coco_task, defects_csv, read_task, write_task
+from facadelake.reviews.training.material import material_of
+from facadelake.reviews.training.tiles import tiles_of
+from schemas.vocabulary import Verdict
+from tests.unit.reviews.reviewed import CRACK, MOISTURE, SAID, SIZES, SPALLING, box, seen, unreviewed
+
+FOUND = (
+    ("p0.jpg", "crack", box(100, 100)),
+    ("p0.jpg", "spalling", box(400, 100)),
+    ("p0.jpg", "crack", box(100, 500)),
+    ("p1.jpg", "moisture", box(50, 50, 300, 300)),
+)
+SHOWN = unreviewed(*FOUND)
+NAMES = crosswalk_with({})
+
+
+def task() -> Task:
+    return Task(building_id="tower", campaign_id="2026-04", run_id="run-1", photographs=tuple(SIZES), shown=SHOWN)
+
+
+def exported() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(json.dumps(coco_task(task(), SIZES, photographs_uri="photos")))
+    return content
+
+
+def as_cvat(content: dict[str, Any]) -> dict[str, Any]:
+    """What CVAT writes of a file: new numbers, no attributes of ours, no info, a segmentation that is the box."""
+    for number, entry in enumerate(reversed(content["annotations"]), start=1000):
+        entry |= {"id": number, "attributes": {"occluded": False, "rotation": 0.0}}
+        del entry["score"]
+    return {name: content[name] for name in ("images", "categories", "annotations")}
+
+
+def save(path: Path, content: dict[str, Any]) -> Path:
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.fixture
+def corrected(tmp_path: Path) -> Path:
+    """The first box left, the second made moisture and widened, the third deleted, one drawn; p1 not looked at."""
+    content = exported()
+    entries = content["annotations"]
+    second = next(entry for entry in entries if entry["bbox"][0] == 400.0)
+    second |= {"category_id": 3, "bbox": [390.0, 95.0, 130.0, 60.0]}
+    entries.remove(next(entry for entry in entries if entry["bbox"][1] == 500.0))
+    entries.append({"id": 99, "image_id": 1, "category_id": 1, "bbox": [900.0, 900.0, 50.0, 20.0], "score": 1.0})
+    content["images"] = content["images"][:1]
+    content["annotations"] = [entry for entry in entries if entry["image_id"] == 1]
+    return save(tmp_path / "corrected.json", as_cvat(content))
+
+
+def test_kept_moved_deleted_and_drawn_boxes(corrected: Path) -> None:
+    words = words_of_coco(corrected, SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    assert words.remarks == ()
+    by_verdict = {word.verdict: word for word in words.reviews}
+    assert len(by_verdict) == len(words.reviews) == 4
+    assert (by_verdict[Verdict.CONFIRMED].box, by_verdict[Verdict.CONFIRMED].defect_class) == (box(100, 100), CRACK)
+    changed = by_verdict[Verdict.CORRECTED]
+    assert (changed.box, changed.defect_class) == (box(390, 95, 130, 60), MOISTURE)
+    assert (changed.judged_box, changed.judged_class, changed.detection_id) == (box(400, 100), SPALLING, "p0.jpg#2")
+    gone = by_verdict[Verdict.REJECTED]
+    assert (gone.box, gone.defect_class, gone.judged_box, gone.judged_class) == (None, None, box(100, 500), CRACK)
+    new = by_verdict[Verdict.MISSED]
+    assert (new.box, new.defect_class, new.judged_box, new.detection_id) == (box(900, 900, 50, 20), CRACK, None, None)
+    assert {word.photo_id for word in words.reviews} == {"p0.jpg"}
+
+
+def test_without_the_task_a_missing_box_says_nothing(corrected: Path) -> None:
+    words = words_of_coco(corrected, SHOWN, SIZES, NAMES, SAID, deletions_count=False)
+    assert Counter(word.verdict for word in words.reviews) == {
+        Verdict.CONFIRMED: 1, Verdict.CORRECTED: 1, Verdict.MISSED: 1,
+    }  # fmt: skip
+
+
+def test_attribute_that_came_back_decides_where_boxes_do_not(tmp_path: Path) -> None:
+    content = exported()
+    one = next(entry for entry in content["annotations"] if entry["bbox"][1] == 500.0)
+    one["bbox"] = [1000.0, 500.0, 100.0, 40.0]  # dragged far away
+    kept = words_of_coco(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    assert Counter(word.verdict for word in kept.reviews) == {Verdict.CONFIRMED: 3, Verdict.CORRECTED: 1}
+    bare = words_of_coco(save(tmp_path / "b.json", as_cvat(content)), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    assert Counter(word.verdict for word in bare.reviews) == {
+        Verdict.CONFIRMED: 3, Verdict.REJECTED: 1, Verdict.MISSED: 1,
+    }  # fmt: skip
+
+
+def test_mask_drawn_into_a_box_is_a_correction_and_comes_back_as_it_was(tmp_path: Path) -> None:
+    content = exported()
+    one = next(entry for entry in content["annotations"] if entry["bbox"][0] == 50.0)
+    one["segmentation"] = [[50.0, 50.0, 350.0, 50.0, 50.0, 350.0]]
+    words = words_of_coco(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    (changed,) = [word for word in words.reviews if word.verdict is Verdict.CORRECTED]
+    assert changed.mask is not None
+    assert changed.mask.startswith("POLYGON")
+    shown = shown_places(judge(words.reviews, seen(*FOUND)), {})
+    again = Task(building_id="tower", campaign_id="2026-04", run_id="run-1", photographs=tuple(SIZES), shown=shown)
+    path = save(tmp_path / "b.json", coco_task(again, SIZES, photographs_uri="photos"))
+    assert read_task(path).shown == shown
+    same = words_of_coco(path, shown, SIZES, NAMES, SAID, deletions_count=True)
+    assert {word.verdict for word in same.reviews} == {Verdict.CONFIRMED}
+
+
+def test_mask_whose_rings_cross_stops_neither_words_nor_tiles(tmp_path: Path) -> None:
+    """Masks are kept to a hundredth of a pixel, which can make thin ones cross themselves."""
+    crossing = "POLYGON ((50 50, 350 350, 350 50, 50 350, 50 50))"
+    found = tuple(replace(one, mask=crossing) if one.photo_id == "p1.jpg" else one for one in seen(*FOUND))
+    shown = shown_places(judge((), found), {})
+    given = Task(building_id="tower", campaign_id="2026-04", run_id="run-1", photographs=tuple(SIZES), shown=shown)
+    path = save(tmp_path / "a.json", coco_task(given, SIZES, photographs_uri="photos"))
+    words = words_of_coco(path, shown, SIZES, NAMES, SAID, deletions_count=True)
+    assert {word.verdict for word in words.reviews} == {Verdict.CONFIRMED}
+    (material,) = (one for one in material_of(judge(words.reviews, found)) if one.photo_id == "p1.jpg")
+    (tile,) = tiles_of(material, image_width_px=1600, image_height_px=1200, side_px=512)
+    assert tile.defects[0].mask is not None
+    assert tile.defects[0].mask.area == pytest.approx(45000.0, rel=0, abs=1.0)  # px2: two triangles
+
+
+def test_what_cannot_be_used_is_a_remark_and_the_rest_counts(tmp_path: Path) -> None:
+    content = exported()
+    content["categories"].append({"id": 9, "name": "graffiti"})
+    bad = [
+        {"id": 90, "image_id": 1, "category_id": 9, "bbox": [1, 1, 5, 5]},
+        {"id": 91, "image_id": 1, "category_id": 1, "bbox": [1, 1, 5]},
+        {"id": 92, "image_id": 1, "category_id": 1, "bbox": [2000, 1, 5, 5]},
+        {"id": 93, "image_id": 7, "category_id": 1, "bbox": [1, 1, 5, 5]},
+    ]
+    content["annotations"] += bad
+    words = words_of_coco(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    assert Counter(word.verdict for word in words.reviews) == {Verdict.CONFIRMED: 4}
+    wanted = ("graffiti", "must be [x, y, width, height]", "outside the photograph", "none of the campaign's")
+    assert len(words.remarks) == 4
+    for remark, part in zip(words.remarks, wanted, strict=True):
+        assert part in remark
+
+
+def test_file_of_another_campaign_is_refused(tmp_path: Path, corrected: Path) -> None:
+    with pytest.raises(InputDataError, match=r"none of its 1 images is a photograph of this campaign in its size"):
+        words_of_coco(corrected, (), {"q.jpg": (10, 10)}, NAMES, SAID, deletions_count=True)
+    with pytest.raises(InputDataError, match=r"is not a task of 'facadelake review export-task'"):
+        read_task(corrected)
+
+
+def test_photograph_of_another_size_was_not_looked_at(tmp_path: Path) -> None:
+    content = exported()
+    content["images"][0] |= {"width": 800, "height": 600}
+    for entry in content["annotations"]:
+        if entry["image_id"] == 1:
+            entry["bbox"] = [value / 2 for value in entry["bbox"]]
+    path = save(tmp_path / "a.json", as_cvat(content))
+    words = words_of_coco(path, SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    assert [word.photo_id for word in words.reviews] == ["p1.jpg"]
+    (remark,) = words.remarks
+    assert "says p0.jpg is 800 x 600 px, the photograph is 1600 x 1200 px" in remark
+    content["images"].pop()
+    with pytest.raises(InputDataError, match=r"in its size \(the file says p0\.jpg is 800 x 600 px"):
+        words_of_coco(save(path, content), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+
+
+def test_rejected_place_drawn_again_is_confirmed_and_left_away_stays(tmp_path: Path) -> None:
+    rejected = [word_on(place, Verdict.REJECTED, SAID) for place in SHOWN]
+    places = shown_places(judge(rejected, seen(*FOUND)), {})
+    content = exported()
+    content["annotations"] = content["annotations"][:1]
+    path = save(tmp_path / "a.json", as_cvat(content))
+    (word,) = words_of_coco(path, places, SIZES, NAMES, SAID, deletions_count=True).reviews
+    assert (word.subject, word.verdict, word.box) == (SHOWN[0].subject, Verdict.CONFIRMED, SHOWN[0].box)
+
+
+def test_filled_in_table(tmp_path: Path) -> None:
+    defects = [
+        {"defect_id": place.defect_id, "defect_class": place.defect_class, "severity": "minor", "facade": "S",
+         "storey": None, "element_name": None, "sightings": 1, "score": 0.9, "best_photo_id": place.photo_id}
+        for place in SHOWN
+    ]  # fmt: skip
+    text = defects_csv(task(), defects, {place.defect_id or "": [place] for place in SHOWN})
+    write_task(tmp_path / "task", exported(), text, [])
+    lines = (tmp_path / "task" / "defects.csv").read_text("utf-8-sig").splitlines()
+    assert len(lines) == 5
+    said = {"D0": ("yes", "", ""), "D1": ("corrected", "efflorescence", "see card"), "D2": ("Rejected", "", "")}
+    head, *rest = [line.split(",") for line in lines]
+    for cells in rest:
+        cells[-3:] = said.get(cells[2], ("", "", ""))
+    rest.append(
+        ["", "", "", "", "crack", "", "", "", "", "", "", "p1.jpg", "10", "20", "30", "40", "", "missed", "", ""]
+    )
+    rest.append(["", "", "D9", *[""] * 14, "confirmed", "", ""])
+    rest.append(["", "", "D3", *[""] * 14, "maybe", "", ""])
+    rest.append(["", "run-0", "D3", *[""] * 14, "confirmed", "", ""])
+    file = tmp_path / "filled.csv"
+    file.write_text("\n".join(";".join(cells) for cells in [head, *rest]), encoding="utf-8-sig")  # Excel, Europe
+    words = words_of_csv(file, SHOWN, SIZES, NAMES, SAID)
+    assert {(word.defect_id, word.verdict, word.defect_class) for word in words.reviews} == {
+        ("D0", Verdict.CONFIRMED, CRACK),
+        ("D1", Verdict.CORRECTED, MOISTURE),
+        ("D2", Verdict.REJECTED, None),
+        (None, Verdict.MISSED, CRACK),
+    }
+    assert [word.note for word in words.reviews if word.defect_id == "D1"] == ["see card"]
+    assert [remark.split(":")[0] for remark in words.remarks] == ["line 7", "line 8", "line 9"]
+    assert "there is no defect 'D9'" in words.remarks[0]
+    assert "use confirmed, rejected, corrected, missed" in words.remarks[1]
+    assert "of the run run-0" in words.remarks[2]
+    with pytest.raises(InputDataError, match="holds a task already"):
+        write_task(tmp_path / "task", exported(), text, [])
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InputDataError, match=r"has the columns a, b; it needs 'verdict'"):
+        words_of_csv(tmp_path / "other.csv", SHOWN, SIZES, NAMES, SAID)
+
+
+def test_word_on_a_defect_leaves_its_rejected_sightings_unless_all_are(tmp_path: Path) -> None:
+    found = (("p0.jpg", "crack", box(100, 100)), ("p1.jpg", "crack", box(100, 100)))
+    first, second = shown_places(judge((), seen(*found)), {"p0.jpg#1": "D1", "p1.jpg#2": "D1"})
+    (tmp_path / "a.csv").write_text("defect_id,verdict\nD1,confirmed\n")
+
+    def confirmed(*rejected: Shown) -> list[str]:
+        words = [word_on(place, Verdict.REJECTED, SAID) for place in rejected]
+        places = shown_places(judge(words, seen(*found)), {"p0.jpg#1": "D1", "p1.jpg#2": "D1"})
+        return [word.photo_id for word in words_of_csv(tmp_path / "a.csv", places, SIZES, NAMES, SAID).reviews]
+
+    assert confirmed() == ["p0.jpg", "p1.jpg"]
+    assert confirmed(first) == ["p1.jpg"]
+    assert confirmed(first, second) == ["p0.jpg", "p1.jpg"]
+
+
+def test_missed_defect_that_is_confirmed_stays_missed_and_can_be_taken_back(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "verdict,photo_id,corrected_class,box_x_px,box_y_px,box_width_px,box_height_px\nmissed,p0.jpg,crack,9,9,50,20\n"
+    )
+    (missed,) = words_of_csv(tmp_path / "a.csv", (), SIZES, NAMES, SAID).reviews
+    (place,) = shown_places(judge((missed,), ()), {})
+    assert word_on(place, Verdict.CONFIRMED, SAID).verdict is Verdict.MISSED
+    back = word_on(place, Verdict.REJECTED, SAID)
+    assert (back.subject, back.box, back.judged_box) == (missed.subject, None, box(9, 9, 50, 20))
+    assert latest((missed, back)) == (back,)
+    (rejected,) = shown_places(judge((missed, back), ()), {})
+    assert not rejected.stands
+    assert word_on(rejected, Verdict.CONFIRMED, SAID).box == box(9, 9, 50, 20)
+
+
+def test_words_survive_the_table(corrected: Path) -> None:
+    words = words_of_coco(corrected, SHOWN, SIZES, NAMES, SAID, deletions_count=True).reviews
+    table = table_of_reviews(words, building_id="tower", campaign_id="2026-04")
+    assert sorted(reviews_of(table), key=lambda word: word.subject) == sorted(words, key=lambda word: word.subject)
