@@ -12,7 +12,7 @@ from facadelake.core import code_version as module
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.code_version import code_version
 
-FOLDERS = ("facadelake", "flows", "tasks", "schemas", "sql", "data")
+FOLDERS = ("cli", "facadelake", "flows", "tasks", "schemas", "sql", "data")
 STAGES = (
     "as_built_model", "detect", "draw", "georeference", "import_detections", "import_poses", "ingest", "load_model",
     "measure", "merge", "place_building", "reconstruct", "register", "validate", "verify_model",
@@ -217,7 +217,7 @@ def test_what_the_closure_cannot_follow_is_refused(tmp_path: Path) -> None:
 
 def test_only_one_module_knows_where_the_checkout_lies() -> None:
     """A path built from ``__file__`` elsewhere would be a file that the keys do not see."""
-    folders = ("facadelake", "flows", "tasks", "schemas")
+    folders = ("cli", "facadelake", "flows", "tasks", "schemas")
     product = [path for folder in folders for path in (CHECKOUT / folder).rglob("*.py")]
     using = [path for path in product if "Path(__file__)" in path.read_text()]
     assert [path.relative_to(CHECKOUT).as_posix() for path in using] == ["facadelake/core/checkout.py"]

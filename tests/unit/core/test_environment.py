@@ -9,7 +9,7 @@ import pytest
 
 from facadelake.core.environment import DEFAULTS
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[3]
 
 
 def run_python(code: str, environment: dict[str, str]) -> str:
