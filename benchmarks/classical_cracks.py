@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import skeletonize
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.detection.boxes import Box
 from facadelake.detection.inference.detector import Found
 from facadelake.detection.inference.letterbox import Image
@@ -74,7 +74,7 @@ class ClassicalCracks:
         return Looks(down_to_floor=found, shown=tuple(one for one in found if one.score >= self.threshold))
 
 
-def strengths(pixels_bgr: Image) -> tuple[Array, float]:
+def strengths(pixels_bgr: Image) -> tuple[Float64Array, float]:
     """``ridges`` of a photograph, shrunk where it is large, and pixels of the shrunk one for each of its own."""
     gain = min(1.0, _SIDE_PX / max(pixels_bgr.shape[:2]))
     grey = cv2.cvtColor(pixels_bgr, cv2.COLOR_BGR2GRAY)
@@ -83,7 +83,7 @@ def strengths(pixels_bgr: Image) -> tuple[Array, float]:
     return ridges(np.asarray(grey, dtype=np.uint8)), gain
 
 
-def pieces(strength: Array, gain: float, setting: Setting) -> list[tuple[Box, Array]]:
+def pieces(strength: Float64Array, gain: float, setting: Setting) -> list[tuple[Box, Float64Array]]:
     """Boxes in pixels of the photograph, and features (4,), of the components."""
     return [
         (Box(x_px=x / gain, y_px=y / gain, width_px=w / gain, height_px=h / gain), features)
@@ -91,12 +91,12 @@ def pieces(strength: Array, gain: float, setting: Setting) -> list[tuple[Box, Ar
     ]
 
 
-def probability(features: Array, setting: Setting) -> float:
+def probability(features: Float64Array, setting: Setting) -> float:
     """The score of a component."""
     return float(1 / (1 + np.exp(-features @ np.array(setting.weights))))
 
 
-def ridges(grey: NDArray[np.uint8]) -> Array:
+def ridges(grey: NDArray[np.uint8]) -> Float64Array:
     """How much each pixel lies on a dark line, in units of the median over the picture."""
     values = np.log(grey.astype(np.float32) + 8.0)
     values -= cv2.GaussianBlur(values, (0, 0), _FLAT_PX)
@@ -110,11 +110,11 @@ def ridges(grey: NDArray[np.uint8]) -> Array:
         across, along = half + root, half - root
         best = np.maximum(best, sigma**2 * (across - np.abs(along)))
     positive = best[best > 0]
-    strength: Array = (best / (np.median(positive) if len(positive) else 1.0)).astype(np.float64)
+    strength: Float64Array = (best / (np.median(positive) if len(positive) else 1.0)).astype(np.float64)
     return strength
 
 
-def components(strength: Array, setting: Setting) -> list[tuple[tuple[int, int, int, int], Array]]:
+def components(strength: Float64Array, setting: Setting) -> list[tuple[tuple[int, int, int, int], Float64Array]]:
     """Box (left, top, width, height) and features (4,) of every linked piece that is long enough."""
     lines = apply_hysteresis_threshold(strength, setting.low, setting.high)
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (setting.gap_px, setting.gap_px))
@@ -154,7 +154,7 @@ def tuned(images: Sequence[LabelledImage]) -> tuple[Setting, float]:
     return best
 
 
-def _predictions(found: Sequence[tuple[Box, Array]], setting: Setting) -> tuple[Prediction, ...]:
+def _predictions(found: Sequence[tuple[Box, Float64Array]], setting: Setting) -> tuple[Prediction, ...]:
     return tuple(
         Prediction(box=box, score=probability(features, setting), defect_class=DefectClass.CRACK)
         for box, features in found
@@ -162,7 +162,7 @@ def _predictions(found: Sequence[tuple[Box, Array]], setting: Setting) -> tuple[
 
 
 def _fitted(
-    images: Sequence[LabelledImage], found: Mapping[str, Sequence[tuple[Box, Array]]]
+    images: Sequence[LabelledImage], found: Mapping[str, Sequence[tuple[Box, Float64Array]]]
 ) -> tuple[float, float, float, float]:
     """Logistic regression of hits on features, held to small weights; the longest piece takes a truth."""
     by_length = Setting(weights=(0.0, 1.0, 0.0, 0.0))
@@ -171,7 +171,7 @@ def _fitted(
     x = np.array([found[matches.images[i].key][rank][1] for i, rank in places])
     y = matches.hit[0].astype(np.float64)
 
-    def loss(weights: Array) -> float:
+    def loss(weights: Float64Array) -> float:
         at = x @ weights
         return float((np.logaddexp(0, at) - y * at).sum() + 0.05 * (weights[1:] ** 2).sum())
 

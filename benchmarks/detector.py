@@ -29,8 +29,8 @@ from benchmarks.detector_seams import compare
 from facadelake.detection.inference.detector import load_detector
 from facadelake.detection.inference.letterbox import Image, letterbox
 from facadelake.detection.model_registry import default_model
-from facadelake.detection.tiling.detect_image import detect_image
 from facadelake.detection.tiling.plan import plan_looks
+from facadelake.detection.tiling.tiled_detection import detect_image
 
 
 @dataclass(frozen=True, kw_only=True)

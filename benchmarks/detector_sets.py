@@ -16,7 +16,7 @@ from benchmarks.published_poses import write_published
 from facadelake.building.registered import read_registered_model
 from facadelake.building.surface.footprint import horizontal_distance
 from facadelake.building.surface.raycasting import Surface
-from facadelake.building.target_elements import target_elements
+from facadelake.building.targets import target_elements
 from facadelake.core.camera import PosedCamera
 from facadelake.core.pose_table import posed_cameras
 from facadelake.detection.boxes import Box

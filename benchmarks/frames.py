@@ -26,7 +26,7 @@ import pyarrow as pa
 
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.detection.coco.file import read_coco
 from facadelake.evaluation.campaigns.truth import Truth, read_truth
@@ -35,10 +35,10 @@ from facadelake.georeferencing.campaign.reference import ReferencePoints, refere
 from facadelake.georeferencing.similarity_fit import robust_similarity
 from facadelake.georeferencing.triangulation import View, intersect
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.sfm.reconstruct import reconstruct
 from facadelake.sfm.reconstruction import Reconstruction, read_descriptors, read_reconstruction
+from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
-from facadelake.sfm.tie_point_covariance import pixel_sigma, tie_point_covariance
+from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, pixel_sigma
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("FACADELAKE_SHARED_DATA", ROOT.parent / "shared" / "data"))
@@ -57,17 +57,17 @@ class Block:
     reconstruction: Reconstruction
     truth: Truth
     origin: SiteOrigin
-    boxes: Mapping[str, Sequence[tuple[str, Array]]]
+    boxes: Mapping[str, Sequence[tuple[str, Float64Array]]]
 
     @property
-    def centres_site_m(self) -> Array:
+    def centres_site_m(self) -> Float64Array:
         """Published centres (n, 3) of the block's photographs."""
         geo = np.array([self.truth.cameras[photo.photo_id] for photo in self.reconstruction.photos])
         return self.origin.site_from_geo(geo)
 
-    def checkpoint(self, name: str) -> Array:
+    def checkpoint(self, name: str) -> Float64Array:
         """The published place (3,) of a check point."""
-        place: Array = self.origin.site_from_geo(self.truth.checkpoints[name].geo[None])[0]
+        place: Float64Array = self.origin.site_from_geo(self.truth.checkpoints[name].geo[None])[0]
         return place
 
     def posed(self, site_from_sfm: Similarity) -> list[PosedCamera]:
@@ -110,9 +110,9 @@ def block(name: str, campaign: Path, origin: SiteOrigin, work: Path, *, every_ot
     )
 
 
-def _boxes(campaign: Path, truth: Truth, localised: set[str]) -> dict[str, list[tuple[str, Array]]]:
+def _boxes(campaign: Path, truth: Truth, localised: set[str]) -> dict[str, list[tuple[str, Float64Array]]]:
     coco = read_coco(campaign / "detections.coco.json")
-    shown: dict[str, list[tuple[str, Array]]] = defaultdict(list)
+    shown: dict[str, list[tuple[str, Float64Array]]] = defaultdict(list)
     for annotation in coco.annotations:
         point = truth.shown[coco.path.name, annotation.annotation_id]
         photo_id = coco.images[annotation.image_id].file_name
@@ -133,7 +133,7 @@ def reference(earlier: Block) -> tuple[ReferencePoints, Similarity]:
         read_descriptors(earlier.folder),
         cameras=cameras,
         xyz_site_m=xyz_site_m,
-        covariance_m2=tie_point_covariance(sfm, cameras, xyz_site_m, sigma_px=pixel_sigma(sfm)),
+        covariance_m2=compute_tie_point_covariance(sfm, cameras, xyz_site_m, sigma_px=pixel_sigma(sfm)),
         frame_covariance_m2=np.zeros((3, 3)),
         building_id=earlier.name.split()[0],
         campaign_id=earlier.name,
@@ -142,7 +142,7 @@ def reference(earlier: Block) -> tuple[ReferencePoints, Similarity]:
     return points, site_from_sfm
 
 
-def triangulated(campaign: Block, site_from_sfm: Similarity) -> dict[str, Array]:
+def triangulated(campaign: Block, site_from_sfm: Similarity) -> dict[str, Float64Array]:
     """Check points from the box centres of one campaign, in site."""
     posed = dict(zip((p.photo_id for p in campaign.reconstruction.photos), campaign.posed(site_from_sfm), strict=True))
     found = {}

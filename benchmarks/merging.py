@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from facadelake.building.model import BuildingModel
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import stage_schema, table_of_rows
-from facadelake.deduplication.merge import MergeResult, merge
+from facadelake.deduplication.merge import MergeResult, merge_observations
 from schemas.vocabulary import DefectClass, DetectionOutcome, ObservationOutcome
 
 _HEIGHT_M = 20.0
@@ -91,7 +91,7 @@ def _names(letter: str, numbers: NDArray[np.int64]) -> pa.Array:
     return pa.array(np.char.add(letter, np.char.zfill(numbers.astype(str), 7)).tolist())
 
 
-def _table(name: str, count: int, values: dict[str, pa.Array | Array]) -> pa.Table:
+def _table(name: str, count: int, values: dict[str, pa.Array | Float64Array]) -> pa.Table:
     schema = stage_schema(name)
     return pa.table(
         [pa.array(values[f.name]).cast(f.type) if f.name in values else pa.nulls(count, f.type) for f in schema],
@@ -104,7 +104,12 @@ def _same(word: str, count: int) -> pa.Array:
 
 
 def _observations(
-    hit: Array, eye: Array, photo: NDArray[np.int64], kind: NDArray[np.int64], size: Array, rng: np.random.Generator
+    hit: Float64Array,
+    eye: Float64Array,
+    photo: NDArray[np.int64],
+    kind: NDArray[np.int64],
+    size: Float64Array,
+    rng: np.random.Generator,
 ) -> pa.Table:
     count = len(hit)
     extent = size * rng.normal(1, _JITTER, size.shape)
@@ -206,7 +211,9 @@ def main() -> None:
         campaign = made(size)
         held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         start, busy = time.perf_counter(), time.process_time()
-        result = merge(campaign.observations, campaign.detections, campaign.building, campaign.posed, prefix="wall")
+        result = merge_observations(
+            campaign.observations, campaign.detections, campaign.building, campaign.posed, prefix="wall"
+        )
         seconds, busy = time.perf_counter() - start, time.process_time() - busy
         count = len(campaign.defect)
         slope = np.log(busy / before[1]) / np.log(count / before[0]) if before else np.nan

@@ -45,8 +45,8 @@ from numpy.typing import NDArray
 
 from facadelake.detection.card import Layout, ModelCard
 from facadelake.detection.inference.detector import Found, OnnxDetector, load_detector
-from facadelake.detection.tiling.detect_image import detect_image
 from facadelake.detection.tiling.plan import OVERLAP, plan_looks
+from facadelake.detection.tiling.tiled_detection import detect_image
 
 try:
     import sahi

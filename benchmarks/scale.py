@@ -148,8 +148,8 @@ def table_of(photographs: Path) -> Any:
 
 def measure_reconstruction(photographs: str) -> dict[str, Any]:
     """The whole stage on a folder of photographs."""
-    from facadelake.sfm.reconstruct import reconstruct
     from facadelake.sfm.reconstruction import read_reconstruction
+    from facadelake.sfm.reconstruction_job import reconstruct
     from facadelake.sfm.settings import ReconstructionSettings
 
     root = Path(photographs)

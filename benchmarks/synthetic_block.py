@@ -13,7 +13,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 DEPTH_M = 12.0
 STAND_OFF_M = 9.0
@@ -53,7 +53,7 @@ class House:
     def height_m(self) -> float:
         return 4.0 + SPACING_M * self.rows
 
-    def around(self, s_m: Array) -> tuple[Array, Array]:
+    def around(self, s_m: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Points (n, 2) on the outline at the running lengths, and outward normals (n, 2)."""
         length = self.length_m
         sides = [((0, 0), (1, 0), length), ((length, 0), (0, 1), DEPTH_M)]
@@ -67,7 +67,7 @@ class House:
             start += extent
         return foot, normal
 
-    def points(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    def points(self, count: int, rng: np.random.Generator) -> tuple[Float64Array, Float64Array]:
         """Points (m, 3) on the walls with up to 0.3 m of relief, and the walls' outward normals (m, 3)."""
         foot, normal = self.around(rng.uniform(0, self.outline_m, count))
         relief = rng.choice([0.0, -0.15, 0.3], count, p=[0.7, 0.2, 0.1]) + rng.normal(0, 0.02, count)
@@ -80,13 +80,13 @@ class Flight:
     """Truth of the photographs: centres (n, 3) in metres and rotations (n, 3, 3), world from camera."""
 
     house: House
-    centres_m: Array
-    rotations: Array
+    centres_m: Float64Array
+    rotations: Float64Array
 
     @property
-    def directions(self) -> Array:
+    def directions(self) -> Float64Array:
         """Optical axes (n, 3)."""
-        directions: Array = self.rotations[:, :, 2]
+        directions: Float64Array = self.rotations[:, :, 2]
         return directions
 
 
@@ -111,7 +111,7 @@ def fly(photographs: int, rng: np.random.Generator) -> Flight:
 
 def write_block(
     path: Path, flight: Flight, pairs: list[tuple[int, int]], *, observations: int, rng: np.random.Generator
-) -> dict[str, Array]:
+) -> dict[str, Float64Array]:
     """Keypoints, matches and verified pairs in the database ``path``; about ``observations`` keypoints a photograph.
 
     Returns the true centre (3,) of each photograph, by its name.
@@ -134,7 +134,7 @@ def write_block(
         rig.add_ref_sensor(start.sensor_id)
         database.write_rig(rig, use_rig_id=True)
         found: list[NDArray[np.int64]] = []
-        keypoints: list[Array] = []
+        keypoints: list[Float64Array] = []
         for k, (centre, rotation) in enumerate(zip(flight.centres_m, flight.rotations, strict=True)):
             xyz_cam = (xyz - centre) @ rotation
             ahead = (xyz_cam[:, 2] > 1) & (xyz_cam[:, 2] < 40) & (np.sum((centre - xyz) * normal, axis=1) > 1.0)
@@ -170,7 +170,7 @@ def write_block(
     return {f"{k:05d}.jpg": centre for k, centre in enumerate(flight.centres_m)}
 
 
-def write_colmap_block(path: Path, photographs: int, *, partners: int) -> dict[str, Array]:
+def write_colmap_block(path: Path, photographs: int, *, partners: int) -> dict[str, Float64Array]:
     """``pycolmap.synthesize_dataset`` with keypoint noise: photographs all round a ball of 200 points that each sees.
 
     Each photograph is matched with about ``partners`` others. Returns the true centres by the photographs' names.

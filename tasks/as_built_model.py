@@ -9,7 +9,7 @@ from prefect import task
 from facadelake.building.model import read_building
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table
-from facadelake.sfm.as_built_building import as_built_building
+from facadelake.sfm.as_built_building import build_as_built_model
 from facadelake.sfm.reconstruction import read_reconstruction
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -21,7 +21,7 @@ def as_built_model(job: InspectionJob, place: StageResult, block: StageResult, p
 
     def make(folder: Path) -> Counts:
         posed = posed_cameras(read_table("poses", placed.folder))
-        model = as_built_building(read_building(place.folder), read_reconstruction(block.folder), posed)
+        model = build_as_built_model(read_building(place.folder), read_reconstruction(block.folder), posed)
         model.save(folder)
         return {"facade planes": len(model.elements), "triangles": len(model.triangles)}
 

@@ -11,9 +11,9 @@ from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing.campaign.reference import REFERENCE, earlier_references, read_reference
 from facadelake.georeferencing.gcp.control_points import read_control_points
-from facadelake.georeferencing.georeference import Control, Place, georeference
+from facadelake.georeferencing.georeference import Control, Place, georeference_block
 from facadelake.georeferencing.model.control import model_control
-from facadelake.georeferencing.poses_table import poses_table
+from facadelake.georeferencing.poses_table import build_poses_table
 from facadelake.sfm.reconstruction import read_descriptors, read_reconstruction
 from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
@@ -24,7 +24,7 @@ SITE_FROM_SFM = "site_from_sfm.json"
 
 @task(name="georeference")
 def georeference_block(job: InspectionJob, model: StageResult, photos: StageResult, block: StageResult) -> StageResult:
-    """Tables ``poses``, ``georeference`` and ``georeference_points``, and the reference for later campaigns."""
+    """Tables ``poses``, ``georeference_block`` and ``georeference_points``, and the reference for later campaigns."""
     building, tolerances = job.building, job.building.tolerances
     gcp_file, check_file = building.control_points_of(job.campaign_id), building.check_points_of(job.campaign_id)
     # By GPS or by the model, a campaign stands for itself.
@@ -37,7 +37,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         reconstruction = read_reconstruction(block.folder)
         descriptors = read_descriptors(block.folder)
         photos_table = read_table("photos", photos.folder)
-        placed = georeference(
+        placed = georeference_block(
             reconstruction,
             photos_table,
             place=Place(
@@ -63,7 +63,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         )
         placed.site_from_sfm.save(folder / SITE_FROM_SFM)
         origin = model_of_building.origin
-        write_table("poses", poses_table(placed, reconstruction, photos_table, origin=origin), folder)
+        write_table("poses", build_poses_table(placed, reconstruction, photos_table, origin=origin), folder)
         write_table("georeference", placed.table(), folder)
         write_table("georeference_points", placed.points_table(origin), folder)
         reference = placed.reference(reconstruction, descriptors, building.id, job.campaign_id, origin)

@@ -10,7 +10,7 @@ from facadelake.building.model import read_building
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.deduplication.appearance import Photographs
-from facadelake.deduplication.merge import merge
+from facadelake.deduplication.merge import merge_observations
 from facadelake.deduplication.settings import merge_settings
 from facadelake.severity.rule_packs import grade, rule_file
 from tasks.job import InspectionJob, StageResult
@@ -36,7 +36,7 @@ def merge_duplicates(
         passport = read_table("georeference", placed.folder).to_pylist()[0]
         poses = read_table("poses", placed.folder)
         posed = posed_cameras(poses)
-        merged = merge(
+        merged = merge_observations(
             read_table("observations", observations.folder),
             read_table("detections", detections.folder),
             read_building(model.folder),

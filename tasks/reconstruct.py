@@ -7,8 +7,8 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.core.tables import read_table
-from facadelake.sfm.reconstruct import reconstruct
 from facadelake.sfm.reconstruction import read_reconstruction
+from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
 from schemas.vocabulary import PoseSource
 from tasks.job import InspectionJob, StageResult

@@ -11,7 +11,7 @@ from facadelake.building.model import SURFACE_FILE, read_building
 from facadelake.core.hashing import file_sha256, key_of
 from facadelake.core.tables import read_table
 from facadelake.detection.configured import model_file
-from facadelake.lake.campaign_tables import BuildingRecord, RunRecord, campaign_tables
+from facadelake.lake.campaign_tables import BuildingRecord, RunRecord, build_campaign_tables
 from facadelake.registry import OnnxDetectorSetting
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResults
@@ -59,7 +59,7 @@ def whole_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRecord
         origin_height_ellipsoidal_m=building.origin.height_ellipsoidal_m,
     )
     run = _run_record(job, results, tables["detections"])
-    return run, campaign_tables(run, record, str(job.building.photographs_of(job.campaign_id)), tables)
+    return run, build_campaign_tables(run, record, str(job.building.photographs_of(job.campaign_id)), tables)
 
 
 def _run_record(job: InspectionJob, results: StageResults, detections: pa.Table) -> RunRecord:

@@ -28,7 +28,7 @@ from facadelake.detection.card import (
     card_text,
 )
 from facadelake.detection.inference.detector import OnnxDetector
-from facadelake.detection.tiling.detect_image import detect_image
+from facadelake.detection.tiling.tiled_detection import detect_image
 from training.assign import iou_matrix
 from training.data.sample import CLASSES, Sample
 from training.sources import TRAINED_ON, drawn_samples, judged_samples, validation_samples

@@ -15,7 +15,7 @@ from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
 from facadelake.building.storeys import NamedFloor, StoreyLevel
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin, as_3d
 from facadelake.core.tables import read_table, write_table
 from schemas.vocabulary import SurfaceKind
@@ -64,7 +64,7 @@ class BuildingModel:
     vertical_datum: str
     georeference_level: str
     remarks: str
-    vertices_site_m: Array
+    vertices_site_m: Float64Array
     triangles: NDArray[np.int64]
     element_of_triangle: NDArray[np.int64]
     elements: pa.Table
@@ -84,13 +84,13 @@ class BuildingModel:
             return self.map_crs
         return f"{self.map_crs}+{self.vertical_datum.removeprefix('EPSG:')}"
 
-    def map_from_site(self, xyz_site_m: Array) -> Array:
+    def map_from_site(self, xyz_site_m: Float64Array) -> Float64Array:
         """Site points (n, 3) as east, north of ``map_crs`` and height of ``vertical_datum``, all in metres."""
         units = [axis.unit_conversion_factor for axis in as_3d(self.height_crs).axis_info]
-        metres: Array = self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
+        metres: Float64Array = self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
         return metres
 
-    def extents_site_m(self) -> Array:
+    def extents_site_m(self) -> Float64Array:
         """Lowest and highest level (elements, 2) of each element in site."""
         levels = self.vertices_site_m[self.triangles, 2]
         low, high = np.full(len(self.elements), np.inf), np.full(len(self.elements), -np.inf)

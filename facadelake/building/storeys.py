@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _RISE_M = 0.1  # a place may lie this far below its storey's floor
 _PART_OF_NEXT_M = 1.0  # an element that reaches further than this beyond its storey spans several
@@ -44,9 +44,9 @@ def storey_at(levels: Sequence[StoreyLevel], z_site_m: float) -> str:
 def storeys_of_places(
     levels: Sequence[StoreyLevel],
     named: Sequence[str | None],
-    extents_site_m: Array,
+    extents_site_m: Float64Array,
     element: NDArray[np.int64],
-    z_site_m: Array,
+    z_site_m: Float64Array,
 ) -> list[str | None]:
     """Storey (n) of places at ``z_site_m`` (n,) on ``element`` (n,).
 
@@ -59,7 +59,7 @@ def storeys_of_places(
     ]
 
 
-def _spans(levels: Sequence[StoreyLevel], name: str | None, extent: Array) -> bool:
+def _spans(levels: Sequence[StoreyLevel], name: str | None, extent: Float64Array) -> bool:
     places = [i for i, level in enumerate(levels) if level.name == name]
     if not places:
         return False

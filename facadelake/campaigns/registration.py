@@ -9,7 +9,7 @@ import pyarrow as pa
 from facadelake.building.model import BuildingModel
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.deduplication.appearance import Photographs
-from facadelake.deduplication.merge import MergeResult, merge
+from facadelake.deduplication.merge import MergeResult, merge_observations
 from facadelake.deduplication.settings import merge_settings
 from facadelake.photos.files import find_masks
 from facadelake.registration.register import register_detections
@@ -37,7 +37,7 @@ def register_on_committed_poses(
         block=None,
     )
     posed = posed_cameras(poses)
-    return merge(
+    return merge_observations(
         observations,
         detections,
         model,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from facadelake.lake.read import versions
-from facadelake.lake.regrade import Regrading, preview, regrade
+from facadelake.lake.regrading import Regrading, preview, regrade
 from facadelake.publish.releases import publish_regraded
 from facadelake.registry import Building, read_portfolio
 from facadelake.severity.rule_packs import rule_file

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,16 +38,16 @@ class Camera:
             )
 
     @property
-    def matrix(self) -> Array:
+    def matrix(self) -> Float64Array:
         """The (3, 3) matrix of focal lengths and principal point."""
         return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1.0]])
 
     @property
-    def distortion(self) -> Array:
+    def distortion(self) -> Float64Array:
         """``k1, k2, p1, p2`` in OpenCV's order."""
         return np.array([self.k1, self.k2, self.p1, self.p2])
 
-    def rays_cam(self, xy_img: Array) -> Array:
+    def rays_cam(self, xy_img: Float64Array) -> Float64Array:
         """Unit directions (n, 3) in ``cam`` of the pixels (n, 2), undistorted by iteration to 1e-10."""
         xy = np.asarray(xy_img, dtype=np.float64).reshape(-1, 1, 2)
         if len(xy) == 0:
@@ -55,10 +55,10 @@ class Camera:
         stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
         normalised = cv2.undistortPoints(xy, self.matrix, self.distortion, criteria=stop).reshape(-1, 2)
         rays = np.column_stack([normalised, np.ones(len(normalised))]).astype(np.float64)
-        unit: Array = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        unit: Float64Array = rays / np.linalg.norm(rays, axis=1, keepdims=True)
         return unit
 
-    def project(self, xyz_cam: Array) -> Array:
+    def project(self, xyz_cam: Float64Array) -> Float64Array:
         """Pixels (n, 2) of points (n, 3) in ``cam``; NaN for points at or behind the camera."""
         xyz = np.asarray(xyz_cam, dtype=np.float64).reshape(-1, 3)
         in_front = xyz[:, 2] > 1e-9
@@ -72,7 +72,7 @@ class Camera:
             xy[in_front] = np.column_stack([self.fx_px * xd + self.cx_px, self.fy_px * yd + self.cy_px])
         return xy
 
-    def contains(self, xy_img: Array) -> NDArray[np.bool_]:
+    def contains(self, xy_img: Float64Array) -> NDArray[np.bool_]:
         """Which of the pixels (n, 2) lie inside the photograph."""
         xy = np.asarray(xy_img, dtype=np.float64).reshape(-1, 2)
         return (xy[:, 0] >= 0) & (xy[:, 0] <= self.width_px) & (xy[:, 1] >= 0) & (xy[:, 1] <= self.height_px)
@@ -86,15 +86,15 @@ class PosedCamera:
     site_from_cam: Similarity
 
     @property
-    def centre_site_m(self) -> Array:
+    def centre_site_m(self) -> Float64Array:
         """The projection centre (3,) in site."""
         return self.site_from_cam.translation
 
-    def rays_site(self, xy_img: Array) -> tuple[Array, Array]:
+    def rays_site(self, xy_img: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Origins (n, 3) and unit directions (n, 3) in site of the pixels (n, 2)."""
         directions = self.site_from_cam.rotate(self.camera.rays_cam(xy_img))
         return np.broadcast_to(self.centre_site_m, directions.shape).copy(), directions
 
-    def project_site(self, xyz_site_m: Array) -> Array:
+    def project_site(self, xyz_site_m: Float64Array) -> Float64Array:
         """Pixels (n, 2) of site points (n, 3); NaN behind the camera."""
         return self.camera.project(self.site_from_cam.inverse().apply(xyz_site_m))

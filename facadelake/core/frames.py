@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from facadelake.core.errors import GeoreferenceError
 
-Array = NDArray[np.float64]
+Float64Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,8 +29,8 @@ class Similarity:
     ``rotation`` (3, 3) is proper orthonormal, ``translation`` (3,) in the target's units, ``scale`` > 0 (1: rigid).
     """
 
-    rotation: Array
-    translation: Array
+    rotation: Float64Array
+    translation: Float64Array
     scale: float = 1.0
 
     def __post_init__(self) -> None:
@@ -62,7 +62,7 @@ class Similarity:
             rotation=rotation, translation=-(rotation @ self.translation) / self.scale, scale=1.0 / self.scale
         )
 
-    def apply(self, xyz_source: Array) -> Array:
+    def apply(self, xyz_source: Float64Array) -> Float64Array:
         """Points (..., 3) of the source frame in the target frame."""
         return self.scale * (np.asarray(xyz_source, dtype=np.float64) @ self.rotation.T) + self.translation
 
@@ -71,7 +71,7 @@ class Similarity:
         values = {"rotation": self.rotation.tolist(), "translation": self.translation.tolist(), "scale": self.scale}
         path.write_text(json.dumps(values))
 
-    def rotate(self, direction_source: Array) -> Array:
+    def rotate(self, direction_source: Float64Array) -> Float64Array:
         """Directions (..., 3): rotated, neither moved nor scaled."""
         return np.asarray(direction_source, dtype=np.float64) @ self.rotation.T
 
@@ -84,7 +84,9 @@ def read_similarity(path: Path) -> Similarity:
     )
 
 
-def similarity_between(xyz_source: Array, xyz_target: Array, weights: Array | None = None) -> Similarity:
+def similarity_between(
+    xyz_source: Float64Array, xyz_target: Float64Array, weights: Float64Array | None = None
+) -> Similarity:
     """Least-squares similarity that takes ``xyz_source`` (n, 3) onto ``xyz_target`` (n, 3); ``weights`` (n,) or equal.
 
     Raises GeoreferenceError for fewer than 3 points or points on a line, which leave a rotation open.

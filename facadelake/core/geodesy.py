@@ -17,7 +17,7 @@ from pyproj.exceptions import CRSError
 from pyproj.transformer import TransformerGroup
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 
 network.set_network_enabled(active=False)
 
@@ -49,15 +49,15 @@ class SiteOrigin:
         xyz = transform(np.array([[self.lon_deg, self.lat_deg, self.height_ellipsoidal_m]]), GEO, ECEF)[0]
         return Similarity(rotation=np.array([east, north, up]).T, translation=xyz)
 
-    def site_from_geo(self, lon_lat_height: Array) -> Array:
+    def site_from_geo(self, lon_lat_height: Float64Array) -> Float64Array:
         """EPSG:4979 points (n, 3: lon_deg, lat_deg, height_ellipsoidal_m) in site metres (n, 3)."""
         return self.ecef_from_site().inverse().apply(transform(lon_lat_height, GEO, ECEF))
 
-    def geo_from_site(self, xyz_site_m: Array) -> Array:
+    def geo_from_site(self, xyz_site_m: Float64Array) -> Float64Array:
         """Site metres (n, 3) as EPSG:4979 (n, 3: lon_deg, lat_deg, height_ellipsoidal_m)."""
         return transform(self.ecef_from_site().apply(xyz_site_m), ECEF, GEO)
 
-    def map_from_site(self, xyz_site_m: Array, map_crs: str) -> Array:
+    def map_from_site(self, xyz_site_m: Float64Array, map_crs: str) -> Float64Array:
         """Site metres (n, 3) as east, north and height of ``map_crs``.
 
         Where ``map_crs`` is horizontal alone ("EPSG:25832") the height is ellipsoidal; where it is compound
@@ -105,7 +105,7 @@ def _transformer(source: str, target: str) -> pyproj.Transformer:
     return group.transformers[0]
 
 
-def transform(points: Array, source: str, target: str) -> Array:
+def transform(points: Float64Array, source: str, target: str) -> Float64Array:
     """Points (n, 3) of one CRS in another, x before y (lon, lat / east, north) whatever the CRS's own axis order.
 
     Raises GeoreferenceError where no exact transformation is at hand or a point is outside the CRS's domain.

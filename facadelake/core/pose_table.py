@@ -9,7 +9,7 @@ import pyarrow as pa
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from schemas.vocabulary import PoseSource
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
@@ -44,7 +44,7 @@ def posed_cameras(poses: pa.Table) -> dict[str, PosedCamera]:
     return out
 
 
-def pose_covariances(poses: pa.Table) -> dict[str, Array]:
+def pose_covariances(poses: pa.Table) -> dict[str, Float64Array]:
     """Covariances (6, 6) by photo_id of the measured cameras of table ``poses`` that have one.
 
     Order: centre (m, site), then attitude (rad) about the camera's own x, y, z: site_from_cam exp([turn]x).

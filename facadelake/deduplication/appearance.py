@@ -19,7 +19,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.progress import track
 from facadelake.deduplication.observations import Sightings
 from facadelake.registration.patch import tangents_of
@@ -50,7 +50,7 @@ class Likeness:
     """Of k pairs: ``score`` (k,), the correlation where the centres meet, NaN where pictures tell nothing; ``same`` and
     ``differs`` (k,): they show one thing, or the one's middle lies clearly aside in the other."""
 
-    score: Array
+    score: Float64Array
     same: NDArray[np.bool_]
     differs: NDArray[np.bool_]
 
@@ -62,16 +62,16 @@ class Photographs:
     root: Path
     posed: Mapping[str, PosedCamera]
 
-    def comparison(self, photo_ids: Sequence[str]) -> Callable[[Sightings, Rows, Rows, Array], Likeness]:
+    def comparison(self, photo_ids: Sequence[str]) -> Callable[[Sightings, Rows, Rows, Float64Array], Likeness]:
         """``likeness`` for sightings whose photographs' codes mean ``photo_ids``."""
 
-        def compare(sightings: Sightings, first: Rows, second: Rows, tolerance_m: Array) -> Likeness:
+        def compare(sightings: Sightings, first: Rows, second: Rows, tolerance_m: Float64Array) -> Likeness:
             return self.likeness(sightings, photo_ids, first, second, tolerance_m)
 
         return compare
 
     def likeness(
-        self, sightings: Sightings, photo_ids: Sequence[str], first: Rows, second: Rows, tolerance_m: Array
+        self, sightings: Sightings, photo_ids: Sequence[str], first: Rows, second: Rows, tolerance_m: Float64Array
     ) -> Likeness:
         """Compare the pairs ``first``, ``second`` (k,); centres meet to ``tolerance_m`` (k,).
 

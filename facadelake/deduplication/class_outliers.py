@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.deduplication.cluster import numbered
 from facadelake.deduplication.gate import Pairs
 from facadelake.deduplication.observations import Sightings
@@ -59,7 +59,7 @@ def with_strays(sightings: Sightings, pairs: Pairs, group: Rows, settings: Merge
     return numbered(out)
 
 
-def _parted(pairs: Pairs, group: Rows, stray: Rows, host: Rows, mean: Array) -> NDArray[np.bool_]:
+def _parted(pairs: Pairs, group: Rows, stray: Rows, host: Rows, mean: Float64Array) -> NDArray[np.bool_]:
     """Which strays (k,) are of a group of two that are nearer to two different hosts than to one another: neighbours
     of one class that were wrongly named alike."""
     count = int(group.max()) + 1

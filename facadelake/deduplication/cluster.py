@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 Rows = NDArray[np.int64]
 
@@ -26,8 +26,8 @@ class _Links:
 
     low: Rows
     high: Rows
-    squared: Array
-    count: Array
+    squared: Float64Array
+    count: Float64Array
     barred: NDArray[np.bool_]
 
     def between(self, group: Rows) -> _Links:
@@ -54,7 +54,7 @@ class _Links:
 def clusters_of(
     first: Rows,
     second: Rows,
-    sigmas: Array,
+    sigmas: Float64Array,
     photo: Rows,
     *,
     agreement: float,
@@ -97,7 +97,7 @@ def numbered(group: Rows) -> NDArray[np.int64]:
     return np.asarray(place[inverse], dtype=np.int64)
 
 
-def _mutual(low: Rows, high: Rows, mean: Array, count: int) -> NDArray[np.bool_]:
+def _mutual(low: Rows, high: Rows, mean: Float64Array, count: int) -> NDArray[np.bool_]:
     """Which links (k,) are the nearest of both their groups; of equally near ones the first by name."""
     nearest, best = np.full(count, np.inf), np.full(count, count, dtype=np.int64)
     np.minimum.at(nearest, low, mean)

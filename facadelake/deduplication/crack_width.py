@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.deduplication.aggregate import weighted_median
 from facadelake.deduplication.observations import column
 from schemas.vocabulary import CrackWidthOutcome
@@ -22,14 +22,14 @@ _WORDS = tuple(str(word) for word in CrackWidthOutcome)  # the best evidence fir
 class Evidence:
     """Of g groups, in mm: width, largest, one sigma and limit (g,), NaN where there is none; ``outcome`` (g,) words."""
 
-    width: Array
-    largest: Array
-    sigma: Array
-    limit: Array
+    width: Float64Array
+    largest: Float64Array
+    sigma: Float64Array
+    limit: Float64Array
     outcome: pa.Array
 
 
-def crack_evidence(seen: pa.Table, group: Rows, weight: Array, groups: int) -> Evidence:
+def crack_evidence(seen: pa.Table, group: Rows, weight: Float64Array, groups: int) -> Evidence:
     """The widths of registered rows ``seen`` (n,) in ``group`` (n,), each sighting with ``weight`` (n,).
 
     What a person stated goes before what was measured. Measured widths are weighed by their variance; one that lies
@@ -65,7 +65,7 @@ def crack_evidence(seen: pa.Table, group: Rows, weight: Array, groups: int) -> E
     )
 
 
-def _together(group: Rows, gap: Array, sigma: Array, weight: Array, groups: int) -> Array:
+def _together(group: Rows, gap: Float64Array, sigma: Float64Array, weight: Float64Array, groups: int) -> Float64Array:
     """One sigma (groups,): the smallest of the sightings', and their scatter over the root of their number."""
     used = np.isfinite(gap)
     owner = group[used]
@@ -74,11 +74,11 @@ def _together(group: Rows, gap: Array, sigma: Array, weight: Array, groups: int)
     square = np.bincount(owner, weights=weight[used] * gap[used] ** 2, minlength=groups)
     with np.errstate(invalid="ignore", divide="ignore"):
         scatter = square / total / number
-    out: Array = np.sqrt(_least(group, np.where(used, sigma, np.nan), groups) ** 2 + scatter)
+    out: Float64Array = np.sqrt(_least(group, np.where(used, sigma, np.nan), groups) ** 2 + scatter)
     return out
 
 
-def _least(group: Rows, value: Array, groups: int) -> Array:
+def _least(group: Rows, value: Float64Array, groups: int) -> Float64Array:
     """The smallest value (groups,) that is not NaN; NaN where there is none."""
     out = np.full(groups, np.inf)
     np.minimum.at(out, group, np.where(np.isfinite(value), value, np.inf))

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.tables import check_table, stage_schema
 from facadelake.deduplication.aggregate import commonest
 from facadelake.deduplication.gate import joined_pairs, measured, placing_m2
@@ -57,7 +57,7 @@ def merges_table(
     return check_table("merges", pa.Table.from_arrays([values[field.name] for field in schema], schema=schema))
 
 
-def _nearest(first: Rows, second: Rows, sigmas: Array, joined: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _nearest(first: Rows, second: Rows, sigmas: Float64Array, joined: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which pairs (k,) are among the nearest of one of their sightings."""
     kept = np.zeros(len(first), dtype=bool)
     for kind, each in ((joined, _JOINED_EACH), (~joined, _APART_EACH)):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.facades.openness import COMPASS
 from facadelake.building.model import BuildingModel
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.tables import check_table, stage_schema
 from facadelake.deduplication.aggregate import commonest, greatest, weighted_median
 from facadelake.deduplication.crack_width import crack_evidence
@@ -36,7 +36,7 @@ def defects_table(
     seen: pa.Table,
     sightings: Sightings,
     group: Rows,
-    scores: Array,
+    scores: Float64Array,
     positions: Positions,
     building: BuildingModel,
     *,
@@ -73,7 +73,7 @@ def defects_table(
         "crack_width_limit_mm": crack.limit,
     }
     gap = np.linalg.norm(sightings.xyz_site_m - positions.xyz_site_m[group], axis=1)
-    values: dict[str, Array | pa.Array | Rows] = {
+    values: dict[str, Float64Array | pa.Array | Rows] = {
         "defect_class": pa.array(CLASSES).take(pa.array(classes)),
         "severity": _same("ungraded", groups),
         "severity_rule": _same("none", groups),
@@ -117,7 +117,7 @@ def defects_table(
     return Named(table=check_table("defects", pa.Table.from_arrays(made, schema=schema)), place=place)
 
 
-def _best(group: Rows, quality: Array, photo: Rows, groups: int) -> Rows:
+def _best(group: Rows, quality: Float64Array, photo: Rows, groups: int) -> Rows:
     """Row (groups,) of each group's best sighting; of equally good ones that of the last photograph."""
     order = np.lexsort((-photo, -quality, group))
     best = np.full(groups, -1, dtype=np.int64)
@@ -139,7 +139,7 @@ def _of_elements(building: BuildingModel, guids: list[str | None], voted: Rows) 
     return {name: building.elements.column(name).combine_chunks().take(pa.array(at)) for name in _ELEMENT_COLUMNS}
 
 
-def _on_the_globe(xyz_site_m: Array, building: BuildingModel) -> dict[str, Array | pa.Array]:
+def _on_the_globe(xyz_site_m: Float64Array, building: BuildingModel) -> dict[str, Float64Array | pa.Array]:
     """The places in EPSG:4979 and on the map, all converted at once."""
     if len(xyz_site_m) == 0:
         geo = on_map = np.zeros((0, 3))
@@ -153,7 +153,7 @@ def _on_the_globe(xyz_site_m: Array, building: BuildingModel) -> dict[str, Array
 
 
 def _stable_order(
-    values: dict[str, Array | pa.Array | Rows], xyz_site_m: Array, classes: Rows, photo: Rows
+    values: dict[str, Float64Array | pa.Array | Rows], xyz_site_m: Float64Array, classes: Rows, photo: Rows
 ) -> NDArray[np.int64]:
     """Rows of the defects by facade, storey from the top, then along the facade as seen from outside, and height."""
     if len(xyz_site_m) == 0:
@@ -189,18 +189,18 @@ def _same(word: str, count: int) -> pa.Array:
     return pa.array([word], pa.string()).take(pa.array(np.zeros(count, dtype=np.int64)))
 
 
-def _axes(names: tuple[str, str, str], values: Array) -> dict[str, Array]:
+def _axes(names: tuple[str, str, str], values: Float64Array) -> dict[str, Float64Array]:
     return {name: values[:, axis] for axis, name in enumerate(names)}
 
 
-def _lists(values: Array) -> pa.Array:
+def _lists(values: Float64Array) -> pa.Array:
     offsets = np.arange(0, values.size + 1, values.shape[1], dtype=np.int32)
     return pa.ListArray.from_arrays(pa.array(offsets), pa.array(values.ravel()))
 
 
-def _where(kept: NDArray[np.bool_], values: Array) -> pa.Array:
+def _where(kept: NDArray[np.bool_], values: Float64Array) -> pa.Array:
     return pa.array(values, mask=~kept)
 
 
-def _as(values: Array | pa.Array | Rows, kind: pa.DataType) -> pa.Array:
+def _as(values: Float64Array | pa.Array | Rows, kind: pa.DataType) -> pa.Array:
     return pa.array(values, kind) if isinstance(values, np.ndarray) else values.cast(kind)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.parallel import side_by_side
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.settings import MergeSettings
@@ -50,9 +50,9 @@ class Pairs:
 
     first: Rows
     second: Rows
-    apart_m: Array
-    sigmas: Array
-    overlap: Array
+    apart_m: Float64Array
+    sigmas: Float64Array
+    overlap: Float64Array
     touching: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -70,13 +70,13 @@ class Pairs:
         )
 
 
-def placing_m2(sightings: Sightings, noise: Noise) -> Array:
+def placing_m2(sightings: Sightings, noise: Noise) -> Float64Array:
     """Covariance (n, 3, 3) in m2 of each sighting's place for itself, beside what the poses and the relief share."""
     across, upward = sightings.tangents()
     wide = (noise.size_share * sightings.width_m)[:, None] * across
     high = (noise.size_share * sightings.height_m)[:, None] * upward
     floor = noise.floor_m**2 + (0.29 * sightings.gsd_m) ** 2  # a pixel's rounding is uniform
-    spread: Array = (
+    spread: Float64Array = (
         wide[:, :, None] * wide[:, None, :]
         + high[:, :, None] * high[:, None, :]
         + floor[:, None, None] * np.eye(3)[None]
@@ -110,7 +110,7 @@ def _parts(pairs: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 
 
 def measured(
-    sightings: Sightings, pairs: NDArray[np.int64], placing: Array, noise: Noise, settings: MergeSettings
+    sightings: Sightings, pairs: NDArray[np.int64], placing: Float64Array, noise: Noise, settings: MergeSettings
 ) -> Pairs:
     """Distance and overlap of ``pairs`` (k, 2).
 
@@ -143,16 +143,22 @@ def measured(
     )
 
 
-def _shift(sightings: Sightings, rows: Rows, normal: Array) -> Array:
+def _shift(sightings: Sightings, rows: Rows, normal: Float64Array) -> Float64Array:
     own, ray = sightings.normal_site[rows], sightings.ray_site[rows]
     cosine = np.minimum(np.einsum("ij,ij->i", own, ray), -_GRAZING_COSINE)
-    shift: Array = ray * (np.einsum("ij,ij->i", own, normal) / cosine)[:, None]
+    shift: Float64Array = ray * (np.einsum("ij,ij->i", own, normal) / cosine)[:, None]
     return shift
 
 
 def _overlap(
-    sightings: Sightings, i: Rows, j: Rows, normal: Array, apart: Array, noise: Noise, settings: MergeSettings
-) -> tuple[Array, NDArray[np.bool_]]:
+    sightings: Sightings,
+    i: Rows,
+    j: Rows,
+    normal: Float64Array,
+    apart: Float64Array,
+    noise: Noise,
+    settings: MergeSettings,
+) -> tuple[Float64Array, NDArray[np.bool_]]:
     """Share of the smaller patch that both cover (k,), and whether they touch, as rectangles along the surface."""
     across, upward = tangents_of(normal)
     slack = settings.gate_sigma * np.sqrt(2) * noise.floor_m

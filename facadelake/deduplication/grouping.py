@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.deduplication.class_outliers import with_strays
 from facadelake.deduplication.cluster import clusters_of, numbered
 from facadelake.deduplication.gate import Noise, Pairs, measured_again, pairs_of
@@ -40,7 +40,7 @@ class Grouping:
     whole: Sightings
     whole_group: Rows
     pairs: Pairs
-    score: Array
+    score: Float64Array
     differs: NDArray[np.bool_]
     noise: Noise
     gate: Noise
@@ -89,7 +89,7 @@ def grouped(sightings: Sightings, settings: MergeSettings, compare: Compare | No
     )
 
 
-def _of_units(unit: Rows, near: Pairs, found: Pairs, values: Array | NDArray[np.bool_]) -> Array:
+def _of_units(unit: Rows, near: Pairs, found: Pairs, values: Float64Array | NDArray[np.bool_]) -> Float64Array:
     """What pairs ``near`` of units have, for the pairs ``found`` of their parts; NaN where there is no such pair."""
     count = int(unit.max()) + 1
     a, b = unit[found.first], unit[found.second]

@@ -16,7 +16,7 @@ from facadelake.building.model import BuildingModel
 from facadelake.building.storeys import storeys_of_places
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.deduplication.appearance import Photographs
 from facadelake.deduplication.decisions import merges_table
 from facadelake.deduplication.defects import defects_table
@@ -40,7 +40,7 @@ class MergeResult:
     merges: pa.Table
 
 
-def merge(
+def merge_observations(
     observations: pa.Table,
     detections: pa.Table,
     building: BuildingModel,
@@ -48,7 +48,7 @@ def merge(
     *,
     prefix: str,
     settings: MergeSettings | None = None,
-    covariances: Mapping[str, Array] | None = None,
+    covariances: Mapping[str, Float64Array] | None = None,
     photographs: Photographs | None = None,
 ) -> MergeResult:
     """Defects of the registered ``observations``; boxes and scores come from ``detections``, rays from ``posed``.

@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.registration.patch import tangents_of
 from schemas.vocabulary import DefectClass
 
@@ -28,39 +28,39 @@ class Sightings:
     ``pose_m2`` (n, 3, 3): covariance of the place by its photograph's pose; zero where none is stated.
     """
 
-    xyz_site_m: Array
-    normal_site: Array
-    ray_site: Array
-    distance_m: Array
-    width_m: Array
-    height_m: Array
-    gsd_m: Array
+    xyz_site_m: Float64Array
+    normal_site: Float64Array
+    ray_site: Float64Array
+    distance_m: Float64Array
+    width_m: Float64Array
+    height_m: Float64Array
+    gsd_m: Float64Array
     photo: NDArray[np.int64]
     defect_class: NDArray[np.int64]
-    box_img: Array
-    pose_m2: Array
+    box_img: Float64Array
+    pose_m2: Float64Array
 
     def __len__(self) -> int:
         return len(self.photo)
 
     @property
-    def half_m(self) -> Array:
+    def half_m(self) -> Float64Array:
         """Half the diagonal of each patch's extents (n,)."""
-        reach: Array = np.hypot(self.width_m, self.height_m) / 2
+        reach: Float64Array = np.hypot(self.width_m, self.height_m) / 2
         return reach
 
-    def tangents(self) -> tuple[Array, Array]:
+    def tangents(self) -> tuple[Float64Array, Float64Array]:
         """Unit horizontal and upward tangents (n, 3) of each sighting's surface."""
         return tangents_of(self.normal_site)
 
 
-def column(table: pa.Table, name: str) -> Array:
+def column(table: pa.Table, name: str) -> Float64Array:
     """A real column as float64, empty values as NaN."""
-    values: Array = table.column(name).to_numpy().astype(np.float64)
+    values: Float64Array = table.column(name).to_numpy().astype(np.float64)
     return values
 
 
-def columns(table: pa.Table, *names: str) -> Array:
+def columns(table: pa.Table, *names: str) -> Float64Array:
     """Real columns side by side (n, k)."""
     return np.column_stack([column(table, name) for name in names]) if len(table) else np.zeros((0, len(names)))
 
@@ -80,7 +80,7 @@ def sightings_of(
     seen: pa.Table,
     detections: pa.Table,
     posed: Mapping[str, PosedCamera],
-    covariances: Mapping[str, Array],
+    covariances: Mapping[str, Float64Array],
 ) -> Sightings:
     """Registered rows ``seen`` of table ``observations``, in their order, with the boxes of their ``detections``.
 
@@ -117,7 +117,7 @@ def sightings_of(
     )
 
 
-def _by_pose(away: Array, photo: NDArray[np.int64], turns: Array, stated: Array) -> Array:
+def _by_pose(away: Float64Array, photo: NDArray[np.int64], turns: Float64Array, stated: Float64Array) -> Float64Array:
     """Covariance (n, 3, 3) in m2 that poses give the places ``away`` (n, 3) from their centres."""
     out = np.zeros((len(away), 3, 3))
     for number in np.flatnonzero(np.abs(stated).sum(axis=(1, 2)) > 0):

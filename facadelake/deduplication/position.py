@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.deduplication.gate import Noise
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.settings import MergeSettings
@@ -24,15 +24,15 @@ class Positions:
     of that; ``triangulated`` (g,): whether the rays say so themselves, more than the surface.
     """
 
-    xyz_site_m: Array
-    covariance_m2: Array
-    normal_site: Array
-    deviation_m: Array
-    deviation_sigma_m: Array
+    xyz_site_m: Float64Array
+    covariance_m2: Float64Array
+    normal_site: Float64Array
+    deviation_m: Float64Array
+    deviation_sigma_m: Float64Array
     triangulated: NDArray[np.bool_]
 
 
-def shared_m2(sightings: Sightings, rays: Rays, settings: MergeSettings) -> Array:
+def shared_m2(sightings: Sightings, rays: Rays, settings: MergeSettings) -> Float64Array:
     """Covariance (g, 3, 3) in m2 of what moves all sightings of a group alike: the block, by its poses' covariances.
 
     The poses of a block are taken to err together, as its datum makes them: what they state does not average out.
@@ -42,7 +42,7 @@ def shared_m2(sightings: Sightings, rays: Rays, settings: MergeSettings) -> Arra
     mean = rays.summed(sightings.pose_m2[rays.rows]) / rays.count[:, None, None]
     axis = np.einsum("gii->g", mean) / 3
     bound = np.divide(settings.block_sigma_m**2, axis, out=np.full(len(axis), np.inf), where=axis > 0)
-    shared: Array = mean * np.minimum(bound, 1.0)[:, None, None]
+    shared: Float64Array = mean * np.minimum(bound, 1.0)[:, None, None]
     return shared
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from facadelake.building.surface.raycasting import MISS, Surface
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.deduplication.cluster import numbered
 from facadelake.deduplication.gate import Noise, measured, placing_m2
 from facadelake.deduplication.grouping import Grouping
@@ -49,9 +49,9 @@ class _Layers:
     """What the rays of k sightings meet behind their hits, ``_LAYERS`` each: how far behind (k, l), place, normal
     (k, l, 3) and element (k, l); a miss is infinitely far."""
 
-    behind_m: Array
-    xyz_site_m: Array
-    normal_site: Array
+    behind_m: Float64Array
+    xyz_site_m: Float64Array
+    normal_site: Float64Array
     element: Rows
 
 
@@ -85,7 +85,7 @@ def looked_behind(sightings: Sightings, grouping: Grouping, settings: MergeSetti
     return _moved(sightings, rows[kept], _chosen(own, kept, nearest[kept]))
 
 
-def _crossing(sightings: Sightings, rays: Rays, planes: Planes, layers: _Layers, noise: Noise) -> Array:
+def _crossing(sightings: Sightings, rays: Rays, planes: Planes, layers: _Layers, noise: Noise) -> Float64Array:
     """How far (g,) behind their first surface the rays of each group cross at another; NaN where they do not."""
     held = triangulated(rays, planes, noise.relief_m)
     off = np.einsum("gi,gi->g", held.xyz_site_m - planes.xyz_site_m, planes.normal_site)
@@ -119,7 +119,7 @@ def _meeting(
     first: Rows,
     noise: Noise,
     settings: MergeSettings,
-) -> Array:
+) -> Float64Array:
     """How far (g,) behind its first surface each group meets another; NaN where it meets none."""
     free = triangulated(rays, planes, 10.0)
     off = np.einsum("gi,gi->g", free.xyz_site_m - planes.xyz_site_m, planes.normal_site)

@@ -13,7 +13,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.deduplication.cluster import numbered
 from facadelake.deduplication.gate import Pairs
 from facadelake.deduplication.observations import Sightings
@@ -92,7 +92,7 @@ def _side_by_side(sightings: Sightings) -> tuple[Rows, Rows]:
     return rows[pairs[:, 0]], rows[pairs[:, 1]]
 
 
-def _along_the_line(a: Array, b: Array) -> tuple[Array, Array, Array, Array]:
+def _along_the_line(a: Float64Array, b: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
     """Gap (k,) between boxes (k, 4) along the side on which they part; across it, what both have in common as a share
     of the narrower one and of both; and both lengths along it together. Without boxes the shares are 0."""
     low, high = np.maximum(a[:, :2], b[:, :2]), np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:])
@@ -105,7 +105,7 @@ def _along_the_line(a: Array, b: Array) -> tuple[Array, Array, Array, Array]:
     return gap[rows, axis], common, level, (a[:, 2:] + b[:, 2:])[rows, axis]
 
 
-def _elsewhere(sightings: Sightings, pairs: Pairs, i: Rows, j: Rows, line: Rows) -> tuple[Array, Array]:
+def _elsewhere(sightings: Sightings, pairs: Pairs, i: Rows, j: Rows, line: Rows) -> tuple[Float64Array, Float64Array]:
     """How many sightings of other photographs cover both of the pairs ``line`` (k,) of ``i``, ``j``, and how many pairs
     show them as two."""
     count = len(sightings)
@@ -124,7 +124,7 @@ def _elsewhere(sightings: Sightings, pairs: Pairs, i: Rows, j: Rows, line: Rows)
     row, whole = covered[i].multiply(covered[j]).tocoo().coords
     large = _as_large(sightings, i[row], j[row], whole)
     as_one = np.bincount(row[large], minlength=len(i)).astype(np.float64)
-    as_two: Array = np.asarray((covered[i] @ beside).multiply(covered[j]).sum(axis=1), dtype=np.float64).ravel()
+    as_two: Float64Array = np.asarray((covered[i] @ beside).multiply(covered[j]).sum(axis=1), dtype=np.float64).ravel()
     return as_one, as_two
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.parallel import side_by_side
 from facadelake.deduplication.gate import Noise, placing_m2
 from facadelake.deduplication.observations import Sightings
@@ -34,8 +34,8 @@ Rows = NDArray[np.int64]
 class Planes:
     """The model's surface at g defects: a point (g, 3), its unit normal (g, 3) outward."""
 
-    xyz_site_m: Array
-    normal_site: Array
+    xyz_site_m: Float64Array
+    normal_site: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,10 +43,10 @@ class Places:
     """Places of g defects: ``xyz_site_m`` (g, 3), ``covariance_m2`` (g, 3, 3), ``cost`` (g,) of the rays and the
     surface in squared sigmas, ``normal_sigma_m`` (g,): along the normal, by the rays alone (inf: they do not cross)."""
 
-    xyz_site_m: Array
-    covariance_m2: Array
-    cost: Array
-    normal_sigma_m: Array
+    xyz_site_m: Float64Array
+    covariance_m2: Float64Array
+    cost: Float64Array
+    normal_sigma_m: Float64Array
 
 
 class Rays:
@@ -62,8 +62,8 @@ class Rays:
         basis = np.stack([across, upward], axis=2)
         spread = basis.transpose(0, 2, 1) @ placing_m2(sightings, noise)[rows] @ basis
         # What a ray says of the place: nothing along itself.
-        self.information: Array = basis @ np.linalg.inv(spread) @ basis.transpose(0, 2, 1)
-        self.pull: Array = (self.information @ self.hit[:, :, None])[:, :, 0]
+        self.information: Float64Array = basis @ np.linalg.inv(spread) @ basis.transpose(0, 2, 1)
+        self.pull: Float64Array = (self.information @ self.hit[:, :, None])[:, :, 0]
 
     def part(self, groups: slice) -> Rays:
         """The rays of some groups that follow one another."""
@@ -75,24 +75,24 @@ class Rays:
         own.hit, own.information, own.pull = self.hit[start:stop], self.information[start:stop], self.pull[start:stop]
         return own
 
-    def summed(self, values: Array) -> Array:
+    def summed(self, values: Float64Array) -> Float64Array:
         """Sums (g, ...) over the rays of each group."""
-        total: Array = np.add.reduceat(values, self.starts, axis=0)
+        total: Float64Array = np.add.reduceat(values, self.starts, axis=0)
         return total
 
-    def squares(self, xyz_site_m: Array) -> Array:
+    def squares(self, xyz_site_m: Float64Array) -> Float64Array:
         """Squared residuals (n,) in sigmas of the rays from places (g, 3)."""
         gap = np.repeat(xyz_site_m, self.count, axis=0) - self.hit
-        squares: Array = (gap * (self.information @ gap[:, :, None])[:, :, 0]).sum(axis=1)
+        squares: Float64Array = (gap * (self.information @ gap[:, :, None])[:, :, 0]).sum(axis=1)
         return squares
 
-    def nearest(self, xyz_site_m: Array) -> Rows:
+    def nearest(self, xyz_site_m: Float64Array) -> Rows:
         """For each group the ray (g,) whose hit lies nearest to its place."""
         gap = np.linalg.norm(np.repeat(xyz_site_m, self.count, axis=0) - self.hit, axis=1)
         order = np.lexsort((np.arange(len(gap)), gap, self.group))
         return order[self.starts]
 
-    def middles(self) -> Array:
+    def middles(self) -> Float64Array:
         """Median places (g, 3) of the hits, an axis at a time: where to begin."""
         middle = np.empty((len(self.starts), 3))
         low, high = self.starts + (self.count - 1) // 2, self.starts + self.count // 2
@@ -135,7 +135,7 @@ def _triangulated(rays: Rays, planes: Planes, hold: float) -> Places:
     outer = normal[:, :, None] * normal[:, None, :]
     place = rays.middles()
     for _ in range(_ROUNDS):
-        weight: Array = (_FREEDOM + 2) / (_FREEDOM + rays.squares(place))
+        weight: Float64Array = (_FREEDOM + 2) / (_FREEDOM + rays.squares(place))
         off = np.einsum("gi,gi->g", place - planes.xyz_site_m, normal) / hold
         held = (_FREEDOM + 1) / (_FREEDOM + off**2) / hold**2
         told = rays.summed(weight[:, None, None] * rays.information)

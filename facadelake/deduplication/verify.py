@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.deduplication.appearance import Likeness
 from facadelake.deduplication.gate import Noise, Pairs
 from facadelake.deduplication.observations import Sightings
@@ -26,7 +26,7 @@ _PAIRS_MOST = 10_000  # compared at most, the nearest first
 _SURE = 0.5  # of the gate: how near those count whose pictures say that they are one
 
 Rows = NDArray[np.int64]
-Compare = Callable[[Sightings, Rows, Rows, Array], Likeness]
+Compare = Callable[[Sightings, Rows, Rows, Float64Array], Likeness]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +35,7 @@ class Verified:
     ``differs`` (k,)."""
 
     pairs: Pairs
-    score: Array
+    score: Float64Array
     differs: NDArray[np.bool_]
 
 
@@ -97,7 +97,7 @@ def _share_a_photograph(photo: Rows, group: Rows, a: Rows, b: Rows) -> NDArray[n
     return common
 
 
-def _first_few(case: Rows, rows: Rows, order: Array) -> Rows:
+def _first_few(case: Rows, rows: Rows, order: Float64Array) -> Rows:
     """Of ``rows``, the first ``_EACH`` of each case by ``order``."""
     ranked = rows[np.lexsort((rows, order[rows], case[rows]))]
     starts = np.flatnonzero(np.r_[True, np.diff(case[ranked]) != 0][: len(ranked)])

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.building.placement import Placement
 from facadelake.demo.building.solids import Solid
 from facadelake.demo.photographs.annotations import Box
@@ -53,7 +53,7 @@ def _write(path: Path, header: str, rows: Sequence[Sequence[object]]) -> None:
         writer.writerows(rows)
 
 
-def _geo(placement: Placement, xyz: Array) -> list[str]:
+def _geo(placement: Placement, xyz: Float64Array) -> list[str]:
     lon, lat, height = placement.origin.geo_from_site(xyz[None])[0]
     return [f"{lon:.10f}", f"{lat:.10f}", f"{height:.6f}"]
 

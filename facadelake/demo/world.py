@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.building.charts import Chart, box_charts, building_charts, flat_chart
 from facadelake.demo.building.solids import Solid
 from facadelake.demo.recipe import DemoRecipe
@@ -20,21 +20,21 @@ class World:
     """What does not change from campaign to campaign: the model's solids, the charts, the frames."""
 
     recipe: DemoRecipe
-    site_from_ifc: Array
+    site_from_ifc: Float64Array
     ifc: list[Solid]
     charts: dict[str, Chart] = field(repr=False)
 
-    def to_site(self, xyz_ifc: Array) -> Array:
+    def to_site(self, xyz_ifc: Float64Array) -> Float64Array:
         """Model points (..., 3) in site metres."""
         return np.asarray(xyz_ifc @ self.site_from_ifc[:3, :3].T + self.site_from_ifc[:3, 3])
 
-    def turn(self, directions_ifc: Array) -> Array:
+    def turn(self, directions_ifc: Float64Array) -> Float64Array:
         """Model directions (n, 3) as unit vectors in site."""
         out = directions_ifc @ self.site_from_ifc[:3, :3].T
         return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
 
 
-def make_world(recipe: DemoRecipe, site_from_ifc: Array, ifc: list[Solid]) -> World:
+def make_world(recipe: DemoRecipe, site_from_ifc: Float64Array, ifc: list[Solid]) -> World:
     """The world of a recipe around the solids of its written model."""
     b = recipe.building
     charts = building_charts(b, recipe.texel_m)

@@ -23,7 +23,7 @@ from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
 from facadelake.detection.inference.detector import Found, OnnxDetector
 from facadelake.detection.inference.letterbox import Image
 from facadelake.detection.inference.photograph import read_photograph
-from facadelake.detection.tiling.detect_image import detect_image
+from facadelake.detection.tiling.tiled_detection import detect_image
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome
 
 _log = logging.getLogger(__name__)

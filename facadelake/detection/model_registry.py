@@ -22,7 +22,7 @@ from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import ModelError, StoreError
 from facadelake.core.hashing import file_sha256
 from facadelake.detection.card import card_path, card_text
-from facadelake.detection.inference.find_card import find_card
+from facadelake.detection.inference.cards import find_card
 
 MODELS = Path(os.environ.get("FACADELAKE_MODELS") or CHECKOUT / "data" / "detector")
 LIST = "models.yaml"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity, similarity_between
+from facadelake.core.frames import Float64Array, Similarity, similarity_between
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
 from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust
@@ -93,10 +93,10 @@ class Georeferenced:
     control: ControlKind
     site_from_sfm: Similarity
     cameras: Mapping[str, PosedCamera]
-    covariance: Mapping[str, Array]
+    covariance: Mapping[str, Float64Array]
     adjusted: Adjusted
     priors: GpsPriors
-    frame_covariance_m2: Array
+    frame_covariance_m2: Float64Array
     points: tuple[PassportPoint, ...]
     row: Mapping[str, Any]
 
@@ -138,7 +138,9 @@ class Georeferenced:
         return points_table(self.points, origin)
 
 
-def georeference(reconstruction: Reconstruction, photos: pa.Table, *, place: Place, control: Control) -> Georeferenced:
+def georeference_block(
+    reconstruction: Reconstruction, photos: pa.Table, *, place: Place, control: Control
+) -> Georeferenced:
     """Place the block in site, by the control that was asked for, else by the best that works; what did not is said.
 
     Raises GeoreferenceError where the control cannot place the block, or not well enough.
@@ -227,7 +229,7 @@ def _check_against_gps(start: Start, reconstruction: Reconstruction, priors: Gps
         check_against_gps(start.site_from_sfm, centres, priors, by=start.words)
 
 
-def _refuse_far_away(centres_site_m: Array, control: ControlKind, origin: SiteOrigin) -> None:
+def _refuse_far_away(centres_site_m: Float64Array, control: ControlKind, origin: SiteOrigin) -> None:
     """Raise GeoreferenceError where the cameras came to lie at another place than the building (site's origin)."""
     middle_m = np.median(centres_site_m, axis=0)
     away_m = float(np.linalg.norm(middle_m))

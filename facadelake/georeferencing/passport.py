@@ -11,7 +11,7 @@ import pyarrow as pa
 import shapely
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
 from facadelake.georeferencing.adjustment.adjust import Adjusted, held_out_residuals
@@ -36,8 +36,8 @@ class PassportPoint:
 
     name: str
     kind: PointKind
-    xyz_site_m: Array
-    residual_site_m: Array
+    xyz_site_m: Float64Array
+    residual_site_m: Float64Array
     used: bool
 
 
@@ -118,7 +118,9 @@ def model_fit(adjusted: Adjusted, surface: SurfaceLike) -> ModelFit | None:
     return ModelFit(residual_m=float(np.median(np.abs(away))), doming_m=doming, doming_sigma_m=sigma)
 
 
-def require_good(*, control: ControlKind, sigma_m: Array, limit_m: float, held_out_m: Array, remedy: str) -> None:
+def require_good(
+    *, control: ControlKind, sigma_m: Float64Array, limit_m: float, held_out_m: Float64Array, remedy: str
+) -> None:
     """Refuse a placement that is not known to ``limit_m``: by its own sigma (3,), or at held-out points (k,).
 
     Raises GeoreferenceError: the campaign commits nothing.
@@ -138,7 +140,7 @@ def require_good(*, control: ControlKind, sigma_m: Array, limit_m: float, held_o
         )
 
 
-def require_one_frame(held_out_m: Array, sigma_m: float, words: str) -> None:
+def require_one_frame(held_out_m: Float64Array, sigma_m: float, words: str) -> None:
     """Control points must lie where a block that was placed by an earlier campaign has them."""
     limit_m = max(_FRAME_SIGMAS * sigma_m, _LEAST_FRAME_M)
     if float(np.median(held_out_m)) > limit_m:

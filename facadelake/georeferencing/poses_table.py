@@ -9,7 +9,7 @@ import pyarrow as pa
 import shapely
 
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import pose_columns
 from facadelake.core.tables import table_of_rows
@@ -19,7 +19,7 @@ from facadelake.sfm.reconstruction import Reconstruction
 from schemas.vocabulary import PhotoOutcome, PoseSource
 
 
-def poses_table(
+def build_poses_table(
     georeferenced: Georeferenced, reconstruction: Reconstruction, photos: pa.Table, *, origin: SiteOrigin
 ) -> pa.Table:
     """One row for each accepted photograph of ``photos``, with a pose or with the reason why it has none.
@@ -59,7 +59,7 @@ def poses_table(
     return table_of_rows("poses", rows)
 
 
-def placed_columns(posed: PosedCamera, covariance: Array, origin: SiteOrigin) -> dict[str, Any]:
+def placed_columns(posed: PosedCamera, covariance: Float64Array, origin: SiteOrigin) -> dict[str, Any]:
     """Centre in site and EPSG:4979, attitude, intrinsics, and the ``covariance`` (6, 6) with its sigmas, as columns."""
     lon, lat, height = origin.geo_from_site(posed.centre_site_m[None])[0].tolist()
     return {
@@ -72,7 +72,7 @@ def placed_columns(posed: PosedCamera, covariance: Array, origin: SiteOrigin) ->
     }
 
 
-def _covariance_columns(covariance: Array) -> dict[str, Any]:
+def _covariance_columns(covariance: Float64Array) -> dict[str, Any]:
     """The covariance (6, 6) of centre and attitude, and sigmas for people."""
     east, north, up = np.sqrt(np.diag(covariance)[:3]).tolist()
     attitude = float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])))

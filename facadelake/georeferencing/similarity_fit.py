@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity, similarity_between
+from facadelake.core.frames import Float64Array, Similarity, similarity_between
 
 # Three points fix a similarity; a draw whose triangle is thinner than this (height over longest side) is not tried.
 _THINNEST_TRIANGLE = 0.02
@@ -25,10 +25,10 @@ class Fit:
 
     target_from_source: Similarity
     used: NDArray[np.bool_]
-    residual: Array
+    residual: Float64Array
 
 
-def robust_similarity(source: Array, target: Array, sigma: Array, *, seed: int = 1) -> Fit:
+def robust_similarity(source: Float64Array, target: Float64Array, sigma: Float64Array, *, seed: int = 1) -> Fit:
     """RANSAC similarity of point pairs (n, 3), then least squares; ``sigma`` (n, 3) are one-sigma errors of ``target``.
 
     A point is used where its residual stays within 3.5 sigma. Raises GeoreferenceError for fewer than 3 points, points
@@ -67,18 +67,18 @@ def _triples(n: int, seed: int) -> list[list[int]]:
     return [rng.choice(n, size=3, replace=False).tolist() for _ in range(_DRAWS)]
 
 
-def _thin(corners: Array) -> bool:
+def _thin(corners: Float64Array) -> bool:
     a, b = corners[1] - corners[0], corners[2] - corners[0]
     longest = max(float(a @ a), float(b @ b), float((b - a) @ (b - a)))
     return bool(np.linalg.norm(np.cross(a, b)) < _THINNEST_TRIANGLE * longest)
 
 
-def _normalised(source: Array, target: Array, sigma: Array, fit: Similarity) -> Array:
-    distance: Array = np.sqrt((((target - fit.apply(source)) / sigma) ** 2).mean(axis=1))
+def _normalised(source: Float64Array, target: Float64Array, sigma: Float64Array, fit: Similarity) -> Float64Array:
+    distance: Float64Array = np.sqrt((((target - fit.apply(source)) / sigma) ** 2).mean(axis=1))
     return distance
 
 
-def parameters_applied(start: Similarity, pivot: Array, step: Array) -> Similarity:
+def parameters_applied(start: Similarity, pivot: Float64Array, step: Float64Array) -> Similarity:
     """``start`` moved by ``step``: translation (3), rotation vector (3) about ``pivot`` (3,), logarithm of scale (1).
 
     Steps about a pivot amid the points keep translation, rotation and scale nearly uncorrelated.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.adjustment.adjust import Adjusted
 from facadelake.georeferencing.adjustment.evidence import KnownPoints, MarkedPoints, ModelEvidence
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
@@ -48,15 +48,15 @@ class Start:
     gps_used: NDArray[np.bool_]
     points_used: int
     points_total: int
-    residual_m: Callable[[Adjusted], Array]
+    residual_m: Callable[[Adjusted], Float64Array]
     remarks: tuple[str, ...] = ()
     marked: MarkedPoints | None = None
     known: KnownPoints | None = None
     model: ModelEvidence | None = None
     shift: ShiftFound | None = None
-    datum_sigma_m: Array | None = None
+    datum_sigma_m: Float64Array | None = None
     reference_campaign: str | None = None
-    frame_covariance_m2: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    frame_covariance_m2: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     def with_remarks(self, remarks: tuple[str, ...]) -> Start:
         """The same start with ``remarks`` before its own."""
@@ -148,11 +148,11 @@ def _by_campaign(reconstruction: Reconstruction, priors: GpsPriors, place: Place
             continue
         known = _known(found)
 
-        def residual_m(adjusted: Adjusted, known: KnownPoints = known) -> Array:
+        def residual_m(adjusted: Adjusted, known: KnownPoints = known) -> Float64Array:
             row = {int(point): k for k, point in enumerate(adjusted.ties.point)}
             held = [k for k, point in enumerate(known.point) if int(point) in row]
             at = adjusted.xyz_site_m[[row[int(known.point[k])] for k in held]]
-            left: Array = np.linalg.norm(at - known.xyz_site_m[held], axis=1)
+            left: Float64Array = np.linalg.norm(at - known.xyz_site_m[held], axis=1)
             return left
 
         return Start(
@@ -191,19 +191,19 @@ def _by_model(reconstruction: Reconstruction, priors: GpsPriors, control: Contro
     )
 
 
-def _wall_residuals(adjusted: Adjusted) -> Array:
+def _wall_residuals(adjusted: Adjusted) -> Float64Array:
     walls = adjusted.problem.walls
     at = adjusted.solution.state.node_m[walls.node]
-    away: Array = np.abs(np.einsum("ij,ij->i", walls.normal_site, at) - walls.distance_m)
+    away: Float64Array = np.abs(np.einsum("ij,ij->i", walls.normal_site, at) - walls.distance_m)
     return away
 
 
 def _by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Start:
     aligned = align_to_gps(reconstruction, priors)
 
-    def residual_m(adjusted: Adjusted) -> Array:
+    def residual_m(adjusted: Adjusted) -> Float64Array:
         centres = np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
-        left: Array = np.linalg.norm(priors.xyz_site_m - centres, axis=1)[aligned.used]
+        left: Float64Array = np.linalg.norm(priors.xyz_site_m - centres, axis=1)[aligned.used]
         return left
 
     return Start(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 
 # A mark that misses the point's own rays by more than this is on something else.
 WRONG_MARK_PX = 8.0
@@ -25,14 +25,14 @@ class View:
 
     camera: Camera
     world_from_cam: Similarity
-    xy_img: Array
+    xy_img: Float64Array
 
-    def residual_px(self, xyz_world: Array) -> Array:
+    def residual_px(self, xyz_world: Float64Array) -> Float64Array:
         """Projection minus mark (2,) in pixels; far off where the point lies behind the camera."""
         xy = self.camera.project(self.world_from_cam.inverse().apply(xyz_world[None]))[0]
         return xy - self.xy_img if np.isfinite(xy).all() else np.full(2, 1e6)
 
-    def ray(self) -> tuple[Array, Array]:
+    def ray(self) -> tuple[Float64Array, Float64Array]:
         """Origin and unit direction in the world frame."""
         direction = self.world_from_cam.rotate(self.camera.rays_cam(self.xy_img[None]))[0]
         return self.world_from_cam.translation, direction
@@ -42,19 +42,19 @@ class View:
 class Intersection:
     """The point in the world frame, which views it rests on, and their root mean square error."""
 
-    xyz_world: Array
+    xyz_world: Float64Array
     used: NDArray[np.bool_]
     rms_px: float
 
 
-def _midpoint(views: Sequence[View]) -> Array | None:
+def _midpoint(views: Sequence[View]) -> Float64Array | None:
     """Least-squares point of several rays; None where they are near parallel."""
     origins, directions = (np.array(parts) for parts in zip(*(view.ray() for view in views), strict=True))
     widest = np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0)))
     if widest < SMALLEST_ANGLE_DEG:
         return None
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    point: Array = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origins))
+    point: Float64Array = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origins))
     return point
 
 

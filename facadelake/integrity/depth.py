@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 from skimage.metrics import structural_similarity
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 SIGMA_PX = 1.5
 WINDOW_PX = 11  # where scikit-image cuts the Gaussian of 1.5 px off
@@ -34,7 +34,7 @@ class DepthComparison:
     difference_p95_m: float
 
 
-def compare_depth(model_depth_m: Array, as_built_depth_m: Array) -> DepthComparison:
+def compare_depth(model_depth_m: Float64Array, as_built_depth_m: Float64Array) -> DepthComparison:
     """Compare two depth images (h, w) of one view, metres; a pixel that is not finite shows no surface."""
     model, as_built = np.isfinite(model_depth_m), np.isfinite(as_built_depth_m)
     both = model & as_built
@@ -54,7 +54,7 @@ def compare_depth(model_depth_m: Array, as_built_depth_m: Array) -> DepthCompari
     )
 
 
-def _masked_ssim(a: Array, b: Array, both: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float:
+def _masked_ssim(a: Float64Array, b: Float64Array, both: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float:
     """Mean SSIM over ``whole``; what fills the other pixels lies outside every window that counts."""
     if not whole.any():
         return float("nan")

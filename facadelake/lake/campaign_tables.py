@@ -85,7 +85,7 @@ def campaign_row(photographs_uri: str, tables: Mapping[str, pa.Table]) -> dict[s
     }
 
 
-def campaign_tables(
+def build_campaign_tables(
     run: RunRecord, building: BuildingRecord, photographs_uri: str, stage_tables: Mapping[str, pa.Table]
 ) -> dict[str, pa.Table]:
     """The stages' tables and the rows of ``buildings``, ``campaigns`` and ``runs``, all without the run's keys."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.measurement.blur import Blur, blur_of, coded_grey, linear
 from facadelake.measurement.profiles import (
     Profiles,
@@ -41,7 +41,7 @@ class CrackMeasure:
     """
 
     outcome: CrackWidthOutcome
-    line_px: Array | None = None
+    line_px: Float64Array | None = None
     length_px: float = float("nan")
     width: Width | None = None
 
@@ -79,7 +79,7 @@ def measure_crack(
     return CrackMeasure(outcome=outcome, line_px=xy + 0.5, length_px=length, width=width)
 
 
-def _profiles(light: NDArray[np.float32], line: Line, blur: Blur) -> tuple[Array, Profiles]:
+def _profiles(light: NDArray[np.float32], line: Line, blur: Blur) -> tuple[Float64Array, Profiles]:
     """The line on its darkest way, and its profiles, in a core that first the ridge and then the profiles tell."""
     width = of_ridge = float(np.median(line.width_px))
     xy = line.xy

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, median_filter
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.measurement.trace import evenly_spaced
 
 STEP_PX = 0.25
@@ -20,12 +20,12 @@ _MOST_TURN = 2  # steps across that the middle may move from one place along the
 class Strip:
     """Light (k, m) at places (k,) along a line ``xy`` (k, 2) and at ``across_px`` (m,) from it."""
 
-    xy: Array
-    across_px: Array
-    light: Array
+    xy: Float64Array
+    across_px: Float64Array
+    light: Float64Array
 
 
-def straightened(light: NDArray[np.float32], xy: Array, half_width_px: float) -> Strip:
+def straightened(light: NDArray[np.float32], xy: Float64Array, half_width_px: float) -> Strip:
     """The picture (h, w) along a line (k, 2: column, row), sampled by cubic splines; beyond its rim the rim goes on."""
     normal = _normals(xy)
     count = int(np.ceil(half_width_px / STEP_PX))
@@ -35,7 +35,7 @@ def straightened(light: NDArray[np.float32], xy: Array, half_width_px: float) ->
     return Strip(xy=xy, across_px=across, light=sampled)
 
 
-def onto_the_darkest(light: NDArray[np.float32], xy: Array, width_px: float, reach_px: float) -> Array:
+def onto_the_darkest(light: NDArray[np.float32], xy: Float64Array, width_px: float, reach_px: float) -> Float64Array:
     """The line (k, 2) moved across itself, by ``reach_px`` at most, onto the darkest smooth way beside it.
 
     Found by dynamic programming over the straightened picture, smoothed to the line's own ``width_px``.
@@ -46,19 +46,19 @@ def onto_the_darkest(light: NDArray[np.float32], xy: Array, width_px: float, rea
     return evenly_spaced(moved_across(xy, gaussian_filter1d(shift, _SMOOTH_PX, mode="nearest")))
 
 
-def moved_across(xy: Array, by_px: Array) -> Array:
+def moved_across(xy: Float64Array, by_px: Float64Array) -> Float64Array:
     """The line (k, 2) with each point moved across it by ``by_px`` (k,), and smoothed over a pixel."""
     return np.asarray(gaussian_filter1d(xy + by_px[:, None] * _normals(xy), 1.0, axis=0, mode="nearest"))
 
 
-def _normals(xy: Array) -> Array:
+def _normals(xy: Float64Array) -> Float64Array:
     """Unit vectors (k, 2) across a line (k, 2), on the side that is right of it where rows go down."""
     along = gaussian_filter1d(np.gradient(xy, axis=0), _SMOOTH_PX, axis=0, mode="nearest")
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     return np.column_stack([-along[:, 1], along[:, 0]])
 
 
-def _best_way(gain: Array) -> NDArray[np.int64]:
+def _best_way(gain: Float64Array) -> NDArray[np.int64]:
     """Columns (k,) of the way through ``gain`` (k, m) that gathers most, moving a few columns a row at most."""
     rows, columns = gain.shape
     total, came = gain[0].copy(), np.zeros((rows, columns), dtype=np.int64)
@@ -97,11 +97,11 @@ class Profiles:
     ``jitter_px``: one sigma of the middles, which blurs a mean of profiles.
     """
 
-    across_px: Array
-    darkness: Array
-    area_px: Array
-    beside_px: Array
-    middle_px: Array
+    across_px: Float64Array
+    darkness: Float64Array
+    area_px: Float64Array
+    beside_px: Float64Array
+    middle_px: Float64Array
     darker: NDArray[np.bool_]
     even: NDArray[np.bool_]
     jitter_px: float
@@ -141,7 +141,7 @@ def _flank(core_px: float) -> float:
     return max(_FLANK_PX, _FLANK_SHARE * core_px)
 
 
-def _darkness(light: Array, across_px: Array, core_px: float) -> Array:
+def _darkness(light: Float64Array, across_px: Float64Array, core_px: float) -> Float64Array:
     """1 - light over the wall's, whose light is that of both flanks, straight across between them."""
     levels = _flanks(light, across_px, core_px)
     place = core_px + _flank(core_px) / 2
@@ -150,7 +150,7 @@ def _darkness(light: Array, across_px: Array, core_px: float) -> Array:
     return np.asarray(1 - light / np.maximum(wall, 1e-4))
 
 
-def _flanks(light: Array, across_px: Array, core_px: float) -> tuple[Array, Array]:
+def _flanks(light: Float64Array, across_px: Float64Array, core_px: float) -> tuple[Float64Array, Float64Array]:
     """Light (k,) of the wall on either side; where a strip ends before it, the other side's."""
     outer = core_px + _flank(core_px)
     levels = []
@@ -162,7 +162,7 @@ def _flanks(light: Array, across_px: Array, core_px: float) -> tuple[Array, Arra
     return np.where(np.isnan(left), right, left), np.where(np.isnan(right), left, right)
 
 
-def _middles(dark: Array, across_px: Array, core_px: float, blur_px: float) -> tuple[Array, float]:
+def _middles(dark: Float64Array, across_px: Float64Array, core_px: float, blur_px: float) -> tuple[Float64Array, float]:
     """Middle (k,) of each profile, where a bar as wide as the crack fits best, and one sigma of them.
 
     They are smoothed along the line; how far the middles of even and odd places are apart tells their sigma.
@@ -175,7 +175,7 @@ def _middles(dark: Array, across_px: Array, core_px: float, blur_px: float) -> t
     inner = np.where(np.abs(across_px) <= reach, dark, 0.0)
     fit = np.array([np.convolve(row, shape - shape.mean(), mode="same") for row in inner])
 
-    def found(rows: Array) -> Array:
+    def found(rows: Float64Array) -> Float64Array:
         smooth = gaussian_filter1d(rows, _SMOOTH_PX, axis=0, mode="nearest")
         smooth[:, np.abs(across_px) > max(core_px / 2, 1.0)] = -np.inf
         return _peaks(smooth, across_px)
@@ -188,7 +188,7 @@ def _middles(dark: Array, across_px: Array, core_px: float, blur_px: float) -> t
     return found(fit), apart / 2
 
 
-def _peaks(rows: Array, across_px: Array) -> Array:
+def _peaks(rows: Float64Array, across_px: Float64Array) -> Float64Array:
     """Place (k,) of the largest value of each row (k, m), to a fraction of a step by a parabola."""
     best = np.clip(rows.argmax(axis=1), 1, rows.shape[1] - 2)
     number = np.arange(len(rows))
@@ -199,7 +199,7 @@ def _peaks(rows: Array, across_px: Array) -> Array:
     return np.asarray(across_px[best] + np.clip(part, -0.5, 0.5) * STEP_PX)
 
 
-def _even(dark: Array, across_px: Array, core_px: float) -> NDArray[np.bool_]:
+def _even(dark: Float64Array, across_px: Float64Array, core_px: float) -> NDArray[np.bool_]:
     """Places (k,) whose flanks are not much less even than those of most."""
     outer = core_px + _flank(core_px)
     flank = (np.abs(across_px) > core_px) & (np.abs(across_px) <= outer)

@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter1d
 from skimage.graph import MCP_Geometric
 from skimage.measure import block_reduce
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.measurement.blur import Grey
 
 _SCALES_PX = (0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0, 13.5)
@@ -71,8 +71,8 @@ Bools = NDArray[np.bool_]
 class Line:
     """Points (k, 2: column, row; 0 the centre of the first pixel) about 1 px apart, and the ridge's width (k,), px."""
 
-    xy: Array
-    width_px: Array
+    xy: Float64Array
+    width_px: Float64Array
 
     @property
     def length_px(self) -> float:
@@ -115,7 +115,7 @@ def line_along_mask(ridges: Ridges, mask: Bools) -> Line | None:
     return _smoothed(path, ridges, block)
 
 
-def _costs(ridges: Ridges, inside: Bools) -> tuple[Array, int]:
+def _costs(ridges: Ridges, inside: Bools) -> tuple[Float64Array, int]:
     """Cost of a path by pixel or block of pixels (infinite outside), and the block's side."""
     block = max(1, int(np.ceil(np.sqrt(np.count_nonzero(inside) / _PIXELS_MOST))))
     strength = ridges.strength
@@ -127,7 +127,7 @@ def _costs(ridges: Ridges, inside: Bools) -> tuple[Array, int]:
     return np.where(inside, cost, np.inf), block
 
 
-def _path(cost: Array, starts: list[tuple[int, int]], ends: list[tuple[int, int]]) -> Array:
+def _path(cost: Float64Array, starts: list[tuple[int, int]], ends: list[tuple[int, int]]) -> Float64Array:
     """The cheapest path (k, 2: column, row) from any of ``starts`` to any of ``ends``."""
     search = MCP_Geometric(np.where(np.isfinite(cost), cost, -1.0))
     total, _ = search.find_costs([s for s in starts if np.isfinite(cost[s])], [e for e in ends if np.isfinite(cost[e])])
@@ -135,13 +135,13 @@ def _path(cost: Array, starts: list[tuple[int, int]], ends: list[tuple[int, int]
     return np.asarray(search.traceback(reached), dtype=np.float64)[:, ::-1]
 
 
-def _farthest(plain: Array, spots: NDArray[np.int64], start: NDArray[np.int64]) -> NDArray[np.int64]:
+def _farthest(plain: Float64Array, spots: NDArray[np.int64], start: NDArray[np.int64]) -> NDArray[np.int64]:
     total, _ = MCP_Geometric(plain).find_costs([tuple(start)])
     found: NDArray[np.int64] = spots[int(np.argmax(total[spots[:, 0], spots[:, 1]]))]
     return found
 
 
-def _trimmed(path: Array, ridges: Ridges, block: int) -> tuple[float, Line | None]:
+def _trimmed(path: Float64Array, ridges: Ridges, block: int) -> tuple[float, Line | None]:
     """The path without its ends that show no line, and the strength that it gathers."""
     line = _smoothed(path, ridges, block)
     if line is None:
@@ -155,7 +155,7 @@ def _trimmed(path: Array, ridges: Ridges, block: int) -> tuple[float, Line | Non
     return float(strength[kept].sum()), cut if cut.length_px >= _LEAST_PX else None
 
 
-def _smoothed(path: Array, ridges: Ridges, block: int) -> Line | None:
+def _smoothed(path: Float64Array, ridges: Ridges, block: int) -> Line | None:
     """A path of blocks as a smooth line in pixels, its points evenly spaced."""
     xy = path * block + (block - 1) / 2
     if len(xy) < 3:
@@ -165,14 +165,14 @@ def _smoothed(path: Array, ridges: Ridges, block: int) -> Line | None:
     return Line(xy=line, width_px=_at(ridges.width_px, line, block)) if len(line) >= _LEAST_PX else None
 
 
-def evenly_spaced(xy: Array) -> Array:
+def evenly_spaced(xy: Float64Array) -> Float64Array:
     """The line (n, 2) as points (k, 2) about 1 px apart."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
     wanted = np.linspace(0.0, along[-1], max(2, round(along[-1]) + 1))
     return np.column_stack([np.interp(wanted, along, xy[:, axis]) for axis in (0, 1)])
 
 
-def _at(field: NDArray[np.float32], xy: Array, block: int) -> Array:
+def _at(field: NDArray[np.float32], xy: Float64Array, block: int) -> Float64Array:
     """Largest value (k,) of a field about points (k, 2), within the block that the path was found in."""
     column, row = np.round(xy).astype(np.int64).T
     reach = np.arange(-(block // 2) - 1, block // 2 + 2)

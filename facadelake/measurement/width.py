@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
 from scipy.special import erf
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.measurement.blur import Blur
 from facadelake.measurement.profiles import Profiles
 
@@ -49,7 +49,7 @@ class Width:
     told: bool
     blur_px: float
     contrast: float
-    local_px: Array
+    local_px: Float64Array
 
 
 def width_of(profiles: Profiles, blur: Blur) -> Width:
@@ -104,12 +104,14 @@ class _Fit:
     Parameters: ln blur, ln contrast of the crack; then ln width, ln contrast and base level of each profile.
     """
 
-    def __init__(self, across_px: Array, means: list[Array], weights: list[float], areas: Array, blur: Blur) -> None:
+    def __init__(
+        self, across_px: Float64Array, means: list[Float64Array], weights: list[float], areas: Float64Array, blur: Blur
+    ) -> None:
         self._across, self._means, self._weights, self._areas, self._blur = across_px, means, weights, areas, blur
         reach = areas.max() * 2 + 4 * blur.sigma_px + 2
         self._seen = np.abs(across_px) <= max(reach, 5.0)
 
-    def solved(self) -> tuple[Array, Array]:
+    def solved(self) -> tuple[Float64Array, Float64Array]:
         """Best parameters and their covariance."""
         count = len(self._areas)
         start, low, high = [np.log(self._blur.sigma_px), np.log(0.6)], [np.log(0.3), np.log(0.02)], [np.log(6.0), 0.03]
@@ -120,14 +122,14 @@ class _Fit:
         found = least_squares(self._residuals, begin, bounds=(low, high), x_scale=0.1, max_nfev=80)
         return found.x, np.linalg.pinv(found.jac.T @ found.jac)
 
-    def widths(self, values: Array) -> Array:
+    def widths(self, values: Float64Array) -> Float64Array:
         return np.asarray(np.exp(values[2 : 2 + len(self._areas)]))
 
-    def contrasts(self, values: Array) -> Array:
+    def contrasts(self, values: Float64Array) -> Float64Array:
         count = len(self._areas)
         return np.asarray(np.exp(values[2 + count : 2 + 2 * count]))
 
-    def _residuals(self, values: Array) -> Array:
+    def _residuals(self, values: Float64Array) -> Float64Array:
         count = len(self._areas)
         blur, bases = np.exp(values[0]), values[2 + 2 * count :]
         out = [(values[0] - np.log(self._blur.sigma_px)) / self._blur.known_to]
@@ -142,14 +144,16 @@ class _Fit:
         return np.concatenate(parts)
 
 
-def bar(across_px: Array, width_px: float, blur_px: float) -> Array:
+def bar(across_px: Float64Array, width_px: float, blur_px: float) -> Float64Array:
     """A bar of height 1 and ``width_px`` about 0 under a Gaussian blur, at places (m,)."""
     scale = np.sqrt(2) * blur_px
-    value: Array = (erf((across_px + width_px / 2) / scale) - erf((across_px - width_px / 2) / scale)) / 2
+    value: Float64Array = (erf((across_px + width_px / 2) / scale) - erf((across_px - width_px / 2) / scale)) / 2
     return value
 
 
-def _between_edges(darkness: Array, across_px: Array, contrast: float, width_px: float) -> tuple[Array, Array]:
+def _between_edges(
+    darkness: Float64Array, across_px: Float64Array, contrast: float, width_px: float
+) -> tuple[Float64Array, Float64Array]:
     """Widths (k,) of resolved bars by where darkness (k, m) falls to half the contrast, and one sigma of each.
 
     An edge is hardly moved by how bright the wall beside it is taken to be, unlike the integral of a wide bar.
@@ -172,20 +176,20 @@ def _between_edges(darkness: Array, across_px: Array, contrast: float, width_px:
     return out, np.full(len(out), max(spread, 0.1))
 
 
-def _trimmed_mean(rows: Array) -> Array:
+def _trimmed_mean(rows: Float64Array) -> Float64Array:
     """Mean (m,) of rows (k, m) at every place, without what is out of the way there."""
     cut = int(_OUTLIERS * len(rows))
     ordered = np.sort(rows, axis=0)
     return np.asarray(ordered[cut : len(rows) - cut].mean(axis=0))
 
 
-def _noise(rows: Array, mean: Array) -> float:
+def _noise(rows: Float64Array, mean: Float64Array) -> float:
     """One sigma of the mean profile: scatter about it, and what the model does not know."""
     independent = max(len(rows) / _CORRELATED_PX, 1.0)
     return float(np.hypot(np.median(np.std(rows - mean, axis=0)) / np.sqrt(independent), _SHAPE))
 
 
-def _memory(values: Array) -> float:
+def _memory(values: Float64Array) -> float:
     """How many places (k,) tell as much as one: the sum of the autocorrelation to where it first falls below 0."""
     away = values - values.mean()
     along = np.correlate(away, away, mode="full")[len(away) - 1 :]
@@ -196,7 +200,7 @@ def _memory(values: Array) -> float:
     return float(2 * share[:last].sum() - 1)
 
 
-def _widest(means: list[Array], across_px: Array, blur_px: float) -> float:
+def _widest(means: list[Float64Array], across_px: Float64Array, blur_px: float) -> float:
     """Full width at half of the mean profiles' depth: no crack is wider than it looks."""
     profile = np.mean(means, axis=0)
     deep = profile > profile[np.abs(across_px) < blur_px].max() / 2

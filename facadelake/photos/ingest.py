@@ -13,7 +13,7 @@ import pyarrow as pa
 from PIL import Image
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.progress import track
 from facadelake.core.tables import table_of_rows
 from facadelake.photos.clock import is_set
@@ -35,7 +35,7 @@ def _folder_role(photo_id: str) -> PhotoRole | None:
 def _roles(
     photo_ids: Sequence[str],
     statements: dict[str, Statement],
-    distance_to_model_m: Callable[[Array], Array] | None,
+    distance_to_model_m: Callable[[Float64Array], Float64Array] | None,
     close_range_below_m: float,
 ) -> list[PhotoRole]:
     roles = [_folder_role(photo_id) for photo_id in photo_ids]
@@ -54,7 +54,7 @@ def _roles(
 
 
 def _statements(
-    photos: dict[str, Photo], distance_to_model_m: Callable[[Array], Array] | None
+    photos: dict[str, Photo], distance_to_model_m: Callable[[Float64Array], Float64Array] | None
 ) -> tuple[dict[str, Statement], dict[str, str]]:
     """What the readable photographs say; a file of the same bytes as another says the same, and no more."""
     first_of_hash: dict[str, str] = {}
@@ -136,7 +136,7 @@ def _row(photo_id: str, photo: Photo, role: PhotoRole, said: Statement | None) -
 
 
 def ingest_photographs(
-    root: Path, *, distance_to_model_m: Callable[[Array], Array] | None, close_range_below_m: float
+    root: Path, *, distance_to_model_m: Callable[[Float64Array], Float64Array] | None, close_range_below_m: float
 ) -> pa.Table:
     """Table `photos` of all files below ``root``; photo_id is the path below ``root`` with forward slashes.
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.photos.attitude_prior import AttitudePrior, attitude_prior, pitch_is_djis, with_dji_pitch
 from facadelake.photos.clock import Tick, clock_warnings, is_set
 from facadelake.photos.drone_xmp import DroneMetadata
@@ -62,7 +62,7 @@ class Statement:
 
 
 def statements_of(
-    photos: Sequence[Metadata], distance_to_model_m: Callable[[Array], Array] | None = None
+    photos: Sequence[Metadata], distance_to_model_m: Callable[[Float64Array], Float64Array] | None = None
 ) -> list[Statement]:
     """The statements of a campaign's photographs; ``distance_to_model_m`` as in ``plausibility.check_priors``."""
     photos = _with_common_step(photos)

@@ -10,7 +10,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.photos.position_prior import METRES_PER_DEGREE, PositionPrior, Sigma
 from schemas.vocabulary import PositionSource
 
@@ -49,7 +49,7 @@ def _warned(prior: PositionPrior, warning: str) -> PositionPrior:
 
 
 def check_priors(
-    located: Sequence[Located], distance_to_model_m: Callable[[Array], Array] | None = None
+    located: Sequence[Located], distance_to_model_m: Callable[[Float64Array], Float64Array] | None = None
 ) -> list[PositionPrior]:
     """The priors after all checks: kept, warned about and widened, or NONE with the reason.
 
@@ -79,17 +79,17 @@ def _with_possible_height(prior: PositionPrior) -> PositionPrior:
     return replace(_warned(prior, warning), height_m=math.nan)
 
 
-def _metres(lon_lat_deg: Array, reference: Array) -> Array:
+def _metres(lon_lat_deg: Float64Array, reference: Float64Array) -> Float64Array:
     """East and north (n, 2) of places near ``reference`` (lon, lat): rough, and enough to tell near from far."""
     east = (lon_lat_deg[:, 0] - reference[0] + 180) % 360 - 180
-    out: Array = METRES_PER_DEGREE * np.column_stack(
+    out: Float64Array = METRES_PER_DEGREE * np.column_stack(
         [east * math.cos(math.radians(reference[1])), lon_lat_deg[:, 1] - reference[1]]
     )
     return out
 
 
 def _near_the_rest(
-    priors: list[PositionPrior], distance_to_model_m: Callable[[Array], Array] | None
+    priors: list[PositionPrior], distance_to_model_m: Callable[[Float64Array], Float64Array] | None
 ) -> list[PositionPrior]:
     """What lies far from the building (or, where that is unknown, from most photographs) is a mistake of writing."""
     index = [i for i, prior in enumerate(priors) if _has(prior)]
@@ -98,8 +98,8 @@ def _near_the_rest(
     places = np.array([_place(priors[i]) for i in index])
     middle = np.median(places, axis=0)
 
-    def from_middle(lon_lat_deg: Array) -> Array:
-        distance: Array = np.hypot(*_metres(lon_lat_deg, middle).T)
+    def from_middle(lon_lat_deg: Float64Array) -> Float64Array:
+        distance: Float64Array = np.hypot(*_metres(lon_lat_deg, middle).T)
         return distance
 
     distance = distance_to_model_m or from_middle
@@ -118,7 +118,7 @@ def _near_the_rest(
     return out
 
 
-def _offer(place: Array, distance: Callable[[Array], Array]) -> str:
+def _offer(place: Float64Array, distance: Callable[[Float64Array], Float64Array]) -> str:
     """Which slip of writing explains the place: the one that brings it near."""
     lon, lat = place
     slips = {
@@ -136,7 +136,7 @@ def _offer(place: Array, distance: Callable[[Array], Array]) -> str:
     return f"; with {list(possible)[best]} it would lie {metres[best]:.0f} m from there: correct the metadata"
 
 
-def _mark_jumps(priors: list[PositionPrior], members: list[int], times_s: Array) -> None:
+def _mark_jumps(priors: list[PositionPrior], members: list[int], times_s: Float64Array) -> None:
     """Photographs whose place or height no drone could have come from and gone to in the time there was."""
     members = [i for i in members if _has(priors[i])]
     if len(members) < 3:
@@ -167,7 +167,9 @@ def _neighbour(i: int, count: int) -> int:
     return i - 1 if i > 0 else min(1, count - 1)
 
 
-def _off_chain(points_m: Array, times_s: Array, noise_m: Array, fastest_m_s: float) -> NDArray[np.int64]:
+def _off_chain(
+    points_m: Float64Array, times_s: Float64Array, noise_m: Float64Array, fastest_m_s: float
+) -> NDArray[np.int64]:
     """Those outside the longest chain in time order whose neighbours could all be reached from one another.
 
     The longest chain does not depend on a start, so that one bad point (even the first) condemns itself alone. Where
@@ -194,7 +196,7 @@ def _off_chain(points_m: Array, times_s: Array, noise_m: Array, fastest_m_s: flo
     return np.flatnonzero(~on_chain)
 
 
-def _mark_frozen(priors: list[PositionPrior], members: list[int], times_s: Array) -> None:
+def _mark_frozen(priors: list[PositionPrior], members: list[int], times_s: Float64Array) -> None:
     """Runs of one and the same position: as uncertain as the way that was flown meanwhile."""
     members = [i for i in members if _has(priors[i])]
     runs = [list(run) for _, run in groupby(members, key=lambda i: _place(priors[i]))]

@@ -17,7 +17,7 @@ from facadelake.publish.geopackage import facade_layers, geo_layers, write_layer
 from facadelake.publish.geoparquet import CRS_2D, frame, write_geoparquet
 
 
-def export(name: str, table: pa.Table, path: Path) -> Path:
+def export_table(name: str, table: pa.Table, path: Path) -> Path:
     """Write the rows of table ``name`` (lake form) to ``path``, which appears whole or not at all, and return it.
 
     ``.parquet``: GeoParquet in EPSG:4979, or plain Parquet for a table without geometry. ``.gpkg``: a flat layer, one

@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 import pyogrio
 import shapely
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.publish.columns import FIRST, GEOMETRY, PATCH, plain, shapes
 from facadelake.publish.geoparquet import CRS_2D, CRS_3D
@@ -99,14 +99,14 @@ def facade_layers(defects: pa.Table) -> Iterator[Layer]:
         )
 
 
-def _in_plane(xyz_site_m: Array, facade: str) -> Array:
+def _in_plane(xyz_site_m: Float64Array, facade: str) -> Float64Array:
     """Site metres (n, 3) as u and v of the facade's plane (n, 2)."""
     if facade == LEVEL:
         return xyz_site_m[:, :2]
     return np.column_stack([xyz_site_m[:, :2] @ right_of(facade), xyz_site_m[:, 2]])
 
 
-def _columns(rows: pa.Table, *names: str) -> Array:
+def _columns(rows: pa.Table, *names: str) -> Float64Array:
     return np.column_stack([rows.column(name).to_numpy() for name in names])
 
 

@@ -19,7 +19,6 @@ import pyarrow as pa
 
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake.read import read_tables
-from facadelake.publish.export import export
 from facadelake.publish.geopackage import facade_layers, geo_layers, write_layers
 from facadelake.publish.geoparquet import flat, frame, write_geoparquet
 from facadelake.publish.readme import readme

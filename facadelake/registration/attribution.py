@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Hits, Surface
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.registration.outline import Outlines
 
 _FILLINGS = ("IfcWindow", "IfcDoor")  # and their standard cases
@@ -69,7 +69,7 @@ class Attribution:
 
 
 def most_voted(
-    detection: NDArray[np.int64], element: NDArray[np.int64], vote: Array, detections: int
+    detection: NDArray[np.int64], element: NDArray[np.int64], vote: Float64Array, detections: int
 ) -> NDArray[np.int64]:
     """The element (n,) with most of each detection's votes; -1 where there are none.
 

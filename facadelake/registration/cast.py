@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Hits, Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.registration.centre import middle_of_mask, middles_of_boxes
 from facadelake.registration.continuity import main_side, members_of
 from facadelake.registration.outline import Outlines, outlines_of
@@ -33,22 +33,22 @@ class Patches:
     """
 
     member: NDArray[np.bool_]
-    xyz_site_m: Array
-    normal_site: Array
+    xyz_site_m: Float64Array
+    normal_site: Float64Array
     ray: PixelRays
-    distance_m: Array
+    distance_m: Float64Array
     polygon_site: NDArray[Any]
-    width_m: Array
-    height_m: Array
-    length_m: Array
-    area_m2: Array
-    target_share: Array
+    width_m: Float64Array
+    height_m: Float64Array
+    length_m: Float64Array
+    area_m2: Float64Array
+    target_share: Float64Array
 
     @property
-    def incidence_deg(self) -> Array:
+    def incidence_deg(self) -> Float64Array:
         """Angle (n,) between the positions' rays and the surface's normals."""
         cosine = np.clip(-np.einsum("ij,ij->i", self.ray.direction_site, self.normal_site), 0.0, 1.0)
-        angle: Array = np.degrees(np.arccos(cosine))
+        angle: Float64Array = np.degrees(np.arccos(cosine))
         return angle
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Hits
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.registration.outline import Outlines
 from facadelake.registration.patch import tangents_of
 
@@ -20,8 +20,8 @@ Rows = NDArray[np.int64]
 
 
 def middle_of_mask(
-    outlines: Outlines, hits: Hits, pixel_m2: Array, row: int, polygon_site: Any, camera: PosedCamera
-) -> Array:
+    outlines: Outlines, hits: Hits, pixel_m2: Float64Array, row: int, polygon_site: Any, camera: PosedCamera
+) -> Float64Array:
     """The pixel (2,) of a mask's middle: the centroid of its area on the surface.
 
     Other than the centroid of its pixels, it is one place for all photographs. Round a corner, where the outline cannot
@@ -38,17 +38,17 @@ def middle_of_mask(
         axes = np.vstack([*(tangent[0] for tangent in tangents_of(facing[None])), facing])
         flat = shapely.transform(polygon_site, lambda xyz: (xyz - middle) @ axes.T, include_z=True)
         middle = middle + shapely.get_coordinates(shapely.centroid(flat))[0] @ axes[:2]
-    pixel: Array = camera.project_site(middle[None])[0]
+    pixel: Float64Array = camera.project_site(middle[None])[0]
     return pixel
 
 
-def middles_of_boxes(outlines: Outlines, depth_m: Array, member: NDArray[np.bool_], rows: Rows) -> Array:
+def middles_of_boxes(outlines: Outlines, depth_m: Float64Array, member: NDArray[np.bool_], rows: Rows) -> Float64Array:
     """The pixels (m, 2) of the middles of what boxes ``rows`` (m,) enclose; ``depth_m``, ``member`` (k,) of all pixels.
 
     What is nearer looks larger, so a box's centre lies too near: the image of a segment's middle is the mean of its
     ends' images, weighted by their depths. A box that is not wholly on one surface keeps its centre.
     """
-    middle: Array = outlines.centre_img[rows].copy()
+    middle: Float64Array = outlines.centre_img[rows].copy()
     first = np.searchsorted(outlines.detection, rows)
     side = np.sqrt(np.searchsorted(outlines.detection, rows, side="right") - first).astype(np.int64)
     for number in np.unique(side):

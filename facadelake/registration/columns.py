@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from facadelake.building.facades.directions import facades_in
 from facadelake.building.model import BuildingModel
 from facadelake.building.storeys import storeys_of_places
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.registration.attribution import Attribution
 from facadelake.registration.cast import Casts
 from facadelake.registration.crack_widths import crack_columns
@@ -37,7 +37,7 @@ class Places:
             building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
         )
 
-    def columns(self, casts: Casts, kept: NDArray[np.int64], covariance_site: Array) -> dict[str, Sequence[Any]]:
+    def columns(self, casts: Casts, kept: NDArray[np.int64], covariance_site: Float64Array) -> dict[str, Sequence[Any]]:
         """Columns of the detections ``kept`` (m,), all of which met the building; ``covariance_site`` (m, 3, 3)."""
         patches, building = casts.patches, self._building
         xyz, normal = patches.xyz_site_m[kept], patches.normal_site[kept]
@@ -73,5 +73,5 @@ class Places:
         }
 
 
-def _split(names: Sequence[str], values: Array) -> dict[str, Sequence[Any]]:
+def _split(names: Sequence[str], values: Float64Array) -> dict[str, Sequence[Any]]:
     return {name: column.tolist() for name, column in zip(names, values.T, strict=True)}

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.registration.cast import Casts
 from facadelake.registration.rays import rays_of
 from schemas.vocabulary import CrackWidthOutcome
@@ -41,7 +41,7 @@ class _Scale:
     length_m: float | None
 
 
-def crack_columns(casts: Casts, kept: NDArray[np.int64], covariance_site: Array) -> dict[str, Sequence[Any]]:
+def crack_columns(casts: Casts, kept: NDArray[np.int64], covariance_site: Float64Array) -> dict[str, Sequence[Any]]:
     """Columns of table ``observations`` for detections ``kept`` (m,), whose places have ``covariance_site`` (m, 3, 3).
 
     The error of a width holds that in pixels, that of the distance, and that of the surface's slope. A width that a
@@ -51,7 +51,7 @@ def crack_columns(casts: Casts, kept: NDArray[np.int64], covariance_site: Array)
     return {name: [row.get(name) for row in rows] for name in CRACK_COLUMNS}
 
 
-def _row(casts: Casts, row: int, covariance_site: Array) -> dict[str, Any]:
+def _row(casts: Casts, row: int, covariance_site: Float64Array) -> dict[str, Any]:
     found = casts.detections[row]
     width_px, line = found.get("crack_width_px"), found.get("crack_line")
     outcome = found.get("crack_width_outcome")
@@ -71,7 +71,7 @@ def _row(casts: Casts, row: int, covariance_site: Array) -> dict[str, Any]:
     return columns
 
 
-def _scale_sigma(casts: Casts, row: int, covariance_site: Array) -> float:
+def _scale_sigma(casts: Casts, row: int, covariance_site: Float64Array) -> float:
     """One sigma, as a share, of the size of a pixel on the surface: by the distance and by the slope."""
     patches = casts.patches
     ray = patches.ray.direction_site[row]

@@ -16,10 +16,10 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.building.target_elements import target_elements
+from facadelake.building.targets import target_elements
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.progress import stage_progress
 from facadelake.core.tables import table_of_rows
 from facadelake.registration.exclusion_mask import masked_shares
@@ -118,7 +118,7 @@ def _off_building(rows: list[Row], elements: pa.Table) -> None:
             row["reason"] = f"it lies on {beside[row['element_guid']]}, which is no part of the building"
 
 
-def _mask(rows: list[Row], boxes: Array, mask: Path, posed: PosedCamera, share_min: float) -> None:
+def _mask(rows: list[Row], boxes: Float64Array, mask: Path, posed: PosedCamera, share_min: float) -> None:
     try:
         shares = masked_shares(mask, posed.camera, boxes)
     except InputDataError as error:
@@ -130,7 +130,7 @@ def _mask(rows: list[Row], boxes: Array, mask: Path, posed: PosedCamera, share_m
             row["reason"] = f"{share:.0%} of the box is black in the mask {mask.name}; the limit is {share_min:.0%}"
 
 
-def _occlude(photo_id: str, rows: list[Row], boxes: Array, occluders: Occluders, share_min: float) -> None:
+def _occlude(photo_id: str, rows: list[Row], boxes: Float64Array, occluders: Occluders, share_min: float) -> None:
     placed = [i for i, row in enumerate(rows) if row["observation_outcome"] in _PLACED]
     if not placed:
         return

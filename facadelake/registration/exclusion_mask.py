@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _BLACK_BELOW = 128  # masks saved as JPEG are not purely black and white
 
@@ -31,7 +31,7 @@ def read_mask(mask: Path, camera: Camera) -> NDArray[np.bool_]:
     return np.asarray(grey < _BLACK_BELOW)
 
 
-def masked_shares(mask: Path, camera: Camera, boxes_px: Array) -> Array:
+def masked_shares(mask: Path, camera: Camera, boxes_px: Float64Array) -> Float64Array:
     """Share (n,) of each box (n, 4; x, y, width, height) that the mask blackens; 0 for a box outside the photograph.
 
     Raises InputDataError as ``read_mask`` does.

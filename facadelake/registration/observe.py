@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.progress import stage_progress
 from facadelake.core.tables import table_of_rows
 from facadelake.registration.attribution import Attribution
@@ -30,7 +30,7 @@ from schemas.vocabulary import DetectionOutcome, ObservationOutcome
 
 _log = logging.getLogger(__name__)
 Row = dict[str, Any]
-_NO_COVARIANCE: Mapping[str, Array] = {}
+_NO_COVARIANCE: Mapping[str, Float64Array] = {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ def observe(
     building: BuildingModel,
     surface: Surface,
     settings: RegisterSettings,
-    covariances: Mapping[str, Array] = _NO_COVARIANCE,
+    covariances: Mapping[str, Float64Array] = _NO_COVARIANCE,
 ) -> pa.Table:
     """Table ``observations``: one row an accepted detection, with its outcome; ``defect_id`` is left to ``merge``.
 
@@ -123,7 +123,7 @@ def _placed(
     verdicts: Sequence[Verdict],
     places: Places,
     settings: RegisterSettings,
-    covariances: Mapping[str, Array],
+    covariances: Mapping[str, Float64Array],
 ) -> list[Row]:
     """Rows of the detections, with their places where the building was met."""
     shares = casts.patches.target_share
@@ -144,8 +144,8 @@ def _placed(
 
 
 def position_covariance(
-    casts: Casts, kept: NDArray[np.int64], settings: RegisterSettings, covariances: Mapping[str, Array]
-) -> Array:
+    casts: Casts, kept: NDArray[np.int64], settings: RegisterSettings, covariances: Mapping[str, Float64Array]
+) -> Float64Array:
     """Covariance (m, 3, 3) in m2 of the positions of the detections ``kept`` (m,), by rays and surface together."""
     patches = casts.patches
     direction, normal = patches.ray.direction_site[kept], patches.normal_site[kept]

@@ -22,7 +22,7 @@ from shapely import STRtree
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.registration.tie_points import TiePoints
 
 _DIRECTIONS = 8  # of walls; what lies level is a ninth
@@ -57,9 +57,9 @@ class Hidden:
     """Of n boxes: the share (n,) of their rays that an occluder stops, the limit of the gap (n,) and its median (n,),
     metres along the ray, NaN where nothing is hidden."""
 
-    share: Array
-    gap_m: Array
-    limit_m: Array
+    share: Float64Array
+    gap_m: Float64Array
+    limit_m: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,11 +67,11 @@ class _InPicture:
     """Tie points in one photograph: pixels (k, 2), rows of the tie points, whether the photograph itself saw them,
     whether they stand before the model, and by how much they must."""
 
-    xy_img: Array
+    xy_img: Float64Array
     point: NDArray[np.int64]
     own: NDArray[np.bool_]
     standing: NDArray[np.bool_]
-    limit_m: Array
+    limit_m: Float64Array
 
 
 class Occluders:
@@ -90,7 +90,7 @@ class Occluders:
         self._apart_m = surface.distance_to(points.xyz_site_m) if len(points.xyz_site_m) else np.zeros(0)
         self._offsets_m = np.hypot(self._offsets(), placement_sigma_m)
 
-    def _offsets(self) -> Array:
+    def _offsets(self) -> Float64Array:
         """How far the facades of each direction stand off the model (_DIRECTIONS + 1,): the median over tie points.
 
         A campaign placed by GPS alone is metres off, and then that is no occluder.
@@ -108,7 +108,7 @@ class Occluders:
         groups = [distance[direction == k] for k in range(_DIRECTIONS + 1)]
         return np.array([np.median(group) if len(group) else usual for group in groups])
 
-    def before(self, photo_id: str, boxes_px: Array) -> Hidden:
+    def before(self, photo_id: str, boxes_px: Float64Array) -> Hidden:
         """What stands before the model in the boxes (n, 4; x, y, width, height) of one photograph."""
         n, side = len(boxes_px), self._settings.rays_per_side
         nothing = Hidden(share=np.zeros(n), gap_m=np.full(n, np.nan), limit_m=np.full(n, np.nan))
@@ -171,7 +171,9 @@ class Occluders:
             limit_m=np.concatenate([my_limit, limit[kept]]),
         )
 
-    def _standing(self, posed: PosedCamera, xy_img: Array, point: NDArray[np.int64]) -> tuple[NDArray[np.bool_], Array]:
+    def _standing(
+        self, posed: PosedCamera, xy_img: Float64Array, point: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], Float64Array]:
         """Which tie points (k,) at pixels (k, 2) stand in the open before the model, and the gap each must have."""
         origins, directions = posed.rays_site(xy_img)
         hits = self._surface.cast(origins, directions)
@@ -187,7 +189,7 @@ class Occluders:
         return standing & (across < _FOLDED * along), limit
 
 
-def _facing(normals: Array) -> NDArray[np.int64]:
+def _facing(normals: Float64Array) -> NDArray[np.int64]:
     """Group (n,) of unit normals (n, 3): the compass direction of walls, _DIRECTIONS for what lies level."""
     azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1]))
     group = np.round(azimuth / (360 / _DIRECTIONS)).astype(np.int64) % _DIRECTIONS
@@ -203,7 +205,7 @@ def _confirmed(corners: NDArray[np.int64], own: NDArray[np.bool_]) -> NDArray[np
     return np.asarray(enough[body[corners[:, 0]]])
 
 
-def _along(origins: Array, directions: Array, corners: Array) -> Array:
+def _along(origins: Float64Array, directions: Float64Array, corners: Float64Array) -> Float64Array:
     """Where rays (n, 3) meet the planes of their triangles (n, 3, 3), kept between the triangle's own distances."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     slope = np.einsum("ij,ij->i", normal, directions)
@@ -211,11 +213,11 @@ def _along(origins: Array, directions: Array, corners: Array) -> Array:
     reach = np.linalg.norm(corners - origins[:, None], axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         plane = np.where(slope == 0, reach[:, 0], height / slope)
-    kept: Array = np.clip(plane, reach.min(axis=1), reach.max(axis=1))
+    kept: Float64Array = np.clip(plane, reach.min(axis=1), reach.max(axis=1))
     return kept
 
 
-def _median(values: Array, found: NDArray[np.bool_]) -> Array:
+def _median(values: Float64Array, found: NDArray[np.bool_]) -> Float64Array:
     """Median of each row (n, k) without its NaN; NaN in rows that are not ``found``."""
     out = np.full(len(values), np.nan)
     out[found] = np.nanmedian(values[found], axis=1)

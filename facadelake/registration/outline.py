@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 APART = 1e7  # pitches; keeps the detections of one search tree apart
 _NEIGHBOURS = 1.5  # of a mask's pixels, in pitches of its lattice: the eight around it
@@ -32,13 +32,13 @@ class Outlines:
     """
 
     polygon_img: NDArray[Any]
-    centre_img: Array
+    centre_img: Float64Array
     masked: NDArray[np.bool_]
-    area_px2: Array
-    pitch_px: Array
+    area_px2: Float64Array
+    pitch_px: Float64Array
     detection: NDArray[np.int64]
-    xy_img: Array
-    vote: Array
+    xy_img: Float64Array
+    vote: Float64Array
     beside: NDArray[np.int64]
 
     def __len__(self) -> int:
@@ -50,9 +50,9 @@ class _Inside:
     """Pixels inside one outline, as in ``Outlines``."""
 
     polygon_img: Any
-    pitch_px: Array
-    xy_img: Array
-    vote: Array
+    pitch_px: Float64Array
+    xy_img: Float64Array
+    vote: Float64Array
     beside: NDArray[np.int64]
 
 
@@ -106,7 +106,7 @@ def _box_template(side: int) -> _Inside:
     )
 
 
-def _of_box(box: Array, template: _Inside, side: int) -> _Inside:
+def _of_box(box: Float64Array, template: _Inside, side: int) -> _Inside:
     return _Inside(
         polygon_img=shapely.box(box[0], box[1], box[0] + box[2], box[1] + box[3]),
         pitch_px=box[2:] / side,
@@ -116,7 +116,7 @@ def _of_box(box: Array, template: _Inside, side: int) -> _Inside:
     )
 
 
-def _mask_of(text: str | None, box: Array) -> Any | None:
+def _mask_of(text: str | None, box: Float64Array) -> Any | None:
     """The mask's polygon inside its box, None where there is none of any size."""
     if text is None:
         return None
@@ -149,7 +149,7 @@ def _of_mask(mask: Any, wanted: int) -> _Inside:
     )
 
 
-def _beside(xy: Array, reach_px: float) -> NDArray[np.int64]:
+def _beside(xy: Float64Array, reach_px: float) -> NDArray[np.int64]:
     """Pairs (e, 2) of points within reach, and the shortest bridges that make one whole of what is left in parts."""
     tree = cKDTree(xy)
     pairs = tree.query_pairs(reach_px, output_type="ndarray").astype(np.int64)

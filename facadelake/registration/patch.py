@@ -13,7 +13,7 @@ from scipy.spatial.distance import pdist
 
 from facadelake.building.surface.raycasting import Hits
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.registration.outline import APART, Outlines
 from facadelake.registration.rays import rays_of
@@ -26,7 +26,7 @@ _CORNER = 1.5  # pitches: the cells around one
 _FEW = 8  # vertices: up to so many, as of boxes, patches are measured together
 
 
-def tangents_of(normals_site: Array) -> tuple[Array, Array]:
+def tangents_of(normals_site: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Unit horizontal and upward tangents (n, 3) of surfaces with ``normals_site`` (n, 3).
 
     On a level surface, which has no horizontal tangent of its own, they are east and north.
@@ -53,7 +53,7 @@ def patches_in_site(patches: list[bytes], origin: SiteOrigin) -> NDArray[Any]:
 
 
 def nearest_member(
-    outlines: Outlines, member: NDArray[np.bool_], rows: NDArray[np.int64], xy_img: Array
+    outlines: Outlines, member: NDArray[np.bool_], rows: NDArray[np.int64], xy_img: Float64Array
 ) -> NDArray[np.int64]:
     """The member (m,) nearest to each pixel ``xy_img`` (m, 2) of detection ``rows`` (m,); -1 where there is none."""
     kept = np.flatnonzero(member)
@@ -69,7 +69,7 @@ def nearest_member(
     return np.where(outlines.detection[chosen] == rows, chosen, -1)
 
 
-def on_planes(origin: Array, direction: Array, hits: Hits, anchor: NDArray[np.int64]) -> Array:
+def on_planes(origin: Float64Array, direction: Float64Array, hits: Hits, anchor: NDArray[np.int64]) -> Float64Array:
     """Where rays (m, 3) meet the planes of the hits ``anchor`` (m,); the hit itself where the plane is too flat."""
     normal, at = hits.normal_site[anchor], hits.xyz_site_m[anchor]
     cosine = np.einsum("ij,ij->i", normal, direction)
@@ -77,7 +77,7 @@ def on_planes(origin: Array, direction: Array, hits: Hits, anchor: NDArray[np.in
     distance = np.divide(height, cosine, out=np.full(len(height), np.nan), where=np.abs(cosine) > LEAST_COSINE)
     ratio = distance / hits.distance_m[anchor]
     sound = (ratio > 1 / _MOST_STRETCH) & (ratio < _MOST_STRETCH)
-    placed: Array = np.where(sound[:, None], origin + distance[:, None] * direction, at)
+    placed: Float64Array = np.where(sound[:, None], origin + distance[:, None] * direction, at)
     return placed
 
 
@@ -86,7 +86,7 @@ class Mapped:
     """Outlines of the m patches in site, their vertices (c, 3), and which patch a vertex is of (c,), ascending."""
 
     polygon_site: NDArray[Any]
-    vertex_site_m: Array
+    vertex_site_m: Float64Array
     of_vertex: NDArray[np.int64]
 
 
@@ -153,7 +153,9 @@ def _single(polygons: NDArray[Any]) -> NDArray[Any]:
     return np.where(shapely.get_num_geometries(polygons) == 1, shapely.get_geometry(polygons, 0), polygons)
 
 
-def extents(coords: Array, of_vertex: NDArray[np.int64], xyz: Array, normal: Array) -> Array:
+def extents(
+    coords: Float64Array, of_vertex: NDArray[np.int64], xyz: Float64Array, normal: Float64Array
+) -> Float64Array:
     """Horizontal, upward and longest extent (n, 3) of vertices (c, 3), given in the order of their patches."""
     across, upward = tangents_of(normal)
     starts = np.searchsorted(of_vertex, np.arange(len(xyz)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -18,14 +18,14 @@ class PixelRays:
     the direction turns by a pixel to the right and down, ``solid_angle`` (k,) steradian a square pixel, and
     ``forward`` (k,) the share of a distance that is depth."""
 
-    origin_site_m: Array
-    direction_site: Array
-    by_pixel: Array
-    solid_angle: Array
-    forward: Array
+    origin_site_m: Float64Array
+    direction_site: Float64Array
+    by_pixel: Float64Array
+    solid_angle: Float64Array
+    forward: Float64Array
 
 
-def rays_of(cameras: Sequence[PosedCamera], camera_of: NDArray[np.int64], xy_img: Array) -> PixelRays:
+def rays_of(cameras: Sequence[PosedCamera], camera_of: NDArray[np.int64], xy_img: Float64Array) -> PixelRays:
     """Rays of the pixels ``xy_img`` (k, 2), each of ``cameras[camera_of]`` (k,)."""
     count = len(xy_img)
     origin, direction = np.empty((count, 3)), np.empty((count, 3))
@@ -43,7 +43,7 @@ def rays_of(cameras: Sequence[PosedCamera], camera_of: NDArray[np.int64], xy_img
     )
 
 
-def _turned_by_a_pixel(camera: Camera, rays_cam: Array) -> tuple[Array, Array]:
+def _turned_by_a_pixel(camera: Camera, rays_cam: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Derivative (k, 3, 2) of unit rays by their pixel, and the pixel's solid angle (k,); Brown's model, inverted."""
     x, y = (rays_cam[:, :2] / rays_cam[:, 2:]).T
     r2 = x * x + y * y
@@ -58,33 +58,33 @@ def _turned_by_a_pixel(camera: Camera, rays_cam: Array) -> tuple[Array, Array]:
     length = np.sqrt(1 + r2)
     # d unit = (I - unit unit') d(x, y, 1) / length
     across = np.eye(3)[None] - rays_cam[:, :, None] * rays_cam[:, None, :]
-    turned: Array = across[:, :, :2] @ plane / length[:, None, None]
-    solid: Array = 1 / (np.abs(grown) * length**3)
+    turned: Float64Array = across[:, :, :2] @ plane / length[:, None, None]
+    solid: Float64Array = 1 / (np.abs(grown) * length**3)
     return turned, solid
 
 
 _LEAST_COSINE = 0.01  # of a ray flatter than 89.4 deg to the normal nothing finite can be said
 
 
-def surface_covariance(direction_site: Array, normal_site: Array, model_sigma_m: float) -> Array:
+def surface_covariance(direction_site: Float64Array, normal_site: Float64Array, model_sigma_m: float) -> Float64Array:
     """Covariance (n, 3, 3) in m2 of places by a surface that stands ``model_sigma_m`` (one sigma) off its model.
 
     It has rank 1, along the ray; all sightings of a place share the surface.
     """
     along = direction_site / _facing(direction_site, normal_site)[:, None]
-    covariance: Array = model_sigma_m**2 * along[:, :, None] * along[:, None, :]
+    covariance: Float64Array = model_sigma_m**2 * along[:, :, None] * along[:, None, :]
     return covariance
 
 
 def ray_covariance(
-    direction_site: Array,
-    distance_m: Array,
-    normal_site: Array,
-    by_pixel: Array,
-    pixel_sigma_px: Array,
-    site_from_cam: Array,
-    pose_covariance: Array,
-) -> Array:
+    direction_site: Float64Array,
+    distance_m: Float64Array,
+    normal_site: Float64Array,
+    by_pixel: Float64Array,
+    pixel_sigma_px: Float64Array,
+    site_from_cam: Float64Array,
+    pose_covariance: Float64Array,
+) -> Float64Array:
     """Covariance (n, 3, 3) in m2 of places by their rays alone, on a surface that is where the model has it.
 
     ``direction_site`` (n, 3) unit, ``normal_site`` (n, 3); ``by_pixel`` (n, 3, 2): the direction's derivative by the
@@ -99,11 +99,11 @@ def ray_covariance(
     by_turn = distance_m[:, None, None] * np.cross(axes, direction_site[:, None, :]).transpose(0, 2, 1)
     by_pose = np.concatenate([np.broadcast_to(np.eye(3), by_turn.shape), by_turn], axis=2)
     moved = by_pixels @ by_pixels.transpose(0, 2, 1) + by_pose @ pose_covariance @ by_pose.transpose(0, 2, 1)
-    covariance: Array = onto_plane @ moved @ onto_plane.transpose(0, 2, 1)
+    covariance: Float64Array = onto_plane @ moved @ onto_plane.transpose(0, 2, 1)
     return (covariance + covariance.transpose(0, 2, 1)) / 2
 
 
-def _facing(direction_site: Array, normal_site: Array) -> Array:
+def _facing(direction_site: Float64Array, normal_site: Float64Array) -> Float64Array:
     """``normal . direction`` (n,): negative, as normals face the camera, and kept off zero."""
-    cosine: Array = np.minimum(np.einsum("ij,ij->i", direction_site, normal_site), -_LEAST_COSINE)
+    cosine: Float64Array = np.minimum(np.einsum("ij,ij->i", direction_site, normal_site), -_LEAST_COSINE)
     return cosine

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
-from facadelake.building.target_elements import target_elements
+from facadelake.building.targets import target_elements
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.pose_table import posed_cameras

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _LEAST_SIGHTS = 3  # with two, a wrong match along the epipolar line leaves no residual
 _LEAST_SIGMA_PX = 0.5  # features are not found better
@@ -25,14 +25,14 @@ class Tracks:
     photo_ids: Sequence[str]
     photo: NDArray[np.int64]
     point: NDArray[np.int64]
-    xy_img: Array
+    xy_img: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sights:
     """What one photograph saw: pixels (k, 2) and the points (k,), rows of ``TiePoints``."""
 
-    xy_img: Array
+    xy_img: Float64Array
     point: NDArray[np.int64]
 
 
@@ -40,8 +40,8 @@ class Sights:
 class TiePoints:
     """``xyz_site_m`` (m, 3) with ``covariance_site_m2`` (m, 3, 3), and each photograph's sightings of them."""
 
-    xyz_site_m: Array
-    covariance_site_m2: Array
+    xyz_site_m: Float64Array
+    covariance_site_m2: Float64Array
     sights: Mapping[str, Sights]
 
 
@@ -68,8 +68,8 @@ def tie_points(tracks: Tracks, posed: Mapping[str, PosedCamera]) -> TiePoints:
 
 
 def _rays(
-    names: Sequence[str], photo: NDArray[np.int64], xy: Array, posed: Mapping[str, PosedCamera]
-) -> tuple[Array, Array, Array]:
+    names: Sequence[str], photo: NDArray[np.int64], xy: Float64Array, posed: Mapping[str, PosedCamera]
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Origins and directions (k, 3) and focal lengths (k,) of sightings, which come by photograph."""
     origins, directions, focal_px = np.zeros((len(xy), 3)), np.zeros((len(xy), 3)), np.ones(len(xy))
     for index in np.unique(photo):
@@ -81,14 +81,14 @@ def _rays(
 
 
 def _intersections(
-    origins: Array, directions: Array, focal_px: Array, point: NDArray[np.int64], count: int
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+    origins: Float64Array, directions: Float64Array, focal_px: Float64Array, point: NDArray[np.int64], count: int
+) -> tuple[Float64Array, Float64Array, NDArray[np.bool_]]:
     """Points (count, 3), their covariance (count, 3, 3) and which are to be believed."""
     along = np.zeros(len(origins))
     weight = np.ones(len(origins))
     enough = np.bincount(point, minlength=count) >= _LEAST_SIGHTS
-    xyz: Array = np.zeros((count, 3))
-    information: Array = np.zeros((count, 3, 3))
+    xyz: Float64Array = np.zeros((count, 3))
+    information: Float64Array = np.zeros((count, 3, 3))
     foot = origins - np.einsum("ki,ki->k", origins, directions)[:, None] * directions
     for _ in range(2):
         right = np.zeros((count, 3))

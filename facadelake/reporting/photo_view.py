@@ -17,13 +17,13 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.building.surface.view_images import ViewImages, view_images
+from facadelake.building.surface.view_images import ViewImages, render_view_images
 from facadelake.building.surface.virtual_view import virtual_photograph
 from facadelake.campaigns.committed import committed_model, committed_tables
 from facadelake.campaigns.preflight import resolved_campaign
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.progress import stage_progress
 from facadelake.registry import Building
@@ -88,7 +88,7 @@ def view_sheet(panels: Panels, *, title: str, note: str) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, picture: NDArray[np.uint8] | Array, title: str) -> None:
+def _panel(axes: Axes, picture: NDArray[np.uint8] | Float64Array, title: str) -> None:
     axes.imshow(picture, interpolation="nearest")
     axes.set_title(title, loc="left", fontsize=10)
     axes.set_axis_off()
@@ -143,9 +143,9 @@ def _class_colour(ifc_class: str) -> tuple[float, float, float]:
     return to_rgb(next((colour for name, colour in _CLASS_COLOURS if ifc_class.startswith(name)), OTHER_COLOUR))
 
 
-def _shade(ifc_class: str, row: int) -> Array:
+def _shade(ifc_class: str, row: int) -> Float64Array:
     """The class's colour, a little lighter or darker from element to element."""
-    colour: Array = np.array(_class_colour(ifc_class)) * (0.82 + 0.06 * (row * 2 % 5 - 2))
+    colour: Float64Array = np.array(_class_colour(ifc_class)) * (0.82 + 0.06 * (row * 2 % 5 - 2))
     return np.clip(colour + 0.12, 0.0, 1.0)
 
 
@@ -171,7 +171,7 @@ class PhotoView:
 def view_photograph(
     building: Building, campaign_id: str, photo: str, *, lake: Path, output: Path | None, scale: float | None
 ) -> PhotoView:
-    """Write the sheet of one photograph as a picture, and its images beside it as ``.npz`` (see ``view_images``).
+    """Write the sheet of one photograph as a picture, and its images beside it as ``.npz`` (see ``render_view_images``).
 
     ``photo`` is a photo_id, or a file name that one photograph alone has. Without ``output`` the sheet goes to
     ``view_<photo>.png`` here; without ``scale`` panels are 1000 pixels wide. Raises InputDataError where the photograph
@@ -191,7 +191,7 @@ def view_photograph(
     surface = Surface(model)
     scale = scale if scale is not None else min(1.0, _USUAL_WIDTH_PX / posed.camera.width_px)
     with stage_progress("Casting rays and rendering"):
-        images = view_images(posed, surface, model.elements, scale)
+        images = render_view_images(posed, surface, model.elements, scale)
         virtual = virtual_photograph(model, posed, scale=scale).colour
     photograph = _reduced(building.photographs_of(campaign) / photo_id, posed, images.depth_m.shape)
     path = output or Path(f"view_{Path(photo_id).with_suffix('').as_posix().replace('/', '_')}.png")

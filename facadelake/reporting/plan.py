@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.drawing.palette import class_colour, plain
 from facadelake.reporting.drawing.projected_model import draw_model
 from facadelake.reporting.inspection import Inspection
@@ -72,7 +72,7 @@ def _cameras(axes: Axes, inspection: Inspection, extent_m: float) -> None:
             axes.plot(x, y, "o", color=colour, markersize=3.2, zorder=3, label=label, linestyle="none")
 
 
-def _unlocalised(axes: Axes, inspection: Inspection, low: Array, high: Array) -> None:
+def _unlocalised(axes: Axes, inspection: Inspection, low: Float64Array, high: Float64Array) -> None:
     """Crosses where photographs without a pose say they were taken, by their GPS."""
     lost = [
         row

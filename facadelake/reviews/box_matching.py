@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.detection.boxes import Box
 
 
@@ -20,24 +20,24 @@ class Pair:
     overlap: float
 
 
-def corners_of(boxes: Iterable[Box]) -> Array:
+def corners_of(boxes: Iterable[Box]) -> Float64Array:
     """Boxes as (n, 4): left, top, right, bottom, in their pixels."""
     rows = [(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px) for box in boxes]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def overlaps(ones: Array, others: Array) -> Array:
+def overlaps(ones: Float64Array, others: Float64Array) -> Float64Array:
     """Intersection over union (n, m) of corners (n, 4) and (m, 4)."""
     low = np.maximum(ones[:, None, :2], others[None, :, :2])
     high = np.minimum(ones[:, None, 2:], others[None, :, 2:])
     shared = np.prod(np.clip(high - low, 0.0, None), axis=2)
     areas = [np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) for boxes in (ones, others)]
     whole = areas[0][:, None] + areas[1][None, :] - shared
-    share: Array = np.divide(shared, whole, out=np.zeros_like(shared), where=whole > 0)
+    share: Float64Array = np.divide(shared, whole, out=np.zeros_like(shared), where=whole > 0)
     return share
 
 
-def pairs_of(shares: Array, least: float) -> tuple[Pair, ...]:
+def pairs_of(shares: Float64Array, least: float) -> tuple[Pair, ...]:
     """Pairs of rows and columns of ``shares`` (n, m) from ``least`` on, the largest first, none of them twice."""
     rows, columns = np.nonzero(shares >= least)
     order = np.argsort(-shares[rows, columns], kind="stable")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.detection.boxes import Box
 from facadelake.reviews.box_matching import corners_of, overlaps, pairs_of
 from facadelake.reviews.review import Review, box_of_row, latest
@@ -99,7 +99,7 @@ def judge(reviews: Sequence[Review], detections: Sequence[Detected]) -> Judgemen
     )
 
 
-def _fit(words: Sequence[Review], there: Sequence[Detected]) -> Array:
+def _fit(words: Sequence[Review], there: Sequence[Detected]) -> Float64Array:
     """How well each word (rows) fits each detection of its photograph: the overlap, 2 for the very one."""
     boxes = corners_of(one.box for one in there)
     judged = overlaps(corners_of(word.judged_box or word.place for word in words), boxes)

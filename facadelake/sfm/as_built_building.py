@@ -13,10 +13,10 @@ from facadelake.building.mesh.load import with_surface
 from facadelake.building.model import BuildingModel
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.sfm.reconstruction import Reconstruction
 from facadelake.sfm.surface_mesh import mesh_of
-from facadelake.sfm.tie_point_covariance import pixel_sigma, tie_point_covariance
+from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, pixel_sigma
 
 _WORST_SIGMA_M = 0.1  # a tie point known worse than this, along its rays, dents the surface more than it shapes it
 _MOST_POINTS = 100_000  # measured: 40 s of processor time and 3 GB
@@ -25,7 +25,7 @@ _ONE_SIGMA_PERCENTILE = 68.27
 _LEAST_SIGMA_M = 0.005
 
 
-def as_built_building(
+def build_as_built_model(
     place: BuildingModel, reconstruction: Reconstruction, posed: Mapping[str, PosedCamera]
 ) -> BuildingModel:
     """``place`` with the surface of the block's tie points, seen from the adjusted cameras ``posed`` (by photo_id).
@@ -65,7 +65,7 @@ def block_in_site(reconstruction: Reconstruction, posed: Mapping[str, PosedCamer
         track_xy_img=reconstruction.track_xy_img[rows],
     )
     xyz = _intersected(block, cameras)
-    covariance = tie_point_covariance(block, cameras, xyz, sigma_px=pixel_sigma(reconstruction))
+    covariance = compute_tie_point_covariance(block, cameras, xyz, sigma_px=pixel_sigma(reconstruction))
     known = np.isfinite(xyz).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     worst = np.full(len(xyz), np.inf)
     worst[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[:, 2])
@@ -79,7 +79,7 @@ def block_in_site(reconstruction: Reconstruction, posed: Mapping[str, PosedCamer
     )
 
 
-def roughness(xyz_site_m: Array) -> float:
+def roughness(xyz_site_m: Float64Array) -> float:
     """One sigma, in metres, of how far points (n, 3) of a surface stand off the plane of the eight around each."""
     count = min(_NEIGHBOURS, len(xyz_site_m) - 1)
     near = cKDTree(xyz_site_m).query(xyz_site_m, k=count + 1)[1][:, 1:]
@@ -90,7 +90,7 @@ def roughness(xyz_site_m: Array) -> float:
     return max(float(np.percentile(off, _ONE_SIGMA_PERCENTILE)), _LEAST_SIGMA_M)
 
 
-def _intersected(block: Reconstruction, cameras: list[PosedCamera]) -> Array:
+def _intersected(block: Reconstruction, cameras: list[PosedCamera]) -> Float64Array:
     """Tie points (m, 3) nearest to their rays, in angle: a second round weighs each ray by its distance; NaN: open."""
     xyz = np.full((len(block.xyz_sfm), 3), np.nan)
     rays = [_rays(block, k, camera) for k, camera in enumerate(cameras)]
@@ -108,6 +108,6 @@ def _intersected(block: Reconstruction, cameras: list[PosedCamera]) -> Array:
     return xyz
 
 
-def _rays(block: Reconstruction, photo: int, camera: PosedCamera) -> tuple[NDArray[np.int64], Array]:
+def _rays(block: Reconstruction, photo: int, camera: PosedCamera) -> tuple[NDArray[np.int64], Float64Array]:
     rows = block.track_photo == photo
     return block.track_point[rows], camera.rays_site(block.track_xy_img[rows])[1]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _ON_FACE = 1e-9
 
@@ -24,12 +24,14 @@ class Crossings:
 
     tetrahedron: NDArray[np.int64]
     facet: NDArray[np.int64]
-    before_end: Array
+    before_end: Float64Array
     begins: NDArray[np.int64]
     behind: NDArray[np.int64]
 
 
-def cross(delaunay: Delaunay, origins: Array, ends: Array, end_vertex: NDArray[np.int64], depth: Array) -> Crossings:
+def cross(
+    delaunay: Delaunay, origins: Float64Array, ends: Float64Array, end_vertex: NDArray[np.int64], depth: Float64Array
+) -> Crossings:
     """Walk rays (n) from ``origins`` (n, 3) to ``ends`` (n, 3), which are vertices ``end_vertex`` (n,).
 
     ``depth`` (n,): how far behind its point a ray looks for matter. All rays step together, one tetrahedron at a time:
@@ -64,7 +66,7 @@ def cross(delaunay: Delaunay, origins: Array, ends: Array, end_vertex: NDArray[n
     )
 
 
-def _located(delaunay: Delaunay, xyz: Array) -> NDArray[np.int64]:
+def _located(delaunay: Delaunay, xyz: Float64Array) -> NDArray[np.int64]:
     """The tetrahedron of each point (n, 3), -1 outside: each place once, neighbours in turn, for short searches."""
     places, which = np.unique(xyz, axis=0, return_inverse=True)
     low, high = places.min(axis=0), places.max(axis=0)
@@ -77,8 +79,8 @@ def _located(delaunay: Delaunay, xyz: Array) -> NDArray[np.int64]:
 
 
 def _exit(
-    delaunay: Delaunay, tetrahedron: NDArray[np.int64], origin: Array, direction: Array
-) -> tuple[Array, NDArray[np.int64]]:
+    delaunay: Delaunay, tetrahedron: NDArray[np.int64], origin: Float64Array, direction: Float64Array
+) -> tuple[Float64Array, NDArray[np.int64]]:
     """Where along the ray (in its length) each tetrahedron is left, and through which facet; NaN for a flat one."""
     transform = delaunay.transform[tetrahedron]
     start = np.einsum("nij,nj->ni", transform[:, :3], origin - transform[:, 3])

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.sfm.settings import ReconstructionSettings
 
 Booleans = NDArray[np.bool_]
@@ -27,19 +27,19 @@ _ALIKE = 3
 _ALIKE_M = 0.001
 
 
-def viewing_directions(yaw_deg: Array, pitch_deg: Array) -> Array:
+def viewing_directions(yaw_deg: Float64Array, pitch_deg: Float64Array) -> Float64Array:
     """Unit vectors (n, 3) in site of yaw (clockwise from north) and pitch (above the horizon); NaN if unknown."""
     yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
     return np.column_stack([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
 
 
 def choose_pairs(
-    xyz_m: Array,
-    direction: Array,
+    xyz_m: Float64Array,
+    direction: Float64Array,
     close_range: Booleans,
     settings: ReconstructionSettings,
     *,
-    half_view_deg: Array | None = None,
+    half_view_deg: Float64Array | None = None,
 ) -> list[tuple[int, int]]:
     """Pairs (i < j) of photographs to compare, sorted; their number grows with that of the photographs, not its square.
 
@@ -69,7 +69,7 @@ def choose_pairs(
     return sorted(pairs)
 
 
-def poorly_placed(xyz_m: Array, sigma_m: Array, settings: ReconstructionSettings) -> Booleans:
+def poorly_placed(xyz_m: Float64Array, sigma_m: Float64Array, settings: ReconstructionSettings) -> Booleans:
     """Which photographs (n,) their position does not tell from others: partners must be sought by their looks.
 
     No position; one whose horizontal sigma (``sigma_m`` (n, 3)) is more than half the distance within which its
@@ -89,7 +89,7 @@ def poorly_placed(xyz_m: Array, sigma_m: Array, settings: ReconstructionSettings
     return poor
 
 
-def _placed(xyz_m: Array) -> Booleans:
+def _placed(xyz_m: Float64Array) -> Booleans:
     return np.asarray(np.isfinite(xyz_m).all(axis=1))
 
 
@@ -97,22 +97,22 @@ def _with(i: int, others: Iterable[int]) -> set[tuple[int, int]]:
     return {(min(i, j), max(i, j)) for j in others}
 
 
-def _smallest(cost: Array, count: int) -> list[int]:
+def _smallest(cost: Float64Array, count: int) -> list[int]:
     return [int(j) for j in np.argsort(cost, kind="stable")[:count] if np.isfinite(cost[j])]
 
 
-def _cost(i: int, xyz_m: Array, direction: Array) -> Array:
+def _cost(i: int, xyz_m: Float64Array, direction: Float64Array) -> Float64Array:
     """Distance (m) to each photograph, stretched by the angle between the views; inf where they cannot overlap."""
     distance = np.linalg.norm(xyz_m - xyz_m[i], axis=1)
     cosine = direction @ direction[i]
     known = np.isfinite(cosine)
-    cost: Array = np.where(known, distance * (2.0 - np.where(known, cosine, 1.0)), distance)
+    cost: Float64Array = np.where(known, distance * (2.0 - np.where(known, cosine, 1.0)), distance)
     cost[known & (cosine < np.cos(np.radians(WIDEST_ANGLE_DEG)))] = np.inf
     cost[i] = np.inf
     return cost
 
 
-def _shared_view(i: int, xyz_m: Array, direction: Array, half_view_deg: Array) -> Array:
+def _shared_view(i: int, xyz_m: Float64Array, direction: Float64Array, half_view_deg: Float64Array) -> Float64Array:
     """Share (n,) of the depths at which what lies ahead of one photograph is in the other's view; 0.5 if unknown.
 
     Of the two ways the better: a wide view holds what a close one looks at, not the reverse.
@@ -123,6 +123,6 @@ def _shared_view(i: int, xyz_m: Array, direction: Array, half_view_deg: Array) -
     by_others = np.einsum("ndk,nk->nd", to_i, direction) > seen[:, None] * np.linalg.norm(to_i, axis=2)
     to_others = _DEPTHS_M[None, :, None] * direction[:, None, :] + (xyz_m - xyz_m[i])[:, None, :]
     by_i = to_others @ direction[i] > seen[i] * np.linalg.norm(to_others, axis=2)
-    share: Array = np.maximum(by_others.mean(axis=1), by_i.mean(axis=1))
+    share: Float64Array = np.maximum(by_others.mean(axis=1), by_i.mean(axis=1))
     share[~np.isfinite(direction @ direction[i])] = 0.5
     return share

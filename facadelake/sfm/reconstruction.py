@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from schemas.vocabulary import PoseSource
 
 
@@ -60,16 +60,16 @@ class Reconstruction:
 
     photos: tuple[LocalisedPhoto, ...]
     unlocalised: tuple[UnlocalisedPhoto, ...]
-    xyz_sfm: Array
+    xyz_sfm: Float64Array
     rgb: NDArray[np.uint8]
     track_photo: NDArray[np.int64]
     track_point: NDArray[np.int64]
-    track_xy_img: Array
+    track_xy_img: Float64Array
     mean_reprojection_error_px: float
     costs: tuple[StepCost, ...]
 
     @property
-    def centres_sfm(self) -> Array:
+    def centres_sfm(self) -> Float64Array:
         """Projection centres (n, 3) of ``photos``."""
         return np.array([photo.sfm_from_cam.translation for photo in self.photos]).reshape(-1, 3)
 
@@ -78,7 +78,9 @@ class Reconstruction:
         return next((photo for photo in self.photos if photo.photo_id == photo_id), None)
 
 
-def _localised(said: dict[str, Any], camera: Array, rotation: Array, translation: Array) -> LocalisedPhoto:
+def _localised(
+    said: dict[str, Any], camera: Float64Array, rotation: Float64Array, translation: Float64Array
+) -> LocalisedPhoto:
     width, height, fx, fy, cx, cy, k1, k2, p1, p2 = (float(value) for value in camera)
     return LocalisedPhoto(
         photo_id=said["photo_id"],

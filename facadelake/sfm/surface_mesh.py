@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import Delaunay, cKDTree
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.progress import stage_progress
 from facadelake.sfm.free_space import Crossings, cross
 from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
@@ -42,7 +42,7 @@ def as_built_mesh(reconstruction_folder: Path, folder: Path) -> None:
     np.savez(folder / "mesh.npz", vertices_sfm=vertices, triangles=triangles)
 
 
-def read_mesh(folder: Path) -> tuple[Array, NDArray[np.int64]]:
+def read_mesh(folder: Path) -> tuple[Float64Array, NDArray[np.int64]]:
     """Vertices (n, 3) in sfm and triangles (m, 3), wound so that normals point to the free side."""
     try:
         with np.load(folder / "mesh.npz") as loaded:
@@ -53,7 +53,7 @@ def read_mesh(folder: Path) -> tuple[Array, NDArray[np.int64]]:
 
 def mesh_of(
     reconstruction: Reconstruction, *, seed: int = 1, most_points: int = _MOST_POINTS
-) -> tuple[Array, NDArray[np.int64]]:
+) -> tuple[Float64Array, NDArray[np.int64]]:
     """The surface between free space and matter: vertices (n, 3) in sfm, triangles (m, 3).
 
     Of more than ``most_points`` well-observed tie points that many are drawn by ``seed``.
@@ -101,11 +101,11 @@ def _sightings(
     return reconstruction.track_point[rows], reconstruction.track_photo[rows]
 
 
-def _far_corners(xyz: Array) -> Array:
+def _far_corners(xyz: Float64Array) -> Float64Array:
     """Eight corners of a box three times as wide as everything, so that every camera stands in a tetrahedron."""
     middle, half = (xyz.max(axis=0) + xyz.min(axis=0)) / 2, (xyz.max(axis=0) - xyz.min(axis=0)).max() * 1.5
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    corners: Array = middle + half * signs
+    corners: Float64Array = middle + half * signs
     return corners
 
 
@@ -153,7 +153,7 @@ def _free(delaunay: Delaunay, crossings: Crossings, spacing: float) -> NDArray[n
     return reached[:count]
 
 
-def _badness(delaunay: Delaunay) -> Array:
+def _badness(delaunay: Delaunay) -> Float64Array:
     """Shape term of every facet (4 t,), 0 (good) to 2: large where a circumsphere bulges far out of the facet."""
     corners = delaunay.points[delaunay.simplices]
     base = corners[:, 0]
@@ -177,7 +177,7 @@ def _badness(delaunay: Delaunay) -> Array:
     # The neighbour's facet towards this tetrahedron is the one whose neighbour this is.
     back = np.argmax(delaunay.neighbors[neighbour] == np.repeat(np.arange(len(corners)), 4)[:, None], axis=1)
     theirs = cosine[neighbour, back]
-    badness: Array = 1.0 - np.clip(np.minimum(mine, theirs), -1.0, 1.0)
+    badness: Float64Array = 1.0 - np.clip(np.minimum(mine, theirs), -1.0, 1.0)
     return badness
 
 
@@ -193,7 +193,7 @@ def _between(delaunay: Delaunay, free: NDArray[np.bool_]) -> NDArray[np.int64]:
     return triangles
 
 
-def _without_long(points: Array, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def _without_long(points: Float64Array, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     edges = np.linalg.norm(points[triangles] - points[np.roll(triangles, 1, axis=1)], axis=2).max(axis=1)
     limit = _LONGEST_EDGE_FACTOR * np.percentile(edges, _EDGE_PERCENTILE) if len(edges) else 0.0
     kept: NDArray[np.int64] = triangles[edges <= limit]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.sfm.reconstruction import Reconstruction
 
 # The mean length of a residual of two coordinates is 1.25 times the sigma of one (Rayleigh).
@@ -22,9 +22,9 @@ def pixel_sigma(reconstruction: Reconstruction) -> float:
     return max(reconstruction.mean_reprojection_error_px / _MEAN_LENGTH_SIGMAS, _LEAST_SIGMA_PX)
 
 
-def tie_point_covariance(
-    reconstruction: Reconstruction, cameras: Sequence[PosedCamera], xyz: Array, *, sigma_px: float
-) -> Array:
+def compute_tie_point_covariance(
+    reconstruction: Reconstruction, cameras: Sequence[PosedCamera], xyz: Float64Array, *, sigma_px: float
+) -> Float64Array:
     """Covariance (m, 3, 3) of points ``xyz`` (m, 3) from their sightings in ``cameras``, one for each photograph.
 
     Cameras and points are in one frame, ``site`` or any other; the covariance is in its units. It is conditional: what
@@ -58,11 +58,11 @@ class Seen:
     the finest ``gsd`` (m,), the length of a pixel there (inf where no photograph saw it)."""
 
     photographs: NDArray[np.int64]
-    direction: Array
-    gsd: Array
+    direction: Float64Array
+    gsd: Float64Array
 
 
-def how_seen(reconstruction: Reconstruction, cameras: Sequence[PosedCamera], xyz: Array) -> Seen:
+def how_seen(reconstruction: Reconstruction, cameras: Sequence[PosedCamera], xyz: Float64Array) -> Seen:
     """How ``cameras``, one for each photograph, saw the points ``xyz`` (m, 3); both are in one frame, any."""
     photographs = np.zeros(len(xyz), dtype=np.int64)
     direction, gsd = np.zeros((len(xyz), 3)), np.full(len(xyz), np.inf)

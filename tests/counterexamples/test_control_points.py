@@ -12,7 +12,7 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, read_control_points
-from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference
+from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference_block
 from schemas.vocabulary import ControlKind, PositionSource
 from tests.synthetic.test_georeference import ORIGIN, Scene, ring
 
@@ -70,7 +70,7 @@ def placed(
     *,
     limit_m: float = 60.0,  # GPS heights of an unknown datum are known to 50 m
 ) -> Georeferenced:
-    return georeference(
+    return georeference_block(
         SCENE.reconstruction(),
         SCENE.photos() if photos is None else photos,
         place=Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),

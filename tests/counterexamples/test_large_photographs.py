@@ -14,8 +14,8 @@ import pytest
 
 from facadelake.detection.inference.detector import Found
 from facadelake.detection.inference.letterbox import Image
-from facadelake.detection.tiling.detect_image import detect_image
 from facadelake.detection.tiling.plan import plan_looks
+from facadelake.detection.tiling.tiled_detection import detect_image
 from tests.unit.detection.blobs import BlobDetector, card
 
 INPUT_PX = 160

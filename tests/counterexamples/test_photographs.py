@@ -13,7 +13,7 @@ from PIL import Image
 from facadelake.core.errors import InputDataError
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.sfm.reconstruct import reconstruct
+from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
 from tests.unit.photos.small_photographs import photograph
 

@@ -15,11 +15,11 @@ import pytest
 from facadelake.core.frames import similarity_between
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.gcp.control_points import read_control_points
-from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference
-from facadelake.georeferencing.poses_table import poses_table
+from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference_block
+from facadelake.georeferencing.poses_table import build_poses_table
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.sfm.reconstruct import reconstruct
 from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
+from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
 from facadelake.sfm.surface_mesh import as_built_mesh, read_mesh
 from schemas.vocabulary import ControlKind
@@ -62,7 +62,7 @@ def block(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Block:
 
 def placed(block: Block, shared_data: Path, control: ControlKind) -> Georeferenced:
     """Georeference with the castle's control points."""
-    return georeference(
+    return georeference_block(
         block.reconstruction,
         block.photos,
         place=Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
@@ -112,7 +112,9 @@ def test_control_points_place_it_to_centimetres_and_gps_to_metres(block: Block, 
 
 
 def test_poses_and_mesh_are_whole(block: Block, shared_data: Path) -> None:
-    table = poses_table(placed(block, shared_data, ControlKind.GCP), block.reconstruction, block.photos, origin=ORIGIN)
+    table = build_poses_table(
+        placed(block, shared_data, ControlKind.GCP), block.reconstruction, block.photos, origin=ORIGIN
+    )
     assert table.num_rows == len(NAMES)
     assert set(table.column("pose_source").to_pylist()) == {"sfm"}
     as_built_mesh(block.folder / "sfm", block.folder / "mesh")

@@ -21,10 +21,10 @@ from facadelake.georeferencing.campaign.matching import match_reference
 from facadelake.georeferencing.campaign.reference import ReferencePoints, read_reference, reference_of
 from facadelake.georeferencing.triangulation import View, intersect
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.sfm.reconstruct import reconstruct
 from facadelake.sfm.reconstruction import Reconstruction, read_descriptors, read_reconstruction
+from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
-from facadelake.sfm.tie_point_covariance import pixel_sigma, tie_point_covariance
+from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, pixel_sigma
 
 pytestmark = pytest.mark.realdata
 
@@ -115,7 +115,7 @@ def reference(halves: tuple[Half, Half], tmp_path_factory: pytest.TempPathFactor
         halves[0].descriptors,
         cameras=cameras,
         xyz_site_m=xyz,
-        covariance_m2=tie_point_covariance(sfm, cameras, xyz, sigma_px=pixel_sigma(sfm)),
+        covariance_m2=compute_tie_point_covariance(sfm, cameras, xyz, sigma_px=pixel_sigma(sfm)),
         frame_covariance_m2=np.eye(3) * 1e-3,
         building_id="castle",
         campaign_id="earlier",

@@ -19,7 +19,7 @@ from facadelake.building.ifc.load import load_building
 from facadelake.building.model import BuildingModel, ModelSettings
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import pose_covariances, posed_cameras
-from facadelake.deduplication.merge import merge
+from facadelake.deduplication.merge import merge_observations
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluation.campaigns.evaluate import evaluate
@@ -60,7 +60,7 @@ class Castle:
         posed, covariances = posed_cameras(placed.poses), pose_covariances(placed.poses)
         found = import_coco(self.root / boxes, self.photos, class_names={})
         seen = observe(found, posed, self.model, self.surface, settings=RegisterSettings(), covariances=covariances)
-        merged = merge(
+        merged = merge_observations(
             seen, found, self.model, posed, prefix="castle", settings=MergeSettings.under(ControlKind.IMPORTED),
             covariances=covariances,
         )  # fmt: skip

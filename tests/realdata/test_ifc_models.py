@@ -21,7 +21,7 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.tables import table_of_rows
-from facadelake.deduplication.merge import MergeResult, merge
+from facadelake.deduplication.merge import MergeResult, merge_observations
 from facadelake.registration.observe import observe
 from facadelake.registration.settings import RegisterSettings
 
@@ -67,7 +67,7 @@ class Castle:
             ],
         )  # fmt: skip
         seen = observe(detections, self.posed, self.building, self.surface, RegisterSettings())
-        return merge(seen, detections, self.building, self.posed, prefix="castle")
+        return merge_observations(seen, detections, self.building, self.posed, prefix="castle")
 
     def truth(self, file: str) -> dict[str, str]:
         """Check point of each annotation, by id; off_target is none."""

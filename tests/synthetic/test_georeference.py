@@ -14,9 +14,9 @@ from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
 from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, Sighting
-from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference
+from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference_block
 from facadelake.georeferencing.model.control import ModelControl
-from facadelake.georeferencing.poses_table import poses_table
+from facadelake.georeferencing.poses_table import build_poses_table
 from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
 from schemas.vocabulary import ControlKind
 from tests.unit.georeferencing.small_block import BoxSurface, looking
@@ -178,7 +178,7 @@ class Scene:
 
     def placed(self, control: ControlKind | None, **given: object) -> Georeferenced:
         """Georeference the block."""
-        return georeference(
+        return georeference_block(
             self.reconstruction(),
             given.get("photos", self.photos()),  # type: ignore[arg-type]
             place=Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
@@ -352,7 +352,8 @@ def test_poses_table_says_the_same_as_the_cameras() -> None:
     photos = scene.photos()
     found = scene.placed(ControlKind.GPS, photos=photos)
     rows = {
-        row["photo_id"]: row for row in poses_table(found, scene.reconstruction(), photos, origin=ORIGIN).to_pylist()
+        row["photo_id"]: row
+        for row in build_poses_table(found, scene.reconstruction(), photos, origin=ORIGIN).to_pylist()
     }
     assert (rows["lost.jpg"]["pose_source"], rows["lost.jpg"]["reason"]) == ("unlocalised", "too little overlap")
     row, posed = rows["p05.jpg"], found.cameras["p05.jpg"]

@@ -17,7 +17,7 @@ import pytest
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.deduplication.merge import MergeResult, merge
+from facadelake.deduplication.merge import MergeResult, merge_observations
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.registration.observe import observe
@@ -72,7 +72,9 @@ def merged(
 ) -> MergeResult:
     stated = {} if covariance is None else dict.fromkeys(posed, covariance)
     seen = observed(walls, found, posed, covariance)
-    return merge(seen, found.table, building_of(walls), posed, prefix="t", settings=MERGE, covariances=stated)
+    return merge_observations(
+        seen, found.table, building_of(walls), posed, prefix="t", settings=MERGE, covariances=stated
+    )
 
 
 def truths(result: MergeResult, found: Found) -> dict[str, Defect]:

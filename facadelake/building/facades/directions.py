@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.building.facades.openness import COMPASS, INSIDE, LEVEL, compass_of
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _BIN_DEG = 0.5
 _CORE_DEG = 10.0  # walls within this of a direction make its mean
@@ -26,7 +26,7 @@ class Facades:
     names: tuple[str, ...]
     azimuths_deg: tuple[float, ...]
 
-    def facing(self, normal_site: Array) -> str:
+    def facing(self, normal_site: Float64Array) -> str:
         """The facade of a place whose surface looks along ``normal_site`` (3,); "level" where it is more up or down.
 
         It is the nearest facade of the same compass name, else the nearest within half a sector, else the compass.
@@ -41,7 +41,7 @@ class Facades:
         nearest = int(np.argmin(apart))
         return self.names[nearest] if apart[nearest] <= _SECTOR_DEG / 2 else compass
 
-    def seen(self, element_facade: str, normal_site: Array) -> str:
+    def seen(self, element_facade: str, normal_site: Float64Array) -> str:
         """Facade of a place on an element, seen where its surface has ``normal_site`` (3,).
 
         It is the element's, so that a reveal counts with its wall, unless the place is on the element's other side or
@@ -67,7 +67,7 @@ def facades_in(elements: pa.Table) -> Facades:
     return Facades(names=tuple(found), azimuths_deg=tuple(found.values()))
 
 
-def directions_of(azimuth_deg: Array, area_m2: Array) -> Array:
+def directions_of(azimuth_deg: Float64Array, area_m2: Float64Array) -> Float64Array:
     """Main outward directions (d,) in degrees of walls (n,) by their area, the largest first.
 
     Walls up to 20 degrees from a direction belong to it, so noise and small turns do not split a facade, wherever the
@@ -90,7 +90,7 @@ def directions_of(azimuth_deg: Array, area_m2: Array) -> Array:
     return np.array(found)
 
 
-def names_of(azimuths_deg: Sequence[float] | Array) -> tuple[str, ...]:
+def names_of(azimuths_deg: Sequence[float] | Float64Array) -> tuple[str, ...]:
     """A name for each direction: its compass point, with its degrees ("N-350", "N-010") where two have the same."""
     points = [compass_of(_direction(float(azimuth))) for azimuth in azimuths_deg]
     return tuple(
@@ -99,29 +99,29 @@ def names_of(azimuths_deg: Sequence[float] | Array) -> tuple[str, ...]:
     )
 
 
-def azimuth_of(direction_site: Array) -> float:
+def azimuth_of(direction_site: Float64Array) -> float:
     """Degrees clockwise from north of a direction (2,) or (3,) in site."""
     return float(np.degrees(np.arctan2(direction_site[0], direction_site[1])) % 360.0)
 
 
-def turn_deg(a_deg: Array | float, b_deg: Array | float) -> Array:
+def turn_deg(a_deg: Float64Array | float, b_deg: Float64Array | float) -> Float64Array:
     """Smallest angle between azimuths, degrees."""
-    turned: Array = np.abs((np.asarray(a_deg, dtype=np.float64) - b_deg + 180.0) % 360.0 - 180.0)
+    turned: Float64Array = np.abs((np.asarray(a_deg, dtype=np.float64) - b_deg + 180.0) % 360.0 - 180.0)
     return turned
 
 
-def _binned(azimuth_deg: Array, area_m2: Array) -> tuple[Array, Array]:
+def _binned(azimuth_deg: Float64Array, area_m2: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Mean azimuth and area of the walls in each half degree that has any, so that many walls cost no more than few."""
     turned = np.asarray(azimuth_deg, dtype=np.float64) % 360.0
     count = int(360.0 / _BIN_DEG)
     step = np.floor(turned / _BIN_DEG).astype(np.int64) % count
-    area: Array = np.bincount(step, weights=area_m2, minlength=count).astype(np.float64)
-    mean: Array = np.bincount(step, weights=area_m2 * turned, minlength=count).astype(np.float64)
+    area: Float64Array = np.bincount(step, weights=area_m2, minlength=count).astype(np.float64)
+    mean: Float64Array = np.bincount(step, weights=area_m2 * turned, minlength=count).astype(np.float64)
     used = area > 0
     return mean[used] / area[used], area[used]
 
 
-def _direction(azimuth_deg: float) -> Array:
+def _direction(azimuth_deg: float) -> Float64Array:
     angle = np.radians(azimuth_deg)
     return np.array([np.sin(angle), np.cos(angle), 0.0])
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 LEVEL = "level"  # open mainly upward or downward: roofs, slabs, soffits
@@ -36,12 +36,12 @@ class OpenSides:
     The word is "level", "inside" or "around" where no one facade has the whole element, else empty.
     """
 
-    azimuth_deg: Array
-    area_m2: Array
+    azimuth_deg: Float64Array
+    area_m2: Float64Array
     words: tuple[str, ...]
 
 
-def compass_of(direction_site: Array) -> str:
+def compass_of(direction_site: Float64Array) -> str:
     """Compass name of a direction (3,) in site, or "level" where it is more up or down than sideways."""
     x, y, z = direction_site
     if abs(z) > np.hypot(x, y):
@@ -86,7 +86,7 @@ def open_sides_of(surface: Surface, element_of_triangle: NDArray[np.int64], elem
     return OpenSides(azimuth_deg=azimuths, area_m2=open_areas, words=tuple(words))
 
 
-def _open_both_ways(surface: Surface) -> tuple[Array, Array]:
+def _open_both_ways(surface: Surface) -> tuple[Float64Array, Float64Array]:
     """Openness (m,) of each triangle to the side of its normal and to the other.
 
     A triangle of a square metre or more is asked at four places: its middle alone may lie under a balcony.
@@ -110,7 +110,7 @@ def _open_both_ways(surface: Surface) -> tuple[Array, Array]:
     return front / asked, back / asked
 
 
-def openness(surface: Surface, points_site_m: Array, normals_site: Array) -> Array:
+def openness(surface: Surface, points_site_m: Float64Array, normals_site: Float64Array) -> Float64Array:
     """Share (n,) of directions upward and outward of each point that leave the building without meeting it again."""
     flat = np.hypot(normals_site[:, 0], normals_site[:, 1])
     ahead = np.where(
@@ -128,7 +128,7 @@ def openness(surface: Surface, points_site_m: Array, normals_site: Array) -> Arr
     return share
 
 
-def _main_side(normals: Array, weights: Array, outward: Array) -> Array | None:
+def _main_side(normals: Float64Array, weights: Float64Array, outward: Float64Array) -> Float64Array | None:
     """The direction (2,) that most of an element's open area has, on its ``outward`` side; None where none has.
 
     It is that of the largest plane if that makes up most of the area, so that elements of one plane have one direction
@@ -149,11 +149,11 @@ def _main_side(normals: Array, weights: Array, outward: Array) -> Array | None:
         if weight[core].sum() < _ROUND_SHARE * weight.sum():
             return None
     turned = np.where(flat[core] @ outward[:2] < 0, -1.0, 1.0)
-    direction: Array = (flat[core] * (weight[core] * turned)[:, None]).sum(axis=0)
+    direction: Float64Array = (flat[core] * (weight[core] * turned)[:, None]).sum(axis=0)
     return direction
 
 
-def _has_a_return(surface: Surface, triangles: NDArray[np.int64], main: Array) -> bool:
+def _has_a_return(surface: Surface, triangles: NDArray[np.int64], main: Float64Array) -> bool:
     """Whether one of the open ``triangles`` (k,) is of a plane more than 1 m wide that turns from ``main`` (2,)."""
     normals = surface.normals_site[triangles]
     upright = np.hypot(normals[:, 0], normals[:, 1])
@@ -175,11 +175,11 @@ def _has_a_return(surface: Surface, triangles: NDArray[np.int64], main: Array) -
     return bool((high - low).max() > _RETURN_M)
 
 
-def _two_sided(normals: Array, weights: Array, from_middle: Array) -> Array:
+def _two_sided(normals: Float64Array, weights: Float64Array, from_middle: Float64Array) -> Float64Array:
     """The main direction of a body open on opposite sides, turned away from the building's middle."""
     flat = normals[:, :2]
     _, vectors = np.linalg.eigh((flat * weights[:, None]).T @ flat)
     direction = np.append(vectors[:, -1], 0.0)
     away = float((weights @ from_middle) @ direction)
-    chosen: Array = direction if away >= 0 else -direction
+    chosen: Float64Array = direction if away >= 0 else -direction
     return chosen

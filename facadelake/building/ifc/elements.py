@@ -25,7 +25,7 @@ from facadelake.building.ifc.meshes import ElementMesh
 from facadelake.building.ifc.structure import Storey, building_of, host_of, label_of, storey_of
 from facadelake.building.surface.footprint import in_lon_lat, outline_of
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.progress import track
 from facadelake.core.tables import table_of_rows
@@ -44,7 +44,7 @@ def elements_table(
     meshes: Sequence[ElementMesh],
     surface: Surface,
     *,
-    site_from_ifc: Array,
+    site_from_ifc: Float64Array,
     origin: SiteOrigin,
     storeys: Sequence[Storey],
 ) -> pa.Table:
@@ -90,7 +90,7 @@ def _said(
     element: ifcopenshell.entity_instance,
     mesh: ElementMesh,
     storeys: Sequence[Storey],
-    outward_ifc: Array | None,
+    outward_ifc: Float64Array | None,
     unit_m: float,
 ) -> dict[str, Any]:
     """The columns that the IFC tells; None where it is silent."""
@@ -126,14 +126,14 @@ def _predefined_type(element: ifcopenshell.entity_instance) -> str | None:
     return None
 
 
-def _outward(facade: FacadeOf, site_from_ifc: Array) -> Array | None:
+def _outward(facade: FacadeOf, site_from_ifc: Float64Array) -> Float64Array | None:
     """The facade's outward direction in the model's axes; up for what is level."""
     if facade.name == LEVEL:
         return np.array([0.0, 0.0, 1.0])
     if facade.azimuth_deg is None:
         return None
     angle = np.radians(facade.azimuth_deg)
-    outward: Array = site_from_ifc.T @ np.array([np.sin(angle), np.cos(angle), 0.0])
+    outward: Float64Array = site_from_ifc.T @ np.array([np.sin(angle), np.cos(angle), 0.0])
     return outward
 
 

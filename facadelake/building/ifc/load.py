@@ -16,7 +16,7 @@ from facadelake.building.model import BuildingModel, ModelSettings
 from facadelake.building.model_georeference.selection import Georeference, chosen, georeferences_of
 from facadelake.building.storeys import NamedFloor, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 
 _log = logging.getLogger(__name__)
@@ -77,7 +77,7 @@ def load_building(path: Path, *, settings: ModelSettings) -> BuildingModel:
     )
 
 
-def site_origin(georeference: Georeference, centre_ifc_m: Array) -> SiteOrigin:
+def site_origin(georeference: Georeference, centre_ifc_m: Float64Array) -> SiteOrigin:
     """The site's origin: the model's own, rounded to 1e-4 degrees and 10 m so that small corrections do not move it.
 
     Where the model's origin lies far from the building (a false origin), the building's middle takes its place.
@@ -89,12 +89,12 @@ def site_origin(georeference: Georeference, centre_ifc_m: Array) -> SiteOrigin:
     )
 
 
-def _directions(georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Array) -> Array:
+def _directions(georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Float64Array) -> Float64Array:
     """How the model's axes stand in site at its middle (3, 3)."""
     star = centre_ifc_m + np.vstack([np.zeros(3), np.eye(3)])
     at = origin.site_from_geo(georeference.geo_from_ifc(star))
     u, _, vt = np.linalg.svd((at[1:] - at[0]).T)
-    turned: Array = u @ vt
+    turned: Float64Array = u @ vt
     return turned
 
 
@@ -106,7 +106,7 @@ def _named_floors(floors: Sequence[NamedFloor], georeference: Georeference) -> l
 
 
 def _levels(
-    storeys: Sequence[Storey], georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Array
+    storeys: Sequence[Storey], georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Float64Array
 ) -> tuple[StoreyLevel, ...]:
     """The storeys' floors in site, at the building's middle."""
     if not storeys:

@@ -10,7 +10,7 @@ import ifcopenshell.util.element
 import ifcopenshell.util.placement
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _AXES = {"AXIS1": 0, "AXIS2": 1, "AXIS3": 2}
 _ACROSS = 0.5  # cosine: layers that lie more along the facade than across it have no outermost
@@ -30,7 +30,7 @@ def material_names(element: ifcopenshell.entity_instance) -> str:
     return "; ".join(dict.fromkeys(_names(material)))
 
 
-def layers_of(element: ifcopenshell.entity_instance, outward_ifc: Array | None, unit_m: float) -> list[Layer]:
+def layers_of(element: ifcopenshell.entity_instance, outward_ifc: Float64Array | None, unit_m: float) -> list[Layer]:
     """The element's layers; empty without any.
 
     Outermost first where ``outward_ifc`` (3,), in the model's axes, is known and the IFC says how the layers lie in the

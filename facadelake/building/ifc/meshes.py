@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 from facadelake.building.ifc.structure import building_of
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.progress import stage_progress
 
 _log = logging.getLogger(__name__)
@@ -31,7 +31,7 @@ class ElementMesh:
     """One element's surface: ``vertices_ifc_m`` (n, 3), ``triangles`` (m, 3) wound outward where the body is closed."""
 
     guid: str
-    vertices_ifc_m: Array
+    vertices_ifc_m: Float64Array
     triangles: NDArray[np.int64]
 
 
@@ -135,8 +135,8 @@ def _shapes(
         more = iterator.next()
 
 
-def _moved(points: Array, matrix: Array) -> Array:
-    moved: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
+def _moved(points: Float64Array, matrix: Float64Array) -> Float64Array:
+    moved: Float64Array = points @ matrix[:3, :3].T + matrix[:3, 3]
     return moved
 
 
@@ -145,7 +145,7 @@ def _is_of_another(element: ifcopenshell.entity_instance, building_guid: str) ->
     return building is not None and building.GlobalId != building_guid
 
 
-def _cleaned(guid: str, vertices: Array, triangles: NDArray[np.int64]) -> ElementMesh:
+def _cleaned(guid: str, vertices: Float64Array, triangles: NDArray[np.int64]) -> ElementMesh:
     """Without slivers, and each connected body turned inside out where its volume came out negative.
 
     The kernel's own reorienting of shells costs three times the whole meshing.

@@ -22,7 +22,7 @@ from facadelake.building.facades.openness import INSIDE, LEVEL, compass_of, open
 from facadelake.building.storeys import StoreyLevel, storey_at
 from facadelake.building.surface.footprint import in_lon_lat, outline_of
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
 
@@ -50,7 +50,7 @@ class FacadePlanes:
 
     names: tuple[str, ...]
     facades: tuple[str, ...]
-    azimuth_deg: Array
+    azimuth_deg: Float64Array
     plane_of_triangle: NDArray[np.int64]
 
 
@@ -126,7 +126,7 @@ def elements_of_planes(
     return table_of_rows("elements", rows)
 
 
-def _outward(surface: Surface, centres: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _outward(surface: Surface, centres: Float64Array) -> tuple[Float64Array, NDArray[np.bool_]]:
     """Normals (m, 3) turned to the open side, and which triangles have one (m,).
 
     The winding is kept where the side it names is open: the back of a sheet, such as a campaign's own surface, is open
@@ -152,7 +152,9 @@ def _outward(surface: Surface, centres: Array) -> tuple[Array, NDArray[np.bool_]
     return outward, is_open
 
 
-def _smoothed(centres: Array, normals: Array, areas: Array, used: NDArray[np.bool_]) -> Array:
+def _smoothed(
+    centres: Float64Array, normals: Float64Array, areas: Float64Array, used: NDArray[np.bool_]
+) -> Float64Array:
     """Normals (m, 3) averaged with those around, half its own: noise goes, corners of clean walls stay."""
     rows = np.flatnonzero(used)
     smooth = normals.copy()
@@ -172,13 +174,13 @@ def _smoothed(centres: Array, normals: Array, areas: Array, used: NDArray[np.boo
     return smooth
 
 
-def _directions(normals: Array, areas: Array) -> Array:
+def _directions(normals: Float64Array, areas: Float64Array) -> Float64Array:
     """Main horizontal directions (d, 3) of walls, that with most area first, each with what lies within 25 degrees."""
     azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
     weight = np.bincount(np.floor(azimuth).astype(np.int64) % 360, weights=areas, minlength=360)
     turn = np.abs((np.arange(360)[:, None] - np.arange(360)[None] + 180) % 360 - 180)
     core = turn <= _DIRECTION_DEG / 2
-    found: list[Array] = []
+    found: list[Float64Array] = []
     total = weight.sum()
     while weight.sum() > _DIRECTION_SHARE * total:
         best = int(np.argmax(core @ weight))
@@ -191,7 +193,7 @@ def _directions(normals: Array, areas: Array) -> Array:
     return np.array(found).reshape(-1, 3)
 
 
-def _fitted(direction: Array, places: Array, areas: Array) -> Array:
+def _fitted(direction: Float64Array, places: Float64Array, areas: Float64Array) -> Float64Array:
     """The horizontal normal (3,) of the wall through ``places`` (n, 3), which rough normals tell to degrees alone.
 
     ``direction`` stays where the places make no wall: few of them, or as deep as wide.
@@ -205,7 +207,7 @@ def _fitted(direction: Array, places: Array, areas: Array) -> Array:
     return normal
 
 
-def _planes(offset_m: Array, areas: Array, least_m2: float) -> NDArray[np.int64]:
+def _planes(offset_m: Float64Array, areas: Float64Array, least_m2: float) -> NDArray[np.int64]:
     """Number (n,) of the plane nearest to each triangle of one direction, by its offset along that direction.
 
     A plane is a peak of the area within half a metre, of ``least_m2`` or more (the largest peak of any), that falls to

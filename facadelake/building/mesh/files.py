@@ -12,7 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _log = logging.getLogger(__name__)
 
@@ -39,7 +39,7 @@ class MeshFile:
     ``step_m`` is the coarsest step between the coordinates that the file's number format can hold.
     """
 
-    vertices_m: Array
+    vertices_m: Float64Array
     triangles: NDArray[np.int64]
     step_m: float
 
@@ -91,12 +91,12 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
     return MeshFile(vertices_m=vertices, triangles=triangles, step_m=step_m)
 
 
-def _parts(path: Path) -> tuple[Array, NDArray[np.int64], float]:
+def _parts(path: Path) -> tuple[Float64Array, NDArray[np.int64], float]:
     """Vertices and triangles of all parts in the file's unit, and the step of its numbers."""
     try:
         scene = trimesh.load_scene(path, process=False, maintain_order=True, skip_materials=True)
         narrow = _is_float32(path)
-        vertices: list[Array] = []
+        vertices: list[Float64Array] = []
         triangles: list[NDArray[np.int64]] = []
         step, count = 0.0, 0
         for name in sorted(scene.graph.nodes_geometry):
@@ -137,7 +137,7 @@ def _is_float32(path: Path) -> bool:
     return suffix in (".glb", ".gltf")
 
 
-def _float32_step(vertices: Array) -> float:
+def _float32_step(vertices: Float64Array) -> float:
     """The step of 32-bit numbers along the axes on which all coordinates are such numbers; 0 where on none.
 
     A program that held large coordinates in 32 bits has lost them, in however many digits it then wrote them.
@@ -147,7 +147,7 @@ def _float32_step(vertices: Array) -> float:
     return float(np.where(narrow, np.spacing(largest), 0.0).max())
 
 
-def _refuse_absurd_size(path: Path, vertices: Array, unit_m: float) -> None:
+def _refuse_absurd_size(path: Path, vertices: Float64Array, unit_m: float) -> None:
     size_m = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
     if not _SMALLEST_M <= size_m <= _LARGEST_M:
         raise ModelError(

@@ -20,7 +20,7 @@ from facadelake.building.model_georeference.vertical_datum import horizontal_and
 from facadelake.building.storeys import NamedFloor, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin, as_3d
 from facadelake.core.tables import table_of_rows
 from schemas.vocabulary import SurfaceKind
@@ -74,7 +74,7 @@ def load_mesh_building(path: Path, *, settings: BareSettings) -> BuildingModel:
     )
 
 
-def place_without_model(lon_lat_deg: Array, *, settings: BareSettings) -> BuildingModel:
+def place_without_model(lon_lat_deg: Float64Array, *, settings: BareSettings) -> BuildingModel:
     """The place of a building of which nothing is known but its photographs, taken at ``lon_lat_deg`` (n, 2; NaN where
     a photograph does not say); its surface is still to be made (``with_surface``).
 
@@ -103,7 +103,11 @@ def place_without_model(lon_lat_deg: Array, *, settings: BareSettings) -> Buildi
 
 
 def with_surface(
-    place: BuildingModel, vertices_site_m: Array, triangles: NDArray[np.int64], *, surface_sigma_m: float | None = None
+    place: BuildingModel,
+    vertices_site_m: Float64Array,
+    triangles: NDArray[np.int64],
+    *,
+    surface_sigma_m: float | None = None,
 ) -> BuildingModel:
     """``place`` with a mesh (n, 3), (m, 3) in site as its surface, cut into facade planes that stand for elements."""
     surface = Surface.from_mesh(vertices_site_m, triangles)
@@ -145,13 +149,13 @@ def _placement(offset: MeshOffset, horizontal: str) -> MapPlacement:
     return MapPlacement(east_m=offset.east_m, north_m=offset.north_m, height_m=offset.height_m)
 
 
-def _on_the_map(path: Path, georeference: Georeference, middle_m: Array) -> Array:
+def _on_the_map(path: Path, georeference: Georeference, middle_m: Float64Array) -> Float64Array:
     """The mesh's middle in EPSG:4979 (3,). Raises GeoreferenceError where its CRS is not in use there."""
     crs = georeference.map_crs
     area = pyproj.CRS.from_user_input(crs).area_of_use
     found = georeference.placement.map_from_ifc(middle_m[None])[0]
     try:
-        geo: Array = georeference.geo_from_ifc(middle_m[None])[0]
+        geo: Float64Array = georeference.geo_from_ifc(middle_m[None])[0]
         inside = area is None or (
             (geo[0] - area.west + _BORDER_DEG) % 360 <= (area.east - area.west) % 360 + 2 * _BORDER_DEG
             and area.south - _BORDER_DEG <= geo[1] <= area.north + _BORDER_DEG
@@ -206,7 +210,7 @@ def _levels(place: BuildingModel, storeys: Sequence[NamedFloor]) -> tuple[Storey
     return tuple(levels)
 
 
-def _rounded(geo: Array) -> SiteOrigin:
+def _rounded(geo: Float64Array) -> SiteOrigin:
     """An origin near ``geo`` (lon_deg, lat_deg, height_ellipsoidal_m) that small changes of it do not move."""
     lon, lat, height = (float(value) for value in geo)
     return SiteOrigin(lon_deg=round(lon, 3), lat_deg=round(lat, 3), height_ellipsoidal_m=round(height, -1))

@@ -9,7 +9,7 @@ import numpy as np
 
 from facadelake.building.model_georeference.map_placement import MapPlacement, geo_from_map, grid_at, turned
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _LIMIT_M = 0.1  # walls stand 2 to 3 cm off their model (DIN 18202); beyond this a pair is wrong
 _UNIT_SHARE = 0.02  # a scale further than this from the map's is a wrong unit or a wrong pair
@@ -57,7 +57,7 @@ def placed_by(pairs: Sequence[ControlPair], map_crs: str, vertical_datum: str) -
     )
 
 
-def _fitted(source: Array, target: Array, factor: float) -> MapPlacement:
+def _fitted(source: Float64Array, target: Float64Array, factor: float) -> MapPlacement:
     """Least squares over turn and shift; source and target in metres."""
     scale = np.array([factor, factor, 1.0])
     middle, there = (source * scale).mean(axis=0), target.mean(axis=0)
@@ -73,7 +73,7 @@ def _fitted(source: Array, target: Array, factor: float) -> MapPlacement:
     )
 
 
-def _what_is_wrong(source: Array, target: Array, factor: float, off: Array) -> str:
+def _what_is_wrong(source: Float64Array, target: Float64Array, factor: float, off: Float64Array) -> str:
     """Which pair, or which unit, makes the pairs disagree."""
     worst = f"largest residual {off.max():.3f} m, allowed {_LIMIT_M:g} m"
     ratio = np.sqrt(_spread(target) / _spread(source)) / factor
@@ -98,6 +98,6 @@ def _what_is_wrong(source: Array, target: Array, factor: float, off: Array) -> s
     )
 
 
-def _spread(points: Array) -> float:
+def _spread(points: Float64Array) -> float:
     flat = points[:, :2] - points[:, :2].mean(axis=0)
     return float((flat**2).sum())

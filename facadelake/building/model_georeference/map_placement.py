@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
 
 _ARM_M = 50.0  # half the base over which the map's stretch and turn are measured
@@ -27,10 +27,12 @@ class MapPlacement:
     rotation_deg: float = 0.0
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
-    def map_from_ifc(self, xyz_ifc_m: Array) -> Array:
+    def map_from_ifc(self, xyz_ifc_m: Float64Array) -> Float64Array:
         """Model points (n, 3) as east, north, height (n, 3), metres."""
         scaled = np.asarray(xyz_ifc_m, dtype=np.float64) * np.array(self.scale)
-        moved: Array = scaled @ turned(self.rotation_deg).T + np.array([self.east_m, self.north_m, self.height_m])
+        moved: Float64Array = scaled @ turned(self.rotation_deg).T + np.array(
+            [self.east_m, self.north_m, self.height_m]
+        )
         return moved
 
 
@@ -49,7 +51,7 @@ class Georeference:
     remarks: str
     sigma_m: float = 0.0
 
-    def geo_from_ifc(self, xyz_ifc_m: Array) -> Array:
+    def geo_from_ifc(self, xyz_ifc_m: Float64Array) -> Float64Array:
         """Model points (n, 3) in EPSG:4979 (n, 3: lon_deg, lat_deg, height_ellipsoidal_m)."""
         return geo_from_map(self.placement.map_from_ifc(xyz_ifc_m), self.map_crs, self.vertical_datum)
 
@@ -59,32 +61,32 @@ class GridAt:
     """The map at one place: its coordinates in metres, degrees from map east anticlockwise to true east, map metres
     for a metre on the ground (the projection's factor and the height's)."""
 
-    map_m: Array
+    map_m: Float64Array
     true_east_deg: float
     factor: float
 
 
-def turned(angle_deg: float) -> Array:
+def turned(angle_deg: float) -> Float64Array:
     """Rotation (3, 3) anticlockwise about the vertical."""
     angle = np.radians(angle_deg)
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def geo_from_map(map_m: Array, map_crs: str, vertical_datum: str) -> Array:
+def geo_from_map(map_m: Float64Array, map_crs: str, vertical_datum: str) -> Float64Array:
     """Map points in metres (n, 3) in EPSG:4979, whatever unit the CRS counts in."""
     whole, units = _with_height(map_crs, vertical_datum)
     return transform(map_m / units, whole, GEO)
 
 
-def map_from_geo(lon_lat_height: Array, map_crs: str, vertical_datum: str) -> Array:
+def map_from_geo(lon_lat_height: Float64Array, map_crs: str, vertical_datum: str) -> Float64Array:
     """EPSG:4979 points (n, 3) as east, north and height in metres."""
     whole, units = _with_height(map_crs, vertical_datum)
-    metres: Array = transform(lon_lat_height, GEO, whole) * units
+    metres: Float64Array = transform(lon_lat_height, GEO, whole) * units
     return metres
 
 
-def grid_at(lon_lat_height: Array, map_crs: str, vertical_datum: str) -> GridAt:
+def grid_at(lon_lat_height: Float64Array, map_crs: str, vertical_datum: str) -> GridAt:
     """How the map is turned and stretched at a place (3,) of EPSG:4979, measured over 100 m."""
     lon, lat, height = (float(value) for value in lon_lat_height)
     origin = SiteOrigin(lon_deg=lon, lat_deg=lat, height_ellipsoidal_m=height)
@@ -98,7 +100,7 @@ def grid_at(lon_lat_height: Array, map_crs: str, vertical_datum: str) -> GridAt:
     )
 
 
-def standing_at(grid: GridAt, *, anchor_ifc_m: Array, x_axis_deg: float) -> MapPlacement:
+def standing_at(grid: GridAt, *, anchor_ifc_m: Float64Array, x_axis_deg: float) -> MapPlacement:
     """The placement that puts ``anchor_ifc_m`` (3,) at ``grid`` in true metres.
 
     ``x_axis_deg`` is the angle from true east anticlockwise to the model's x axis.
@@ -115,6 +117,6 @@ def standing_at(grid: GridAt, *, anchor_ifc_m: Array, x_axis_deg: float) -> MapP
     )
 
 
-def _with_height(map_crs: str, vertical_datum: str) -> tuple[str, Array]:
+def _with_height(map_crs: str, vertical_datum: str) -> tuple[str, Float64Array]:
     whole = map_crs if vertical_datum == ELLIPSOIDAL else f"{map_crs}+{vertical_datum.removeprefix('EPSG:')}"
     return whole, np.array([axis.unit_conversion_factor for axis in as_3d(whole).axis_info])

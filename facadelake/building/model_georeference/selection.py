@@ -29,7 +29,7 @@ from facadelake.building.model_georeference.site_placement import (
 )
 from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL, horizontal_and_vertical, vertical_named
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 __all__ = ["ELLIPSOIDAL", "Georeference", "MapPlacement", "Readings", "chosen", "georeferences_of", "the_one_in_use"]
 
@@ -116,7 +116,7 @@ def georeferences_of(
     )
 
 
-def chosen(readings: Readings, centre_ifc_m: Array) -> Georeference:
+def chosen(readings: Readings, centre_ifc_m: Float64Array) -> Georeference:
     """The reading to go by, ``centre_ifc_m`` (3,) being the middle of the geometry; its remarks tell what was assumed.
 
     Raises GeoreferenceError where there is none, where it puts the middle outside its CRS, where the shift is in the
@@ -143,7 +143,7 @@ def chosen(readings: Readings, centre_ifc_m: Array) -> Georeference:
     return replace(best, remarks=said)
 
 
-def the_one_in_use(readings: Sequence[Georeference], centre_ifc_m: Array) -> Georeference:
+def the_one_in_use(readings: Sequence[Georeference], centre_ifc_m: Float64Array) -> Georeference:
     """The first reading that puts ``centre_ifc_m`` (3,), the middle of the geometry, where its CRS is in use.
 
     Raises GeoreferenceError where none does.
@@ -190,7 +190,7 @@ def _beside_world(reading: Georeference) -> Georeference:
     return replace(reading, remarks="; ".join(filter(None, [reading.remarks, unused])))
 
 
-def _by_world(world: Array, as_it_is: Georeference, north_deg: float | None) -> Georeference:
+def _by_world(world: Float64Array, as_it_is: Georeference, north_deg: float | None) -> Georeference:
     """LoGeoRef 40: the map's coordinates in WorldCoordinateSystem, turned by it or else by TrueNorth."""
     if abs(world[2, 2] - 1) > 1e-9:
         raise GeoreferenceError(
@@ -232,7 +232,7 @@ def _on_globe(place: GlobePlace, as_it_is: Georeference, north_deg: float | None
     )
 
 
-def _refuse_a_shift_twice(reading: Georeference, centre_ifc_m: Array, *, on_the_map: bool) -> None:
+def _refuse_a_shift_twice(reading: Georeference, centre_ifc_m: Float64Array, *, on_the_map: bool) -> None:
     """Raises where the geometry already has map coordinates and the placement shifts it as far once more."""
     place = reading.placement
     if not on_the_map or np.hypot(place.east_m, place.north_m) < _FAR_M:
@@ -276,12 +276,12 @@ def _north_said(reading: Georeference, north_deg: float | None, grid: GridAt) ->
     return f"TrueNorth ({north_deg:.2f} deg from the model's y axis) is {abs(by_true):.2f} deg off and was not used"
 
 
-def _is_map_coordinate(as_it_is: Georeference, centre_ifc_m: Array) -> bool:
+def _is_map_coordinate(as_it_is: Georeference, centre_ifc_m: Float64Array) -> bool:
     """Whether the geometry's own coordinates are the map's: far from zero, and inside the CRS's area of use."""
     return bool(np.hypot(*centre_ifc_m[:2]) > _FAR_M) and _in_use(as_it_is, centre_ifc_m, border_deg=0.0)
 
 
-def _in_use(georeference: Georeference, centre_ifc_m: Array, *, border_deg: float = _BORDER_DEG) -> bool:
+def _in_use(georeference: Georeference, centre_ifc_m: Float64Array, *, border_deg: float = _BORDER_DEG) -> bool:
     try:
         lon, lat, _ = georeference.geo_from_ifc(centre_ifc_m[None])[0]
     except GeoreferenceError as error:

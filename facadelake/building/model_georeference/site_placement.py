@@ -24,7 +24,7 @@ from facadelake.building.model_georeference.map_placement import (
     standing_at,
 )
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import GEO, transform
 
 _SURVEYED_SIGMA_M = 10.0  # authoring tools take the place from a map or an address, whatever digits they write
@@ -41,7 +41,7 @@ class GlobePlace:
     lon_deg: float
     lat_deg: float
     height_m: float
-    anchor_ifc_m: Array
+    anchor_ifc_m: Float64Array
     sigma_m: float
     said: str
 
@@ -131,12 +131,12 @@ def true_north_deg(model: ifcopenshell.file) -> float | None:
     return None
 
 
-def world_matrix(model: ifcopenshell.file) -> Array | None:
+def world_matrix(model: ifcopenshell.file) -> Float64Array | None:
     """The model context's WorldCoordinateSystem (4, 4) in metres; None where it is the identity."""
     world = ifcopenshell.util.geolocation.get_wcs(model)
     if world is None or np.allclose(world, np.eye(4), rtol=0, atol=1e-6):
         return None
-    metres: Array = np.array(world, dtype=np.float64)
+    metres: Float64Array = np.array(world, dtype=np.float64)
     metres[:3, 3] *= float(ifcopenshell.util.unit.calculate_unit_scale(model))
     return metres
 

@@ -14,7 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _WELD_M = 0.001
 # Directions have no sign; the sign is taken from a vector that no building is built along.
@@ -30,19 +30,19 @@ class ModelEdges:
     building was not built as designed.
     """
 
-    start_site_m: Array
-    end_site_m: Array
+    start_site_m: Float64Array
+    end_site_m: Float64Array
     feature: NDArray[np.int64]
 
     @property
-    def length_m(self) -> Array:
+    def length_m(self) -> Float64Array:
         """Lengths (m,)."""
-        length: Array = np.linalg.norm(self.end_site_m - self.start_site_m, axis=1)
+        length: Float64Array = np.linalg.norm(self.end_site_m - self.start_site_m, axis=1)
         return length
 
 
 def model_edges(
-    vertices_site_m: Array,
+    vertices_site_m: Float64Array,
     triangles: NDArray[np.int64],
     element_of_triangle: NDArray[np.int64],
     *,
@@ -75,8 +75,8 @@ def model_edges(
 
 
 def _creases(
-    vertices: Array, triangles: NDArray[np.int64], owner: NDArray[np.int64], flat_cosine: float
-) -> tuple[Array, Array]:
+    vertices: Float64Array, triangles: NDArray[np.int64], owner: NDArray[np.int64], flat_cosine: float
+) -> tuple[Float64Array, Float64Array]:
     """Ends (k, 3) of the creases and borders of each element's own welded surface."""
     _, place, weld = np.unique(
         np.round(vertices / _WELD_M).astype(np.int64), axis=0, return_index=True, return_inverse=True
@@ -100,13 +100,15 @@ def _creases(
     return vertices[place[keys[edge, 1]]], vertices[place[keys[edge, 2]]]
 
 
-def _unit_directions(start: Array, end: Array) -> Array:
+def _unit_directions(start: Float64Array, end: Float64Array) -> Float64Array:
     direction = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
-    unit: Array = direction * np.where(direction @ _SIGN < 0, -1.0, 1.0)[:, None]
+    unit: Float64Array = direction * np.where(direction @ _SIGN < 0, -1.0, 1.0)[:, None]
     return unit
 
 
-def _joined(start: Array, end: Array, tolerance_m: float) -> tuple[Array, Array, NDArray[np.int64]]:
+def _joined(
+    start: Float64Array, end: Float64Array, tolerance_m: float
+) -> tuple[Float64Array, Float64Array, NDArray[np.int64]]:
     """Pieces (k, 3), (k, 3) and the line (k,) each lies on: collinear edges joined where they touch or overlap."""
     direction = _unit_directions(start, end)
     foot = start - np.einsum("ij,ij->i", start, direction)[:, None] * direction
@@ -134,7 +136,7 @@ def _joined(start: Array, end: Array, tolerance_m: float) -> tuple[Array, Array,
     )
 
 
-def _features(start: Array, end: Array, line: NDArray[np.int64], radius_m: float) -> NDArray[np.int64]:
+def _features(start: Float64Array, end: Float64Array, line: NDArray[np.int64], radius_m: float) -> NDArray[np.int64]:
     """Feature (k,) of pieces: lines are taken in the order of their length, each with the free ones around it.
 
     No chains: the rungs of a ladder do not become one feature.

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from facadelake.building.model import BuildingModel
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 
 _MANY = 8_000
@@ -17,7 +17,7 @@ _CELL_M = 0.1
 _MOST_CELLS = 4096  # along a side
 
 
-def outline_of(corners_site_m: Array) -> shapely.Geometry:
+def outline_of(corners_site_m: Float64Array) -> shapely.Geometry:
     """Outline in site x, y of triangles (m, 3, 3) seen from above; of a bare vertical sheet, a strip 1 cm wide.
 
     Of more than 8,000 triangles, which would take minutes, it is made of the decimetre cells that they touch.
@@ -32,7 +32,7 @@ def outline_of(corners_site_m: Array) -> shapely.Geometry:
     return outline.simplify(0.001)
 
 
-def _outline_of_many(corners_site_m: Array) -> shapely.Geometry:
+def _outline_of_many(corners_site_m: Float64Array) -> shapely.Geometry:
     flat = corners_site_m[:, :, :2]
     low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
     cell_m = max(_CELL_M, float((high - low).max()) / _MOST_CELLS)
@@ -51,22 +51,22 @@ def _outline_of_many(corners_site_m: Array) -> shapely.Geometry:
 def in_lon_lat(outline: shapely.Geometry, level_m: float, origin: SiteOrigin) -> shapely.Geometry:
     """An outline in site x, y, at ``level_m`` in site z, as lon, lat (EPSG:4979)."""
 
-    def lon_lat(xy: Array) -> Array:
+    def lon_lat(xy: Float64Array) -> Float64Array:
         return origin.geo_from_site(np.column_stack([xy, np.full(len(xy), level_m)]))[:, :2]
 
     return shapely.transform(outline, lon_lat)
 
 
-def horizontal_distance(building: BuildingModel) -> Callable[[Array], Array]:
+def horizontal_distance(building: BuildingModel) -> Callable[[Float64Array], Float64Array]:
     """A function of places (n, 2: lon_deg, lat_deg): their distance (n,) in metres from the building's plan."""
     plan = outline_of(building.vertices_site_m[building.triangles])
     shapely.prepare(plan)
 
-    def distance(lon_lat_deg: Array) -> Array:
+    def distance(lon_lat_deg: Float64Array) -> Float64Array:
         lon_lat = np.asarray(lon_lat_deg, dtype=np.float64).reshape(-1, 2)
         height = np.full(len(lon_lat), building.origin.height_ellipsoidal_m)
         xy = building.origin.site_from_geo(np.column_stack([lon_lat, height]))[:, :2]
-        metres: Array = np.asarray(shapely.distance(plan, shapely.points(xy)), dtype=np.float64)
+        metres: Float64Array = np.asarray(shapely.distance(plan, shapely.points(xy)), dtype=np.float64)
         return metres
 
     return distance

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from facadelake.building.model import BuildingModel
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 MISS = -1
 _CHUNK = 1_000_000  # rays per cast: about 100 MB of float64 around one
@@ -26,9 +26,9 @@ class Hits:
     ``triangle`` (n,), ``element`` (n,) row of the building's elements.
     """
 
-    distance_m: Array
-    xyz_site_m: Array
-    normal_site: Array
+    distance_m: Float64Array
+    xyz_site_m: Float64Array
+    normal_site: Float64Array
     triangle: NDArray[np.int64]
     element: NDArray[np.int64]
 
@@ -43,9 +43,9 @@ class Hits:
 class Closest:
     """The surface's points closest to n points; ``normal_site`` points as the triangle is wound."""
 
-    distance_m: Array
-    xyz_site_m: Array
-    normal_site: Array
+    distance_m: Float64Array
+    xyz_site_m: Float64Array
+    normal_site: Float64Array
     triangle: NDArray[np.int64]
     element: NDArray[np.int64]
 
@@ -58,7 +58,10 @@ class Surface:
 
     @classmethod
     def from_mesh(
-        cls, vertices_site_m: Array, triangles: NDArray[np.int64], element_of_triangle: NDArray[np.int64] | None = None
+        cls,
+        vertices_site_m: Float64Array,
+        triangles: NDArray[np.int64],
+        element_of_triangle: NDArray[np.int64] | None = None,
     ) -> Surface:
         """A surface of any mesh in site; without ``element_of_triangle`` every triangle belongs to element 0."""
         surface = cls.__new__(cls)
@@ -66,7 +69,7 @@ class Surface:
         surface._build(vertices_site_m, triangles, owner)
         return surface
 
-    def _build(self, vertices: Array, triangles: NDArray[np.int64], owner: NDArray[np.int64]) -> None:
+    def _build(self, vertices: Float64Array, triangles: NDArray[np.int64], owner: NDArray[np.int64]) -> None:
         if len(triangles) == 0:
             raise ModelError("the surface has no triangles, so no ray can meet it; is the model empty?")
         self.vertices_site_m = np.asarray(vertices, dtype=np.float64)
@@ -75,17 +78,17 @@ class Surface:
         corners = self.vertices_site_m[self.triangles]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(cross, axis=1, keepdims=True)
-        self.normals_site: Array = np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
-        self.areas_m2: Array = length[:, 0] / 2
+        self.normals_site: Float64Array = np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+        self.areas_m2: Float64Array = length[:, 0] / 2
         # float32 keeps about 1e-7 of the coordinate, so the scene stands around its own middle.
-        self.centre_site_m: Array = (self.vertices_site_m.min(axis=0) + self.vertices_site_m.max(axis=0)) / 2
+        self.centre_site_m: Float64Array = (self.vertices_site_m.min(axis=0) + self.vertices_site_m.max(axis=0)) / 2
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
             o3d.core.Tensor((self.vertices_site_m - self.centre_site_m).astype(np.float32)),
             o3d.core.Tensor(self.triangles.astype(np.uint32)),
         )
 
-    def cast(self, origins_site_m: Array, directions_site: Array) -> Hits:
+    def cast(self, origins_site_m: Float64Array, directions_site: Float64Array) -> Hits:
         """First hits of rays from ``origins_site_m`` (n, 3) along ``directions_site`` (n, 3, any length)."""
         origins = np.asarray(origins_site_m, dtype=np.float64).reshape(-1, 3)
         directions = np.asarray(directions_site, dtype=np.float64).reshape(-1, 3)
@@ -102,7 +105,9 @@ class Surface:
             triangle[part][met] = answer["primitive_ids"].numpy()[met].astype(np.int64)
         return self._refined(origins, unit, distance, triangle)
 
-    def _refined(self, origins: Array, unit: Array, distance: Array, triangle: NDArray[np.int64]) -> Hits:
+    def _refined(
+        self, origins: Float64Array, unit: Float64Array, distance: Float64Array, triangle: NDArray[np.int64]
+    ) -> Hits:
         """Hits whose distance is taken from the plane of the triangle that was hit, in float64."""
         met = triangle != MISS
         normal = np.full_like(unit, np.nan)
@@ -119,7 +124,7 @@ class Surface:
         element = np.where(met, self._owner[np.where(met, triangle, 0)], MISS)
         return Hits(distance_m=distance, xyz_site_m=xyz, normal_site=normal, triangle=triangle, element=element)
 
-    def depth_image(self, posed: PosedCamera, scale: float) -> tuple[Array, NDArray[np.int64]]:
+    def depth_image(self, posed: PosedCamera, scale: float) -> tuple[Float64Array, NDArray[np.int64]]:
         """Depth along the camera's z in metres (inf: miss) and element rows (``MISS``), both (h, w).
 
         ``scale`` <= 1 reduces the photograph's size; lens distortion is kept, so pixels match the photograph's.
@@ -140,7 +145,7 @@ class Surface:
             element[part] = hits.element.reshape(-1, width)
         return depth, element
 
-    def closest(self, xyz_site_m: Array) -> Closest:
+    def closest(self, xyz_site_m: Float64Array) -> Closest:
         """The surface's closest point to each of ``xyz_site_m`` (n, 3), to about 1e-6 of the surface's extent."""
         points = np.asarray(xyz_site_m, dtype=np.float64).reshape(-1, 3) - self.centre_site_m
         answer = self._scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
@@ -158,6 +163,6 @@ class Surface:
             element=self._owner[triangle],
         )
 
-    def distance_to(self, xyz_site_m: Array) -> Array:
+    def distance_to(self, xyz_site_m: Float64Array) -> Float64Array:
         """Distance in metres (n,) of points (n, 3) to the surface."""
         return self.closest(xyz_site_m).distance_m

@@ -16,7 +16,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.building.target_elements import target_elements
+from facadelake.building.targets import target_elements
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 
@@ -50,7 +50,7 @@ class ViewImages:
         )
 
 
-def view_images(posed: PosedCamera, surface: Surface, elements: pa.Table, scale: float) -> ViewImages:
+def render_view_images(posed: PosedCamera, surface: Surface, elements: pa.Table, scale: float) -> ViewImages:
     """The images at ``scale`` (0 to 1) times the photograph's size, by a ray through each pixel's centre.
 
     ``elements`` is the table whose rows the surface's triangles belong to.

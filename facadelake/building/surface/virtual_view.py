@@ -17,7 +17,7 @@ from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _TIMEOUT_S = 300
 _SUN = np.array([-0.4, -0.7, 0.6]) / np.linalg.norm([-0.4, -0.7, 0.6])
@@ -44,12 +44,12 @@ class VirtualView:
     """
 
     colour: NDArray[np.uint8]
-    buffer: Array
+    buffer: Float64Array
     near_m: float
     far_m: float
 
     @property
-    def depth_m(self) -> Array:
+    def depth_m(self) -> Float64Array:
         """Depth (h, w) along the camera's z, inf where the view misses the model."""
         return np.where(self.buffer < 1.0, eye_depth(self.buffer, self.near_m, self.far_m), np.inf)
 
@@ -162,17 +162,17 @@ def _colours(building: BuildingModel, surface: Surface) -> NDArray[np.uint8]:
     return tinted
 
 
-def eye_depth(z_s: Array, near_m: float, far_m: float) -> Array:
+def eye_depth(z_s: Float64Array, near_m: float, far_m: float) -> Float64Array:
     """Depth along the camera's z of depth buffer values ``z_s`` in [0, 1] (any shape), metres.
 
     The paper's Eq. 7 reads ``n / (z_s (f - n) + f)``, which is n / f at the near plane and has no unit; its own Eqs. 5
     and 6 give ``f n / (f - z_s (f - n))``: n at z_s = 0 and f at z_s = 1.
     """
-    depth: Array = far_m * near_m / (far_m - z_s * (far_m - near_m))
+    depth: Float64Array = far_m * near_m / (far_m - z_s * (far_m - near_m))
     return depth
 
 
-def buffer_step(depth_m: Array, near_m: float, far_m: float, bits: int = 24) -> Array:
+def buffer_step(depth_m: Float64Array, near_m: float, far_m: float, bits: int = 24) -> Float64Array:
     """How far apart two neighbouring values of the buffer lie at ``depth_m``, metres: the buffer's resolution there."""
-    step: Array = depth_m**2 * (far_m - near_m) / (far_m * near_m) / 2**bits
+    step: Float64Array = depth_m**2 * (far_m - near_m) / (far_m * near_m) / 2**bits
     return step

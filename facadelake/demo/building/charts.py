@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.recipe import Box, Building
 
 
@@ -18,9 +18,9 @@ class Chart:
     """
 
     name: str
-    origin_m: Array
-    u_axis: Array
-    v_axis: Array
+    origin_m: Float64Array
+    u_axis: Float64Array
+    v_axis: Float64Array
     size_m: tuple[float, float]
     texel_m: float
     radius_m: float = 0.0
@@ -36,27 +36,27 @@ class Chart:
         rows, columns = self.shape_px
         return columns / self.size_m[0], rows / self.size_m[1]
 
-    def normals(self, u_m: Array) -> Array:
+    def normals(self, u_m: Float64Array) -> Float64Array:
         """Outward unit normals (n, 3) at u (n,)."""
         if self.radius_m == 0:
             return np.broadcast_to(np.cross(self.u_axis, self.v_axis), (len(u_m), 3)).copy()
         angle = self.start_rad + np.asarray(u_m) / self.radius_m
         return np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
 
-    def points(self, u_m: Array, v_m: Array, out_m: float = 0.0) -> Array:
+    def points(self, u_m: Float64Array, v_m: Float64Array, out_m: float = 0.0) -> Float64Array:
         """Model points (n, 3) at u, v, ``out_m`` in front of the surface."""
         u, v, normals = np.asarray(u_m), np.asarray(v_m), self.normals(np.asarray(u_m))
         if self.radius_m == 0:
             return self.origin_m + np.outer(u, self.u_axis) + np.outer(v, self.v_axis) + out_m * normals
         return self.origin_m + np.outer(v, self.v_axis) + (self.radius_m + out_m) * normals
 
-    def tangent(self, u_m: float) -> Array:
+    def tangent(self, u_m: float) -> Float64Array:
         """Unit direction of growing u at u."""
         if self.radius_m == 0:
             return self.u_axis
         return np.cross(self.v_axis, self.normals(np.array([u_m]))[0])
 
-    def locate(self, xyz_m: Array) -> tuple[Array, Array]:
+    def locate(self, xyz_m: Float64Array) -> tuple[Float64Array, Float64Array]:
         """(u, v) (n, 2) of model points (n, 3) and their signed distance (n,) in front of the surface."""
         d = np.asarray(xyz_m) - self.origin_m
         v = d @ self.v_axis

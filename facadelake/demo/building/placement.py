@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyproj
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin, transform
 from facadelake.demo.recipe import Place
 
@@ -27,7 +27,7 @@ class Placement:
     rotation_rad: float
     scale: float
 
-    def map_from_ifc(self, xyz_ifc: Array) -> Array:
+    def map_from_ifc(self, xyz_ifc: Float64Array) -> Float64Array:
         """Points (n, 3) of the model in the projected CRS, ellipsoidal heights, metres.
 
         The scale is the grid's, of east and north; a height is no longer on the map than in nature.
@@ -38,12 +38,12 @@ class Placement:
         out = stretched @ turn.T + [self.east_m, self.north_m, self.height_m]
         return np.asarray(out, dtype=np.float64)
 
-    def site_from_ifc(self, xyz_ifc: Array) -> Array:
+    def site_from_ifc(self, xyz_ifc: Float64Array) -> Float64Array:
         """Points (n, 3) of the model in site metres, through map, geographic and ECEF coordinates."""
         geo = transform(self.map_from_ifc(np.atleast_2d(xyz_ifc)), self.crs, GEO)
         return self.origin.site_from_geo(geo)
 
-    def affine(self) -> Array:
+    def affine(self) -> Float64Array:
         """``site_from_ifc`` (4, 4), exact to 0.1 mm over 50 m."""
         arm = 20.0
         tips = self.site_from_ifc(np.vstack([np.zeros(3), arm * np.eye(3), -arm * np.eye(3)]))

@@ -14,7 +14,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.recipe import Box, Tree
 
 # Chord error of the round corner's triangles; the radius is metres, so this is a few degrees a facet.
@@ -29,7 +29,7 @@ class Solid:
     kind: str
     name: str
     storey: str
-    triangles: Array
+    triangles: Float64Array
 
 
 def ifc_solids(path: Path) -> list[Solid]:
@@ -112,7 +112,7 @@ def _foreign(name: str, triangles: NDArray[np.float64]) -> Solid:
     return Solid(guid="", kind="", name=name, storey="", triangles=np.asarray(triangles, dtype=np.float64))
 
 
-def subdivided(triangles: Array, edge_m: float) -> Array:
+def subdivided(triangles: Float64Array, edge_m: float) -> Float64Array:
     """The triangles cut until no edge is longer than ``edge_m`` (light is computed once a triangle)."""
     n = len(triangles)
     vertices, faces = trimesh.remesh.subdivide_to_size(

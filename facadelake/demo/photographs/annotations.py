@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.photographs.flight import Shot
 from facadelake.demo.photographs.visibility import Sighting
 from facadelake.demo.textures.light import RayScene
@@ -26,8 +26,8 @@ class Box:
 
     file_name: str
     kind: str
-    centre_px: Array
-    size_px: Array
+    centre_px: Float64Array
+    size_px: Float64Array
     score: float
     checkpoint: str
 

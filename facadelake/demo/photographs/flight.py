@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.demo.recipe import Building, Campaign, Optics
 from facadelake.demo.world import World
 
@@ -23,8 +23,8 @@ class Shot:
     file_name: str
     taken: datetime
     posed: PosedCamera
-    tag_lon_lat_height: Array
-    tag_yaw_pitch_roll_deg: Array
+    tag_lon_lat_height: Float64Array
+    tag_yaw_pitch_roll_deg: Float64Array
 
 
 def camera_of(optics: Optics) -> Camera:
@@ -33,7 +33,7 @@ def camera_of(optics: Optics) -> Camera:
     return Camera(**{k: getattr(optics, k) for k in keys})
 
 
-def rotation_of(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
+def rotation_of(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64Array:
     """``site_from_cam`` rotation (3, 3): yaw clockwise from north, pitch up from level, roll right side down."""
     y, p, r = np.radians([yaw_deg, pitch_deg, roll_deg])
     forward = np.array([np.sin(y) * np.cos(p), np.cos(y) * np.cos(p), np.sin(p)])
@@ -42,7 +42,7 @@ def rotation_of(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
     return np.column_stack([np.cos(r) * right + np.sin(r) * down, np.cos(r) * down - np.sin(r) * right, forward])
 
 
-def attitude_of(rotation: Array) -> Array:
+def attitude_of(rotation: Float64Array) -> Float64Array:
     """Yaw, pitch and roll (degrees) of a ``site_from_cam`` rotation; the inverse of ``rotation_of``."""
     right, forward = rotation[:, 0], rotation[:, 2]
     yaw, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1, 1))
@@ -51,7 +51,7 @@ def attitude_of(rotation: Array) -> Array:
     return np.degrees([yaw, pitch, roll])
 
 
-def _outline_point(b: Building, distance: float, along_m: float) -> tuple[Array, float]:
+def _outline_point(b: Building, distance: float, along_m: float) -> tuple[Float64Array, float]:
     """The plan point (2,) at a length along the outline ``distance`` outside the house, from the south-west corner
     anticlockwise round corners of that radius; and the outline's whole length."""
     corners = np.array([(b.length_m, 0.0), (b.length_m, b.depth_m), (0.0, b.depth_m), (0.0, 0.0)])
@@ -71,7 +71,7 @@ def _outline_point(b: Building, distance: float, along_m: float) -> tuple[Array,
     raise AssertionError("a length within the outline lies on one of its pieces")
 
 
-def _orbit(b: Building, count: int, distance: float, heights: list[float]) -> list[tuple[Array, Array]]:
+def _orbit(b: Building, count: int, distance: float, heights: list[float]) -> list[tuple[Float64Array, Float64Array]]:
     """Positions and aims (model frame) round the house, twice as dense round its corners as along its sides.
 
     Round a corner the facades turn away fast, and SIFT does not follow a turn of more than 20 degrees. Aims lie on
@@ -94,7 +94,7 @@ def _orbit(b: Building, count: int, distance: float, heights: list[float]) -> li
     return result
 
 
-def _rows(world: World, campaign: Campaign) -> list[tuple[Array, Array]]:
+def _rows(world: World, campaign: Campaign) -> list[tuple[Float64Array, Float64Array]]:
     """Positions and aims (model frame) of the close-range rows."""
     result = []
     for row in campaign.flight.close:
@@ -108,7 +108,7 @@ def _rows(world: World, campaign: Campaign) -> list[tuple[Array, Array]]:
     return result
 
 
-def plan_flight(world: World, campaign: Campaign, geo_from_site: Callable[[Array], Array]) -> list[Shot]:
+def plan_flight(world: World, campaign: Campaign, geo_from_site: Callable[[Float64Array], Float64Array]) -> list[Shot]:
     """All photographs of a campaign in the order they were taken, ``multiview/`` first."""
     flight, rng = campaign.flight, np.random.default_rng([world.recipe.seed, campaign.seed])
     camera = camera_of(world.recipe.optics)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 # Rendered this much finer and averaged; pyrender's four samples a pixel smooth edges alone, not textures.
 FINE = 1.5
@@ -36,7 +36,7 @@ class PhotoJob:
     """A photograph to render: where it goes, from where it is seen, its tags, the seed of its noise."""
 
     path: Path
-    site_from_cam: Array
+    site_from_cam: Float64Array
     exif: bytes
     xmp: bytes
     seed: int
@@ -129,7 +129,7 @@ class _Stage:
         self.renderer = pyrender.OffscreenRenderer(lens.width_px, lens.height_px)
         self.sharp = False
 
-    def _add(self, image: NDArray[np.uint8], part: Mapping[str, Array]) -> None:
+    def _add(self, image: NDArray[np.uint8], part: Mapping[str, Float64Array]) -> None:
         """One mesh: all triangles that share a texture."""
         source = self.gl.Texture(source=image, source_channels="RGB")
         rgba = np.ones((len(part["triangles"]), 3, 4), dtype=np.float32)
@@ -144,7 +144,7 @@ class _Stage:
         )
         self.scene.add(self.gl.Mesh([primitive]))
 
-    def picture(self, site_from_cam: Array) -> NDArray[np.uint8]:
+    def picture(self, site_from_cam: Float64Array) -> NDArray[np.uint8]:
         """The pinhole image; OpenGL's camera looks along -z with y up."""
         self.scene.set_pose(self.node, site_from_cam @ np.diag([1.0, -1.0, -1.0, 1.0]))
         flags = self.gl.RenderFlags.FLAT | self.gl.RenderFlags.SKIP_CULL_FACES

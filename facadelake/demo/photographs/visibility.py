@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.photographs.flight import Shot
 from facadelake.demo.recipe import Defect, DefectState
 from facadelake.demo.textures.defects import size_in
@@ -27,11 +27,11 @@ class Spot:
 
     defect: Defect
     state: DefectState
-    grid: Array
-    normals: Array
+    grid: Float64Array
+    normals: Float64Array
 
     @property
-    def centre(self) -> Array:
+    def centre(self) -> Float64Array:
         """The centre of the drawn rectangle, on the surface."""
         return np.asarray(self.grid[0])
 
@@ -42,8 +42,8 @@ class Sighting:
 
     spot: Spot
     shot: Shot
-    centre_px: Array
-    size_px: Array
+    centre_px: Float64Array
+    size_px: Float64Array
     incidence_deg: float
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.building.charts import Chart
 from facadelake.demo.building.solids import Solid, subdivided
 from facadelake.demo.recipe import Box, Campaign, Light
@@ -76,7 +76,7 @@ def chart_light(world: World, rays: RayScene, light: Light, chart: Chart) -> NDA
     return np.asarray(shade(sun.reshape(rows, columns), sky, light), dtype=np.float32)
 
 
-def _sky_coarse(rays: RayScene, points: Array, normals: Array) -> Array:
+def _sky_coarse(rays: RayScene, points: Float64Array, normals: Float64Array) -> Float64Array:
     """Sky openness (rows, columns), asked at every fifth point, for it changes slowly."""
     some = (slice(None, None, 5), slice(None, None, 5))
     shape = points[some].shape[:2]
@@ -84,7 +84,7 @@ def _sky_coarse(rays: RayScene, points: Array, normals: Array) -> Array:
     return np.asarray(cv2.resize(values, points.shape[1::-1], interpolation=cv2.INTER_LINEAR))
 
 
-def lit_part(world: World, rays: RayScene, light: Light, solid: Solid, triangles: Array) -> RenderPart:
+def lit_part(world: World, rays: RayScene, light: Light, solid: Solid, triangles: Float64Array) -> RenderPart:
     """Triangles off the charts: one colour each, of their material and the light at their centre."""
     small = triangles if solid.name == "crown" else subdivided(triangles, 0.4)
     site = world.to_site(small)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.recipe import ControlPoint, Defect, DefectState
 from facadelake.demo.textures.canvas import Canvas, Image
 from facadelake.demo.textures.facades import BRICK, blob
@@ -54,7 +54,7 @@ class _Sheet:
         self.centre = canvas.texel(u, v)
         self.rows, self.columns = canvas.image[self.region].shape[:2]
 
-    def fine(self, u_m: Array, v_m: Array) -> NDArray[np.int32]:
+    def fine(self, u_m: Float64Array, v_m: Float64Array) -> NDArray[np.int32]:
         """Offsets from the defect's centre (metres) as points (n, 2) of the fine mask, 8 bits of fraction."""
         c = (self.centre[0] + u_m * self.canvas.per_u - self.region[1].start) * FINE - 0.5
         r = (self.centre[1] - v_m * self.canvas.per_v - self.region[0].start) * FINE - 0.5
@@ -68,7 +68,7 @@ class _Sheet:
         return np.asarray(small / np.float32(255), dtype=np.float32)
 
 
-def _stretched(points: Array, width: float, height: float) -> Array:
+def _stretched(points: Float64Array, width: float, height: float) -> Float64Array:
     """Points (n, 2) scaled and shifted so that their bounds are width by height about zero."""
     low, high = points.min(axis=0), points.max(axis=0)
     return np.asarray((points - (low + high) / 2) / np.maximum(high - low, 1e-9) * [width, height])

@@ -8,7 +8,7 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.recipe import Light
 
 FAR_M = 400.0
@@ -17,7 +17,7 @@ FAR_M = 400.0
 class RayScene:
     """Triangles that rays meet: which solid, how far, under which angle (float32 inside, near the origin)."""
 
-    def __init__(self, groups: Sequence[Array]) -> None:
+    def __init__(self, groups: Sequence[Float64Array]) -> None:
         self.scene = o3d.t.geometry.RaycastingScene()
         self.group_of: dict[int, int] = {}
         for index, triangles in enumerate(groups):
@@ -27,10 +27,12 @@ class RayScene:
             self.group_of[int(self.scene.add_triangles(vertices, faces))] = index
 
     @staticmethod
-    def _rays(origins: Array, directions: Array) -> o3d.core.Tensor:
+    def _rays(origins: Float64Array, directions: Float64Array) -> o3d.core.Tensor:
         return o3d.core.Tensor(np.concatenate([origins, directions], axis=1).astype(np.float32))
 
-    def hits(self, origins: Array, directions: Array) -> tuple[Array, NDArray[np.int64], Array]:
+    def hits(
+        self, origins: Float64Array, directions: Float64Array
+    ) -> tuple[Float64Array, NDArray[np.int64], Float64Array]:
         """Distance (n,; inf where nothing is met), group index (n,; -1), and unit normals (n, 3) of the first hits."""
         answer = self.scene.cast_rays(self._rays(origins, directions))
         ids = answer["geometry_ids"].numpy()
@@ -45,18 +47,18 @@ class RayScene:
             answer["primitive_normals"].numpy().astype(np.float64),
         )
 
-    def blocked(self, origins: Array, directions: Array, far_m: float = FAR_M) -> NDArray[np.bool_]:
+    def blocked(self, origins: Float64Array, directions: Float64Array, far_m: float = FAR_M) -> NDArray[np.bool_]:
         """Whether something stands within ``far_m`` along each ray."""
         return np.asarray(self.scene.test_occlusions(self._rays(origins, directions), tnear=0.0, tfar=far_m).numpy())
 
 
-def sun_direction(light: Light) -> Array:
+def sun_direction(light: Light) -> Float64Array:
     """Unit vector (3,) in site towards the sun."""
     a, e = np.radians([light.sun_azimuth_deg, light.sun_elevation_deg])
     return np.array([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)])
 
 
-def sky_directions(count: int) -> Array:
+def sky_directions(count: int) -> Float64Array:
     """Unit vectors (count, 3) spread evenly over the upper half sphere and a little below the horizon."""
     z = np.linspace(0.98, -0.25, count)
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5.0))
@@ -65,8 +67,8 @@ def sky_directions(count: int) -> Array:
 
 
 def sunlit(
-    scene: RayScene, points: Array, normals: Array, light: Light, samples: int, rng: np.random.Generator
-) -> Array:
+    scene: RayScene, points: Float64Array, normals: Float64Array, light: Light, samples: int, rng: np.random.Generator
+) -> Float64Array:
     """Cosine of the sun's incidence times the share of its disc that is seen, (n,)."""
     sun = sun_direction(light)
     cosine = np.clip(normals @ sun, 0.0, 1.0)
@@ -79,7 +81,9 @@ def sunlit(
     return cosine * share / samples
 
 
-def sky_open(scene: RayScene, points: Array, normals: Array, count: int = 24, reach_m: float = 6.0) -> Array:
+def sky_open(
+    scene: RayScene, points: Float64Array, normals: Float64Array, count: int = 24, reach_m: float = 6.0
+) -> Float64Array:
     """Cosine-weighted share of the half space before each point (n,) that is free of things within ``reach_m``."""
     total, free = np.zeros(len(points)), np.zeros(len(points))
     start = points + 0.004 * normals
@@ -92,7 +96,7 @@ def sky_open(scene: RayScene, points: Array, normals: Array, count: int = 24, re
     return free / np.maximum(total, 1e-9)
 
 
-def shade(sun_share: Array, sky_share: Array, light: Light) -> Array:
+def shade(sun_share: Float64Array, sky_share: Float64Array, light: Light) -> Float64Array:
     """Multiplier (..., 3) of a gamma-coded colour under sun and sky; exposure included."""
     linear = sun_share[..., None] * np.array(light.sun) + (0.25 + 0.75 * sky_share[..., None]) * np.array(light.sky)
     return np.asarray((light.exposure * linear) ** (1 / 2.2))

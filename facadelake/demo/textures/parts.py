@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.demo.building.charts import Chart, building_charts
 from facadelake.demo.building.solids import Solid, ground_solid
 from facadelake.demo.recipe import Box, Light
@@ -27,18 +27,18 @@ class RenderPart:
     """Triangles (n, 3, 3) in site metres, texture coordinates (n, 3, 2), colours (n, 3) of 0 to 1."""
 
     texture: str
-    triangles: Array
-    uv: Array
-    colours: Array
+    triangles: Float64Array
+    uv: Float64Array
+    colours: Float64Array
 
 
 def split_by_chart(
     world: World, solids: Sequence[Solid], boxes: dict[str, Box]
-) -> tuple[list[RenderPart], list[tuple[Solid, Array]]]:
+) -> tuple[list[RenderPart], list[tuple[Solid, Float64Array]]]:
     """Triangles that lie on a chart, as parts of that chart; and the rest, solid by solid."""
     facades = [c.name for c in building_charts(world.recipe.building, 1.0)]
-    collected: dict[str, list[Array]] = {}
-    loose: list[tuple[Solid, Array]] = []
+    collected: dict[str, list[Float64Array]] = {}
+    loose: list[tuple[Solid, Float64Array]] = []
     for solid in solids:
         if solid.guid:
             names = ([] if solid.kind in ("IfcRailing",) else facades) + ["roof"]
@@ -71,12 +71,12 @@ def split_by_chart(
     return parts, loose
 
 
-def face_normals(triangles: Array) -> Array:
+def face_normals(triangles: Float64Array) -> Float64Array:
     n = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-15))
 
 
-def on_chart(chart: Chart, triangles: Array) -> NDArray[np.bool_]:
+def on_chart(chart: Chart, triangles: Float64Array) -> NDArray[np.bool_]:
     """Which triangles (n,) are drawn by a chart: near its surface, facing as it faces, inside its bounds."""
     if len(triangles) == 0:
         return np.zeros(0, dtype=bool)
@@ -106,7 +106,7 @@ def dome_part() -> RenderPart:
         (slice(1, None), slice(None, -1)),
     ]
 
-    def cut(grid: Array) -> Array:
+    def cut(grid: Float64Array) -> Float64Array:
         p = [grid[q].reshape(-1, grid.shape[-1]) for q in quads]
         return np.concatenate([np.stack([p[0], p[1], p[2]], axis=1), np.stack([p[0], p[2], p[3]], axis=1)])
 

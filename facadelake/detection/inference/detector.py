@@ -16,7 +16,7 @@ from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import file_sha256, key_of
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard, calibrated, score_for
-from facadelake.detection.inference.find_card import find_card
+from facadelake.detection.inference.cards import find_card
 from facadelake.detection.inference.letterbox import Image, Letterbox, letterbox
 from facadelake.detection.inference.outline import outline
 from facadelake.detection.inference.session import ModelSession

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.detection.card import CardInput, Resize
 
 Image = NDArray[np.uint8]
@@ -46,14 +46,14 @@ class Letterbox:
             if mean:
                 plane -= np.float32(mean / std)
 
-    def image_from_input(self, corners_input: Array | NDArray[np.float32]) -> Array:
+    def image_from_input(self, corners_input: Float64Array | NDArray[np.float32]) -> Float64Array:
         """Corners (n, 4: left, top, right, bottom) in pixels of the input as pixels of the photograph."""
         return self.points_from_input(corners_input.reshape(-1, 2)).reshape(-1, 4)
 
-    def points_from_input(self, points_input: Array | NDArray[np.float32]) -> Array:
+    def points_from_input(self, points_input: Float64Array | NDArray[np.float32]) -> Float64Array:
         """Points (n, 2: x, y) in pixels of the input as pixels of the photograph."""
         gain = np.array([self.resized_width_px / self.image_width_px, self.resized_height_px / self.image_height_px])
-        points: Array = (np.asarray(points_input, dtype=np.float64) - (self.left_px, self.top_px)) / gain
+        points: Float64Array = (np.asarray(points_input, dtype=np.float64) - (self.left_px, self.top_px)) / gain
         return points
 
     def _canvas(self, image_bgr: Image) -> Image:

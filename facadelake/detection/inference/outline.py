@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 from skimage.measure import find_contours
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.detection.inference.letterbox import Letterbox
 from facadelake.detection.layouts.masks import Masks
 
@@ -51,7 +51,7 @@ def _window(low: float, high: float, cells: int) -> slice:
     return slice(start, int(np.clip(np.ceil(high) + _MARGIN_CELLS, start, cells)))
 
 
-def _visible(corners: Array, box: Letterbox) -> Polygon:
+def _visible(corners: Float64Array, box: Letterbox) -> Polygon:
     """What of a box lies in the photograph."""
     left, top = max(corners[0], 0.0), max(corners[1], 0.0)
     right, bottom = min(corners[2], float(box.image_width_px)), min(corners[3], float(box.image_height_px))

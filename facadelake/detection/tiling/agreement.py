@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
-Corners = Array  # (n, 4): left, top, right, bottom in pixels of the photograph
+Corners = Float64Array  # (n, 4): left, top, right, bottom in pixels of the photograph
 Indices = NDArray[np.int64]
 Shapes = Sequence[shapely.Geometry | None]
 
@@ -29,7 +29,7 @@ _STRIP = 1.5
 
 def agreement(
     corners: Corners, masks: Shapes, first: Indices, second: Indices, window: Corners, slack_px: float
-) -> Array:
+) -> Float64Array:
     """How well parts ``first`` and ``second`` (k) of all parts (n) agree in ``window`` (k), 0 to 1.
 
     Masks tell it where both have one: the share of the smaller that lies in the other. Boxes tell it by a line along
@@ -56,7 +56,7 @@ def agreement(
     return np.asarray(fit)
 
 
-def _directions(lines: Array, first: Indices, second: Indices, count: int) -> Array:
+def _directions(lines: Float64Array, first: Indices, second: Indices, count: int) -> Float64Array:
     """How likely (2, n) each part runs falling, and rising: as those it meets do, by how well (2, k) they meet so."""
     belief = np.full((2, count), 0.5)
     for _ in range(_ROUNDS):
@@ -73,9 +73,9 @@ def common(a: Corners, b: Corners) -> Corners:
     return np.column_stack([np.maximum(a[:, :2], b[:, :2]), np.minimum(a[:, 2:], b[:, 2:])])
 
 
-def areas(corners: Corners) -> Array:
+def areas(corners: Corners) -> Float64Array:
     """Areas (n,) in square pixels, 0 of what is turned inside out."""
-    area: Array = np.prod(np.clip(corners[:, 2:] - corners[:, :2], 0.0, None), axis=1)
+    area: Float64Array = np.prod(np.clip(corners[:, 2:] - corners[:, :2], 0.0, None), axis=1)
     return area
 
 
@@ -85,9 +85,9 @@ def grown(corners: Corners, by_px: float) -> Corners:
     return larger
 
 
-def shares(part: Corners, whole: Corners) -> Array:
+def shares(part: Corners, whole: Corners) -> Float64Array:
     """How much (n,) of each part's area lies in its whole."""
-    share: Array = areas(common(part, whole)) / np.maximum(areas(part), 1e-9)
+    share: Float64Array = areas(common(part, whole)) / np.maximum(areas(part), 1e-9)
     return share
 
 
@@ -97,12 +97,12 @@ def overlap(a: shapely.Geometry, b: shapely.Geometry) -> float:
     return float(both / max(a.area + b.area - both, 1e-9))
 
 
-def _overlaps(a: Corners, b: Corners, slack_px: float) -> Array:
+def _overlaps(a: Corners, b: Corners, slack_px: float) -> Float64Array:
     """Intersection over union (n,) of boxes grown by the slack; 0 where one of them is turned inside out."""
     there = (a[:, 2:] >= a[:, :2]).all(axis=1) & (b[:, 2:] >= b[:, :2]).all(axis=1)
     a, b = grown(a, slack_px), grown(b, slack_px)
     both = areas(common(a, b))
-    share: Array = np.where(there, both / np.maximum(areas(a) + areas(b) - both, 1e-9), 0.0)
+    share: Float64Array = np.where(there, both / np.maximum(areas(a) + areas(b) - both, 1e-9), 0.0)
     return share
 
 
@@ -119,7 +119,7 @@ def _diagonal(box: Corners, window: Corners, up: bool) -> Corners:
     return np.where(low <= high, bounds, np.array([1.0, 1.0, 0.0, 0.0]))
 
 
-def _masks_agree(a: Any, b: Any, window: Any, slack_px: float) -> Array:
+def _masks_agree(a: Any, b: Any, window: Any, slack_px: float) -> Float64Array:
     """How much (k,) of the smaller mask's part in the window lies in the other's, grown by the slack of its edges."""
     one, two = shapely.intersection(a, window), shapely.intersection(b, window)
     turned = shapely.area(one) > shapely.area(two)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.detection.boxes import Box
 from facadelake.detection.inference.detector import Found
 from facadelake.detection.tiling.agreement import agreement, areas, common, grown, overlap, shares
@@ -48,8 +48,8 @@ class _Parts:
     """All parts (n) of a look: corners (n, 4) cut to their tiles (n, 4), and their cut sides (n, 4)."""
 
     found: list[Found]
-    corners: Array
-    tiles: Array
+    corners: Float64Array
+    tiles: Float64Array
     cut: Flags
     classes: Indices
 
@@ -67,7 +67,7 @@ class _Pairs:
 
     first: Indices
     second: Indices
-    fit: Array
+    fit: Float64Array
     onwards: Flags
 
 

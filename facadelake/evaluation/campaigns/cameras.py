@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.core.errors import InputDataError, SchemaError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.pose_table import posed_cameras
@@ -23,8 +23,8 @@ class ComparedCameras:
     (3, 3), m^2, that each pose states for its centre; None where it states none."""
 
     photo_ids: tuple[str, ...]
-    error_site_m: Array
-    covariance_m2: tuple[Array | None, ...]
+    error_site_m: Float64Array
+    covariance_m2: tuple[Float64Array | None, ...]
 
 
 def found_and_true(
@@ -57,7 +57,7 @@ def found_and_true(
     )
 
 
-def _of_the_centre(photo_id: str, numbers: Sequence[float] | None) -> Array | None:
+def _of_the_centre(photo_id: str, numbers: Sequence[float] | None) -> Float64Array | None:
     """The centre's (3, 3) of a pose's 36 numbers. Raises SchemaError for what is no covariance."""
     if numbers is None:
         return None

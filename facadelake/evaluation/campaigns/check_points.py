@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 # The paper's Algorithm 1 takes detections nearer than this for one; neighbours inside it are the ones it would merge.
 NEAR_M = 0.5
@@ -41,7 +41,7 @@ class CheckPoints:
 
 def check_points_of(
     *,
-    xyz_true_site_m: Mapping[str, Array],
+    xyz_true_site_m: Mapping[str, Float64Array],
     detected: Iterable[str],
     shown_by_defect: Sequence[str | None],
     members: Sequence[tuple[str, str]],
@@ -70,7 +70,7 @@ def check_points_of(
     )
 
 
-def _near(names: Sequence[str], xyz: Mapping[str, Array]) -> list[tuple[float, frozenset[str]]]:
+def _near(names: Sequence[str], xyz: Mapping[str, Float64Array]) -> list[tuple[float, frozenset[str]]]:
     """Pairs of check points nearer than ``NEAR_M``, with their distance."""
     if len(names) < 2:
         return []

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError, SchemaError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import posed_cameras
 from facadelake.evaluation.campaigns.cameras import ComparedCameras, found_and_true
@@ -41,20 +41,20 @@ class Comparison:
     photographs_total: int
     photographs_localised: int
     cameras: ComparedCameras
-    xyz_camera_m: Array
-    ray_error_m: Array
+    xyz_camera_m: Float64Array
+    ray_error_m: Float64Array
     observations: PositionSamples
     defects: PositionSamples
-    roundtrip_px: Array
-    roundtrip_cm: Array
-    roundtrip_defects_px: Array
-    roundtrip_defects_cm: Array
+    roundtrip_px: Float64Array
+    roundtrip_cm: Float64Array
+    roundtrip_defects_px: Float64Array
+    roundtrip_defects_cm: Float64Array
     members: tuple[tuple[str, str], ...]
     element_pairs: tuple[tuple[str | None, str], ...]
     element_pairs_defects: tuple[tuple[str | None, str], ...]
     shown_by_defect: tuple[str | None, ...]
     detected: frozenset[str]
-    xyz_true_site_m: Mapping[str, Array]
+    xyz_true_site_m: Mapping[str, Float64Array]
     off_truth: int | None
 
 
@@ -67,7 +67,7 @@ class _Campaign:
     registered: Sequence[Row]
     defects: Sequence[Row]
     shown: Mapping[str, str | None]  # detection_id -> check point
-    xyz_true_site_m: Mapping[str, Array]
+    xyz_true_site_m: Mapping[str, Float64Array]
 
 
 def compare(
@@ -147,7 +147,7 @@ def compare(
     )
 
 
-def _xyz(row: Row) -> Array:
+def _xyz(row: Row) -> Float64Array:
     return np.array([row["x_site_m"], row["y_site_m"], row["z_site_m"]], dtype=np.float64)
 
 
@@ -171,7 +171,7 @@ def _check_places(rows: Sequence[Row], origin: SiteOrigin, map_crs: str) -> None
         )
 
 
-def _centre_img(row: Row) -> Array:
+def _centre_img(row: Row) -> Float64Array:
     """Centre (1, 2) of a detection's box in pixels."""
     x, y = row["box_x_px"] + row["box_width_px"] / 2, row["box_y_px"] + row["box_height_px"] / 2
     return np.array([[x, y]], dtype=np.float64)
@@ -211,7 +211,7 @@ def _accepted(campaign: _Campaign) -> list[tuple[Row, str]]:
     ]
 
 
-def _ray_error(campaign: _Campaign, accepted: Sequence[tuple[Row, str]]) -> Array:
+def _ray_error(campaign: _Campaign, accepted: Sequence[tuple[Row, str]]) -> Float64Array:
     """Distance (n,) of check points from the rays of their boxes' centres, in localised photographs."""
     distances = []
     for row, target in accepted:
@@ -241,7 +241,7 @@ def _shown_by_defect(campaign: _Campaign) -> list[str | None]:
     return shown
 
 
-def _roundtrip(campaign: _Campaign, places: Mapping[str, Row]) -> tuple[Array, Array]:
+def _roundtrip(campaign: _Campaign, places: Mapping[str, Row]) -> tuple[Float64Array, Float64Array]:
     """``places`` (by detection_id) re-projected against their boxes' centres (n, 2), in pixels and in cm on the
     surface."""
     pixels, centimetres = [], []

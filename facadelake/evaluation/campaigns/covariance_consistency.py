@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 # Quantiles of chi-square with 3 degrees of freedom: half, and 95 %, of normal errors lie inside ellipsoids this large.
 CHI_SQUARE_50 = 2.366
@@ -35,7 +35,7 @@ class Honesty:
         return asdict(self)
 
 
-def normalised_squares(errors_m: Array, covariance_m2: Sequence[Array | None]) -> Array:
+def normalised_squares(errors_m: Float64Array, covariance_m2: Sequence[Float64Array | None]) -> Float64Array:
     """``e^T C^-1 e`` (m,) of the errors (n, 3) that have a covariance (3, 3), in their order."""
     return np.array(
         [
@@ -47,7 +47,7 @@ def normalised_squares(errors_m: Array, covariance_m2: Sequence[Array | None]) -
     )
 
 
-def honesty_of(errors_m: Array, covariance_m2: Sequence[Array | None]) -> Honesty:
+def honesty_of(errors_m: Float64Array, covariance_m2: Sequence[Float64Array | None]) -> Honesty:
     """The figures of errors (n, 3) and their covariances (3, 3; None: none stated)."""
     squares = normalised_squares(errors_m, covariance_m2)
     if not len(squares):

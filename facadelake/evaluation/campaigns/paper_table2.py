@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.evaluation.campaigns.samples import PositionSamples
 from facadelake.evaluation.campaigns.statistics import Stats, stats_of, surface_axes
 
@@ -74,7 +74,10 @@ class Table2:
 
 
 def table2_of(
-    roundtrip_cm: Array, roundtrip_defects_cm: Array, observations: PositionSamples, defects: PositionSamples
+    roundtrip_cm: Float64Array,
+    roundtrip_defects_cm: Float64Array,
+    observations: PositionSamples,
+    defects: PositionSamples,
 ) -> Table2:
     """The table; round trips (n, 2): re-projected minus box centre, right and down, on the surface."""
     return Table2(
@@ -87,13 +90,13 @@ def table2_of(
     )
 
 
-def _along_surface_cm(samples: PositionSamples) -> Array:
+def _along_surface_cm(samples: PositionSamples) -> Float64Array:
     horizontal, vertical = surface_axes(samples.normal_site)
     error = 100 * samples.error_site_m
     return np.column_stack([(error * horizontal).sum(axis=1), (error * vertical).sum(axis=1)])
 
 
-def _two_axes(errors: Array) -> TwoAxes:
+def _two_axes(errors: Float64Array) -> TwoAxes:
     errors = errors.reshape(-1, 2)
     return TwoAxes(
         horizontal=stats_of(errors[:, 0]),

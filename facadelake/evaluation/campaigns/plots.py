@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.evaluation.campaigns.comparison import Comparison
 from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_95, normalised_squares
 from facadelake.evaluation.campaigns.samples import PositionSamples
@@ -180,8 +180,8 @@ def _deviation(figure: Figure, compared: Comparison) -> bool:
     return True
 
 
-def _along(samples: PositionSamples) -> Array:
-    along: Array = (samples.error_site_m * samples.normal_site).sum(axis=1)
+def _along(samples: PositionSamples) -> Float64Array:
+    along: Float64Array = (samples.error_site_m * samples.normal_site).sum(axis=1)
     return along
 
 

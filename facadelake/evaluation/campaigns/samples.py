@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from facadelake.core.errors import SchemaError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 Row = Mapping[str, Any]
 
@@ -25,23 +25,23 @@ class PositionSamples:
 
     ids: tuple[str, ...]
     targets: tuple[str, ...]
-    error_site_m: Array
-    xyz_true_site_m: Array
-    normal_site: Array
-    covariance_m2: tuple[Array | None, ...]
-    incidence_deg: Array
-    distance_m: Array
-    deviation_m: Array
+    error_site_m: Float64Array
+    xyz_true_site_m: Float64Array
+    normal_site: Float64Array
+    covariance_m2: tuple[Float64Array | None, ...]
+    incidence_deg: Float64Array
+    distance_m: Float64Array
+    deviation_m: Float64Array
 
     @property
-    def size_m(self) -> Array:
+    def size_m(self) -> Float64Array:
         """3D distances (n,)."""
-        size: Array = np.linalg.norm(self.error_site_m, axis=1)
+        size: Float64Array = np.linalg.norm(self.error_site_m, axis=1)
         return size
 
 
 def position_samples(
-    pairs: Sequence[tuple[Row, str]], xyz_true_site_m: Mapping[str, Array], *, key: str
+    pairs: Sequence[tuple[Row, str]], xyz_true_site_m: Mapping[str, Float64Array], *, key: str
 ) -> PositionSamples:
     """Rows of ``observations`` or ``defects`` (their id in column ``key``), each with the check point it shows."""
     rows = [row for row, _ in pairs]
@@ -60,7 +60,7 @@ def position_samples(
     )
 
 
-def covariance_of(name: str, numbers: Sequence[float] | None) -> Array | None:
+def covariance_of(name: str, numbers: Sequence[float] | None) -> Float64Array | None:
     """The (3, 3) of a row's nine numbers, m^2. Raises SchemaError for what is no covariance."""
     if numbers is None:
         return None
@@ -73,7 +73,7 @@ def covariance_of(name: str, numbers: Sequence[float] | None) -> Array | None:
     return covariance
 
 
-def _columns(rows: Sequence[Row], *names: str) -> Array:
+def _columns(rows: Sequence[Row], *names: str) -> Float64Array:
     """Columns as numbers (n, names); NaN for what is empty or not there."""
     values = [[np.nan if row.get(name) is None else row[name] for name in names] for row in rows]
     return np.array(values, dtype=np.float64).reshape(-1, len(names))

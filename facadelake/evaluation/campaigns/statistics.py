@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class SurfaceStats:
         return {**self.distance.to_json(), **{name: part.to_json() for name, part in parts.items()}}
 
 
-def stats_of(errors: Array) -> Stats:
+def stats_of(errors: Float64Array) -> Stats:
     """Statistics of signed errors or distances (n,)."""
     if len(errors) == 0:
         return Stats(n=0)
@@ -73,7 +73,7 @@ def stats_of(errors: Array) -> Stats:
     )
 
 
-def position_stats(errors_site_m: Array) -> PositionStats:
+def position_stats(errors_site_m: Float64Array) -> PositionStats:
     """Statistics of position errors (n, 3: found minus true) in site."""
     errors = errors_site_m.reshape(-1, 3)
     distance = stats_of(np.linalg.norm(errors, axis=1))
@@ -83,7 +83,7 @@ def position_stats(errors_site_m: Array) -> PositionStats:
     return PositionStats(**asdict(distance), offset_east=east, offset_north=north, offset_up=up)
 
 
-def surface_axes(normals: Array) -> tuple[Array, Array]:
+def surface_axes(normals: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Directions along surfaces of outward unit ``normals`` (n, 3): horizontal and vertical, (n, 3) each, in site.
 
     Horizontal points to the right as seen from outside, vertical up the surface. On a level surface, which has no
@@ -96,7 +96,7 @@ def surface_axes(normals: Array) -> tuple[Array, Array]:
     return horizontal, np.cross(normals, horizontal).reshape(-1, 3)
 
 
-def surface_stats(errors: Array, normals: Array) -> SurfaceStats:
+def surface_stats(errors: Float64Array, normals: Float64Array) -> SurfaceStats:
     """Statistics of errors (n, 3: found minus true, site metres) on surfaces of outward ``normals`` (n, 3)."""
     errors, normals = errors.reshape(-1, 3), normals.reshape(-1, 3)
     if len(normals):

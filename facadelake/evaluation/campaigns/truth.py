@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 OFF_TARGET = "off_target"
 _GEO = ("lon_deg", "lat_deg", "height_ellipsoidal_m")
@@ -20,7 +20,7 @@ _GEO = ("lon_deg", "lat_deg", "height_ellipsoidal_m")
 class CheckPoint:
     """A point measured independently of the run; ``geo`` is lon, lat (deg), ellipsoidal height (m), EPSG:4979."""
 
-    geo: Array
+    geo: Float64Array
     element_guid: str
 
 
@@ -31,7 +31,7 @@ class Truth:
     An annotation that shows none (a false detection) has None.
     """
 
-    cameras: Mapping[str, Array]
+    cameras: Mapping[str, Float64Array]
     checkpoints: Mapping[str, CheckPoint]
     shown: Mapping[tuple[str, str], str | None]
 
@@ -105,7 +105,7 @@ def _rows(path: Path, unique: str | None, *columns: str) -> list[_Row]:
     return rows
 
 
-def _geo(row: _Row) -> Array:
+def _geo(row: _Row) -> Float64Array:
     limits = {"lon_deg": 180.0, "lat_deg": 90.0, "height_ellipsoidal_m": 10000.0}
     values = []
     for column, limit in limits.items():

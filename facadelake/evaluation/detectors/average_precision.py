@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Prediction
 from schemas.vocabulary import DefectClass
@@ -46,13 +46,13 @@ class Matches:
     images: tuple[LabelledImage, ...]
     image: Ints
     rank: Ints
-    score: Array
+    score: Float64Array
     hit: Bools
     ignored: Bools
     truth_image: Ints
     truth_rank: Ints
     found: Bools
-    coco_precision: Array
+    coco_precision: Float64Array
 
 
 def match(
@@ -94,19 +94,19 @@ def match(
 
 
 def average_precision(
-    matches: Matches, weights: Array | None = None, *, thresholds: int = len(IOU_THRESHOLDS)
-) -> Array:
+    matches: Matches, weights: Float64Array | None = None, *, thresholds: int = len(IOU_THRESHOLDS)
+) -> Float64Array:
     """Average precision at the first ``thresholds`` of ``IOU_THRESHOLDS``, NaN where there is no truth.
 
     ``weights`` (one a photograph) repeat or leave out photographs: matches do not depend on one another across them, so
     sites and resampled sets need no new matching.
     """
     curves = [precision_at_recalls(matches, i, weights) for i in range(thresholds)]
-    means: Array = np.array([curve.mean() for curve in curves])
+    means: Float64Array = np.array([curve.mean() for curve in curves])
     return means
 
 
-def precision_at_recalls(matches: Matches, threshold: int, weights: Array | None = None) -> Array:
+def precision_at_recalls(matches: Matches, threshold: int, weights: Float64Array | None = None) -> Float64Array:
     """The precision's envelope (101,) at ``RECALLS`` for the IoU threshold of that index; NaN where no truth is."""
     weight = np.ones(len(matches.images)) if weights is None else weights
     truths = weight[matches.truth_image].sum()
@@ -118,7 +118,7 @@ def precision_at_recalls(matches: Matches, threshold: int, weights: Array | None
     precision = hits / np.maximum(hits + wrong, np.finfo(np.float64).tiny)
     envelope = np.maximum.accumulate(precision[::-1])[::-1]
     at = np.searchsorted(hits / truths, RECALLS, side="left")
-    reached: Array = np.where(at < len(envelope), np.append(envelope, 0.0)[np.minimum(at, len(envelope))], 0.0)
+    reached: Float64Array = np.where(at < len(envelope), np.append(envelope, 0.0)[np.minimum(at, len(envelope))], 0.0)
     return reached
 
 
@@ -180,7 +180,7 @@ def _coco(
     return coco
 
 
-def _side_by_side(parts: Sequence[Mapping[str, Any]], key: str) -> Array:
+def _side_by_side(parts: Sequence[Mapping[str, Any]], key: str) -> Float64Array:
     """The (10, n) or (n,) arrays of all photographs, joined."""
     arrays = [np.asarray(one[key], dtype=np.float64) for one in parts]
     if not arrays:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 
 DRAWS = 500
@@ -25,7 +25,7 @@ class Interval:
 
 
 def interval_of(
-    images: Sequence[LabelledImage], figure: Callable[[Array], float], *, by_site: bool, draws: int = DRAWS
+    images: Sequence[LabelledImage], figure: Callable[[Float64Array], float], *, by_site: bool, draws: int = DRAWS
 ) -> Interval | None:
     """The interval of ``figure``, a function of the photographs' weights; None with one group, or where it has none.
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.evaluation.detectors.average_precision import Matches, average_precision, match
 from facadelake.evaluation.detectors.bootstrap import FEW, Interval, interval_of
 from facadelake.evaluation.detectors.calibration import Calibration, calibration_of
@@ -176,7 +176,7 @@ def judge(
 
 
 def _class(low: Matches, shown: Matches, sites: Sequence[SiteFigures], threshold: float) -> ClassFigures:
-    def ap50(weights: Array) -> float:
+    def ap50(weights: Float64Array) -> float:
         return float(average_precision(low, weights, thresholds=1)[0])
 
     has_truth = len(low.truth_image) > 0

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import rankdata
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.detection.crosswalk import Crosswalk
 from facadelake.evaluation.detectors.bootstrap import Interval, interval_of
 from facadelake.evaluation.detectors.figures import Judged
@@ -117,7 +117,7 @@ def _class(defect_class: DefectClass, collected: Collected) -> ImageLevelClass:
     best = np.array([_best(defect_class, one, collected) for one in images])
     shown = np.array([any(g.defect_class is defect_class for g in collected.shown[one.key]) for one in images])
 
-    def area(weights: Array) -> float:
+    def area(weights: Float64Array) -> float:
         return auroc(best.repeat(weights.astype(int)), positive.repeat(weights.astype(int)))
 
     sited = [replace(one, site=one.site or f"\0{i}") for i, one in enumerate(images)]
@@ -140,7 +140,7 @@ def _best(defect_class: DefectClass, image: LabelledImage, collected: Collected)
     return max((one.score for one in found if one.defect_class is defect_class), default=0.0)
 
 
-def auroc(scores: Array, positive: Sequence[bool] | np.ndarray) -> float:
+def auroc(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -> float:
     """Area under the ROC curve by the ranks (Mann and Whitney 1947); NaN where one of the two kinds is missing."""
     is_positive = np.asarray(positive, dtype=np.bool_)
     n, m = int(is_positive.sum()), int((~is_positive).sum())
@@ -149,7 +149,7 @@ def auroc(scores: Array, positive: Sequence[bool] | np.ndarray) -> float:
     return float((rankdata(scores)[is_positive].sum() - n * (n + 1) / 2) / (n * m))
 
 
-def image_average_precision(scores: Array, positive: Sequence[bool] | np.ndarray) -> float:
+def image_average_precision(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -> float:
     """Sum over thresholds of the gain in recall times precision; equal scores fall together. NaN without positives."""
     is_positive = np.asarray(positive, dtype=np.bool_)
     if not is_positive.any():

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from pycocotools.mask import iou
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.evaluation.detectors.average_precision import Matches
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Prediction
@@ -49,7 +49,7 @@ class Operating:
         return {"hits": self.hits, "false_alarms": self.false_alarms, "misses": self.misses, **shares}
 
 
-def operating_of(matches: Matches, weights: Array | None = None) -> Operating:
+def operating_of(matches: Matches, weights: Float64Array | None = None) -> Operating:
     """Counts of what is shown, at an IoU of 0.5; ``weights`` as for average precision."""
     weight = np.ones(len(matches.images)) if weights is None else weights
     each = weight[matches.image]
@@ -118,7 +118,7 @@ def confusions(images: Sequence[LabelledImage], shown: Mapping[str, tuple[Predic
     )
 
 
-def overlaps(image: LabelledImage, guesses: Sequence[Prediction]) -> Array:
+def overlaps(image: LabelledImage, guesses: Sequence[Prediction]) -> Float64Array:
     """Intersection over union (guesses, truths); over the guess alone where the truth is a crowd, as COCO has it."""
     if not guesses or not image.boxes:
         return np.zeros((len(guesses), len(image.boxes)))
@@ -126,5 +126,5 @@ def overlaps(image: LabelledImage, guesses: Sequence[Prediction]) -> Array:
         [[b.x_px, b.y_px, b.width_px, b.height_px] for b in boxes]
         for boxes in ([one.box for one in guesses], [one.box for one in image.boxes])
     ]
-    overlap: Array = np.asarray(iou(corners[0], corners[1], [int(one.ignored) for one in image.boxes]))
+    overlap: Float64Array = np.asarray(iou(corners[0], corners[1], [int(one.ignored) for one in image.boxes]))
     return overlap

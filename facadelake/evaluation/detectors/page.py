@@ -12,7 +12,7 @@ from typing import Any
 
 from facadelake.core.hashing import file_sha256
 from facadelake.detection.card import ModelCard
-from facadelake.detection.inference.find_card import find_card
+from facadelake.detection.inference.cards import find_card
 from facadelake.evaluation.detectors.card_results import evaluations
 
 

@@ -10,10 +10,10 @@ from facadelake.core.hashing import file_sha256
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard
 from facadelake.detection.coco.file import CocoAnnotation, number, read_coco
+from facadelake.detection.inference.cards import find_card
 from facadelake.detection.inference.detector import Found, OnnxDetector
-from facadelake.detection.inference.find_card import find_card
 from facadelake.detection.inference.letterbox import Image
-from facadelake.detection.tiling.detect_image import detect_image
+from facadelake.detection.tiling.tiled_detection import detect_image
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Looks
 

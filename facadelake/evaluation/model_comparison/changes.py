@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.detection.boxes import Box
 from facadelake.reviews.box_matching import corners_of, overlaps, pairs_of
 from facadelake.reviews.match_reviews import Detected
@@ -66,7 +66,7 @@ def found_at(boxes: Sequence[Detected], box: Box, defect_class: DefectClass | No
     return bool(overlaps(place, corners).max() >= SAME_BOX or covered_share(place[0], corners) >= COVERED)
 
 
-def covered_share(corners: Array, others: Array) -> float:
+def covered_share(corners: Float64Array, others: Float64Array) -> float:
     """Share of a box (4,) that the boxes ``others`` (n, 4) cover together, exact: on the grid of all their edges."""
     low = np.clip(others[:, :2], corners[:2], corners[2:])
     high = np.clip(others[:, 2:], corners[:2], corners[2:])

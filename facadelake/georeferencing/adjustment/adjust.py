@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.adjustment.evidence import Evidence, MarkedPoints, ModelEvidence, lens_beforehand
 from facadelake.georeferencing.adjustment.linearise import (
     PRIOR_LIMIT,
@@ -61,13 +61,13 @@ class Adjusted:
     solution: Solution
     nodes: Nodes
     ties: Ties
-    covariance: Array
+    covariance: Float64Array
     uncertainty: Uncertainty
-    gps_offset_m: Array
-    gps_offset_sigma_m: Array
-    datum_covariance_m2: Array
+    gps_offset_m: Float64Array
+    gps_offset_sigma_m: Float64Array
+    datum_covariance_m2: Float64Array
     tie_inflation: float
-    lens_sigma: Array
+    lens_sigma: Float64Array
     focal_height_correlation: float
     held_terms: tuple[str, ...]
 
@@ -77,17 +77,17 @@ class Adjusted:
         return posed(self.problem.block, self.solution.state)
 
     @property
-    def xyz_site_m(self) -> Array:
+    def xyz_site_m(self) -> Float64Array:
         """The tie points (t, 3) as adjusted."""
         return self.solution.state.node_m[: self.nodes.marked]
 
     @property
-    def point_covariance_m2(self) -> Array:
+    def point_covariance_m2(self) -> Float64Array:
         """Covariance (t, 3, 3) of the tie points within the block, that is for given cameras."""
         return self.uncertainty.system.node_covariance[: self.nodes.marked]
 
     @property
-    def marked_site_m(self) -> Array:
+    def marked_site_m(self) -> Float64Array:
         """The marked points (p, 3) as adjusted."""
         return self.solution.state.node_m[self.nodes.marked :]
 
@@ -137,7 +137,7 @@ def adjust(reconstruction: Reconstruction, site_from_sfm: Similarity, evidence: 
     return _described(problem, nodes, ties, solution, free)
 
 
-def held_out_residuals(adjusted: Adjusted, marked: MarkedPoints) -> dict[int, Array]:
+def held_out_residuals(adjusted: Adjusted, marked: MarkedPoints) -> dict[int, Float64Array]:
     """``given - predicted`` (3,), metres in site, of each control point when its survey is left out; empty where fewer
     than three would be left. Keys are rows of ``marked``."""
     held = np.flatnonzero(np.isfinite(marked.sigma_m).all(axis=1))
@@ -310,7 +310,7 @@ def _described(problem: Problem, nodes: Nodes, ties: Ties, solution: Solution, f
     )
 
 
-def _focal_height_correlation(covariance: Array, layout: Layout, photos: int) -> float:
+def _focal_height_correlation(covariance: Float64Array, layout: Layout, photos: int) -> float:
     """Largest correlation (absolute) of a lens's focal length with the block's mean height: near 1, an error of the
     lens is an error of height."""
     height = covariance[:, 2 : layout.lens : 6].mean(axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms, Rows
 
@@ -24,11 +24,11 @@ class MarkedPoints:
     nothing), and their marks: ``photo`` (k,), ``point`` (k,), ``xy_img`` (k, 2), within ``sigma_px``."""
 
     names: tuple[str, ...]
-    xyz_site_m: Array
-    sigma_m: Array
+    xyz_site_m: Float64Array
+    sigma_m: Float64Array
     photo: Rows
     point: Rows
-    xy_img: Array
+    xy_img: Float64Array
     sigma_px: float
 
 
@@ -38,8 +38,8 @@ class KnownPoints:
     (k, 3) and ``covariance_m2`` (k, 3, 3)."""
 
     point: Rows
-    xyz_site_m: Array
-    covariance_m2: Array
+    xyz_site_m: Float64Array
+    covariance_m2: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +61,7 @@ class Evidence:
     model: ModelEvidence | None = None
 
 
-def lens_beforehand(cameras: Sequence[Camera], free: NDArray[np.bool_]) -> tuple[Array, Array]:
+def lens_beforehand(cameras: Sequence[Camera], free: NDArray[np.bool_]) -> tuple[Float64Array, Float64Array]:
     """Mean and sigma (c, 8) of the lenses; terms not ``free`` (8,) are held at their mean."""
     mean = np.array(
         [[camera.fx_px, 1.0, camera.width_px / 2, camera.height_px / 2, 0.0, 0.0, 0.0, 0.0] for camera in cameras]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.problem import Problem
 from facadelake.georeferencing.adjustment.projection import lens_of, project
 
@@ -23,13 +23,13 @@ class State:
     """Values of all unknowns: ``centre_site_m`` (n, 3), ``site_from_cam`` (n, 3, 3), ``lens`` (c, 8), ``node_m``
     (m, 3), ``gps_offset_m`` (f, 3), ``yaw_offset_rad`` (f,), ``wall_m`` (w,)."""
 
-    centre_site_m: Array
-    site_from_cam: Array
-    lens: Array
-    node_m: Array
-    gps_offset_m: Array
-    yaw_offset_rad: Array
-    wall_m: Array
+    centre_site_m: Float64Array
+    site_from_cam: Float64Array
+    lens: Float64Array
+    node_m: Float64Array
+    gps_offset_m: Float64Array
+    yaw_offset_rad: Float64Array
+    wall_m: Float64Array
 
 
 def start_of(problem: Problem) -> State:
@@ -46,7 +46,7 @@ def start_of(problem: Problem) -> State:
     )
 
 
-def moved(state: State, problem: Problem, step: Array, node_step: Array) -> State:
+def moved(state: State, problem: Problem, step: Float64Array, node_step: Float64Array) -> State:
     """The state after a step of the kept unknowns (in the order of ``Layout``) and of the nodes (m, 3)."""
     layout = Layout.of(problem)
     photo = step[: layout.lens].reshape(-1, 6)
@@ -82,13 +82,13 @@ class Layout:
         return Layout(lens=lens, offset=offset, yaw=yaw, wall=wall, size=wall + len(problem.walls.wall_sigma_m))
 
 
-def cauchy(squared: Array, limit: float | Array) -> tuple[Array, Array]:
+def cauchy(squared: Float64Array, limit: float | Float64Array) -> tuple[Float64Array, Float64Array]:
     """Loss and weight of squared whitened residuals under Cauchy's robust loss."""
     inner = 1.0 + squared / limit**2
     return limit**2 * np.log(inner), 1.0 / inner
 
 
-def cross_matrices(vectors: Array) -> Array:
+def cross_matrices(vectors: Float64Array) -> Float64Array:
     """Matrices (k, 3, 3) that take x to ``vector`` cross x."""
     out = np.zeros((len(vectors), 3, 3))
     x, y, z = vectors.T
@@ -101,28 +101,28 @@ def cross_matrices(vectors: Array) -> Array:
 class SightingRows:
     """Sightings, weighted: residuals (k, 2), derivatives by photograph (k, 2, 6), lens (k, 2, 8) and node (k, 2, 3)."""
 
-    residual: Array
-    by_photo: Array
-    by_lens: Array
-    by_node: Array
+    residual: Float64Array
+    by_photo: Float64Array
+    by_lens: Float64Array
+    by_node: Float64Array
     cost: float
 
 
-def sighting_residuals(problem: Problem, state: State, tie_sigma_px: float) -> Array:
+def sighting_residuals(problem: Problem, state: State, tie_sigma_px: float) -> Float64Array:
     """Whitened residuals (k, 2) of the sightings, unweighted."""
     seen, block = problem.sightings, problem.block
     xyz_cam = _in_camera(problem, state)
     projected = project(xyz_cam, state.lens[block.camera_of_photo[seen.photo]])
-    residual: Array = np.einsum("kij,kj->ki", seen.whitening, projected.xy_img - seen.xy_img)
+    residual: Float64Array = np.einsum("kij,kj->ki", seen.whitening, projected.xy_img - seen.xy_img)
     residual[seen.tie] /= tie_sigma_px
     residual[~projected.in_front] = _BEHIND_RESIDUAL
     return residual
 
 
-def _in_camera(problem: Problem, state: State) -> Array:
+def _in_camera(problem: Problem, state: State) -> Float64Array:
     seen = problem.sightings
     away = seen.offset_site_m + state.node_m[seen.node] - state.centre_site_m[seen.photo]
-    xyz_cam: Array = np.einsum("kji,kj->ki", state.site_from_cam[seen.photo], away)
+    xyz_cam: Float64Array = np.einsum("kji,kj->ki", state.site_from_cam[seen.photo], away)
     return xyz_cam
 
 
@@ -156,9 +156,9 @@ def sighting_rows(problem: Problem, state: State, tie_sigma_px: float) -> Sighti
 class WallRows:
     """Wall terms, weighted: residual (k,), derivative by node (k, 3) and by the wall's deviation (k,)."""
 
-    residual: Array
-    by_node: Array
-    by_wall: Array
+    residual: Float64Array
+    by_node: Float64Array
+    by_wall: Float64Array
     cost: float
 
 
@@ -182,8 +182,8 @@ def wall_rows(problem: Problem, state: State) -> WallRows:
 class PriorRows:
     """Node priors, weighted: information (k, 3, 3), ``information @ (node - prior)`` (k, 3)."""
 
-    information: Array
-    gradient: Array
+    information: Float64Array
+    gradient: Float64Array
     cost: float
 
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.linearise import State
 from facadelake.georeferencing.adjustment.problem import Rows, WallTerms
 from facadelake.georeferencing.adjustment.tie_points import Ties
@@ -22,10 +22,10 @@ class HitsLike(Protocol):
     element (n,) that was met."""
 
     @property
-    def distance_m(self) -> Array: ...
+    def distance_m(self) -> Float64Array: ...
 
     @property
-    def normal_site(self) -> Array: ...
+    def normal_site(self) -> Float64Array: ...
 
     @property
     def element(self) -> NDArray[np.int64]: ...
@@ -34,7 +34,7 @@ class HitsLike(Protocol):
 class SurfaceLike(Protocol):
     """The building's surface in site; ``facadelake.building.surface.raycasting.Surface`` is one."""
 
-    def cast(self, origins_site_m: Array, directions_site: Array, /) -> HitsLike:
+    def cast(self, origins_site_m: Float64Array, directions_site: Float64Array, /) -> HitsLike:
         """First hits of rays (n, 3) from origins (n, 3), in site metres."""
 
 
@@ -83,7 +83,7 @@ def walls_of(ties: Ties, state: State, surface: SurfaceLike, *, gate_m: float, m
     )
 
 
-def _nearest_camera(ties: Ties, state: State, xyz: Array) -> Rows:
+def _nearest_camera(ties: Ties, state: State, xyz: Float64Array) -> Rows:
     distance = np.linalg.norm(xyz[ties.node] - state.centre_site_m[ties.photo], axis=1)
     order = np.lexsort((distance, ties.node))
     node, first = np.unique(ties.node[order], return_index=True)
@@ -92,7 +92,7 @@ def _nearest_camera(ties: Ties, state: State, xyz: Array) -> Rows:
     return camera
 
 
-def _walls(element: NDArray[np.int64], normal: Array) -> tuple[Rows, int]:
+def _walls(element: NDArray[np.int64], normal: Float64Array) -> tuple[Rows, int]:
     """A wall (k,) for each point, -1 for those of walls with few points, and how many walls there are."""
     if not len(element):
         return np.zeros(0, dtype=np.int64), 0

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.linearise import PRIOR_LIMIT, Layout, State, cauchy
 from facadelake.georeferencing.adjustment.problem import Problem
 
 
-def add_kept(problem: Problem, state: State, matrix: Array, gradient: Array) -> float:
+def add_kept(problem: Problem, state: State, matrix: Float64Array, gradient: Float64Array) -> float:
     """Add their normal equations to ``matrix`` (g, g) and ``gradient`` (g,) in place; returns their cost."""
     return (
         _positions(problem, state, matrix, gradient)
@@ -20,7 +20,7 @@ def add_kept(problem: Problem, state: State, matrix: Array, gradient: Array) -> 
     )
 
 
-def _positions(problem: Problem, state: State, matrix: Array, gradient: Array) -> float:
+def _positions(problem: Problem, state: State, matrix: Float64Array, gradient: Float64Array) -> float:
     terms, layout = problem.positions, Layout.of(problem)
     if not len(terms.photo):
         return 0.0
@@ -38,7 +38,7 @@ def _positions(problem: Problem, state: State, matrix: Array, gradient: Array) -
     return float(3.0 * loss.sum())
 
 
-def _attitudes(problem: Problem, state: State, matrix: Array, gradient: Array) -> float:
+def _attitudes(problem: Problem, state: State, matrix: Float64Array, gradient: Float64Array) -> float:
     terms, layout = problem.attitudes, Layout.of(problem)
     if not len(terms.photo):
         return 0.0
@@ -59,7 +59,7 @@ def _attitudes(problem: Problem, state: State, matrix: Array, gradient: Array) -
     return float(3.0 * loss.sum())
 
 
-def _beforehand(problem: Problem, state: State, matrix: Array, gradient: Array) -> float:
+def _beforehand(problem: Problem, state: State, matrix: Float64Array, gradient: Float64Array) -> float:
     layout = Layout.of(problem)
     lens_sigma = problem.lens_sigma.ravel()
     free = lens_sigma > 0

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 Rows = NDArray[np.int64]
 
@@ -25,8 +25,8 @@ class Block:
 
     cameras: tuple[Camera, ...]
     camera_of_photo: Rows
-    centre_site_m: Array
-    site_from_cam: Array
+    centre_site_m: Float64Array
+    site_from_cam: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,9 +41,9 @@ class Sightings:
 
     photo: Rows
     node: Rows
-    offset_site_m: Array
-    xy_img: Array
-    whitening: Array
+    offset_site_m: Float64Array
+    xy_img: Float64Array
+    whitening: Float64Array
     tie: NDArray[np.bool_]
 
 
@@ -53,9 +53,9 @@ class NodePriors:
     1/m2 (singular where a direction is not known), ``limit`` (k,) in sigmas, beyond which a prior loses its say."""
 
     node: Rows
-    xyz_m: Array
-    information: Array
-    limit: Array
+    xyz_m: Float64Array
+    information: Float64Array
+    limit: Float64Array
 
     def take(self, which: NDArray[np.bool_]) -> NodePriors:
         """Those of ``which`` (k,)."""
@@ -73,11 +73,11 @@ class WallTerms:
     """
 
     node: Rows
-    normal_site: Array
-    distance_m: Array
+    normal_site: Float64Array
+    distance_m: Float64Array
     wall: Rows
-    sigma_m: Array
-    wall_sigma_m: Array
+    sigma_m: Float64Array
+    wall_sigma_m: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,9 +87,9 @@ class PositionTerms:
 
     photo: Rows
     flight: Rows
-    xyz_site_m: Array
-    sigma_m: Array
-    offset_sigma_m: Array
+    xyz_site_m: Float64Array
+    sigma_m: Float64Array
+    offset_sigma_m: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,9 +99,9 @@ class AttitudeTerms:
 
     photo: Rows
     flight: Rows
-    site_from_cam: Array
-    sigma_rad: Array
-    yaw_sigma_rad: Array
+    site_from_cam: Float64Array
+    sigma_rad: Float64Array
+    yaw_sigma_rad: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,11 +113,11 @@ class Problem:
     """
 
     block: Block
-    node_xyz_m: Array
+    node_xyz_m: Float64Array
     sightings: Sightings
     node_priors: NodePriors
     walls: WallTerms
     positions: PositionTerms
     attitudes: AttitudeTerms
-    lens_mean: Array
-    lens_sigma: Array
+    lens_mean: Float64Array
+    lens_sigma: Float64Array

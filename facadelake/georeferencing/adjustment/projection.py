@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 LENS_TERMS = ("focal_px", "aspect", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 _NEAREST = 1e-6  # a point at or behind the camera has no image
 
 
-def lens_of(camera: Camera) -> Array:
+def lens_of(camera: Camera) -> Float64Array:
     """The intrinsics as adjusted (8,): focal length (px), aspect fy/fx, principal point (px), k1, k2, p1, p2."""
     return np.array(
         [
@@ -30,7 +30,7 @@ def lens_of(camera: Camera) -> Array:
     )
 
 
-def camera_of(lens: Array, like: Camera) -> Camera:
+def camera_of(lens: Float64Array, like: Camera) -> Camera:
     """The camera of ``lens`` (8,), of the size of ``like``."""
     focal, aspect, cx, cy, k1, k2, p1, p2 = (float(value) for value in lens)
     return Camera(
@@ -54,13 +54,13 @@ class Projected:
     ``in_front`` (k,): where false the numbers mean nothing.
     """
 
-    xy_img: Array
-    by_xyz_cam: Array
-    by_lens: Array
+    xy_img: Float64Array
+    by_xyz_cam: Float64Array
+    by_lens: Float64Array
     in_front: NDArray[np.bool_]
 
 
-def project(xyz_cam: Array, lens: Array) -> Projected:
+def project(xyz_cam: Float64Array, lens: Float64Array) -> Projected:
     """Project points (k, 3) in ``cam``, each through its own lens (k, 8). Source: Brown 1971, as in COLMAP's OPENCV."""
     in_front: NDArray[np.bool_] = xyz_cam[:, 2] > _NEAREST
     depth = np.where(in_front, xyz_cam[:, 2], 1.0)

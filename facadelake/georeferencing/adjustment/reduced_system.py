@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.linearise import (
     Layout,
     SightingRows,
@@ -40,7 +40,7 @@ class Coupling:
 
     row: NDArray[np.int64]
     node: NDArray[np.int64]
-    value: Array
+    value: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,23 +48,23 @@ class Reduced:
     """``matrix`` (g, g) and ``gradient`` (g,) of the kept unknowns, the nodes' inverse information (m, 3, 3) and
     gradient (m, 3), the coupling, sorted by node, and the robust cost."""
 
-    matrix: Array
-    gradient: Array
-    node_covariance: Array
-    node_gradient: Array
+    matrix: Float64Array
+    gradient: Float64Array
+    node_covariance: Float64Array
+    node_gradient: Float64Array
     coupling: Coupling
     cost: float
 
-    def node_step(self, step: Array) -> Array:
+    def node_step(self, step: Float64Array) -> Float64Array:
         """The nodes' step (m, 3) that goes with the kept unknowns' ``step`` (g,)."""
         pull = self.node_gradient + _by_node(
             self.coupling.node, self.coupling.value * step[self.coupling.row][:, None], len(self.node_gradient)
         )
-        nodes: Array = -np.einsum("mij,mj->mi", self.node_covariance, pull)
+        nodes: Float64Array = -np.einsum("mij,mj->mi", self.node_covariance, pull)
         return nodes
 
 
-def _by_node(node: NDArray[np.int64], values: Array, count: int) -> Array:
+def _by_node(node: NDArray[np.int64], values: Float64Array, count: int) -> Float64Array:
     """Sums (count, ...) of ``values`` (k, ...) over equal ``node``."""
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     sums = np.zeros((count, flat.shape[1]))
@@ -119,7 +119,7 @@ def reduce(problem: Problem, state: State, tie_sigma_px: float) -> Reduced:
     )
 
 
-def _held_up(information: Array) -> Array:
+def _held_up(information: Float64Array) -> Float64Array:
     """``information`` (m, 3, 3), its open directions raised to what can be inverted."""
     size = np.trace(information, axis1=1, axis2=2)
     # No node with an open direction passes by its determinant; few others are looked at.
@@ -138,7 +138,9 @@ def _columns(problem: Problem, layout: Layout) -> NDArray[np.int64]:
     return np.hstack([6 * photo[:, None] + np.arange(6), layout.lens + 8 * lens[:, None] + np.arange(8)])
 
 
-def _add_sightings(problem: Problem, seen: SightingRows, layout: Layout, matrix: Array, gradient: Array) -> None:
+def _add_sightings(
+    problem: Problem, seen: SightingRows, layout: Layout, matrix: Float64Array, gradient: Float64Array
+) -> None:
     columns = _columns(problem, layout)
     order = np.argsort(problem.sightings.photo, kind="stable")
     ends = np.searchsorted(problem.sightings.photo[order], np.arange(len(problem.block.centre_site_m) + 1))
@@ -152,7 +154,7 @@ def _add_sightings(problem: Problem, seen: SightingRows, layout: Layout, matrix:
         gradient[at] += jacobian.T @ seen.residual[rows].ravel()
 
 
-def _add_walls(problem: Problem, rows: WallRows, layout: Layout, matrix: Array, gradient: Array) -> None:
+def _add_walls(problem: Problem, rows: WallRows, layout: Layout, matrix: Float64Array, gradient: Float64Array) -> None:
     on = problem.walls.wall >= 0
     place = layout.wall + problem.walls.wall[on]
     np.add.at(matrix, (place, place), rows.by_wall[on] ** 2)
@@ -170,7 +172,13 @@ def _coupling(problem: Problem, seen: SightingRows, walls: WallRows, layout: Lay
     return Coupling(row=row[order], node=node[order], value=value[order])
 
 
-def _eliminate(coupling: Coupling, information: Array, node_gradient: Array, matrix: Array, gradient: Array) -> None:
+def _eliminate(
+    coupling: Coupling,
+    information: Float64Array,
+    node_gradient: Float64Array,
+    matrix: Float64Array,
+    gradient: Float64Array,
+) -> None:
     """Subtract the nodes' part from ``matrix`` and ``gradient`` in place."""
     # information = L L^T, so its inverse is M^T M with M = inv(L)
     root = np.linalg.inv(np.linalg.cholesky(information))

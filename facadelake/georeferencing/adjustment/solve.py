@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.linearise import Layout, State, moved, sighting_residuals, start_of
 from facadelake.georeferencing.adjustment.parameter_priors import held
 from facadelake.georeferencing.adjustment.problem import Problem, Rows
@@ -70,7 +70,7 @@ def solve(problem: Problem, start: State | None = None, *, settled_m: float = SE
     return Solution(state=state, tie_sigma_px=sigma, steps=_MOST_STEPS, settled=False)
 
 
-def _scaled(system: Reduced, free: Rows) -> tuple[Array, Array]:
+def _scaled(system: Reduced, free: Rows) -> tuple[Float64Array, Float64Array]:
     """The free part of the matrix with a unit diagonal, and the scale that made it so."""
     matrix = system.matrix[np.ix_(free, free)]
     diagonal = np.diag(matrix).copy()
@@ -89,7 +89,7 @@ def _open() -> GeoreferenceError:
     )
 
 
-def solved_step(problem: Problem, system: Reduced) -> Array:
+def solved_step(problem: Problem, system: Reduced) -> Float64Array:
     """The step (g,) of the kept unknowns that solves a reduced system; zero for those held."""
     free = np.flatnonzero(~held(problem))
     step = np.zeros(Layout.of(problem).size)
@@ -102,7 +102,9 @@ def solved_step(problem: Problem, system: Reduced) -> Array:
     return step
 
 
-def _taken(problem: Problem, state: State, system: Reduced, step: Array, sigma: float) -> tuple[State, float, bool]:
+def _taken(
+    problem: Problem, state: State, system: Reduced, step: Float64Array, sigma: float
+) -> tuple[State, float, bool]:
     """The state after the step, halved until the cost no longer rises, the farthest that a camera moved (m), and
     whether any such step was found (one too short to matter counts: the state is as good as it gets)."""
     nodes = system.node_step(step)
@@ -119,7 +121,7 @@ def _taken(problem: Problem, state: State, system: Reduced, step: Array, sigma: 
     return after, float(share * np.abs(photos).max()), True
 
 
-def covariance_of(problem: Problem, solution: Solution, tie_inflation: float) -> tuple[Reduced, Array]:
+def covariance_of(problem: Problem, solution: Solution, tie_inflation: float) -> tuple[Reduced, Float64Array]:
     """Covariance (g, g) of the kept unknowns, zero for those held; ``tie_inflation`` multiplies the tie points'
     variance. Also the reduced system it is the inverse of."""
     system = reduce(problem, solution.state, solution.tie_sigma_px * float(np.sqrt(tie_inflation)))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.adjustment.problem import Block, Rows
 from facadelake.sfm.reconstruction import Reconstruction
 
@@ -25,10 +25,10 @@ class Ties:
     sightings: ``photo`` (k,), ``node`` (k,) row of ``point``, ``xy_img`` (k, 2)."""
 
     point: Rows
-    xyz_site_m: Array
+    xyz_site_m: Float64Array
     photo: Rows
     node: Rows
-    xy_img: Array
+    xy_img: Float64Array
 
 
 def choose_ties(
@@ -74,7 +74,7 @@ def block_of(reconstruction: Reconstruction, site_from_sfm: Similarity) -> Block
     )
 
 
-def inflation_of(residual: Array, photo: NDArray[np.int64], xy_img: Array) -> float:
+def inflation_of(residual: Float64Array, photo: NDArray[np.int64], xy_img: Float64Array) -> float:
     """By what factor (1 or more) the tie points' variance must grow because their errors are not independent.
 
     Whitened residuals (k, 2) are averaged over cells of each photograph. The mean of n independent errors has a

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.cluster.vq import kmeans2
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.linearise import Layout
 from facadelake.georeferencing.adjustment.problem import Problem, Rows
 from facadelake.georeferencing.adjustment.reduced_system import Reduced, reduce
@@ -30,11 +30,11 @@ class Uncertainty:
     """``covariance`` (g, g) of the kept unknowns, honest; ``formal`` (g, g), as the sigmas alone have it; the reduced
     system that ``formal`` is the inverse of."""
 
-    covariance: Array
-    formal: Array
+    covariance: Float64Array
+    formal: Float64Array
     system: Reduced
 
-    def node_covariance(self, nodes: Rows) -> Array:
+    def node_covariance(self, nodes: Rows) -> Float64Array:
         """Formal covariance (k, 3, 3) of ``nodes`` (k,), cameras' included."""
         out = np.empty((len(nodes), 3, 3))
         coupling = self.system.coupling
@@ -59,7 +59,7 @@ def uncertainty_of(problem: Problem, solution: Solution, ties: int, tie_inflatio
     return Uncertainty(covariance=formal + spread, formal=formal, system=system)
 
 
-def _moves_without_regions(problem: Problem, solution: Solution, ties: int) -> Array:
+def _moves_without_regions(problem: Problem, solution: Solution, ties: int) -> Float64Array:
     """What the kept unknowns (r, g) would move by, to first order, without the tie points of each region."""
     xyz = solution.state.node_m[:ties]
     if len(xyz) < 10 * _REGIONS:
@@ -75,7 +75,7 @@ def _moves_without_regions(problem: Problem, solution: Solution, ties: int) -> A
     return np.array([_move_without(problem, solution, region_of == number) for number in range(_REGIONS)])
 
 
-def _move_without(problem: Problem, solution: Solution, left_out: Array) -> Array:
+def _move_without(problem: Problem, solution: Solution, left_out: Float64Array) -> Float64Array:
     """One Gauss-Newton step from the solution with the sightings ``left_out`` (k,) given next to no weight."""
     # Leaving rows out would change the nodes' order; a thousandth of the weight leaves them as good as out.
     whitening = problem.sightings.whitening * np.where(left_out, 1e-3, 1.0)[:, None, None]
@@ -83,12 +83,14 @@ def _move_without(problem: Problem, solution: Solution, left_out: Array) -> Arra
     return solved_step(without, reduce(without, solution.state, solution.tie_sigma_px))
 
 
-def residual_when_left_out(residual: Array, node_covariance: Array, prior_variance: Array) -> Array:
+def residual_when_left_out(
+    residual: Float64Array, node_covariance: Float64Array, prior_variance: Float64Array
+) -> Float64Array:
     """What ``given - adjusted`` (k, 3) would be, had each point's own prior been left out: (k, 3).
 
     ``node_covariance`` (k, 3, 3) with the prior, whose variances are ``prior_variance`` (k, 3). Exact for a linear
     problem. Source: Cook and Weisberg 1982, Residuals and influence in regression, 2.2.
     """
     share = node_covariance / prior_variance[:, None, :]
-    left: Array = np.linalg.solve(np.eye(3) - share, residual[:, :, None])[:, :, 0].astype(np.float64)
+    left: Float64Array = np.linalg.solve(np.eye(3) - share, residual[:, :, None])[:, :, 0].astype(np.float64)
     return left

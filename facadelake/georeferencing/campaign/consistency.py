@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _CELL_M = 1.0
 # A cell counts as seen by a campaign with so many tie points in it.
@@ -14,25 +14,27 @@ _POINTS_IN_CELL = 3
 _MEDIAN_CHI_SQUARE = 2.366
 
 
-def cells(xyz_m: Array, *, at_least: int = 1) -> set[tuple[int, ...]]:
+def cells(xyz_m: Float64Array, *, at_least: int = 1) -> set[tuple[int, ...]]:
     """The 1 m cells that hold ``at_least`` so many of the points (n, 3)."""
     found, count = np.unique(np.floor(xyz_m / _CELL_M).astype(np.int64), axis=0, return_counts=True)
     return {tuple(cell) for cell in found[count >= at_least].tolist()}
 
 
-def shared_places(later_m: Array, earlier_m: Array, agreeing_m: Array) -> tuple[int, int]:
+def shared_places(later_m: Float64Array, earlier_m: Float64Array, agreeing_m: Float64Array) -> tuple[int, int]:
     """In how many 1 m cells where both campaigns have tie points some agree, and how many such cells there are."""
     both = cells(later_m, at_least=_POINTS_IN_CELL) & cells(earlier_m, at_least=_POINTS_IN_CELL)
     return len(both & cells(agreeing_m)), len(both)
 
 
-def chi_square(residual_m: Array, covariance_m2: Array) -> Array:
+def chi_square(residual_m: Float64Array, covariance_m2: Float64Array) -> Float64Array:
     """Squared length (n,) of the residuals (n, 3) in their own sigmas."""
-    squared: Array = np.einsum("ki,ki->k", residual_m, np.linalg.solve(covariance_m2, residual_m[:, :, None])[:, :, 0])
+    squared: Float64Array = np.einsum(
+        "ki,ki->k", residual_m, np.linalg.solve(covariance_m2, residual_m[:, :, None])[:, :, 0]
+    )
     return squared
 
 
-def misfit(squared: Array) -> float:
+def misfit(squared: Float64Array) -> float:
     """How many times farther apart pairs are than their covariances say (1: as they say), by their chi-squares (n,)."""
     return float(np.sqrt(np.median(squared) / _MEDIAN_CHI_SQUARE))
 
@@ -43,7 +45,7 @@ _ROUNDS = 8
 
 
 def agreeing_when_bent(
-    xyz_m: Array, residual_m: Array, agrees: NDArray[np.bool_], tolerance_m: Array
+    xyz_m: Float64Array, residual_m: Float64Array, agrees: NDArray[np.bool_], tolerance_m: Float64Array
 ) -> NDArray[np.bool_]:
     """Which pairs (n,) agree within ``tolerance_m`` (n,) when the block may also stretch and dome.
 
@@ -60,7 +62,7 @@ def agreeing_when_bent(
     return agrees
 
 
-def without_bending(xyz_m: Array, residual_m: Array, covariance_m2: Array) -> Array:
+def without_bending(xyz_m: Float64Array, residual_m: Float64Array, covariance_m2: Float64Array) -> Float64Array:
     """Residuals (n, 3) less what bending explains: the robust quadratic in the place, for each axis (Cauchy weights).
 
     On fewer than 50 cells of 1 m the residuals stay as they are.
@@ -74,13 +76,13 @@ def without_bending(xyz_m: Array, residual_m: Array, covariance_m2: Array) -> Ar
     return left
 
 
-def _columns(xyz_m: Array, *, domes: bool) -> Array:
+def _columns(xyz_m: Float64Array, *, domes: bool) -> Float64Array:
     low, high = np.percentile(xyz_m, [2, 98], axis=0)
     x, y, z = ((xyz_m - (low + high) / 2) / max(float((high - low).max()), 1e-9)).T
     stretched = [np.ones_like(x), x, y, z]
     return np.column_stack([*stretched, x * x, y * y, z * z, x * y, x * z, y * z] if domes else stretched)
 
 
-def _least_squares(columns: Array, residual_m: Array, weight: Array) -> Array:
+def _least_squares(columns: Float64Array, residual_m: Float64Array, weight: Float64Array) -> Float64Array:
     bending = np.linalg.lstsq(columns * weight[:, None], residual_m * weight[:, None], rcond=1e-9)[0]
     return np.asarray(bending, dtype=np.float64)

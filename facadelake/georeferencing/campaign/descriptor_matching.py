@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 Rows = NDArray[np.int64]
 
@@ -22,7 +22,7 @@ class DescriptorPairs:
 
     a: Rows
     b: Rows
-    ratio: Array
+    ratio: Float64Array
 
     def __len__(self) -> int:
         return len(self.a)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity, similarity_between
+from facadelake.core.frames import Float64Array, Similarity, similarity_between
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.consistency import (
     agreeing_when_bent,
@@ -28,7 +28,7 @@ from facadelake.georeferencing.campaign.descriptor_matching import DescriptorPai
 from facadelake.georeferencing.campaign.reference import MOST_POINTS, ReferencePoints, check_rows
 from facadelake.georeferencing.campaign.similarity_search import SharedSimilarity, shared_similarity
 from facadelake.sfm.reconstruction import Reconstruction
-from facadelake.sfm.tie_point_covariance import how_seen, pixel_sigma, tie_point_covariance
+from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, how_seen, pixel_sigma
 
 logger = logging.getLogger(__name__)
 
@@ -71,9 +71,9 @@ class ReferenceMatch:
     site_from_sfm: Similarity
     point: Rows
     reference: Rows
-    xyz_site_m: Array
-    covariance_m2: Array
-    residual_m: Array
+    xyz_site_m: Float64Array
+    covariance_m2: Float64Array
+    residual_m: Float64Array
     compared: int
     offered: int
     pairs: int
@@ -112,7 +112,7 @@ def match_reference(
 
 
 def _refuse_too_few(
-    found: SharedSimilarity | None, target: Array, runner_up: int, reference: ReferencePoints, alike: str
+    found: SharedSimilarity | None, target: Float64Array, runner_up: int, reference: ReferencePoints, alike: str
 ) -> None:
     agreeing = 0 if found is None else int(found.agrees.sum())
     places = 0 if found is None else len(cells(target[found.agrees]))
@@ -152,16 +152,16 @@ class _LaterPoints:
     and ``gsd`` in sfm as in ``Seen``."""
 
     row: Rows
-    xyz_sfm: Array
-    covariance_sfm: Array
-    direction: Array
-    gsd: Array
+    xyz_sfm: Float64Array
+    covariance_sfm: Float64Array
+    direction: Float64Array
+    gsd: Float64Array
 
 
 def _later_points(reconstruction: Reconstruction) -> _LaterPoints:
     cameras = [PosedCamera(camera=p.camera, site_from_cam=p.sfm_from_cam) for p in reconstruction.photos]
     xyz = reconstruction.xyz_sfm
-    covariance = tie_point_covariance(reconstruction, cameras, xyz, sigma_px=pixel_sigma(reconstruction))
+    covariance = compute_tie_point_covariance(reconstruction, cameras, xyz, sigma_px=pixel_sigma(reconstruction))
     seen = how_seen(reconstruction, cameras, xyz)
     usable = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)))
     row = np.sort(usable[np.argsort(-seen.photographs[usable], kind="stable")[:MOST_POINTS]])
@@ -174,16 +174,18 @@ def _later_points(reconstruction: Reconstruction) -> _LaterPoints:
     )
 
 
-def _tolerance(reference: ReferencePoints, pairs: DescriptorPairs) -> Array:
+def _tolerance(reference: ReferencePoints, pairs: DescriptorPairs) -> Float64Array:
     """How far (k,) a right pair may lie off after a similarity: both points' errors, and the bending of free blocks."""
     low, high = np.percentile(reference.xyz_site_m, [2, 98], axis=0)
     bending_m = _BENDING_M + _BENDING_SHARE * float(np.linalg.norm(high - low))
     own_m = np.sqrt(2 * np.linalg.eigvalsh(reference.covariance_m2[pairs.b])[:, 2])
-    tolerance: Array = np.hypot(bending_m, _SIGMAS * own_m)
+    tolerance: Float64Array = np.hypot(bending_m, _SIGMAS * own_m)
     return tolerance
 
 
-def _placement(source: Array, target: Array, tolerance: Array, seed: int) -> tuple[SharedSimilarity | None, int]:
+def _placement(
+    source: Float64Array, target: Float64Array, tolerance: Float64Array, seed: int
+) -> tuple[SharedSimilarity | None, int]:
     """The best placement of the ordered pairs, and how many agree on the best *different* one among the others."""
     if len(source) < _FEWEST_AGREEING:
         return None, 0

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.sfm.reconstruction import Reconstruction
 from facadelake.sfm.tie_point_covariance import how_seen
@@ -46,13 +46,13 @@ class ReferencePoints:
     building_id: str
     campaign_id: str
     origin: SiteOrigin
-    xyz_site_m: Array
-    covariance_m2: Array
+    xyz_site_m: Float64Array
+    covariance_m2: Float64Array
     descriptors: NDArray[np.uint8]
-    direction_site: Array
-    gsd_m: Array
+    direction_site: Float64Array
+    gsd_m: Float64Array
     photographs: NDArray[np.int64]
-    frame_covariance_m2: Array
+    frame_covariance_m2: Float64Array
 
     def __len__(self) -> int:
         return len(self.xyz_site_m)
@@ -129,9 +129,9 @@ def reference_of(
     descriptors: NDArray[np.uint8],
     *,
     cameras: Sequence[PosedCamera],
-    xyz_site_m: Array,
-    covariance_m2: Array,
-    frame_covariance_m2: Array,
+    xyz_site_m: Float64Array,
+    covariance_m2: Float64Array,
+    frame_covariance_m2: Float64Array,
     building_id: str,
     campaign_id: str,
     origin: SiteOrigin,
@@ -181,7 +181,7 @@ def check_rows(reconstruction: Reconstruction, descriptors: NDArray[np.uint8]) -
         )
 
 
-def choose_spread(xyz_m: Array, worth: Array, *, most: int) -> NDArray[np.int64]:
+def choose_spread(xyz_m: Float64Array, worth: Float64Array, *, most: int) -> NDArray[np.int64]:
     """Rows (sorted) of the ``most`` points: each half-metre cell gives its worthiest, then its second, and so on."""
     if len(xyz_m) <= most:
         return np.arange(len(xyz_m))
@@ -193,7 +193,7 @@ def choose_spread(xyz_m: Array, worth: Array, *, most: int) -> NDArray[np.int64]
     return chosen
 
 
-def _largest_sigma(covariance_m2: Array) -> Array:
+def _largest_sigma(covariance_m2: Float64Array) -> Float64Array:
     """One sigma (m,) in the direction in which each point is known worst; inf where it is not known."""
     whole = np.isfinite(covariance_m2).all(axis=(1, 2))
     sigma = np.full(len(covariance_m2), np.inf)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity, similarity_between
+from facadelake.core.frames import Float64Array, Similarity, similarity_between
 
 Rows = NDArray[np.int64]
 
@@ -35,10 +35,12 @@ class SharedSimilarity:
 
     target_from_source: Similarity
     agrees: NDArray[np.bool_]
-    residual: Array
+    residual: Float64Array
 
 
-def shared_similarity(source: Array, target: Array, tolerance: Array, *, seed: int = 1) -> SharedSimilarity | None:
+def shared_similarity(
+    source: Float64Array, target: Float64Array, tolerance: Float64Array, *, seed: int = 1
+) -> SharedSimilarity | None:
     """The similarity on which most of the pairs (n, 3), ordered from sure to unsure, agree within ``tolerance`` (n,).
 
     None where no four pairs agree. ``tolerance`` and ``target`` have one unit; the scale is free within what the
@@ -64,7 +66,9 @@ def shared_similarity(source: Array, target: Array, tolerance: Array, *, seed: i
     return None if best is None else _refined(best, source, target, tolerance)
 
 
-def _alike_triples(source: Array, target: Array, tolerance: Array, first: int, rng: np.random.Generator) -> Rows:
+def _alike_triples(
+    source: Float64Array, target: Float64Array, tolerance: Float64Array, first: int, rng: np.random.Generator
+) -> Rows:
     """Rows (m, 3) of ``first`` pairs whose triangles are long-sided and have one shape within the tolerances."""
     rows = rng.integers(0, first, size=(_TRIPLES, 3))
     sides = [(0, 1), (1, 2), (2, 0)]
@@ -84,7 +88,7 @@ def _alike_triples(source: Array, target: Array, tolerance: Array, first: int, r
     return chosen
 
 
-def _umeyama(source: Array, target: Array) -> tuple[Array, Array, Array]:
+def _umeyama(source: Float64Array, target: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Rotations (m, 3, 3), translations (m, 3), scales (m,) of triples (m, 3, 3); Umeyama 1991, many at once."""
     mean_source, mean_target = source.mean(axis=1), target.mean(axis=1)
     a, b = source - mean_source[:, None], target - mean_target[:, None]
@@ -97,14 +101,23 @@ def _umeyama(source: Array, target: Array) -> tuple[Array, Array, Array]:
     return rotation, translation, scale
 
 
-def _cost(source: Array, target: Array, tolerance: Array, rotation: Array, translation: Array, scale: Array) -> Array:
+def _cost(
+    source: Float64Array,
+    target: Float64Array,
+    tolerance: Float64Array,
+    rotation: Float64Array,
+    translation: Float64Array,
+    scale: Float64Array,
+) -> Float64Array:
     moved = (scale[:, None, None] * rotation) @ source.T + translation[:, :, None]
     squared = ((moved - target.T) ** 2).sum(axis=1) / tolerance**2
-    cost: Array = np.minimum(squared, 1.0).sum(axis=1)
+    cost: Float64Array = np.minimum(squared, 1.0).sum(axis=1)
     return cost
 
 
-def _refined(start: Similarity, source: Array, target: Array, tolerance: Array) -> SharedSimilarity | None:
+def _refined(
+    start: Similarity, source: Float64Array, target: Float64Array, tolerance: Float64Array
+) -> SharedSimilarity | None:
     """Least squares on what agrees, until that no longer changes; wide at first, for three points have a long lever."""
     fit, agrees = start, np.zeros(len(source), dtype=bool)
     for widening in np.r_[2.0, 1.5, np.ones(_ROUNDS)]:

@@ -19,7 +19,7 @@ from pyproj.crs import CompoundCRS
 from pyproj.exceptions import CRSError
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
 
 _UTM = re.compile(r"^WGS\s*84\s+UTM\s+(\d{1,2})\s*([NS])$", re.IGNORECASE)
@@ -162,7 +162,7 @@ def match_photo_names(names: Sequence[str], photo_ids: Sequence[str]) -> dict[st
     return found
 
 
-def control_in_site(control_points: ControlPoints, *, origin: SiteOrigin, vertical_datum: str) -> Array:
+def control_in_site(control_points: ControlPoints, *, origin: SiteOrigin, vertical_datum: str) -> Float64Array:
     """The points (n, 3) in site metres.
 
     A file whose CRS has no vertical part gives heights in the model's vertical datum (``vertical_datum``:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.gcp.control_points import (
     ControlPoints,
@@ -31,8 +31,8 @@ class Marks:
     the point in sfm by the marks alone (3,)."""
 
     photo: NDArray[np.int64]
-    xy_img: Array
-    xyz_sfm: Array
+    xy_img: Float64Array
+    xyz_sfm: Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +45,7 @@ class ControlPlacement:
 
     site_from_sfm: Similarity
     names: tuple[str, ...]
-    xyz_site_m: Array
+    xyz_site_m: Float64Array
     marks: tuple[Marks | None, ...]
     agree: NDArray[np.bool_]
     remarks: tuple[str, ...]
@@ -68,7 +68,9 @@ def marks_of(reconstruction: Reconstruction, control_points: ControlPoints) -> t
     return tuple(out)
 
 
-def _intersection(reconstruction: Reconstruction, photo: NDArray[np.int64], xy_img: Array) -> Intersection | None:
+def _intersection(
+    reconstruction: Reconstruction, photo: NDArray[np.int64], xy_img: Float64Array
+) -> Intersection | None:
     photos = [reconstruction.photos[row] for row in photo]
     return intersect(
         [

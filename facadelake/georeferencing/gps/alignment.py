@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.similarity_fit import parameters_applied, robust_similarity
 from facadelake.sfm.reconstruction import Reconstruction
@@ -41,36 +41,36 @@ class GpsPriors:
     """
 
     photo: NDArray[np.int64]
-    xyz_site_m: Array
-    sigma_m: Array
+    xyz_site_m: Float64Array
+    sigma_m: Float64Array
     datum_unknown: bool
-    site_from_cam_rotation: Array
-    sigma_yaw_deg: Array
-    sigma_tilt_deg: Array
+    site_from_cam_rotation: Float64Array
+    sigma_yaw_deg: Float64Array
+    sigma_tilt_deg: Float64Array
     flight: NDArray[np.int64]
-    height_relative_m: Array
+    height_relative_m: Float64Array
 
     def lifted(self, up_m: float) -> GpsPriors:
         """The same priors ``up_m`` higher."""
         return replace(self, xyz_site_m=self.xyz_site_m + np.array([0.0, 0.0, up_m]))
 
     @property
-    def common_sigma_m(self) -> Array:
+    def common_sigma_m(self) -> Float64Array:
         """One sigma (3,) of the error that all priors share: the receiver's, and for heights the unknown datum's."""
-        sigma: Array = np.median(self.sigma_m, axis=0)
+        sigma: Float64Array = np.median(self.sigma_m, axis=0)
         if self.datum_unknown:
             sigma[2] = np.hypot(sigma[2], DATUM_SIGMA_M)
         return sigma
 
 
-def rotation_of_attitude(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
+def rotation_of_attitude(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64Array:
     """site_from_cam rotation (3, 3) of a gimbal: yaw clockwise from north, pitch above the horizon, roll clockwise.
 
     At zero the camera looks north, its x to the east, its y down.
     """
     level = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     turn = Rotation.from_euler("ZXY", [-yaw_deg, pitch_deg, roll_deg], degrees=True).as_matrix()
-    rotation: Array = turn @ level
+    rotation: Float64Array = turn @ level
     return rotation
 
 
@@ -118,7 +118,7 @@ class GpsAlignment:
 
     site_from_sfm: Similarity
     used: NDArray[np.bool_]
-    residual_m: Array
+    residual_m: Float64Array
     remarks: tuple[str, ...]
 
 
@@ -169,12 +169,14 @@ def _noise(priors: GpsPriors) -> float:
     return float(np.median(priors.sigma_m[:, :2])) / 3.0
 
 
-def _spread_across(xyz_m: Array) -> float:
+def _spread_across(xyz_m: Float64Array) -> float:
     """Standard deviation of positions across their main line, in the best other direction."""
     return float(np.linalg.svd(xyz_m - xyz_m.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(xyz_m)))
 
 
-def _start_by_attitude(centres: Array, rotations_sfm: Array, priors: GpsPriors) -> tuple[Similarity, NDArray[np.bool_]]:
+def _start_by_attitude(
+    centres: Float64Array, rotations_sfm: Float64Array, priors: GpsPriors
+) -> tuple[Similarity, NDArray[np.bool_]]:
     known = np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
     if known.sum() < 2:
         raise GeoreferenceError(
@@ -194,7 +196,7 @@ def _start_by_attitude(centres: Array, rotations_sfm: Array, priors: GpsPriors) 
 
 
 def _refine(
-    start: Similarity, used: NDArray[np.bool_], centres: Array, rotations_sfm: Array, priors: GpsPriors
+    start: Similarity, used: NDArray[np.bool_], centres: Float64Array, rotations_sfm: Float64Array, priors: GpsPriors
 ) -> tuple[Similarity, float]:
     """Least squares from ``start``; also the largest one-sigma of its rotation, in degrees."""
     pivot = start.apply(centres[used]).mean(axis=0)
@@ -203,7 +205,7 @@ def _refine(
     weight = 1.0 / (np.radians(ATTITUDE_SIGMA_DEG) * np.sqrt(max(int(known.sum()), 1)))
     noise = priors.sigma_m[used] / 3.0
 
-    def residuals(step: Array) -> Array:
+    def residuals(step: Float64Array) -> Float64Array:
         now = parameters_applied(start, pivot, step)
         position = ((now.apply(centres[used]) - priors.xyz_site_m[used]) / noise).ravel()
         turn = now.rotation @ rotations_sfm[known]
@@ -218,15 +220,15 @@ def _refine(
     return parameters_applied(start, pivot, fit.x), float(np.degrees(sigma))
 
 
-def _coupled(information: Array) -> Array:
+def _coupled(information: Float64Array) -> Float64Array:
     """What translation and scale take from the rotation's information (Schur complement)."""
     others = [0, 1, 2, 6]
     cross = information[3:6][:, others]
-    taken: Array = cross @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True) @ cross.T
+    taken: Float64Array = cross @ np.linalg.pinv(information[np.ix_(others, others)], hermitian=True) @ cross.T
     return taken
 
 
-def check_against_gps(site_from_sfm: Similarity, centres_sfm: Array, priors: GpsPriors, *, by: str) -> None:
+def check_against_gps(site_from_sfm: Similarity, centres_sfm: Float64Array, priors: GpsPriors, *, by: str) -> None:
     """A placement ``by`` something else may shift the block against GPS as a whole, not turn or stretch it against GPS.
 
     ``centres_sfm`` (n, 3) belong to ``priors``. Raises GeoreferenceError where the median photograph is off by more

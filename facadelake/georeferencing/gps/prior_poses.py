@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.georeference import Georeferenced
 from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, rotation_of_attitude
@@ -26,7 +26,7 @@ class PriorPose:
     """A pose by prior alone, with its covariance (6, 6; centre in m, attitude in rad about the camera's axes)."""
 
     posed: PosedCamera
-    covariance: Array
+    covariance: Float64Array
 
 
 def prior_pose(row: Mapping[str, Any], placed: Georeferenced, origin: SiteOrigin) -> PriorPose | None:

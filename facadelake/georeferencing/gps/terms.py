@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
 from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, DATUM_SIGMA_M, GpsPriors
 
@@ -18,7 +18,7 @@ _YAW_NOISE_DEG = 2.0
 _TILT_SIGMA_DEG = 2.0
 
 
-def position_terms(priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Array) -> PositionTerms:
+def position_terms(priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Float64Array) -> PositionTerms:
     """The ``used`` priors (n,), their noise taken from how they scatter about ``xyz_start_m`` (n, 3), the cameras'
     starts, after each flight's common offset; a flight's offset has the priors' own sigma."""
     flights = int(priors.flight.max(initial=-1)) + 1
@@ -43,7 +43,7 @@ def position_terms(priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Arra
 
 
 def anchored_terms(
-    priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Array, datum_sigma_m: Array
+    priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Float64Array, datum_sigma_m: Float64Array
 ) -> PositionTerms:
     """The ``used`` priors for a block that something better than GPS has placed: their common offset to the start is
     taken out, and the block's datum is held at the start within ``datum_sigma_m`` (3,)."""

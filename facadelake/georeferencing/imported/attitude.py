@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.gps.alignment import rotation_of_attitude
 
 # Programs write six digits and more; what is further from a rotation is none.
@@ -49,7 +49,7 @@ _BODY_FROM_CAM = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
-def from_matrix(matrix: Array, direction: Direction, axes: CameraAxes) -> Array:
+def from_matrix(matrix: Float64Array, direction: Direction, axes: CameraAxes) -> Float64Array:
     """world_from_cam (3, 3) of a matrix that is a rotation but for its digits.
 
     Raises InputDataError for one that is not orthonormal to 1e-3, or mirrors.
@@ -65,11 +65,11 @@ def from_matrix(matrix: Array, direction: Direction, axes: CameraAxes) -> Array:
     if np.linalg.det(matrix) < 0:
         raise InputDataError("the rotation mirrors (determinant -1); one of the camera's or the world's axes is turned")
     turned = matrix if direction is Direction.WORLD_FROM_CAM else matrix.T
-    nearest: Array = Rotation.from_matrix(turned).as_matrix()  # its polar part: digits leave it 1e-7 off
+    nearest: Float64Array = Rotation.from_matrix(turned).as_matrix()  # its polar part: digits leave it 1e-7 off
     return nearest @ _IMAGE_FROM_CAM if axes is CameraAxes.RIGHT_UP_BACKWARD else nearest
 
 
-def from_quaternion(w_x_y_z: Array, direction: Direction, axes: CameraAxes) -> Array:
+def from_quaternion(w_x_y_z: Float64Array, direction: Direction, axes: CameraAxes) -> Float64Array:
     """world_from_cam (3, 3) of a quaternion, its real part first. Raises InputDataError where its length is not 1."""
     length = float(np.linalg.norm(w_x_y_z))
     if not abs(length - 1) < _ORTHONORMAL:
@@ -78,23 +78,23 @@ def from_quaternion(w_x_y_z: Array, direction: Direction, axes: CameraAxes) -> A
     return from_matrix(Rotation.from_quat([x, y, z, w]).as_matrix(), direction, axes)
 
 
-def from_yaw_pitch_roll(yaw_deg: float, pitch_deg: float, roll_deg: float, zero: PitchZero) -> Array:
+def from_yaw_pitch_roll(yaw_deg: float, pitch_deg: float, roll_deg: float, zero: PitchZero) -> Float64Array:
     """world_from_cam (3, 3), the world east-north-up, of a gimbal (zero at the horizon) or a body (zero at nadir)."""
     if zero is PitchZero.HORIZON:
         return rotation_of_attitude(yaw_deg, pitch_deg, roll_deg)
     ned_from_body = Rotation.from_euler("ZYX", [yaw_deg, pitch_deg, roll_deg], degrees=True).as_matrix()
-    rotation: Array = _ENU_FROM_NED @ ned_from_body @ _BODY_FROM_CAM
+    rotation: Float64Array = _ENU_FROM_NED @ ned_from_body @ _BODY_FROM_CAM
     return rotation
 
 
-def from_omega_phi_kappa(omega_deg: float, phi_deg: float, kappa_deg: float) -> Array:
+def from_omega_phi_kappa(omega_deg: float, phi_deg: float, kappa_deg: float) -> Float64Array:
     """world_from_cam (3, 3) of photogrammetry's angles."""
     turn = Rotation.from_euler("XYZ", [omega_deg, phi_deg, kappa_deg], degrees=True).as_matrix()
-    rotation: Array = turn @ _IMAGE_FROM_CAM
+    rotation: Float64Array = turn @ _IMAGE_FROM_CAM
     return rotation
 
 
-def other_readings(world_from_cam: Array) -> dict[str, Array]:
+def other_readings(world_from_cam: Float64Array) -> dict[str, Float64Array]:
     """How the rotation (3, 3) would be under other conventions, by what the header would have to say."""
     return {
         "the other word for rotation (world_from_cam, cam_from_world)": world_from_cam.T,

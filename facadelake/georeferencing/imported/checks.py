@@ -10,7 +10,7 @@ import numpy as np
 from facadelake.building.surface.raycasting import Hits
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.georeference import Place
 from facadelake.georeferencing.gps.alignment import rotation_of_attitude
 from facadelake.georeferencing.imported.attitude import other_readings
@@ -28,9 +28,9 @@ _CHECK = "check rotation, camera_axes, pitch_zero and north in the head (docs/po
 class SurfaceLike(Protocol):
     """Anything that rays can be cast at."""
 
-    vertices_site_m: Array
+    vertices_site_m: Float64Array
 
-    def cast(self, origins_site_m: Array, directions_site: Array) -> Hits:
+    def cast(self, origins_site_m: Float64Array, directions_site: Float64Array) -> Hits:
         """First hits of rays."""
         ...
 
@@ -62,7 +62,7 @@ def refuse_impossible(
     return remarks
 
 
-def _refuse_far(centres_site_m: Array, surface: SurfaceLike, place: Place, source: str) -> None:
+def _refuse_far(centres_site_m: Float64Array, surface: SurfaceLike, place: Place, source: str) -> None:
     low, high = surface.vertices_site_m.min(axis=0), surface.vertices_site_m.max(axis=0)
     away_m = np.linalg.norm(np.maximum(np.maximum(low - centres_site_m, centres_site_m - high), 0.0), axis=1)
     if float(np.median(away_m)) <= FARTHEST_M:
@@ -136,7 +136,7 @@ def _refuse_turned(posed: Mapping[str, PosedCamera], photos: Sequence[Mapping[st
     )
 
 
-def _median_angle(turned: Mapping[str, Array], stated: Mapping[str, Array]) -> float:
+def _median_angle(turned: Mapping[str, Float64Array], stated: Mapping[str, Float64Array]) -> float:
     angles = []
     for photo_id, rotation in stated.items():
         cosine = (np.trace(rotation.T @ turned[photo_id]) - 1) / 2

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.imported.attitude import CameraAxes, Direction, from_quaternion
 from facadelake.georeferencing.imported.records import (
@@ -97,7 +97,7 @@ def _points(line: str) -> bool:
     return len(words) % 3 == 0 and all(_NUMBER.fullmatch(word) for word in words)
 
 
-def _numbers(words: list[str]) -> Array:
+def _numbers(words: list[str]) -> Float64Array:
     try:
         numbers = np.array([float(word) for word in words])
     except ValueError as error:
@@ -175,7 +175,7 @@ def _world(path: Path) -> PoseWorld:
     )
 
 
-def _exactly(path: Path, said: dict[str, str], key: str, count: int) -> Array:
+def _exactly(path: Path, said: dict[str, str], key: str, count: int) -> Float64Array:
     words = re.split(r"[\s,;]+", said[key].strip())
     try:
         numbers = _numbers(words)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.photo_names import PhotoNames
 from facadelake.georeferencing.gcp.control_points import ControlPoints, control_in_site
@@ -34,7 +34,7 @@ class Evidence:
     remarks: tuple[str, ...]
 
     @property
-    def held_out_m(self) -> Array:
+    def held_out_m(self) -> Float64Array:
         """Distances (n,) of surveyed points from where the imported poses see them."""
         return np.array([np.linalg.norm(p.residual_site_m) for p in self.points if p.kind is PointKind.CHECK])
 

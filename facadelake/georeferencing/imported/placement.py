@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_of_rows
 from facadelake.georeferencing.gcp.control_points import ControlPoints
@@ -100,7 +100,7 @@ def place_imported(
     )
 
 
-def _assumed() -> Array:
+def _assumed() -> Float64Array:
     return np.diag([SIGMA_POSITION_M**2] * 3 + [np.radians(SIGMA_ATTITUDE_DEG) ** 2] * 3)
 
 
@@ -158,7 +158,7 @@ def _posed(
 
 def _in_site(
     poses: Sequence[ImportedPose], found: ImportedPoses, place: Place
-) -> list[tuple[Array, Array] | GeoreferenceError]:
+) -> list[tuple[Float64Array, Float64Array] | GeoreferenceError]:
     """Centre and rotation of each pose in site, or why it has none. Raises GeoreferenceError where none has."""
     if not poses:
         return []
@@ -166,7 +166,7 @@ def _in_site(
     try:
         return list(zip(*found.world.in_site(centres, rotations, place), strict=True))
     except GeoreferenceError as whole:
-        placed: list[tuple[Array, Array] | GeoreferenceError] = []
+        placed: list[tuple[Float64Array, Float64Array] | GeoreferenceError] = []
         for row in range(len(poses)):
             try:
                 centre, rotation = found.world.in_site(centres[row : row + 1], rotations[row : row + 1], place)

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin
 from facadelake.georeferencing.imported.attitude import (
     CameraAxes,
@@ -187,7 +187,7 @@ def _origin(path: Path, head: Mapping[str, str]) -> SiteOrigin | None:
     return SiteOrigin(lon_deg=lon, lat_deg=lat, height_ellipsoidal_m=height)
 
 
-def _values(row: Mapping[str, str], names: tuple[str, ...]) -> Array:
+def _values(row: Mapping[str, str], names: tuple[str, ...]) -> Float64Array:
     values = []
     for name in names:
         try:
@@ -219,7 +219,7 @@ def _pose(image: str, row: Mapping[str, str], layout: _Layout) -> ImportedPose:
     )  # fmt: skip
 
 
-def _attitude(values: Array, layout: _Layout) -> Array:
+def _attitude(values: Float64Array, layout: _Layout) -> Float64Array:
     if layout.attitude == _QUATERNION:
         return from_quaternion(values, layout.direction, layout.axes)
     if layout.attitude == _MATRIX:
@@ -230,7 +230,7 @@ def _attitude(values: Array, layout: _Layout) -> Array:
     return from_omega_phi_kappa(first, second, third)
 
 
-def _covariance(row: Mapping[str, str], layout: _Layout) -> Array | None:
+def _covariance(row: Mapping[str, str], layout: _Layout) -> Float64Array | None:
     """The line's own 36 numbers, its sigmas, or the head's; None where nothing is said."""
     if "covariance" in layout.has and row["covariance"].strip():
         numbers = np.array([float(number) for number in _NUMBER.findall(row["covariance"])])
@@ -241,7 +241,7 @@ def _covariance(row: Mapping[str, str], layout: _Layout) -> Array | None:
             raise InputDataError("column covariance: a value is not finite")
         if np.linalg.eigvalsh((whole + whole.T) / 2)[0] <= 0 or not np.allclose(whole, whole.T, rtol=1e-6, atol=1e-18):
             raise InputDataError("column covariance: not symmetric with positive variances")
-        symmetric: Array = (whole + whole.T) / 2
+        symmetric: Float64Array = (whole + whole.T) / 2
         return symmetric
     if set(_SIGMAS) <= layout.has and row[_SIGMAS[0]].strip():
         sigmas = _values(row, _SIGMAS)

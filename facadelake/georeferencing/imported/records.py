@@ -10,7 +10,7 @@ from pathlib import Path
 
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.imported.world import PoseWorld
 
 _SAID = re.compile(r"#?\s*([A-Za-z_]+)\s*:\s*(.*)")
@@ -94,10 +94,10 @@ class ImportedPose:
     """
 
     image: str
-    xyz_world: Array
-    world_from_cam: Array
+    xyz_world: Float64Array
+    world_from_cam: Float64Array
     lens: ImportedLens
-    covariance: Array | None = None
+    covariance: Float64Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

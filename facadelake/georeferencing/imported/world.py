@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
 from facadelake.georeferencing.gcp.control_points import control_crs_3d, has_own_heights
 from facadelake.georeferencing.georeference import Place
@@ -38,7 +38,9 @@ class PoseWorld:
     origin: SiteOrigin | None = None
     crs_from_world: Similarity | None = None
 
-    def in_site(self, xyz_world: Array, world_from_cam: Array, place: Place) -> tuple[Array, Array]:
+    def in_site(
+        self, xyz_world: Float64Array, world_from_cam: Float64Array, place: Place
+    ) -> tuple[Float64Array, Float64Array]:
         """Centres (n, 3) and rotations (n, 3, 3) in the site frame of ``place``.
 
         Raises GeoreferenceError where the CRS is not known or cannot hold the points.
@@ -73,12 +75,12 @@ class PoseWorld:
             return Similarity.identity()
         return place.origin.ecef_from_site().inverse() @ self.origin.ecef_from_site()
 
-    def _to_site(self, xyz: Array, place: Place) -> Array:
+    def _to_site(self, xyz: Float64Array, place: Place) -> Float64Array:
         if self.crs == SITE:
             return self._site_from_own(place).apply(xyz)
         return place.origin.site_from_geo(transform(xyz, self.crs_of(place), GEO))
 
-    def _axes_in_site(self, xyz: Array, place: Place) -> Array:
+    def _axes_in_site(self, xyz: Float64Array, place: Place) -> Float64Array:
         """Rotations (n, 3, 3) of the CRS's axes at ``xyz`` (n, 3) into site: the map's derivative without its scale.
 
         So the convergence of meridians and the earth's curvature are in it.
@@ -93,7 +95,7 @@ class PoseWorld:
         moved = self._to_site(ends, place).reshape(3, 2, len(xyz), 3)
         derivative = np.moveaxis(moved[:, 0] - moved[:, 1], 0, -1) / 2
         u, _, vt = np.linalg.svd(derivative)
-        turned: Array = u @ vt
+        turned: Float64Array = u @ vt
         if (np.linalg.det(turned) < 0).any():
             raise GeoreferenceError(
                 f"the axes of {self.crs} are left-handed as given (north before east?); give x east, y north, z up"

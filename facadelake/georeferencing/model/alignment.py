@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
 from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps
 from facadelake.georeferencing.similarity_fit import parameters_applied
@@ -40,7 +40,7 @@ class ObservedShift:
     """A direction of shift (3,), unit, in site, and the share (0 to 1) of the correspondences that would notice a
     shift along it."""
 
-    direction: Array
+    direction: Float64Array
     share: float
 
     @property
@@ -67,10 +67,10 @@ class ModelAlignment:
     """
 
     site_from_sfm: Similarity
-    residual_m: Array
+    residual_m: Float64Array
     points_offered: int
     shifts: tuple[ObservedShift, ...]
-    gps_bias_m: Array
+    gps_bias_m: Float64Array
     remarks: tuple[str, ...]
 
 
@@ -78,9 +78,9 @@ class ModelAlignment:
 class _Planes:
     """Correspondences: points in sfm (k, 3) and the planes they belong to (point and normal (k, 3), site)."""
 
-    xyz_sfm: Array
-    on_plane: Array
-    normal: Array
+    xyz_sfm: Float64Array
+    on_plane: Float64Array
+    normal: Float64Array
 
 
 def align_to_model(
@@ -130,7 +130,7 @@ def align_to_model(
     )
 
 
-def _offered(reconstruction: Reconstruction, seed: int) -> tuple[Array, NDArray[np.int64]]:
+def _offered(reconstruction: Reconstruction, seed: int) -> tuple[Float64Array, NDArray[np.int64]]:
     """Tie points seen three times or more (a limited draw) and for each the nearest camera that observed it."""
     seen = np.bincount(reconstruction.track_point, minlength=len(reconstruction.xyz_sfm))
     chosen = np.flatnonzero(seen >= 3)
@@ -148,7 +148,7 @@ def _offered(reconstruction: Reconstruction, seed: int) -> tuple[Array, NDArray[
 
 
 def _correspondences(
-    site_from_sfm: Similarity, points: Array, centres: Array, surface: SurfaceLike, gate_m: float
+    site_from_sfm: Similarity, points: Float64Array, centres: Float64Array, surface: SurfaceLike, gate_m: float
 ) -> _Planes:
     xyz, origin = site_from_sfm.apply(points), site_from_sfm.apply(centres)
     ray = xyz - origin
@@ -164,8 +164,8 @@ def _correspondences(
     return _Planes(xyz_sfm=points[good], on_plane=foot[good], normal=normal[good])
 
 
-def _point_to_plane(site_from_sfm: Similarity, planes: _Planes) -> Array:
-    distance: Array = np.einsum("ij,ij->i", planes.normal, site_from_sfm.apply(planes.xyz_sfm) - planes.on_plane)
+def _point_to_plane(site_from_sfm: Similarity, planes: _Planes) -> Float64Array:
+    distance: Float64Array = np.einsum("ij,ij->i", planes.normal, site_from_sfm.apply(planes.xyz_sfm) - planes.on_plane)
     return distance
 
 
@@ -177,15 +177,15 @@ class _Problem:
     """
 
     start: Similarity
-    pivot: Array
+    pivot: Float64Array
     planes: _Planes
     surface_sigma_m: float
     shifts: tuple[ObservedShift, ...]
-    centres_sfm: Array
+    centres_sfm: Float64Array
     priors: GpsPriors
 
 
-def _limits(start: Similarity, reconstruction: Reconstruction, priors: GpsPriors) -> Array:
+def _limits(start: Similarity, reconstruction: Reconstruction, priors: GpsPriors) -> Float64Array:
     """How far (10,) the parameters may leave the start: four sigmas of what GPS alone leaves open.
 
     Without them a block can shrink onto one wall, where every point-to-plane distance is small.
@@ -200,7 +200,7 @@ def _limits(start: Similarity, reconstruction: Reconstruction, priors: GpsPriors
     )
 
 
-def _adjusted(problem: _Problem, found: Array, limits: Array) -> Array:
+def _adjusted(problem: _Problem, found: Float64Array, limits: Float64Array) -> Float64Array:
     """Least squares from ``found`` (10,).
 
     Along a direction that the surface does not observe, its residuals are left out and the bias is held at zero: else
@@ -218,7 +218,7 @@ def _adjusted(problem: _Problem, found: Array, limits: Array) -> Array:
         _HELD_SIGMA_M,
     )
 
-    def residuals(step: Array) -> Array:
+    def residuals(step: Float64Array) -> Float64Array:
         moved = parameters_applied(problem.start, problem.pivot, step[:7])
         surface = _point_to_plane(moved, planes) / problem.surface_sigma_m
         gps = (moved.apply(problem.centres_sfm) + step[7:] - priors.xyz_site_m) / noise
@@ -228,7 +228,7 @@ def _adjusted(problem: _Problem, found: Array, limits: Array) -> Array:
     fit = least_squares(
         residuals, begin, bounds=(-limits, limits), x_scale=limits, loss="soft_l1", max_nfev=30, method="trf"
     )
-    solved: Array = fit.x
+    solved: Float64Array = fit.x
     return solved
 
 

@@ -13,7 +13,7 @@ from facadelake.building.surface.edges import ModelEdges, model_edges
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
 from facadelake.georeferencing.gps.alignment import GpsPriors, align_to_gps
 from facadelake.georeferencing.model.alignment import ModelAlignment, align_to_model
@@ -38,7 +38,7 @@ class ModelEdgesInPhotographs:
     surface: Surface
     photographs: GreyFiles
 
-    def find_shift(self, cameras: Sequence[PosedCamera], free: Array, sigma_m: Array) -> ShiftFound:
+    def find_shift(self, cameras: Sequence[PosedCamera], free: Float64Array, sigma_m: Float64Array) -> ShiftFound:
         """Where along ``free`` (j, 3) the edges meet the photographs; see ``edge_search.find_shift``."""
         return find_shift(cameras, self.photographs, self.edges, self.surface, free, sigma_m)
 
@@ -86,7 +86,7 @@ class ModelPlacement:
     site_from_sfm: Similarity
     walls: ModelAlignment
     shift: ShiftFound | None
-    datum_sigma_m: Array | None
+    datum_sigma_m: Float64Array | None
     remarks: tuple[str, ...]
 
 

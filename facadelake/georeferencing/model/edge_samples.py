@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from facadelake.building.surface.edges import ModelEdges
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _CREASE_COSINE = np.cos(np.radians(20.0))
 _SIDE_PX = 1.5  # where the rays beside an edge are cast, pixels of the photograph
@@ -28,8 +28,8 @@ _SENSITIVE = 0.35  # of a shift, at least this share must move an edge across it
 class EdgeSamples:
     """Points on the edges: ``xyz_site_m`` (n, 3), unit ``direction`` (n, 3), their ``edge`` and ``feature`` (n,)."""
 
-    xyz_site_m: Array
-    direction: Array
+    xyz_site_m: Float64Array
+    direction: Float64Array
     edge: NDArray[np.int64]
     feature: NDArray[np.int64]
 
@@ -49,9 +49,9 @@ class SeenSamples:
     pixels of the photograph, ``pixel_m`` (k,) the size of a pixel at the sample, square to the view."""
 
     row: NDArray[np.int64]
-    xy_img: Array
-    normal_img: Array
-    pixel_m: Array
+    xy_img: Float64Array
+    normal_img: Float64Array
+    pixel_m: Float64Array
 
     def take(self, which: NDArray[np.bool_]) -> SeenSamples:
         """Those of ``which`` (k,)."""
@@ -78,7 +78,7 @@ def sample_edges(edges: ModelEdges, spacing_m: float) -> EdgeSamples:
 
 
 def seen_samples(
-    samples: EdgeSamples, posed: PosedCamera, surface: Surface, *, border_px: float, free: Array | None = None
+    samples: EdgeSamples, posed: PosedCamera, surface: Surface, *, border_px: float, free: Float64Array | None = None
 ) -> SeenSamples:
     """The samples that ``posed`` sees, ``border_px`` or more inside its photograph.
 

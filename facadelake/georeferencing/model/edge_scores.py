@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.model.edge_samples import EdgeSamples, SeenSamples, seen_samples
 from facadelake.georeferencing.model.gradients import Gradients, GreyPhotographs, gradients, reduction_for
 
@@ -28,7 +28,7 @@ class EdgeScene:
     rows: NDArray[np.int64]
     samples: EdgeSamples
     surface: Surface
-    free: Array
+    free: Float64Array
     features: int
 
 
@@ -36,25 +36,27 @@ class EdgeScene:
 class Scores:
     """Evidence (shifts, features) and its weight, in samples; ``usual_weight`` is what a shift is expected to see."""
 
-    evidence: Array
-    weight: Array
+    evidence: Float64Array
+    weight: Float64Array
     usual_weight: float
 
     @property
-    def mean(self) -> Array:
+    def mean(self) -> Float64Array:
         """Mean evidence (shifts, features), 0 to 1; 0 where nothing is seen."""
         return np.divide(self.evidence, self.weight, out=np.zeros_like(self.evidence), where=self.weight > 0)
 
     @property
-    def total(self) -> Array:
+    def total(self) -> Float64Array:
         """Score of each shift: mean evidence of the features, each counted by the root of what is seen of it."""
         root = np.sqrt(self.weight)
         # A shift that leaves little in sight (cameras under the ground) is not to win by a few chance hits.
-        total: Array = (root * self.mean).sum(axis=1) / np.maximum(root.sum(axis=1), max(self.usual_weight, 1e-12))
+        total: Float64Array = (root * self.mean).sum(axis=1) / np.maximum(
+            root.sum(axis=1), max(self.usual_weight, 1e-12)
+        )
         return total
 
 
-def score_shifts(search: EdgeScene, shifts: Array, node: NDArray[np.int64], tolerance_m: float) -> Scores:
+def score_shifts(search: EdgeScene, shifts: Float64Array, node: NDArray[np.int64], tolerance_m: float) -> Scores:
     """Evidence for ``shifts`` (s, j); what is visible is asked once for those of one ``node`` (s,)."""
     evidence, weight = np.zeros((len(shifts), search.features)), np.zeros((len(shifts), search.features))
     nodes = [np.flatnonzero(node == k) for k in range(node.max() + 1)]
@@ -91,9 +93,9 @@ def _add(
     posed: PosedCamera,
     seen: SeenSamples,
     level: Gradients,
-    shifts: Array,
-    evidence: Array,
-    weight: Array,
+    shifts: Float64Array,
+    evidence: Float64Array,
+    weight: Float64Array,
     rows: NDArray[np.int64],
 ) -> None:
     """Add one photograph's evidence for ``shifts`` (b, j), from where ``posed`` stands, to their ``rows``.
@@ -117,7 +119,7 @@ def _add(
         weight[row] += np.bincount(feature, count[k], search.features)
 
 
-def moved_camera(posed: PosedCamera, shift_site_m: Array) -> PosedCamera:
+def moved_camera(posed: PosedCamera, shift_site_m: Float64Array) -> PosedCamera:
     site_from_cam = posed.site_from_cam
     return PosedCamera(
         camera=posed.camera,

@@ -19,7 +19,7 @@ from facadelake.building.surface.edges import ModelEdges
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.model.edge_samples import sample_edges, seen_samples
 from facadelake.georeferencing.model.edge_scores import EdgeScene, moved_camera, score_shifts
 from facadelake.georeferencing.model.gradients import GreyPhotographs
@@ -57,11 +57,11 @@ class ShiftFound:
     best is better.
     """
 
-    shift_site_m: Array
+    shift_site_m: Float64Array
     sigma_m: float
     score: float
     competing_score: float
-    competing_shift_site_m: Array
+    competing_shift_site_m: Float64Array
     gap_sigmas: float
     features: int
 
@@ -71,8 +71,8 @@ def find_shift(
     photographs: GreyPhotographs,
     edges: ModelEdges,
     surface: Surface,
-    free: Array,
-    sigma_m: Array,
+    free: Float64Array,
+    sigma_m: Float64Array,
     *,
     tolerance_m: float = 0.05,
 ) -> ShiftFound:
@@ -138,13 +138,13 @@ def find_shift(
 class _Peak:
     """A shift (j,) that may be the answer, and each feature's best evidence near it and root weight (features,)."""
 
-    shift: Array
+    shift: Float64Array
     score: float
-    evidence: Array
-    weight: Array
+    evidence: Float64Array
+    weight: Float64Array
 
 
-def _refined(search: EdgeScene, peaks: Array, coarser_m: float, finer_m: float) -> list[_Peak]:
+def _refined(search: EdgeScene, peaks: Float64Array, coarser_m: float, finer_m: float) -> list[_Peak]:
     """The peaks moved to their best place at the finer level, best first; each sees what is visible there."""
     around = _grid(np.full(len(search.free), coarser_m), finer_m / 2).reshape(-1, len(search.free))
     shifts = (peaks[:, None, :] + around[None]).reshape(-1, len(search.free))
@@ -185,7 +185,7 @@ def _closest_rival(rivals: list[_Peak]) -> tuple[_Peak, float]:
     return closest, least
 
 
-def _consensus(search: EdgeScene, start: Array, tolerance_m: float) -> tuple[Array, float]:
+def _consensus(search: EdgeScene, start: Float64Array, tolerance_m: float) -> tuple[Float64Array, float]:
     """The shift (j,) that most features agree on, and its standard error (m).
 
     Each feature has its own idea of the shift, with several candidates where profiles run side by side. The likeliest
@@ -210,12 +210,12 @@ def _consensus(search: EdgeScene, start: Array, tolerance_m: float) -> tuple[Arr
     return places[0], float(spread)
 
 
-def _words(shift_site_m: Array) -> str:
+def _words(shift_site_m: Float64Array) -> str:
     east, north, up = shift_site_m
     return f"{east:+.2f} m east, {north:+.2f} m north, {up:+.2f} m up"
 
 
-def _grid(reach_m: Array, step_m: float) -> Array:
+def _grid(reach_m: Float64Array, step_m: float) -> Float64Array:
     """Shifts (..., j) on a grid within ``reach_m`` (j,) of none, none among them."""
     counts = [max(1, int(np.ceil(limit / step_m))) for limit in reach_m]
     axes = [np.arange(-count, count + 1) * step_m for count in counts]
@@ -228,7 +228,9 @@ def _spread(cameras: Sequence[PosedCamera], most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, len(cameras) - 1, count).round().astype(np.int64))
 
 
-def _ever_seen(search: EdgeScene, edges: ModelEdges, shifts: Array, node: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _ever_seen(
+    search: EdgeScene, edges: ModelEdges, shifts: Float64Array, node: NDArray[np.int64]
+) -> NDArray[np.bool_]:
     """The edges that a sparse look, from every node, finds visible: most of a building is inside."""
     sparse = sample_edges(edges, _SPARSE_M)
     seen = np.zeros(len(edges.feature), dtype=bool)
@@ -242,7 +244,7 @@ def _ever_seen(search: EdgeScene, edges: ModelEdges, shifts: Array, node: NDArra
     return seen
 
 
-def _peaks(total: Array, grid: Array, step_m: float) -> Array:
+def _peaks(total: Float64Array, grid: Float64Array, step_m: float) -> Float64Array:
     """The best local maxima (k, j), best first, each the highest within ``_APART_M``."""
     highest = total == maximum_filter(total, size=2 * round(_APART_M / step_m) + 1, mode="nearest")
     at = np.flatnonzero(highest)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _GREY = {
     1: cv2.IMREAD_GRAYSCALE,
@@ -61,7 +61,7 @@ class Gradients:
     y: NDArray[np.float32]
     reduction: int
 
-    def across(self, xy_img: Array, normal_img: Array) -> NDArray[np.float32]:
+    def across(self, xy_img: Float64Array, normal_img: Float64Array) -> NDArray[np.float32]:
         """Signed gradient along unit normals (..., 2) at pixels (..., 2) of the full photograph; 0 outside."""
         at = (xy_img / self.reduction - 0.5).astype(np.float32)
         shape = at.shape[:-1]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.adjust import Adjusted
 from facadelake.georeferencing.adjustment.linearise import cross_matrices
 from facadelake.georeferencing.model.plumb_lines import Vertical
@@ -28,23 +28,23 @@ class Lean:
     ``turn_rad`` (2,): about east and about north. ``sigma_rad``: one sigma of each that is left.
     """
 
-    pivot_site_m: Array
-    turn_rad: Array
+    pivot_site_m: Float64Array
+    turn_rad: Float64Array
     sigma_rad: float
 
     @property
-    def rotation(self) -> Array:
+    def rotation(self) -> Float64Array:
         """The turn as a matrix (3, 3)."""
-        matrix: Array = Rotation.from_rotvec([*self.turn_rad, 0.0]).as_matrix()
+        matrix: Float64Array = Rotation.from_rotvec([*self.turn_rad, 0.0]).as_matrix()
         return matrix
 
-    def covariance(self, adjusted: Adjusted) -> Array:
+    def covariance(self, adjusted: Adjusted) -> Float64Array:
         """What the lean adds to the photographs' covariance (n, 6, 6: centre in m, attitude in rad)."""
         state = adjusted.solution.state
         arm = state.centre_site_m - self.pivot_site_m
         # A turn w moves a point by w cross arm = -(arm cross w), and a camera's axes by its own rotation of w.
         by_turn = np.concatenate([-cross_matrices(arm), state.site_from_cam.transpose(0, 2, 1)], axis=1)[:, :, :2]
-        covariance: Array = self.sigma_rad**2 * by_turn @ by_turn.transpose(0, 2, 1)
+        covariance: Float64Array = self.sigma_rad**2 * by_turn @ by_turn.transpose(0, 2, 1)
         return covariance
 
 
@@ -76,8 +76,8 @@ def upright(adjusted: Adjusted, lean: Lean) -> Adjusted:
     """The block turned by ``lean``: cameras, points and all, so that nothing within it changes."""
     state, turn = adjusted.solution.state, lean.rotation
 
-    def turned(points: Array) -> Array:
-        moved: Array = (points - lean.pivot_site_m) @ turn.T + lean.pivot_site_m
+    def turned(points: Float64Array) -> Float64Array:
+        moved: Float64Array = (points - lean.pivot_site_m) @ turn.T + lean.pivot_site_m
         return moved
 
     moved = replace(

@@ -16,7 +16,7 @@ import numpy as np
 
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.progress import track
 from facadelake.georeferencing.model.gradients import GreyPhotographs, reduction_for
 
@@ -39,7 +39,7 @@ BUILT_SIGMA_RAD = float(np.radians(0.1))
 class Vertical:
     """Which way is up as upright lines have it: ``up_site`` (3,), unit, good to ``sigma_rad`` about each level axis."""
 
-    up_site: Array
+    up_site: Float64Array
     sigma_rad: float
     lines: int
     photographs: int
@@ -75,7 +75,7 @@ def vertical_of(cameras: Sequence[PosedCamera], photographs: GreyPhotographs) ->
     return Vertical(up_site=up, sigma_rad=float(np.hypot(scatter, BUILT_SIGMA_RAD)), lines=lines, photographs=n)
 
 
-def _segments(photographs: GreyPhotographs, row: int, posed: PosedCamera) -> Array:
+def _segments(photographs: GreyPhotographs, row: int, posed: PosedCamera) -> Float64Array:
     """Line segments (k, 4: x, y, x, y) in pixels of the photograph."""
     camera = posed.camera
     reduction = reduction_for(max(camera.width_px, camera.height_px) / _FINEST_PX, camera)
@@ -85,7 +85,7 @@ def _segments(photographs: GreyPhotographs, row: int, posed: PosedCamera) -> Arr
     return (segments + 0.5) * reduction
 
 
-def _upright_planes(posed: PosedCamera, segments: Array) -> tuple[Array, Array]:
+def _upright_planes(posed: PosedCamera, segments: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Unit normals (k, 3) in site of the planes of segments that may be upright, and their lengths (k,) in radians."""
     first, second = posed.rays_site(segments[:, :2])[1], posed.rays_site(segments[:, 2:])[1]
     cross = np.cross(first, second)
@@ -98,16 +98,16 @@ def _upright_planes(posed: PosedCamera, segments: Array) -> tuple[Array, Array]:
     return normal[good], length[good]
 
 
-def _moment(normal: Array, length: Array, up: Array) -> Array:
+def _moment(normal: Float64Array, length: Float64Array, up: Float64Array) -> Float64Array:
     """Weighted moment (3, 3) of the planes' normals that ``up`` nearly lies in; longer lines count more (Cauchy)."""
     off = normal @ up
     inside = np.abs(off) < np.sin(np.radians(_GATE_DEG))
     weight = length[inside] / (1.0 + (off[inside] / np.radians(_ORDINARY_DEG)) ** 2)
-    moment: Array = (normal[inside] * weight[:, None]).T @ normal[inside]
+    moment: Float64Array = (normal[inside] * weight[:, None]).T @ normal[inside]
     return moment
 
 
-def _least(moment: Array) -> Array:
+def _least(moment: Float64Array) -> Float64Array:
     lowest = np.linalg.eigh(moment)[1][:, 0]
-    up: Array = lowest * np.sign(lowest[2])
+    up: Float64Array = lowest * np.sign(lowest[2])
     return up

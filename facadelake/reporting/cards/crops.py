@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.progress import track
 from facadelake.reporting.cards.sightings import Outline, Sighting, sightings_of
 from facadelake.reporting.drawing.palette import bgr_of, class_colour, short_ids
@@ -79,7 +79,7 @@ def cut_out(pixels: Picture, outline: Outline, size_px: int, colour: str) -> Pic
     return crop
 
 
-def draw_outline(picture: Picture, outline: Outline, corner_px: Array, scale: float, colour: str) -> None:
+def draw_outline(picture: Picture, outline: Outline, corner_px: Float64Array, scale: float, colour: str) -> None:
     """Draw a detection on a piece (BGR) of its photograph that begins at ``corner_px`` (2,): its mask, else its box."""
     first = np.array([outline.left_px, outline.top_px])
     size = np.array([outline.width_px, outline.height_px])

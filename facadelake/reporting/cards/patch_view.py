@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.drawing.photograph import reduction_for
 from facadelake.reporting.elevations.marks import Mark, surface_axes
 from facadelake.reporting.elevations.rectify import sampled
@@ -36,7 +36,7 @@ class PatchView:
     picture: Picture
     shown: NDArray[np.bool_]
     cell_m: float
-    rings_m: tuple[Array, ...]
+    rings_m: tuple[Float64Array, ...]
 
     @property
     def side_m(self) -> float:
@@ -74,7 +74,9 @@ def patch_view(
     )
 
 
-def _surface_points(mark: Mark, axes: Array, surface: Surface, cell_m: float, cells: int) -> tuple[Array, Array, Array]:
+def _surface_points(
+    mark: Mark, axes: Float64Array, surface: Surface, cell_m: float, cells: int
+) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Points and normals (cells * cells, 3) of the model's surface, from the top left, and the defect's shift (3,) off
     it; the defect's plane where there is no surface.
 
@@ -93,7 +95,7 @@ def _surface_points(mark: Mark, axes: Array, surface: Surface, cell_m: float, ce
     return flat + height[:, None] * axes[2], normal, -float(_BEFORE_M - hits.distance_m[0]) * axes[2]
 
 
-def _colours(pixels: Picture, xy: Array, reduction: int) -> Picture:
+def _colours(pixels: Picture, xy: Float64Array, reduction: int) -> Picture:
     """Colours (n, 3) of a photograph at pixels (n, 2), averaged over ``reduction`` squared of them."""
     first = np.maximum(np.floor(xy.min(axis=0)).astype(int) - reduction, 0)
     first -= first % reduction

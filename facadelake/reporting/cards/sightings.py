@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from shapely.errors import ShapelyError
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.inspection import Inspection
 
 _FLATTEST_COS = 0.02
@@ -24,10 +24,10 @@ class Outline:
     top_px: float
     width_px: float
     height_px: float
-    rings_px: tuple[Array, ...]
+    rings_px: tuple[Float64Array, ...]
 
     @property
-    def centre_px(self) -> Array:
+    def centre_px(self) -> Float64Array:
         """The middle (2,) of the box."""
         return np.array([self.left_px + self.width_px / 2, self.top_px + self.height_px / 2])
 
@@ -53,7 +53,7 @@ class Sighting:
 
 def outline_of(detection: Mapping[str, Any]) -> Outline:
     """The box and mask of a row of ``detections``; a mask that cannot be read is left out."""
-    rings: tuple[Array, ...] = ()
+    rings: tuple[Float64Array, ...] = ()
     if detection.get("mask"):
         try:
             parts = shapely.get_parts(shapely.from_wkt(detection["mask"])).tolist()

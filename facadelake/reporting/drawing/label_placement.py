@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _DIRECTIONS = 16
 _RINGS = 9
 
 
-def _overlap(boxes: Array, others: Array) -> Array:
+def _overlap(boxes: Float64Array, others: Float64Array) -> Float64Array:
     """Overlapping area (n, m) of boxes (n, 4) and others (m, 4), both left, bottom, right, top."""
     width = np.minimum(boxes[:, None, 2], others[None, :, 2]) - np.maximum(boxes[:, None, 0], others[None, :, 0])
     height = np.minimum(boxes[:, None, 3], others[None, :, 3]) - np.maximum(boxes[:, None, 1], others[None, :, 1])
-    area: Array = np.clip(width, 0, None) * np.clip(height, 0, None)
+    area: Float64Array = np.clip(width, 0, None) * np.clip(height, 0, None)
     return area
 
 
-def place_labels(boxes: Array, sizes: Array, bounds: Array) -> Array:
+def place_labels(boxes: Float64Array, sizes: Float64Array, bounds: Float64Array) -> Float64Array:
     """Middles (n, 2) of labels of ``sizes`` (n, 2: width, height) beside ``boxes`` (n, 4: left, bottom, right, top).
 
     ``bounds`` (4,) is the area they must stay in. Labels avoid one another first, then other boxes, then distance.

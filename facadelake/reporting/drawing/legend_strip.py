@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.elevations.relief import Picture
 
 Bgr = tuple[int, int, int]
@@ -51,7 +51,7 @@ def with_legend(picture: Picture, title: str, entries: Sequence[Entry]) -> Pictu
     return np.vstack([strip, picture])
 
 
-def write_text(picture: Picture, text: str, at: Array, colour: Bgr, size: float) -> None:
+def write_text(picture: Picture, text: str, at: Float64Array, colour: Bgr, size: float) -> None:
     """Write ``text`` on a dark ground from ``at`` (2,), its lower left."""
     place = np.round(at).astype(int).tolist()
     (width, height), below = cv2.getTextSize(_ascii(text), _FONT, size, 1)

@@ -8,10 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from facadelake.building.model import BuildingModel
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 
-def draw_model(axes: Axes, building: BuildingModel, across: Array, up: Array) -> tuple[Array, Array]:
+def draw_model(
+    axes: Axes, building: BuildingModel, across: Float64Array, up: Float64Array
+) -> tuple[Float64Array, Float64Array]:
     """Draw the elements' triangles seen against ``across`` x ``up`` (unit vectors (3,) of site), the nearest last.
 
     Returns the corners (2,) of their extent along ``across`` and ``up``, metres.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import MISS, Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.elevations.relief import Relief
 from facadelake.reporting.elevations.visibility import pixels_of, sees
 from facadelake.reporting.inspection import PictureSettings
@@ -30,7 +30,7 @@ _TOLERATED_LEVELS = 10.0  # grey levels by which photographs of one wall differ:
 _ODD_LEVELS = 14.0  # so many beyond that double a photograph's score
 _ODD_CELLS = 7  # coarse cells over which the difference is averaged
 
-Sampler = Callable[[str, Array], NDArray[np.float32]]
+Sampler = Callable[[str, Float64Array], NDArray[np.float32]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +59,7 @@ class Candidates:
     names: tuple[str, ...]
     shape: tuple[int, int]
     cell: NDArray[np.int64]
-    xyz_site_m: Array
+    xyz_site_m: Float64Array
     photo: NDArray[np.int32]
     score: NDArray[np.float32]
     fade: NDArray[np.float32]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.drawing.palette import compass_word
 from facadelake.reporting.elevations.outward import Walls, azimuth_of, element_azimuths, turn_deg, walls_of
 from facadelake.reporting.inspection import PictureSettings
@@ -47,19 +47,19 @@ class Facade:
         return f"{words} facade {number}".rstrip()
 
     @property
-    def axes_site(self) -> Array:
+    def axes_site(self) -> Float64Array:
         """Rows u, v, w (3, 3): unit directions in site; right-handed, so a wall's writing reads as on the wall."""
         azimuth = np.radians(self.azimuth_deg)
         outward = np.array([np.sin(azimuth), np.cos(azimuth), 0.0])
         up = np.array([0.0, 0.0, 1.0])
         return np.array([np.cross(up, outward), up, outward])
 
-    def uvw(self, xyz_site_m: Array) -> Array:
+    def uvw(self, xyz_site_m: Float64Array) -> Float64Array:
         """Points (n, 3) of site along the facade's axes, metres."""
         return np.asarray(xyz_site_m, dtype=np.float64) @ self.axes_site.T
 
 
-def _directions(azimuth: Array, area: Array) -> list[tuple[float, NDArray[np.int64]]]:
+def _directions(azimuth: Float64Array, area: Float64Array) -> list[tuple[float, NDArray[np.int64]]]:
     """Groups of elements that look one way: the direction with most area first, its neighbours within 25 degrees."""
     left = np.isfinite(azimuth) & (area > 0)
     groups: list[tuple[float, NDArray[np.int64]]] = []

@@ -10,7 +10,7 @@ import pyarrow as pa
 import shapely
 
 from facadelake.building.model import BuildingModel
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.reporting.drawing.palette import short_ids
 from facadelake.reporting.elevations.facades import Facade
@@ -34,13 +34,13 @@ class Mark:
     defect_class: str
     severity: str
     element_guid: str
-    centre_site_m: Array
-    outlines_site_m: tuple[Array, ...]
-    normal_site: Array
+    centre_site_m: Float64Array
+    outlines_site_m: tuple[Float64Array, ...]
+    normal_site: Float64Array
     deviation_m: float | None = None
 
     @property
-    def corners_site_m(self) -> Array:
+    def corners_site_m(self) -> Float64Array:
         """All corners (n, 3) of its outlines."""
         return np.vstack(self.outlines_site_m)
 
@@ -66,9 +66,9 @@ def marks_of(defects: pa.Table, origin: SiteOrigin) -> list[Mark]:
     ]
 
 
-def _patches(patches: Sequence[bytes | None], origin: SiteOrigin) -> list[tuple[Array, ...]]:
+def _patches(patches: Sequence[bytes | None], origin: SiteOrigin) -> list[tuple[Float64Array, ...]]:
     """Outer rings of each WKB polygon in site; none where there is no patch, or it has no heights."""
-    found: list[tuple[Array, ...]] = []
+    found: list[tuple[Float64Array, ...]] = []
     for patch in patches:
         shape = shapely.from_wkb(patch) if patch else None
         parts = [] if shape is None or not shape.has_z else shapely.get_parts(shape).tolist()
@@ -77,7 +77,7 @@ def _patches(patches: Sequence[bytes | None], origin: SiteOrigin) -> list[tuple[
     return found
 
 
-def surface_axes(normal_site: Array) -> Array:
+def surface_axes(normal_site: Float64Array) -> Float64Array:
     """Rows right, up, out (3, 3) of a surface with outward ``normal_site`` (3,), as who stands before it sees it.
 
     Of a floor or a ceiling, where no direction is up, right is east.
@@ -90,10 +90,10 @@ def surface_axes(normal_site: Array) -> Array:
     return np.array([right, np.cross(out, right), out])
 
 
-def _rectangle(centre: Array, normal: Array, width_m: float, height_m: float) -> Array:
+def _rectangle(centre: Float64Array, normal: Float64Array, width_m: float, height_m: float) -> Float64Array:
     """Corners (4, 3) of a rectangle in the surface's plane: width horizontal, height across it."""
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    corners: Array = centre + (signs * [width_m / 2, height_m / 2]) @ surface_axes(normal)[:2]
+    corners: Float64Array = centre + (signs * [width_m / 2, height_m / 2]) @ surface_axes(normal)[:2]
     return corners
 
 

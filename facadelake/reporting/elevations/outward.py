@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.elevations.visibility import sees
 
 COMPASS_DEG = {"N": 0.0, "NE": 45.0, "E": 90.0, "SE": 135.0, "S": 180.0, "SW": 225.0, "W": 270.0, "NW": 315.0}
@@ -24,9 +24,9 @@ _MAX_JUDGING_CAMERAS = 150
 class Walls:
     """Triangles of the model (n,): normal and centre in site, upright area (0 for what lies flat), element row."""
 
-    normal: Array
-    area: Array
-    centre: Array
+    normal: Float64Array
+    area: Float64Array
+    centre: Float64Array
     element: NDArray[np.int64]
 
 
@@ -40,12 +40,12 @@ def walls_of(building: BuildingModel, surface: Surface) -> Walls:
     )
 
 
-def azimuth_of(vector: Array) -> float:
+def azimuth_of(vector: Float64Array) -> float:
     """Degrees clockwise from north of a direction (2,) or (3,) in site."""
     return float(np.degrees(np.arctan2(vector[0], vector[1])) % 360.0)
 
 
-def turn_deg(a_deg: Array | float, b_deg: Array | float) -> Array:
+def turn_deg(a_deg: Float64Array | float, b_deg: Float64Array | float) -> Float64Array:
     """Smallest angle between azimuths, degrees."""
     return np.abs((np.asarray(a_deg) - b_deg + 180.0) % 360.0 - 180.0)
 
@@ -60,7 +60,7 @@ def told_directions(building: BuildingModel) -> list[float | None]:
     ]
 
 
-def _seen_area(walls: Walls, surface: Surface, posed: Mapping[str, PosedCamera], tolerance_m: float) -> Array:
+def _seen_area(walls: Walls, surface: Surface, posed: Mapping[str, PosedCamera], tolerance_m: float) -> Float64Array:
     """Area of each triangle (n,) if any camera sees its centre from in front, else 0."""
     largest = np.argsort(-walls.area)[:_MAX_JUDGED_TRIANGLES]
     largest = largest[walls.area[largest] > 0]
@@ -77,7 +77,7 @@ def _seen_area(walls: Walls, surface: Surface, posed: Mapping[str, PosedCamera],
     return np.where(seen, walls.area, 0.0)
 
 
-def _main_direction(normal: Array, area: Array) -> float:
+def _main_direction(normal: Float64Array, area: Float64Array) -> float:
     """Azimuth that triangles (n, 3), (n,) look in the mean, as on a curved wall; the largest's where they cancel."""
     mean = (normal * area[:, None]).sum(axis=0)
     if np.linalg.norm(mean) < _ONE_SIDED * area.sum():
@@ -87,7 +87,7 @@ def _main_direction(normal: Array, area: Array) -> float:
 
 def element_azimuths(
     building: BuildingModel, walls: Walls, surface: Surface, posed: Mapping[str, PosedCamera], tolerance_m: float
-) -> tuple[Array, Array]:
+) -> tuple[Float64Array, Float64Array]:
     """Outward azimuth (elements,) in degrees, NaN where an element has none, and the area (elements,) that looks so.
 
     The model's own word (column facade) is kept unless the photographs see another side of the element: a wall has

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from facadelake.building.surface.raycasting import MISS, Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.progress import track
 from facadelake.reporting.drawing.photograph import read_photograph, reduction_for
 from facadelake.reporting.elevations.candidates import Share, find_candidates, share_out
@@ -81,7 +81,7 @@ class _Canvas:
         return RectifiedElevation(relief=self.relief, picture=picture, covered=covered)
 
 
-def sampled(pixels: Picture, xy: Array) -> NDArray[np.float32]:
+def sampled(pixels: Picture, xy: Float64Array) -> NDArray[np.float32]:
     """Colours (n, 3) at positions (n, 2) of a picture, (0.5, 0.5) the centre of its first pixel; bilinear."""
     count = len(xy)
     maps = np.zeros((2, -(-max(count, 1) // _LINE) * _LINE), dtype=np.float32)
@@ -115,7 +115,7 @@ def rectify(
             log.warning("left out of the elevations: %s", error)
     readable = {name: camera for name, camera in posed.items() if name in tiny}
 
-    def colours(name: str, xy: Array) -> NDArray[np.float32]:
+    def colours(name: str, xy: Float64Array) -> NDArray[np.float32]:
         return sampled(tiny[name], xy * (tiny[name].shape[1] / readable[name].camera.width_px))
 
     canvases = []

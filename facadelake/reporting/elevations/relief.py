@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import MISS, Surface
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.inspection import PictureSettings
 from schemas.vocabulary import SurfaceKind
@@ -40,7 +40,7 @@ class Relief:
         """Rows and columns."""
         return self.w_m.shape[0], self.w_m.shape[1]
 
-    def xyz_site_m(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
+    def xyz_site_m(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Float64Array:
         """Surface points (n, 3) in site of cells' centres."""
         uvw = np.column_stack(
             [
@@ -49,10 +49,10 @@ class Relief:
                 self.w_m[rows, columns].astype(np.float64),
             ]
         )
-        points: Array = uvw @ self.facade.axes_site
+        points: Float64Array = uvw @ self.facade.axes_site
         return points
 
-    def shows(self, xyz_site_m: Array, tolerance_m: float) -> bool:
+    def shows(self, xyz_site_m: Float64Array, tolerance_m: float) -> bool:
         """Whether the elevation's surface passes within ``tolerance_m`` of a point (3,) of site, seen square-on."""
         u, v, w = self.facade.uvw(xyz_site_m[None])[0]
         column, row = int((u - self.facade.u_min_m) // self.cell_m), int((self.facade.v_max_m - v) // self.cell_m)

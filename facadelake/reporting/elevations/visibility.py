@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -18,8 +18,8 @@ class Sight:
     from the photograph's border (0 at it, 1 in the middle; lenses are darker and softer towards it)."""
 
     visible: NDArray[np.bool_]
-    pixel_m: Array
-    inset: Array
+    pixel_m: Float64Array
+    inset: Float64Array
 
 
 def _widest_tangent(camera: Camera) -> float:
@@ -32,7 +32,7 @@ def _widest_tangent(camera: Camera) -> float:
     return float((np.hypot(rays[:, 0], rays[:, 1]) / rays[:, 2]).max())
 
 
-def pixels_of(posed: PosedCamera, xyz_site_m: Array) -> tuple[Array, NDArray[np.bool_]]:
+def pixels_of(posed: PosedCamera, xyz_site_m: Float64Array) -> tuple[Float64Array, NDArray[np.bool_]]:
     """Pixels (n, 2) of site points (n, 3) and which of them (n,) lie inside the photograph."""
     xyz_cam = posed.site_from_cam.inverse().apply(xyz_site_m)
     xy = posed.camera.project(xyz_cam)
@@ -46,8 +46,8 @@ def pixels_of(posed: PosedCamera, xyz_site_m: Array) -> tuple[Array, NDArray[np.
 def sees(
     posed: PosedCamera,
     surface: Surface,
-    xyz_site_m: Array,
-    normal_site: Array,
+    xyz_site_m: Float64Array,
+    normal_site: Float64Array,
     *,
     tolerance_m: float,
     max_incidence_deg: float,

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.drawing.palette import POINT_STYLES
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.passport.facts import AXES, Fact, Verdict, facts_of, length_text, summary
@@ -157,7 +157,9 @@ def _scale_bars(axes: Axes, place: Place, scales: Scales, wide_m: float, row_m: 
         )  # fmt: skip
 
 
-def _residuals(axes: Axes, groups: tuple[tuple[str, Array, Array], ...], unit: float, *, common: bool) -> None:
+def _residuals(
+    axes: Axes, groups: tuple[tuple[str, Float64Array, Float64Array], ...], unit: float, *, common: bool
+) -> None:
     """Signed residuals by axis of site, a dot each."""
     axes.set_yticks(range(3), AXES, fontsize=8)
     axes.set_ylim(2.6, -0.6)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.reporting.drawing.palette import POINT_STYLES
 from facadelake.reporting.drawing.projected_model import draw_model
 from facadelake.reporting.inspection import Inspection
@@ -32,12 +32,12 @@ class Place:
     residuals are given minus adjusted.
     """
 
-    centres_m: Array
-    covariance_m2: Array
-    points: tuple[tuple[str, Array, Array], ...]
+    centres_m: Float64Array
+    covariance_m2: Float64Array
+    points: tuple[tuple[str, Float64Array, Float64Array], ...]
 
     @property
-    def surveyed(self) -> tuple[tuple[str, Array, Array], ...]:
+    def surveyed(self) -> tuple[tuple[str, Float64Array, Float64Array], ...]:
         """The points on the ground: all but GPS."""
         return tuple(group for group in self.points if group[0] != PointKind.GPS)
 
@@ -58,7 +58,7 @@ def place_of(inspection: Inspection) -> Place:
     )
 
 
-def _columns(rows: Sequence[dict[str, Any]], name: str, words: Sequence[str]) -> Array:
+def _columns(rows: Sequence[dict[str, Any]], name: str, words: Sequence[str]) -> Float64Array:
     return np.array([[row[name.format(word)] for word in words] for row in rows], dtype=np.float64).reshape(-1, 3)
 
 
@@ -92,7 +92,7 @@ def _round_factor(room_m: float, length_m: float) -> float:
     return float(max(step for step in (1, 2, 5) if step * power <= wanted) * power)
 
 
-def extent_of(inspection: Inspection, place: Place) -> tuple[Array, Array]:
+def extent_of(inspection: Inspection, place: Place) -> tuple[Float64Array, Float64Array]:
     """Corners (3,) of what the views show: model, cameras and surveyed points, with a margin."""
     given = [points for _, points, _ in place.surveyed]
     everything = np.vstack([inspection.building.vertices_site_m, place.centres_m, *given])
@@ -100,7 +100,12 @@ def extent_of(inspection: Inspection, place: Place) -> tuple[Array, Array]:
 
 
 def draw_view(
-    axes: Axes, inspection: Inspection, place: Place, up: Array, corners: tuple[Array, Array], scales: Scales
+    axes: Axes,
+    inspection: Inspection,
+    place: Place,
+    up: Float64Array,
+    corners: tuple[Float64Array, Float64Array],
+    scales: Scales,
 ) -> None:
     """One view with east to the right and ``up`` (3,) upwards."""
     view = np.column_stack([EAST, up])
@@ -130,7 +135,7 @@ def draw_view(
     axes.set_axisbelow(True)
 
 
-def _ellipses(axes: Axes, centres: Array, covariance_m2: Array, times: float) -> None:
+def _ellipses(axes: Axes, centres: Float64Array, covariance_m2: Float64Array, times: float) -> None:
     known = np.isfinite(covariance_m2).all(axis=(1, 2))
     if not known.any():
         return

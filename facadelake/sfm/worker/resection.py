@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.sfm.worker.mapping import tolerance_factor
 from facadelake.sfm.worker.report import Report
 
@@ -26,9 +26,9 @@ class Sightings:
     """Keypoints (m,) of a photograph, their pixels (m, 2), and the points (m,) of the block that they may show."""
 
     keypoint: NDArray[np.int64]
-    xy_img: Array
+    xy_img: Float64Array
     point_id: NDArray[np.int64]
-    xyz_sfm: Array
+    xyz_sfm: Float64Array
 
 
 def resect_others(
@@ -89,8 +89,8 @@ def _sightings(
     return Sightings(keypoint=keypoint, xy_img=_pixels(database, image_id)[keypoint], point_id=point_id, xyz_sfm=xyz)
 
 
-def _pixels(database: pycolmap.Database, image_id: int) -> Array:
-    xy: Array = np.asarray(database.read_keypoints(image_id), dtype=np.float64).reshape(-1, 6)[:, :2]
+def _pixels(database: pycolmap.Database, image_id: int) -> Float64Array:
+    xy: Float64Array = np.asarray(database.read_keypoints(image_id), dtype=np.float64).reshape(-1, 6)[:, :2]
     return xy
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from facadelake.building.surface.edges import ModelEdges, model_edges
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
 _BOX = np.array(
@@ -81,7 +81,7 @@ def test_the_same_edges_wherever_the_building_stands_and_however_it_is_turned() 
     rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
     offset = np.array([300.0, -200.0, 50.0])
 
-    def moved(points: Array) -> Array:
+    def moved(points: Float64Array) -> Float64Array:
         return points @ rotation.T + offset
 
     vertices = moved(np.vstack([np.array(corner) + _CORNERS * np.array(size) for corner, size in sizes]))

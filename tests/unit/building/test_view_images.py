@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.building.surface.view_images import read_view_images, view_images
+from facadelake.building.surface.view_images import read_view_images, render_view_images
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
@@ -54,7 +54,7 @@ def at(image, xyz, scale):
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 def test_each_pixel_tells_depth_element_and_target(surface, elements, scale):
-    images = view_images(POSED, surface, elements, scale)
+    images = render_view_images(POSED, surface, elements, scale)
     assert images.depth_m.shape == images.element.shape == images.target.shape == (160 * scale, 200 * scale)
     for xyz, depth, element, target in (
         ([2.5, 10, 2.0], 10.0, 0, True), ([0.5, 5, -1.2], 5.0, 1, False), ([-7, 10, 0], np.inf, -1, False),
@@ -65,15 +65,15 @@ def test_each_pixel_tells_depth_element_and_target(surface, elements, scale):
 
 
 def test_bands_make_no_seam(surface, elements, monkeypatch):
-    whole = view_images(POSED, surface, elements, 1.0)
+    whole = render_view_images(POSED, surface, elements, 1.0)
     monkeypatch.setattr("facadelake.building.surface.raycasting._CHUNK", 700)  # three rows and a half
-    bands = view_images(POSED, surface, elements, 1.0)
+    bands = render_view_images(POSED, surface, elements, 1.0)
     np.testing.assert_array_equal(bands.depth_m, whole.depth_m)
     np.testing.assert_array_equal(bands.element, whole.element)
 
 
 def test_what_is_saved_is_read_again(surface, elements, tmp_path):
-    images = view_images(POSED, surface, elements, 0.5)
+    images = render_view_images(POSED, surface, elements, 0.5)
     images.save(tmp_path / "view.npz")
     again = read_view_images(tmp_path / "view.npz")
     for name, kind in (("depth_m", np.float32), ("element", np.int32), ("target", np.bool_)):
@@ -89,4 +89,4 @@ def test_what_is_saved_is_read_again(surface, elements, tmp_path):
 
 def test_a_scale_out_of_range_is_refused(surface, elements):
     with pytest.raises(InputDataError, match=r"scale of a view is 1\.5"):
-        view_images(POSED, surface, elements, 1.5)
+        render_view_images(POSED, surface, elements, 1.5)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.deduplication.grouping import grouped
-from facadelake.deduplication.merge import merge
+from facadelake.deduplication.merge import merge_observations
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration.observe import observe
@@ -125,8 +125,8 @@ def test_a_campaign_that_stands_off_the_model_still_merges(wall, detections_of):
         made.append((name, name, "crack", (u - 15, v - 15, 30, 30)))
     detections = detections_of(*made)
     observations = observe(detections, placed, wall, Surface(wall), RegisterSettings())
-    strict = merge(observations, detections, wall, placed, prefix="x")
-    wide = merge(observations, detections, wall, placed, prefix="x", settings=MergeSettings(offset_m=1.0))
+    strict = merge_observations(observations, detections, wall, placed, prefix="x")
+    wide = merge_observations(observations, detections, wall, placed, prefix="x", settings=MergeSettings(offset_m=1.0))
     assert len(strict.defects) == 3
     assert len(wide.defects) == 1
     row = wide.defects.to_pylist()[0]
@@ -164,7 +164,7 @@ def inspected(wall, detections_of):
 
 def test_defects_have_their_place_their_element_and_a_stable_name(wall, inspected):
     detections, observations, cameras = inspected
-    result = merge(observations, detections, wall, cameras, prefix="tower-2026-04")
+    result = merge_observations(observations, detections, wall, cameras, prefix="tower-2026-04")
     rows = result.defects.to_pylist()
     # South facade: who stands before it has west to the left; the upper storey comes first.
     assert [row["defect_id"] for row in rows] == [f"tower-2026-04-D{i:04d}" for i in (1, 2, 3, 4)]
@@ -193,7 +193,7 @@ def test_a_facade_named_by_its_degrees_is_walked_along_from_its_own_left(wall, i
         elements = elements.set_column(place, field, pa.array(values, field.type))
     turned = replace(wall, elements=elements)
     seen = observe(detections, cameras, turned, Surface(turned), RegisterSettings())
-    rows = merge(seen, detections, turned, cameras, prefix="x").defects.to_pylist()
+    rows = merge_observations(seen, detections, turned, cameras, prefix="x").defects.to_pylist()
     assert {row["facade"] for row in rows} == {"S-170"}
     assert [round(row["x_site_m"], 1) for row in rows] == [-2.0, -1.8, 1.0, 0.0]  # m
 
@@ -201,8 +201,8 @@ def test_a_facade_named_by_its_degrees_is_walked_along_from_its_own_left(wall, i
 def test_shuffled_rows_give_the_same_tables(wall, inspected):
     detections, observations, cameras = inspected
     order = pa.array(np.random.default_rng(0).permutation(len(observations)))
-    straight = merge(observations, detections, wall, cameras, prefix="x")
-    shuffled = merge(observations.take(order), detections.take(order), wall, cameras, prefix="x")
+    straight = merge_observations(observations, detections, wall, cameras, prefix="x")
+    shuffled = merge_observations(observations.take(order), detections.take(order), wall, cameras, prefix="x")
     assert straight.defects.equals(shuffled.defects)
     assert straight.observations.sort_by("detection_id").equals(shuffled.observations.sort_by("detection_id"))
 
@@ -211,7 +211,7 @@ def test_what_is_not_registered_belongs_to_no_defect(wall, detections_of):
     camera = looking([0.0, -10.0, 2.5], [0.0, 0.0, 3.0])
     detections = detections_of(("a", "gone", "crack", (10, 10, 20, 20)), ("b", "p", "crack", (990, 5, 20, 20)))
     observations = observe(detections, {"p": camera}, wall, Surface(wall), RegisterSettings())
-    result = merge(observations, detections, wall, {"p": camera}, prefix="x")
+    result = merge_observations(observations, detections, wall, {"p": camera}, prefix="x")
     assert len(result.defects) == 0
     assert result.observations.column("defect_id").to_pylist() == [None, None]
     assert len(result.observations) == 2

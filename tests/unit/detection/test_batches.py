@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from facadelake.detection.card import ModelCard, Resize
+from facadelake.detection.inference.cards import find_card
 from facadelake.detection.inference.detector import Found, OnnxDetector
-from facadelake.detection.inference.find_card import find_card
 from tests.unit.detection.onnx_models import HEIGHT, WIDTH, card, save_spot_finder
 
 SIZES = [(1536, 1024), (1024, 1536), (2000, 251), (333, 1999), (60, 50), (WIDTH, HEIGHT)]

@@ -12,8 +12,8 @@ import yaml
 
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import Layout, ModelCard, card_path, card_text, parse_card, read_card
+from facadelake.detection.inference.cards import find_card
 from facadelake.detection.inference.detector import detector_fingerprint, load_detector
-from facadelake.detection.inference.find_card import find_card
 from schemas.vocabulary import DefectClass
 from tests.unit.detection.onnx_models import CLASSES, HEIGHT, WIDTH, answer, answers, card, save_model
 

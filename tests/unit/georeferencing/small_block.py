@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.adjustment.evidence import MarkedPoints
 from facadelake.georeferencing.adjustment.linearise import State
 from facadelake.georeferencing.adjustment.model_terms import no_walls
@@ -33,7 +33,7 @@ NORMALS = np.array([[0.0, -1, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 PLANES_M = np.array([4.0, 5.0, 4.0, 5.0, 0.0])
 
 
-def looking(at: Array, centre: Array) -> Array:
+def looking(at: Float64Array, centre: Float64Array) -> Float64Array:
     """site_from_cam rotation (3, 3) of an upright camera."""
     z = (at - centre) / np.linalg.norm(at - centre)
     x = np.cross(z, [0, 0, 1.0])
@@ -47,23 +47,23 @@ class SmallBlock:
     (k,) and ``xy_img`` (k, 2), without noise."""
 
     cameras: tuple[PosedCamera, ...]
-    xyz_m: Array
+    xyz_m: Float64Array
     plane: Rows
     photo: Rows
     node: Rows
-    xy_img: Array
+    xy_img: Float64Array
 
     @property
-    def centres_m(self) -> Array:
+    def centres_m(self) -> Float64Array:
         """True centres (n, 3)."""
         return np.array([camera.centre_site_m for camera in self.cameras])
 
     @property
-    def rotations(self) -> Array:
+    def rotations(self) -> Float64Array:
         """True site_from_cam (n, 3, 3)."""
         return np.array([camera.site_from_cam.rotation for camera in self.cameras])
 
-    def errors(self, state: State) -> Array:
+    def errors(self, state: State) -> Float64Array:
         """Camera errors (n, 6) of a state: centre in site (m), attitude about the camera's own axes (rad)."""
         turn = Rotation.from_matrix(self.rotations.transpose(0, 2, 1) @ state.site_from_cam).as_rotvec()
         return np.hstack([state.centre_site_m - self.centres_m, turn])
@@ -73,8 +73,8 @@ class SmallBlock:
 class Hits:
     """What a ray met: the face's number as element (0 south, 1 east, 2 north, 3 west, 4 ground), -1 for none."""
 
-    distance_m: Array
-    normal_site: Array
+    distance_m: Float64Array
+    normal_site: Float64Array
     element: Rows
 
 
@@ -87,7 +87,7 @@ class BoxSurface:
     height_m: float = 8.0
     ground: bool = True
 
-    def cast(self, origins_site_m: Array, directions_site: Array, /) -> Hits:
+    def cast(self, origins_site_m: Float64Array, directions_site: Float64Array, /) -> Hits:
         """First hits from outside."""
         high = np.array([*self.half_m, self.height_m])
         low = np.array([-self.half_m[0], -self.half_m[1], 0.0])
@@ -245,7 +245,7 @@ def with_gps(
     rng: np.random.Generator,
     *,
     noise_m: float,
-    bias_m: Sequence[Array],
+    bias_m: Sequence[Float64Array],
     bias_sigma_m: float,
 ) -> Problem:
     """GPS of as many flights as there are biases, photographs in turn."""
@@ -269,7 +269,7 @@ def with_walls(
     rng: np.random.Generator,
     *,
     relief_m: float,
-    wall_m: Array,
+    wall_m: Float64Array,
     wall_sigma_m: float,
 ) -> Problem:
     """Every tie point lies on its plane of the model, which stands off the building by ``wall_m`` (5,) and relief."""

@@ -15,7 +15,7 @@ from facadelake.building.surface.edges import ModelEdges, model_edges
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.model.edge_samples import sample_edges, seen_samples
 from facadelake.georeferencing.model.edge_search import find_shift
 
@@ -32,7 +32,7 @@ _UP = np.array([[0.0, 0.0, 1.0]])
 Box = tuple[float, float, float, float, float, float]  # lowest corner, size
 
 
-def _mesh(boxes: Sequence[Box]) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+def _mesh(boxes: Sequence[Box]) -> tuple[Float64Array, NDArray[np.int64], NDArray[np.int64]]:
     vertices = np.vstack([np.array(box[:3]) + _CORNERS * np.array(box[3:]) for box in boxes])
     triangles = np.vstack([_FACES + 8 * k for k in range(len(boxes))])
     return vertices, triangles, np.repeat(np.arange(len(boxes)), len(_FACES))

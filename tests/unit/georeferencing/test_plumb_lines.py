@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.georeferencing.adjustment.adjust import Adjusted
 from facadelake.georeferencing.model.lean import lean_of, upright
 from facadelake.georeferencing.model.plumb_lines import BUILT_SIGMA_RAD, Vertical, vertical_of
@@ -45,7 +45,9 @@ def cameras(count: int) -> list[PosedCamera]:
     return made
 
 
-def drawn(posed: PosedCamera, up: Array, rng: np.random.Generator, *, built_deg: float, uprights: int = 40) -> Any:
+def drawn(
+    posed: PosedCamera, up: Float64Array, rng: np.random.Generator, *, built_deg: float, uprights: int = 40
+) -> Any:
     """What ``posed`` sees of pilasters along ``up`` (3,), each off by ``built_deg`` of its own, and of sills."""
     image = np.full((CAMERA.height_px, CAMERA.width_px), 120, dtype=np.uint8)
     for _ in range(uprights):
@@ -90,7 +92,7 @@ def test_photographs_without_upright_lines_or_that_cannot_be_read_are_passed_ove
     assert vertical_of(views, Drawn(images=images)) is None  # three photographs are too few
 
 
-def _wall_block(lean_rad: Array) -> tuple[Adjusted, Array]:
+def _wall_block(lean_rad: Float64Array) -> tuple[Adjusted, Float64Array]:
     """A block of a plumb wall that was turned by ``-lean_rad`` about the wall's middle, and where its cameras were."""
     rng = np.random.default_rng(1)
     wall = np.column_stack([rng.uniform(-10, 10, 4000), np.zeros(4000), rng.uniform(0, 12, 4000)])
@@ -138,9 +140,9 @@ def test_nothing_within_the_block_changes() -> None:
     class Frozen:
         """The fields that ``upright`` replaces."""
 
-        node_m: Array
-        centre_site_m: Array
-        site_from_cam: Array
+        node_m: Float64Array
+        centre_site_m: Float64Array
+        site_from_cam: Float64Array
 
     @dataclass(frozen=True)
     class Held:

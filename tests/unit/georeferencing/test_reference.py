@@ -10,7 +10,7 @@ from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.reference import ReferencePoints, choose_spread, read_reference, reference_of
 from facadelake.georeferencing.triangulation import View, intersect
-from facadelake.sfm.tie_point_covariance import how_seen, pixel_sigma, tie_point_covariance
+from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, how_seen, pixel_sigma
 from tests.unit.georeferencing.two_campaigns import (
     CAMERA,
     NOISE_PX,
@@ -33,7 +33,7 @@ def placed() -> Campaign:
 def reference(of: Campaign, *, most: int = 1000, spoil: slice | None = None) -> ReferencePoints:
     """Its reference; ``spoil`` are points that the adjustment dropped."""
     xyz = of.site_from_sfm.apply(of.reconstruction.xyz_sfm)
-    covariance = tie_point_covariance(of.reconstruction, of.cameras, xyz, sigma_px=NOISE_PX)
+    covariance = compute_tie_point_covariance(of.reconstruction, of.cameras, xyz, sigma_px=NOISE_PX)
     if spoil is not None:
         xyz[spoil] = np.nan
     return reference_of(
@@ -110,7 +110,9 @@ def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
         assert point is not None
         found.append(point.xyz_world)
     scatter = np.linalg.eigvalsh(np.cov(np.array(found).T))
-    said = tie_point_covariance(placed.reconstruction, placed.cameras, placed.xyz_true_m, sigma_px=NOISE_PX)[row]
+    said = compute_tie_point_covariance(placed.reconstruction, placed.cameras, placed.xyz_true_m, sigma_px=NOISE_PX)[
+        row
+    ]
     assert (np.sqrt(np.linalg.eigvalsh(said) / scatter) > 0.75).all()  # of a sigma; 80 draws tell it to 8 %
     assert (np.sqrt(np.linalg.eigvalsh(said) / scatter) < 1.3).all()
     assert pixel_sigma(placed.reconstruction) == pytest.approx(NOISE_PX, abs=1e-6)  # px
@@ -118,7 +120,7 @@ def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
 
 def test_a_point_nobody_saw_has_no_covariance(placed: Campaign) -> None:
     one = replace(placed.reconstruction, track_photo=np.zeros(1, int), track_point=np.zeros(1, int))
-    said = tie_point_covariance(one, placed.cameras, placed.xyz_true_m, sigma_px=NOISE_PX)
+    said = compute_tie_point_covariance(one, placed.cameras, placed.xyz_true_m, sigma_px=NOISE_PX)
     assert np.isnan(said).all()  # one photograph leaves the distance open, none leaves everything open
     assert how_seen(one, placed.cameras, placed.xyz_true_m).photographs.sum() == 1
 

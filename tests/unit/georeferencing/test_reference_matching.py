@@ -10,7 +10,7 @@ from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
 from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
-from facadelake.sfm.tie_point_covariance import tie_point_covariance
+from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance
 from tests.unit.georeferencing.two_campaigns import (
     NOISE_PX,
     ORIGIN,
@@ -33,7 +33,7 @@ def reference(of: Campaign) -> ReferencePoints:
         of.descriptors,
         cameras=of.cameras,
         xyz_site_m=xyz,
-        covariance_m2=tie_point_covariance(of.reconstruction, of.cameras, xyz, sigma_px=NOISE_PX),
+        covariance_m2=compute_tie_point_covariance(of.reconstruction, of.cameras, xyz, sigma_px=NOISE_PX),
         frame_covariance_m2=np.eye(3) * 1e-4,
         building_id="house",
         campaign_id="2026-04",
@@ -87,7 +87,7 @@ def test_the_covariances_hold_the_residuals(earlier: Campaign) -> None:
     moved = earlier.xyz_true_m + rng.normal(size=(POINTS, 3)) * 0.5 * np.median(points.gsd_m)
     later = campaign(moved, another_day(earlier.descriptors, rng), a_similarity(6), rng)
     found = match(later, points)
-    own = tie_point_covariance(later.reconstruction, later.cameras, moved, sigma_px=NOISE_PX)[found.point]
+    own = compute_tie_point_covariance(later.reconstruction, later.cameras, moved, sigma_px=NOISE_PX)[found.point]
     squared = np.einsum("ki,kij,kj->k", found.residual_m, np.linalg.inv(found.covariance_m2 + own), found.residual_m)
     assert 0.85 < np.median(squared) / 2.366 < 1.1  # chi-square of 3
     assert 0.93 < (squared < 7.815).mean() < 0.975

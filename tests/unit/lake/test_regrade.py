@@ -7,12 +7,12 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.lake import regrade as regrade_module
+from facadelake.lake import regrading as regrade_module
 from facadelake.lake.commit import Committed
 from facadelake.lake.connect import writing
 from facadelake.lake.questions import ask
 from facadelake.lake.read import read_table, read_tables, versions
-from facadelake.lake.regrade import Regrading, Step, preview, regrade
+from facadelake.lake.regrading import Regrading, Step, preview, regrade
 from facadelake.severity.rule_packs import rule_file
 from schemas.tables import TABLES
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit

@@ -16,7 +16,7 @@ import shapely
 
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake.connect import bare_connection
-from facadelake.lake.regrade import regrade
+from facadelake.lake.regrading import regrade
 from facadelake.publish import releases
 from facadelake.publish.geopackage import facade_layers, geo_layers, right_of
 from facadelake.publish.releases import publish_campaign, publish_regraded

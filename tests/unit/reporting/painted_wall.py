@@ -12,7 +12,7 @@ import pyarrow as pa
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Array, Similarity
+from facadelake.core.frames import Float64Array, Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import stage_schema, table_of_rows
 from facadelake.reporting.inspection import Inspection
@@ -29,11 +29,11 @@ class Painted:
     building: BuildingModel
     surface: Surface
     posed: dict[str, PosedCamera]
-    paint: Array
+    paint: Float64Array
     root: Path
 
 
-def looking(centre: Array, target: Array, camera: Camera) -> PosedCamera:
+def looking(centre: Float64Array, target: Float64Array, camera: Camera) -> PosedCamera:
     """A camera at ``centre`` that looks at ``target``, its x axis level."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -42,14 +42,14 @@ def looking(centre: Array, target: Array, camera: Camera) -> PosedCamera:
     return PosedCamera(camera=camera, site_from_cam=Similarity(rotation=rotation, translation=centre))
 
 
-def box(low: Array, high: Array) -> tuple[Array, Array]:
+def box(low: Float64Array, high: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Vertices (8, 3) and outward triangles (12, 3) of an upright box."""
     corners = np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
     quads = [[0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6], [0, 2, 3, 1]]
     return corners, np.array([[q[i] for i in t] for q in quads for t in ((0, 1, 2), (0, 2, 3))])
 
 
-def painting() -> Array:
+def painting() -> Float64Array:
     """A smooth colourful picture (h, w, 3) with an F in it, which a mirror would betray."""
     height, width = int(WALL_HEIGHT_M * PAINT_PX_PER_M), int(WALL_WIDTH_M * PAINT_PX_PER_M)
     y, x = np.mgrid[0:height, 0:width].astype(np.float64)
@@ -60,7 +60,7 @@ def painting() -> Array:
     return np.asarray(cv2.GaussianBlur(paint, (0, 0), 1.5), dtype=np.float64)
 
 
-def photograph(posed: PosedCamera, paint: Array) -> Array:
+def photograph(posed: PosedCamera, paint: Float64Array) -> Float64Array:
     """The wall as the camera sees it (h, w, RGB): each pixel's ray met with the plane y = 0, by hand."""
     camera = posed.camera
     grid = np.stack(np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5), axis=-1)

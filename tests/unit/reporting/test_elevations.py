@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.tables import table_of_rows
 from facadelake.reporting.elevations.elevation import compose, facade_elevations
 from facadelake.reporting.elevations.facades import Facade, find_facades
@@ -45,7 +45,7 @@ def rectified(painted: Painted, settings: PictureSettings = SETTINGS) -> Rectifi
     return rectify([relief], painted.surface, painted.posed, files, settings)[0]
 
 
-def expected(result: RectifiedElevation, painted: Painted) -> tuple[Array, Array]:
+def expected(result: RectifiedElevation, painted: Painted) -> tuple[Float64Array, Float64Array]:
     """The painting under each cell, found from the cell's site coordinates, and which cells the wall's front fills."""
     facade, cell = result.relief.facade, result.relief.cell_m
     rows, columns = result.relief.shape

@@ -11,7 +11,7 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.sfm.as_built_building import as_built_building, block_in_site, roughness
+from facadelake.sfm.as_built_building import block_in_site, build_as_built_model, roughness
 from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
 from schemas.vocabulary import SurfaceKind
 
@@ -128,7 +128,7 @@ def test_the_surface_is_the_building_cut_into_facades(corner) -> None:
         np.full((1, 2), np.nan),
         settings=BareSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", origin=ORIGIN),
     )
-    building = as_built_building(place, reconstruction, posed)
+    building = build_as_built_model(place, reconstruction, posed)
     assert building.surface_kind is SurfaceKind.AS_BUILT and building.has_surface
     area = {row["element_guid"]: row["surface_area_m2"] for row in building.elements.to_pylist()}
     assert area["facade-S-1"] > 40 and area["facade-W-1"] > 40  # m2, of 60 each
@@ -161,4 +161,4 @@ def test_too_few_tie_points_are_an_error(corner) -> None:
         track_xy_img=reconstruction.track_xy_img[few],
     )
     with pytest.raises(InputDataError, match="tie points seen three times or more"):
-        as_built_building(place, sparse, posed)
+        build_as_built_model(place, sparse, posed)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from facadelake.sfm.reconstruct import _cameras
+from facadelake.sfm.reconstruction_job import _cameras
 
 
 def row(**said: Any) -> dict[str, Any]:

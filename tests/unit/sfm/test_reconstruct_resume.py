@@ -19,8 +19,8 @@ from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.frames import similarity_between
 from facadelake.core.progress import listening
 from facadelake.sfm import worker_process as runner
-from facadelake.sfm.reconstruct import reconstruct
 from facadelake.sfm.reconstruction import read_descriptors, read_reconstruction
+from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
 from facadelake.sfm.work_folder import work_folder
 

@@ -11,7 +11,7 @@ import pytest
 from facadelake.core.hashing import file_sha256
 from facadelake.detection.inference.detector import OnnxDetector, load_detector
 from facadelake.detection.model_registry import MODELS, SHIPPED
-from facadelake.detection.tiling.detect_image import detect_image
+from facadelake.detection.tiling.tiled_detection import detect_image
 from training.data.sample import CLASSES
 
 MODEL = MODELS / SHIPPED

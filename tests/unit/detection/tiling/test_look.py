@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from facadelake.detection.inference.detector import Found
 from facadelake.detection.inference.letterbox import Image
-from facadelake.detection.tiling.detect_image import detect_image
+from facadelake.detection.tiling.tiled_detection import detect_image
 from tests.unit.detection.blobs import BlobDetector
 
 

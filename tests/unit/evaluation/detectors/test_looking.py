@@ -13,7 +13,7 @@ import yaml
 
 from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.detection.inference.detector import load_detector
-from facadelake.detection.tiling.detect_image import detect_image
+from facadelake.detection.tiling.tiled_detection import detect_image
 from facadelake.evaluation.detectors.predictions import collect
 from facadelake.evaluation.detectors.sources import FLOOR, FileLooker, OnnxLooker
 from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model

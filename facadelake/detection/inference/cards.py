@@ -1,21 +1,56 @@
-"""A card proposed for a model that has none: from its metadata, its input, and what its outputs fit.
-
-It is a proposal for a person, never used unseen: neither colours nor scaling can be read from a graph.
-"""
+"""Where a model's card is found, and the card drafted for a model that has none."""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from facadelake.detection.card import CardInput, CardOutput, Layout, ModelCard, Resize, card_text
+from facadelake.core.errors import ModelError
+from facadelake.detection.card import (
+    CardInput,
+    CardOutput,
+    Layout,
+    ModelCard,
+    Resize,
+    card_path,
+    card_text,
+    parse_card,
+    read_card,
+)
 from facadelake.detection.inference.session import ModelSession
 from facadelake.detection.layouts.probe import assigned, class_counts, fitting_layouts
 from facadelake.detection.layouts.reader import EVERYTHING, Numbers
 from facadelake.detection.layouts.table import READERS
+
+METADATA_KEY = "facadelake.card"
+
+
+def find_card(model: Path, card: Path | None = None) -> ModelCard:
+    """The card at ``card``, or beside ``model`` (``.card.yaml``, ``.card.yml``, ``.card.json``), or in its metadata.
+
+    Raises ModelError where there is none; it prints a draft of one, made from what the file says of itself.
+    """
+    if card is not None:
+        return read_card(card)
+    beside = card_path(model)
+    for path in (beside, beside.with_suffix(".yml"), beside.with_suffix(".json")):
+        if path.is_file():
+            return read_card(path)
+    session = ModelSession(model)
+    text = session.metadata.get(METADATA_KEY)
+    if text is not None:
+        return parse_card(text, f"model {model}, metadata {METADATA_KEY}")
+    draft = draft_card(session)
+    raise ModelError(
+        f"model card {beside} does not exist; every detector needs one beside it, or in its metadata under "
+        f"{METADATA_KEY} (docs/model-card.md shows one). {draft.remark} Check it and save it as {beside.name}:\n"
+        f"\n{draft.text}"
+    )
+
 
 _IMAGENET = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
 _USUAL_SIZE_PX = 640

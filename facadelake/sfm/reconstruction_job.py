@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Array
+from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.hashing import key_of
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
@@ -73,11 +73,11 @@ def _half_view_deg(camera: dict[str, Any]) -> float:
     return math.degrees(math.atan(math.hypot(camera["width_px"], camera["height_px"]) / 2 / camera["focal_px"]))
 
 
-def _column(rows: list[dict[str, Any]], name: str) -> Array:
+def _column(rows: list[dict[str, Any]], name: str) -> Float64Array:
     return np.array([math.nan if row[name] is None else row[name] for row in rows], dtype=np.float64)
 
 
-def prior_positions(rows: list[dict[str, Any]]) -> tuple[Array, Array]:
+def prior_positions(rows: list[dict[str, Any]]) -> tuple[Float64Array, Float64Array]:
     """Position priors (n, 3) in a local east-north-up frame at their mean, metres, and their sigmas (n, 3); NaN where
     a photograph has none. A missing height counts as the mean of the others.
     """
