@@ -39,7 +39,8 @@ from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.adjust import adjust
 from facadelake.georeferencing.adjustment.evidence import Evidence
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
-from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
+from facadelake.sfm import Reconstruction
+from facadelake.sfm.reconstruction import LocalisedPhoto
 
 _PER_PHOTO = 1500
 _GPS_OFFSET_M = np.array([1.5, -0.8, 2.0])

@@ -23,10 +23,9 @@ from scipy.optimize import minimize
 from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import skeletonize
 
-from facadelake.core.frames import Float64Array
-from facadelake.detection.boxes import Box
-from facadelake.detection.inference.detector import Found
-from facadelake.detection.inference.letterbox import Image
+from facadelake.core.arrays import Float64Array
+from facadelake.detection import Box
+from facadelake.detection.inference import Found, Image
 from facadelake.evaluation.detectors.average_precision import average_precision, match
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Looks, Prediction, read_pixels

@@ -26,11 +26,12 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from benchmarks.detector_seams import compare
-from facadelake.detection.inference.detector import load_detector
-from facadelake.detection.inference.letterbox import Image, letterbox
-from facadelake.detection.model_registry import default_model
+from facadelake.core.arrays import UInt8Image
+from facadelake.detection import default_model
+from facadelake.detection.inference import load_detector
+from facadelake.detection.inference.letterbox import letterbox
+from facadelake.detection.tiling import detect_image
 from facadelake.detection.tiling.plan import plan_looks
-from facadelake.detection.tiling.tiled_detection import detect_image
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,7 @@ class Speed:
     cpu_ms: float
 
 
-def throughput(model: Path, image: Image, threads: int, rounds: int) -> None:
+def throughput(model: Path, image: UInt8Image, threads: int, rounds: int) -> None:
     """Print the speed of ours and of the bare session, the best of ``rounds`` each, taken in turn."""
     height, width = image.shape[:2]
     detector = load_detector(model, threads=1)
@@ -75,7 +76,7 @@ def throughput(model: Path, image: Image, threads: int, rounds: int) -> None:
     )
 
 
-def _photograph(path: Path | None, width: int, height: int) -> Image:
+def _photograph(path: Path | None, width: int, height: int) -> UInt8Image:
     """A photograph brought to a size; noise without one."""
     if path is None:
         return np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)

@@ -32,15 +32,12 @@ from benchmarks.detector_sets import (
     with_sources,
 )
 from benchmarks.foundation import SHARED
-from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
-from facadelake.evaluation.detectors.card_results import write_results
-from facadelake.evaluation.detectors.contact_sheet import write_sheets
-from facadelake.evaluation.detectors.evaluate import model_file
+from facadelake.detection import Crosswalk, crosswalk_with
+from facadelake.evaluation.detectors import ImageLevelFigures, model_file, write_plots, write_results, write_sheets
 from facadelake.evaluation.detectors.false_alarms import Rate
 from facadelake.evaluation.detectors.figures import ClassFigures, Judgement, judge
-from facadelake.evaluation.detectors.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
+from facadelake.evaluation.detectors.image_level import judge_image_labels, open_image_labels
 from facadelake.evaluation.detectors.labels.labels import LabelledSet
-from facadelake.evaluation.detectors.plots import write_plots
 from facadelake.evaluation.detectors.predictions import Looker, collect
 from facadelake.evaluation.detectors.sources import OnnxLooker
 from schemas.vocabulary import DefectClass

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from benchmarks.box_merging import Boxes, nmm, nms, wbf
-from facadelake.detection.boxes import Box
+from facadelake.detection import Box
 from facadelake.detection.card import CardInput, Resize
-from facadelake.detection.inference.detector import Found
+from facadelake.detection.inference import Found
 from facadelake.detection.tiling.plan import Look, plan_looks
 from facadelake.detection.tiling.seams import TileFound, united_parts
 

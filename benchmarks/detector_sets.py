@@ -13,14 +13,11 @@ from numpy.typing import NDArray
 
 from benchmarks.foundation import ROOT, SHARED
 from benchmarks.published_poses import write_published
-from facadelake.building.registered import read_registered_model
-from facadelake.building.surface.footprint import horizontal_distance
-from facadelake.building.surface.raycasting import Surface
-from facadelake.building.targets import target_elements
+from facadelake.building import read_registered_model, target_elements
+from facadelake.building.surface import Surface, horizontal_distance
 from facadelake.core.camera import PosedCamera
 from facadelake.core.pose_table import posed_cameras
-from facadelake.detection.boxes import Box
-from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.detection import Box, crosswalk_with
 from facadelake.evaluation.detectors.labels.labels import (
     Gathering,
     LabelledImage,
@@ -33,10 +30,9 @@ from facadelake.evaluation.detectors.labels.labels import (
 )
 from facadelake.evaluation.detectors.labels.open import open_labels
 from facadelake.evaluation.detectors.labels.sites import with_scale, with_sites
-from facadelake.georeferencing.georeference import Place
-from facadelake.georeferencing.imported.placement import place_imported
-from facadelake.georeferencing.imported.read import read_poses
-from facadelake.photos.ingest import ingest_photographs
+from facadelake.georeferencing import Place
+from facadelake.georeferencing.imported import place_imported, read_poses
+from facadelake.photos import ingest_photographs
 from facadelake.registry import read_portfolio
 from schemas.vocabulary import DefectClass
 from training.data.judged import read_drawn, write_coco

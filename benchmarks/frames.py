@@ -24,21 +24,27 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.detection.coco.file import read_coco
+from facadelake.detection.coco import read_coco
 from facadelake.evaluation.campaigns.truth import Truth, read_truth
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
 from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
 from facadelake.georeferencing.similarity_fit import robust_similarity
 from facadelake.georeferencing.triangulation import View, intersect
-from facadelake.photos.ingest import ingest_photographs
-from facadelake.sfm.reconstruction import Reconstruction, read_descriptors, read_reconstruction
-from facadelake.sfm.reconstruction_job import reconstruct
-from facadelake.sfm.settings import ReconstructionSettings
-from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, pixel_sigma
+from facadelake.photos import ingest_photographs
+from facadelake.sfm import (
+    Reconstruction,
+    ReconstructionSettings,
+    compute_tie_point_covariance,
+    pixel_sigma,
+    read_descriptors,
+    read_reconstruction,
+    reconstruct,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("FACADELAKE_SHARED_DATA", ROOT.parent / "shared" / "data"))

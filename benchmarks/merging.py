@@ -19,12 +19,13 @@ import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
 
-from facadelake.building.model import BuildingModel
+from facadelake.building import BuildingModel
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import stage_schema, table_of_rows
-from facadelake.deduplication.merge import MergeResult, merge_observations
+from facadelake.deduplication import MergeResult, merge_observations
 from schemas.vocabulary import DefectClass, DetectionOutcome, ObservationOutcome
 
 _HEIGHT_M = 20.0

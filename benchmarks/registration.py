@@ -29,19 +29,17 @@ import pyarrow as pa
 from benchmarks.foundation import DEMO, ROOT, SHARED, evaluated, facadelake
 from benchmarks.published_poses import write_published
 from benchmarks.registration_report import Report
-from facadelake.building.model import BuildingModel
-from facadelake.building.registered import read_registered_model
-from facadelake.building.surface.footprint import horizontal_distance
-from facadelake.building.surface.raycasting import Surface
-from facadelake.campaigns.registration import register_on_committed_poses
-from facadelake.detection.coco.import_detections import import_coco
+from facadelake.building import BuildingModel, read_registered_model
+from facadelake.building.surface import Surface, horizontal_distance
+from facadelake.campaigns import register_on_committed_poses
+from facadelake.detection.coco import import_coco
+from facadelake.evaluation.campaigns import figures_of
 from facadelake.evaluation.campaigns.comparison import compare
-from facadelake.evaluation.campaigns.evaluate import figures_of
-from facadelake.georeferencing.gcp.control_points import read_control_points
-from facadelake.georeferencing.georeference import Place
-from facadelake.georeferencing.imported.placement import PlacedByImport, place_imported
-from facadelake.georeferencing.imported.read import read_poses
-from facadelake.photos.ingest import ingest_photographs
+from facadelake.georeferencing import Place
+from facadelake.georeferencing.gcp import read_control_points
+from facadelake.georeferencing.imported import place_imported, read_poses
+from facadelake.georeferencing.imported.placement import PlacedByImport
+from facadelake.photos import ingest_photographs
 from facadelake.registry import Building, read_portfolio
 
 SEED = 4

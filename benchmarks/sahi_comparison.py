@@ -43,10 +43,11 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from facadelake.detection.card import Layout, ModelCard
-from facadelake.detection.inference.detector import Found, OnnxDetector, load_detector
+from facadelake.detection import ModelCard
+from facadelake.detection.card import Layout
+from facadelake.detection.inference import Found, OnnxDetector, load_detector
+from facadelake.detection.tiling import detect_image
 from facadelake.detection.tiling.plan import OVERLAP, plan_looks
-from facadelake.detection.tiling.tiled_detection import detect_image
 
 try:
     import sahi

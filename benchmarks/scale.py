@@ -75,8 +75,8 @@ def measure_mapping(count: int, scene: str) -> dict[str, Any]:
 
     import pycolmap
 
+    from facadelake.sfm import ReconstructionSettings
     from facadelake.sfm.pairing import choose_pairs
-    from facadelake.sfm.settings import ReconstructionSettings
     from facadelake.sfm.worker.mapping import adjust, map_photographs
     from facadelake.sfm.worker.report import Report
 
@@ -141,16 +141,14 @@ def mapping(counts: list[int], scene: str) -> None:
 
 def table_of(photographs: Path) -> Any:
     """Table `photos` of a folder, as ``ingest`` makes it."""
-    from facadelake.photos.ingest import ingest_photographs
+    from facadelake.photos import ingest_photographs
 
     return ingest_photographs(photographs, distance_to_model_m=None, close_range_below_m=8.0)
 
 
 def measure_reconstruction(photographs: str) -> dict[str, Any]:
     """The whole stage on a folder of photographs."""
-    from facadelake.sfm.reconstruction import read_reconstruction
-    from facadelake.sfm.reconstruction_job import reconstruct
-    from facadelake.sfm.settings import ReconstructionSettings
+    from facadelake.sfm import ReconstructionSettings, read_reconstruction, reconstruct
 
     root = Path(photographs)
     table = table_of(root)
@@ -187,7 +185,7 @@ def measure_extraction(photographs: str, threads: int) -> dict[str, Any]:
     """Features alone, with so many threads."""
     import io
 
-    from facadelake.sfm.settings import ReconstructionSettings
+    from facadelake.sfm import ReconstructionSettings
     from facadelake.sfm.worker import features as worker
     from facadelake.sfm.worker.report import Report
 
@@ -230,8 +228,7 @@ def memory() -> None:
 
 def dense_demo(count: int) -> Path:
     """The demo building, photographed more densely: one campaign of ``count`` photographs; its folder."""
-    from facadelake.demo.generate import generate_demo
-    from facadelake.demo.recipe import load_recipe
+    from facadelake.demo import generate_demo, load_recipe
 
     recipe = load_recipe(ROOT / "data" / "demo" / "recipe.yaml")
     first = recipe.campaigns[0]

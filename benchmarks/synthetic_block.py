@@ -13,7 +13,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 
 DEPTH_M = 12.0
 STAND_OFF_M = 9.0

@@ -28,15 +28,14 @@ import psutil
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.registered import read_registered_model
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel, read_registered_model
+from facadelake.building.surface import Surface
 from facadelake.building.surface.virtual_view import write_scene
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.pose_table import pose_covariances, posed_cameras
-from facadelake.lake.read import read_tables
+from facadelake.lake import read_tables
+from facadelake.registration import registration_settings
 from facadelake.registration.observe import cast, observe
-from facadelake.registration.settings import registration_settings
 from facadelake.registry import read_portfolio
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,7 +12,7 @@ import typer
 
 from cli.options import console, problems
 from facadelake.core.errors import InputDataError
-from facadelake.evaluation.detectors.labels.format import Form
+from facadelake.evaluation.detectors.labels import Form
 from schemas.vocabulary import DefectClass
 
 
@@ -65,8 +65,7 @@ def evaluate_detector(
     from cli.terminal.bars import ProgressBars
     from cli.terminal.detectors import show_answer, write_pictures
     from facadelake.core.progress import listening
-    from facadelake.evaluation.detectors.card_results import write_results
-    from facadelake.evaluation.detectors.evaluate import Question, evaluate_looker, looker_of, model_file
+    from facadelake.evaluation.detectors import Question, evaluate_looker, looker_of, model_file, write_results
 
     path = model_file(model)
     if write_card and (path.suffix.lower() != ".onnx" or threshold is not None):
@@ -107,8 +106,7 @@ def describe_detector(
     output: Annotated[Path | None, typer.Option(help="File to write; left out, it is printed.")] = None,
 ) -> None:
     """Write a model's page in Markdown from its card: terms, training data, figures by class and site, false alarms."""
-    from facadelake.evaluation.detectors.evaluate import model_file
-    from facadelake.evaluation.detectors.page import page_of
+    from facadelake.evaluation.detectors import model_file, page_of
 
     path = model_file(model)
     if path.suffix.lower() != ".onnx":

@@ -85,7 +85,7 @@ def inspect(
     """
     from cli.terminal.inspection import show_inspection
     from cli.terminal.run import inspect_in_terminal
-    from facadelake.campaigns.preflight import check_files, chosen_poses, resolved_campaign
+    from facadelake.campaigns import check_files, chosen_poses, resolved_campaign
 
     registered = portfolio_at(portfolio).building(building)
     resolved = resolved_campaign(registered, campaign)
@@ -141,7 +141,7 @@ def regrade(
     Grades of persons stay. Running it again changes nothing. A new inspection grades by the registry's rule pack.
     """
     from cli.terminal.grades import show_regrading
-    from facadelake.campaigns.regrading import preview_grades, registered_rules, regrade_campaigns
+    from facadelake.campaigns import preview_grades, registered_rules, regrade_campaigns
 
     registered = registered_rules(portfolio, building)
     if dry_run:

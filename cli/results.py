@@ -87,8 +87,8 @@ def export(
 ) -> None:
     """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
     from cli.terminal.listings import require_known
-    from facadelake.lake.read import read_table
-    from facadelake.publish.releases import export as export_table
+    from facadelake.lake import read_table
+    from facadelake.publish import export_table
 
     require_known(lake, portfolio, building)
     rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=as_of)
@@ -120,7 +120,7 @@ def view(
 
     The images are written beside the picture as a NumPy archive, .npz.
     """
-    from facadelake.reporting.photo_view import view_photograph
+    from facadelake.reporting import view_photograph
 
     shown = view_photograph(
         portfolio_at(portfolio).building(building), campaign, photo, lake=lake, output=output, scale=scale
@@ -154,8 +154,8 @@ def pictures(
     Running it again is safe: files are written over.
     """
     from cli.terminal.drawing import default_folder, draw_in_terminal
-    from facadelake.campaigns.preflight import resolved_campaign
-    from facadelake.reporting.draw import draw_pictures
+    from facadelake.campaigns import resolved_campaign
+    from facadelake.reporting import draw_pictures
 
     registered = portfolio_at(portfolio).building(building)
     chosen = resolved_campaign(registered, campaign)
@@ -194,14 +194,13 @@ def evaluate(
 ) -> None:
     """Compare a committed campaign with truth: cameras, rays, positions, sigmas, merging, elements."""
     from cli.terminal.answers import show_figures
-    from facadelake.evaluation.campaigns.committed import compare_campaign
-    from facadelake.evaluation.campaigns.evaluate import figures_of
+    from facadelake.evaluation.campaigns import compare_campaign, figures_of
 
     compared = compare_campaign(
         portfolio_at(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections
     )
     if plots is not None:
-        from facadelake.evaluation.campaigns.plots import write_plots
+        from facadelake.evaluation.campaigns import write_plots
 
         for path in write_plots(compared, plots, f"{building} {campaign}"):
             problems.print(f"written: {path}", soft_wrap=True, highlight=False)

@@ -19,7 +19,7 @@ from cli.options import (
     portfolio_at,
 )
 from facadelake.core.errors import InputDataError
-from facadelake.reviews.training.forms import LabelForm, Pictures
+from facadelake.reviews.training import LabelForm, Pictures
 
 review = typer.Typer(
     no_args_is_help=True,
@@ -48,8 +48,8 @@ def export_task(
     What a photograph of the task shows counts as looked at when it comes back: export what will be looked at.
     """
     from cli.terminal.reviews import show_task
-    from facadelake.campaigns.preflight import resolved_campaign
-    from facadelake.reviews.campaign import export_task as write
+    from facadelake.campaigns import resolved_campaign
+    from facadelake.reviews import export_task as write
 
     registered = portfolio_at(portfolio).building(building)
     task, files = write(
@@ -83,8 +83,8 @@ def import_reviews(
     Running it again adds nothing. Defects and published files stay as they are.
     """
     from cli.terminal.reviews import show_import
-    from facadelake.campaigns.preflight import resolved_campaign
-    from facadelake.reviews.campaign import import_reviews as add
+    from facadelake.campaigns import resolved_campaign
+    from facadelake.reviews import import_reviews as add
 
     registered = portfolio_at(portfolio).building(building)
     chosen = resolved_campaign(registered, campaign)
@@ -101,8 +101,8 @@ def list_reviews(
 ) -> None:
     """List what holds of a building's detections after all words, and words that meet no detection any more."""
     from cli.terminal.reviews import show_reviews
-    from facadelake.lake.read import read_table
-    from facadelake.reviews.campaign import reviewed_campaign
+    from facadelake.lake import read_table
+    from facadelake.reviews import reviewed_campaign
 
     registered = portfolio_at(portfolio).building(building)
     held = read_table(lake, "campaigns", building_id=building).column("campaign_id").to_pylist()
@@ -140,7 +140,7 @@ def training_set(
     A building is wholly in one split, so that no wall is both learned from and judged by.
     """
     from cli.terminal.training import show_training_set
-    from facadelake.reviews.training.collect import make_training_set
+    from facadelake.reviews.training import make_training_set
 
     registered = [portfolio_at(portfolio).building(one) for one in dict.fromkeys(buildings)]
     done, placed = make_training_set(
@@ -180,8 +180,8 @@ def compare_models(
     committed changes; what a model found is cached, so that running it again is quick.
     """
     from cli.terminal.comparison import show_comparison
-    from facadelake.detection.model_registry import default_model
-    from facadelake.evaluation.model_comparison.compare import compare_models as compare
+    from facadelake.detection import default_model
+    from facadelake.evaluation.model_comparison import compare_models as compare
 
     done = compare(
         portfolio_at(portfolio),
@@ -214,7 +214,7 @@ def promote_model(
 
     The earlier models stay beside it; data/detector/models.yaml says who decided what, when and why.
     """
-    from facadelake.evaluation.model_comparison.promote import promote_model as promote
+    from facadelake.evaluation.model_comparison import promote_model as promote
 
     entry, told = promote(new, lake=lake, report=report, by=by, why=why, lost_max=max_lost, confirmed_min=min_confirmed)
     console.print(f"the default detector is {entry.file} ({entry.sha256[:12]}), decided by {entry.by}: {entry.why}")

@@ -62,6 +62,7 @@ def _wait_until_healthy(server: subprocess.Popen[bytes], url: str, log: Path) ->
 
 def _serve(console: Console, registered: Portfolio, portfolio: Path, lake: Path) -> None:
     from prefect import serve
+    from prefect.deployments.runner import RunnerDeployment
     from prefect.schedules import Cron
 
     from flows.inspect_building import inspect_building
@@ -69,18 +70,18 @@ def _serve(console: Console, registered: Portfolio, portfolio: Path, lake: Path)
     deployments = []
     for building in registered.buildings:
         schedule = building.schedule
-        deployments.append(
-            inspect_building.to_deployment(
-                name=building.id,
-                parameters={
-                    "building_id": building.id,
-                    "portfolio": str(portfolio.resolve()),
-                    "lake": str(lake.resolve()),
-                },
-                schedule=Cron(schedule.cron, timezone=schedule.timezone) if schedule else None,
-                tags=["facadelake"],
-            )
+        deployment = inspect_building.to_deployment(
+            name=building.id,
+            parameters={
+                "building_id": building.id,
+                "portfolio": str(portfolio.resolve()),
+                "lake": str(lake.resolve()),
+            },
+            schedule=Cron(schedule.cron, timezone=schedule.timezone) if schedule else None,
+            tags=["facadelake"],
         )
+        assert isinstance(deployment, RunnerDeployment)  # a coroutine only inside a running event loop
+        deployments.append(deployment)
         due = f"{schedule.cron} {schedule.timezone}" if schedule else "by hand only"
         console.print(f"  {building.id}: {due}", highlight=False)
     with warnings.catch_warnings():

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from facadelake.core.errors import ModelError
 from facadelake.core.system_libraries import LIBRARIES, Library, install_command, is_present
-from facadelake.detection.model_registry import default_model
+from facadelake.detection import default_model
 
 GIB = 1024**3
 DISK_WANTED_GIB = 5.0  # a campaign's photographs, reconstruction, depth maps and tables, with some to spare

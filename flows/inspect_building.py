@@ -10,11 +10,18 @@ from uuid import uuid4
 
 from prefect import flow
 
-from facadelake.campaigns.preflight import AUTO, LATEST, check_control, check_files, chosen_poses, resolved_campaign
-from facadelake.campaigns.regrading import regrading_replaced
+from facadelake.campaigns import (
+    AUTO,
+    LATEST,
+    check_control,
+    check_files,
+    chosen_poses,
+    regrading_replaced,
+    resolved_campaign,
+)
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError
-from facadelake.detection.configured import settled
+from facadelake.detection import resolve_default_model
 from facadelake.registry import CocoDetector, read_portfolio
 from schemas.vocabulary import ControlKind, SurfaceKind
 from tasks.as_built_model import as_built_model
@@ -75,7 +82,7 @@ def inspect_building(
     campaign = resolved_campaign(building, campaign_id)
     warnings = list(check_files(building, campaign, detections))
     check_control(building, campaign, georeference, poses)
-    building = settled(building)
+    building = resolve_default_model(building)
     job = InspectionJob(
         building=building,
         campaign_id=campaign,

@@ -9,8 +9,7 @@ from pathlib import Path
 from prefect import flow
 
 from facadelake.core.errors import FacadelakeError
-from facadelake.lake.connect import exists
-from facadelake.lake.read import read_table
+from facadelake.lake import exists, read_table
 from facadelake.registry import read_portfolio
 from flows.inspect_building import inspect_building
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building.model import read_building
+from facadelake.building import read_building
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table
-from facadelake.sfm.as_built_building import build_as_built_model
-from facadelake.sfm.reconstruction import read_reconstruction
+from facadelake.sfm import build_as_built_model, read_reconstruction
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

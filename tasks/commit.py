@@ -5,9 +5,8 @@ from __future__ import annotations
 from prefect import task
 
 from facadelake.core.tables import read_table
-from facadelake.georeferencing.campaign.reference import REFERENCE, drop_reference, keep_reference
-from facadelake.lake.campaign_tables import lake_tables
-from facadelake.lake.commit import Committed, commit_campaign
+from facadelake.georeferencing.campaign import REFERENCE, drop_reference, keep_reference
+from facadelake.lake import Committed, commit_campaign, lake_tables
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import whole_campaign
 

@@ -7,13 +7,12 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building.model import read_building
+from facadelake.building import read_building
 from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.detection.campaign import detect_photographs
-from facadelake.detection.configured import chosen_detector, chosen_fingerprint, threads_of
-from facadelake.photos.files import find_masks
-from facadelake.registration.target_view import views_on_building
+from facadelake.detection import chosen_detector, chosen_fingerprint, detect_photographs, threads_of
+from facadelake.photos import find_masks
+from facadelake.registration import views_on_building
 from facadelake.registry import OnnxDetectorSetting
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

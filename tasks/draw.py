@@ -6,12 +6,12 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building.model import read_building
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import read_building
+from facadelake.building.surface import Surface
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table
-from facadelake.reporting.inspection import Inspection, PictureSettings
-from facadelake.reporting.page.report import write_report
+from facadelake.reporting import Inspection, PictureSettings
+from facadelake.reporting.page import write_report
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import stage_tables
 from tasks.stage import Counts, run_stage

@@ -6,15 +6,14 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building.model import read_building
+from facadelake.building import read_building
 from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.georeferencing.campaign.reference import REFERENCE, earlier_references, read_reference
-from facadelake.georeferencing.gcp.control_points import read_control_points
-from facadelake.georeferencing.georeference import Control, Place, georeference_block
-from facadelake.georeferencing.model.control import model_control
-from facadelake.georeferencing.poses_table import build_poses_table
-from facadelake.sfm.reconstruction import read_descriptors, read_reconstruction
+from facadelake.georeferencing import Control, Place, build_poses_table, georeference_reconstruction
+from facadelake.georeferencing.campaign import REFERENCE, earlier_references, read_reference
+from facadelake.georeferencing.gcp import read_control_points
+from facadelake.georeferencing.model import model_control
+from facadelake.sfm import read_descriptors, read_reconstruction
 from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -24,7 +23,7 @@ SITE_FROM_SFM = "site_from_sfm.json"
 
 @task(name="georeference")
 def georeference_block(job: InspectionJob, model: StageResult, photos: StageResult, block: StageResult) -> StageResult:
-    """Tables ``poses``, ``georeference_block`` and ``georeference_points``, and the reference for later campaigns."""
+    """Tables ``poses``, ``georeference`` and ``georeference_points``, and the reference for later campaigns."""
     building, tolerances = job.building, job.building.tolerances
     gcp_file, check_file = building.control_points_of(job.campaign_id), building.check_points_of(job.campaign_id)
     # By GPS or by the model, a campaign stands for itself.
@@ -37,7 +36,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         reconstruction = read_reconstruction(block.folder)
         descriptors = read_descriptors(block.folder)
         photos_table = read_table("photos", photos.folder)
-        placed = georeference_block(
+        placed = georeference_reconstruction(
             reconstruction,
             photos_table,
             place=Place(

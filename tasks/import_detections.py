@@ -8,8 +8,8 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.core.tables import read_table, write_table
-from facadelake.detection.coco.import_detections import import_coco
-from facadelake.detection.inference.detector import detector_fingerprint
+from facadelake.detection.coco import import_coco
+from facadelake.detection.inference import detector_fingerprint
 from facadelake.registry import CocoDetector
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

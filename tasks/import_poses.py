@@ -6,15 +6,13 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building.model import read_building
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import read_building
+from facadelake.building.surface import Surface
 from facadelake.core.hashing import files_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.georeferencing.gcp.control_points import read_control_points
-from facadelake.georeferencing.georeference import Place
-from facadelake.georeferencing.imported.placement import place_imported
-from facadelake.georeferencing.imported.read import read_poses
-from facadelake.georeferencing.imported.records import pose_files
+from facadelake.georeferencing import Place
+from facadelake.georeferencing.gcp import read_control_points
+from facadelake.georeferencing.imported import place_imported, pose_files, read_poses
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

@@ -7,12 +7,11 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building.model import read_building
-from facadelake.building.surface.footprint import horizontal_distance
+from facadelake.building import read_building
+from facadelake.building.surface import horizontal_distance
 from facadelake.core.hashing import files_sha256
 from facadelake.core.tables import write_table
-from facadelake.photos.files import find_photographs
-from facadelake.photos.ingest import ingest_photographs
+from facadelake.photos import find_photographs, ingest_photographs
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

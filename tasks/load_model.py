@@ -6,10 +6,10 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building.registered import read_registered_model
+from facadelake.building import read_registered_model
 from facadelake.core.hashing import file_sha256
 from facadelake.core.progress import stage_progress
-from facadelake.registry.bare import files_beside
+from facadelake.registry import files_beside
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

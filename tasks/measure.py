@@ -8,7 +8,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.core.tables import read_table, write_table
-from facadelake.measurement.campaign import measure_detections
+from facadelake.measurement import measure_detections
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

@@ -6,13 +6,11 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building.model import read_building
+from facadelake.building import read_building
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.core.tables import read_table, write_table
-from facadelake.deduplication.appearance import Photographs
-from facadelake.deduplication.merge import merge_observations
-from facadelake.deduplication.settings import merge_settings
-from facadelake.severity.rule_packs import grade, rule_file
+from facadelake.deduplication import Photographs, merge_observations, merge_settings
+from facadelake.severity import grade, rule_file
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from prefect import task
 
-from facadelake.building.mesh.load import place_without_model
-from facadelake.building.registered import bare_settings
+from facadelake.building import bare_settings
+from facadelake.building.mesh import place_without_model
 from facadelake.core.tables import read_table
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

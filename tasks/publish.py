@@ -8,9 +8,8 @@ from pathlib import Path
 from prefect import task
 from prefect.artifacts import create_markdown_artifact, create_table_artifact
 
-from facadelake.lake.commit import Committed
-from facadelake.lake.read import read_table
-from facadelake.publish.releases import publish_campaign
+from facadelake.lake import Committed, read_table
+from facadelake.publish import publish_campaign
 from tasks.draw import PICTURES
 from tasks.job import InspectionJob, StageResult
 

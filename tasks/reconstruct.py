@@ -7,9 +7,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.core.tables import read_table
-from facadelake.sfm.reconstruction import read_reconstruction
-from facadelake.sfm.reconstruction_job import reconstruct
-from facadelake.sfm.settings import ReconstructionSettings
+from facadelake.sfm import ReconstructionSettings, read_reconstruction, reconstruct
 from schemas.vocabulary import PoseSource
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage

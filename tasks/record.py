@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 
 import pyarrow as pa
 
-from facadelake.building.model import SURFACE_FILE, read_building
+from facadelake.building import SURFACE_FILE, read_building
 from facadelake.core.hashing import file_sha256, key_of
 from facadelake.core.tables import read_table
-from facadelake.detection.configured import model_file
-from facadelake.lake.campaign_tables import BuildingRecord, RunRecord, build_campaign_tables
+from facadelake.detection import model_file
+from facadelake.lake import BuildingRecord, RunRecord, build_campaign_tables
 from facadelake.registry import OnnxDetectorSetting
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResults

@@ -8,13 +8,12 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building.model import read_building
+from facadelake.building import read_building
 from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.photos.files import find_masks
-from facadelake.registration.register import register_detections
-from facadelake.registration.settings import registration_settings
-from facadelake.sfm.reconstruction import read_reconstruction
+from facadelake.photos import find_masks
+from facadelake.registration import register_detections, registration_settings
+from facadelake.sfm import read_reconstruction
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 

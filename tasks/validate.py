@@ -9,7 +9,7 @@ from prefect import task
 from facadelake.core.errors import SchemaError
 from facadelake.core.progress import stage_progress
 from facadelake.core.tables import read_table, write_table
-from facadelake.lake.checks import failure_text, failures, validate
+from facadelake.lake import failure_text, failures, validate
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import whole_campaign
 from tasks.stage import Counts, run_stage

@@ -9,15 +9,15 @@ from pathlib import Path
 import pyarrow as pa
 from prefect import task
 
-from facadelake.building.model import BuildingModel, read_building
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel, read_building
+from facadelake.building.surface import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import read_similarity
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import read_table, write_table
-from facadelake.integrity.views import integrity_views, nothing_to_compare
-from facadelake.sfm.surface_mesh import as_built_mesh, read_mesh
+from facadelake.integrity import integrity_views, nothing_to_compare
+from facadelake.sfm import as_built_mesh, read_mesh
 from schemas.vocabulary import IntegrityOutcome, SurfaceKind
 from tasks.georeference import SITE_FROM_SFM
 from tasks.job import InspectionJob, StageResult

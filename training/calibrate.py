@@ -17,18 +17,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from facadelake.core.hashing import file_sha256
-from facadelake.detection.card import (
-    CardInput,
-    CardOutput,
-    Layout,
-    ModelCard,
-    Resize,
-    ScoreCalibration,
-    card_path,
-    card_text,
-)
-from facadelake.detection.inference.detector import OnnxDetector
-from facadelake.detection.tiling.tiled_detection import detect_image
+from facadelake.detection import ModelCard, card_path
+from facadelake.detection.card import CardInput, CardOutput, Layout, Resize, ScoreCalibration, card_text
+from facadelake.detection.inference import OnnxDetector
+from facadelake.detection.tiling import detect_image
 from training.assign import iou_matrix
 from training.data.sample import CLASSES, Sample
 from training.sources import TRAINED_ON, drawn_samples, judged_samples, validation_samples

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from facadelake.doctor import Check
-    from facadelake.evaluation.campaigns.figures import Figures
+    from facadelake.evaluation.campaigns import Figures
 
 
 def show_questions(console: Console) -> None:
     """The stored questions with what they answer and take."""
-    from facadelake.lake.questions import list_questions
+    from facadelake.lake import list_questions
 
     table = RichTable(title="Stored questions: facadelake sql NAME [name=value ...]", title_justify="left")
     for column in ("name", "answers", "parameters"):
@@ -43,9 +43,8 @@ def ask(
     console: Console, lake: Path, question: str, parameters: Sequence[str], *, as_of: int | None, as_json: bool
 ) -> None:
     """Answer a stored question or a SELECT statement."""
-    from facadelake.lake.questions import ask as ask_stored
-    from facadelake.lake.questions import list_questions
-    from facadelake.lake.read import query
+    from facadelake.lake import ask as ask_stored
+    from facadelake.lake import list_questions, query
 
     given: dict[str, str] = {}
     for text in parameters:
@@ -109,7 +108,7 @@ def _show(console: Console, answer: pa.Table) -> None:
 
 def show_figures(console: Console, figures: Figures) -> None:
     """The figures of an evaluation, a line each, and the paper's Table 2 beside ours."""
-    from facadelake.evaluation.campaigns.paper_table2 import PAPER_REMARK
+    from facadelake.evaluation.campaigns import PAPER_REMARK
 
     table = RichTable(title="Against truth (no alignment after the run)", title_justify="left")
     for index, name in enumerate(figures.COLUMNS):

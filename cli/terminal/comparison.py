@@ -6,9 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.evaluation.model_comparison.changes import Change
-from facadelake.evaluation.model_comparison.compare import Compared
-from facadelake.evaluation.model_comparison.report import REPORT, CampaignComparison
+from facadelake.evaluation.model_comparison import REPORT, CampaignComparison, Change, Compared
 
 _MOST = 10
 

@@ -9,13 +9,15 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.evaluation.detectors.bootstrap import Interval
-from facadelake.evaluation.detectors.contact_sheet import write_sheets
-from facadelake.evaluation.detectors.evaluate import Answer
-from facadelake.evaluation.detectors.figures import Figures
-from facadelake.evaluation.detectors.image_level import ImageLevelFigures
-from facadelake.evaluation.detectors.operating_point import Operating
-from facadelake.evaluation.detectors.plots import write_plots
+from facadelake.evaluation.detectors import (
+    Answer,
+    Figures,
+    ImageLevelFigures,
+    Interval,
+    Operating,
+    write_plots,
+    write_sheets,
+)
 
 _MOST_SITES = 40
 

@@ -15,7 +15,7 @@ from cli.terminal.stopping import stoppable
 from facadelake.core.progress import listening
 
 if TYPE_CHECKING:
-    from facadelake.reporting.draw import Drawn
+    from facadelake.reporting import Drawn
 
 _TOLD = 5  # of many alike, so many are named
 

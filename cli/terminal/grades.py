@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from facadelake.lake.regrading import Regrading
+from facadelake.lake import Regrading
 
 
 def show_regrading(console: Console, found: Regrading, releases: Sequence[Path], registered: str | None) -> None:

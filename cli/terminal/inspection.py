@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.lake.read import read_table
+from facadelake.lake import read_table
 from schemas.vocabulary import ControlKind, PoseSource
 
 if TYPE_CHECKING:

@@ -11,8 +11,7 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.core.errors import InputDataError
-from facadelake.lake.connect import exists
-from facadelake.lake.read import read_table, versions
+from facadelake.lake import exists, read_table, versions
 from facadelake.registry import Portfolio, read_portfolio
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
 

@@ -10,9 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.reviews.campaign import Imported, ReviewedCampaign
-from facadelake.reviews.review import Review
-from facadelake.reviews.task_files import Task
+from facadelake.reviews import Imported, Review, ReviewedCampaign, Task
 from schemas.vocabulary import Verdict
 
 _MOST = 10

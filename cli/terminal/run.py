@@ -57,8 +57,7 @@ def make_demo_in_terminal(
     console: Console, *, folder: Path, lake: Path, recipe: Path, portfolio: Path
 ) -> list[InspectionResult]:
     """Make the demo building (once) and inspect its campaigns in order."""
-    from facadelake.demo.generate import generate_demo
-    from facadelake.demo.recipe import load_recipe
+    from facadelake.demo import generate_demo, load_recipe
 
     os.environ["FACADELAKE_DEMO"] = str(folder.resolve())  # the registry's paths of the demo are made of it
     with stoppable(console), ProgressBars(console) as bars, listening(bars):

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from facadelake.reviews.training.splits import Split
-from facadelake.reviews.training.training_set import MANIFEST, TrainingSet
+from facadelake.reviews.training import MANIFEST, Split, TrainingSet
 
 
 def show_training_set(console: Console, done: TrainingSet, placed: Mapping[str, Split]) -> None:

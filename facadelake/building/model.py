@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from facadelake.building.model_georeference.control_pairs import ControlPair
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
 from facadelake.building.storeys import NamedFloor, StoreyLevel
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin, as_3d
 from facadelake.core.tables import read_table, write_table
 from schemas.vocabulary import SurfaceKind
@@ -65,8 +64,8 @@ class BuildingModel:
     georeference_level: str
     remarks: str
     vertices_site_m: Float64Array
-    triangles: NDArray[np.int64]
-    element_of_triangle: NDArray[np.int64]
+    triangles: Int64Array
+    element_of_triangle: Int64Array
     elements: pa.Table
     storeys: tuple[StoreyLevel, ...] = ()
     surface_kind: SurfaceKind = SurfaceKind.IFC

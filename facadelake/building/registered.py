@@ -10,8 +10,7 @@ from facadelake.building.model_georeference.control_pairs import ControlPair
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.building.storeys import NamedFloor
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.registry import Building
-from facadelake.registry.bare import UNITS_M
+from facadelake.registry import UNITS_M, Building
 from schemas.vocabulary import SurfaceKind
 
 

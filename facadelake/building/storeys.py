@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 
 _RISE_M = 0.1  # a place may lie this far below its storey's floor
 _PART_OF_NEXT_M = 1.0  # an element that reaches further than this beyond its storey spans several
@@ -45,7 +42,7 @@ def storeys_of_places(
     levels: Sequence[StoreyLevel],
     named: Sequence[str | None],
     extents_site_m: Float64Array,
-    element: NDArray[np.int64],
+    element: Int64Array,
     z_site_m: Float64Array,
 ) -> list[str | None]:
     """Storey (n) of places at ``z_site_m`` (n,) on ``element`` (n,).

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.registered import read_registered_model
+from facadelake.building import BuildingModel, read_registered_model
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.hashing import file_sha256
 from facadelake.core.progress import stage_progress
-from facadelake.lake.connect import exists
-from facadelake.lake.read import read_tables
+from facadelake.lake import exists, read_tables
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
 

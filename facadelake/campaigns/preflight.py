@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection.configured import chosen_detector
-from facadelake.georeferencing.imported.records import pose_files
+from facadelake.detection import chosen_detector
+from facadelake.georeferencing.imported import pose_files
 from facadelake.registry import Building, CocoDetector
-from facadelake.severity.rule_packs import rule_file
+from facadelake.severity import rule_file
 from schemas.vocabulary import ControlKind, SurfaceKind
 
 LATEST = "latest"

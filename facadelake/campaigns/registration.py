@@ -6,14 +6,11 @@ from collections.abc import Mapping
 
 import pyarrow as pa
 
-from facadelake.building.model import BuildingModel
+from facadelake.building import BuildingModel
 from facadelake.core.pose_table import pose_covariances, posed_cameras
-from facadelake.deduplication.appearance import Photographs
-from facadelake.deduplication.merge import MergeResult, merge_observations
-from facadelake.deduplication.settings import merge_settings
-from facadelake.photos.files import find_masks
-from facadelake.registration.register import register_detections
-from facadelake.registration.settings import registration_settings
+from facadelake.deduplication import MergeResult, Photographs, merge_observations, merge_settings
+from facadelake.photos import find_masks
+from facadelake.registration import register_detections, registration_settings
 from facadelake.registry import Building
 
 

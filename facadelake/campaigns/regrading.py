@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from facadelake.lake.read import versions
-from facadelake.lake.regrading import Regrading, preview, regrade
-from facadelake.publish.releases import publish_regraded
+from facadelake.lake import Regrading, preview, regrade, versions
+from facadelake.publish import publish_regraded
 from facadelake.registry import Building, read_portfolio
-from facadelake.severity.rule_packs import rule_file
+from facadelake.severity import rule_file
 
 
 def registered_rules(portfolio: Path, building_id: str) -> str | None:

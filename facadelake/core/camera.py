@@ -9,10 +9,10 @@ from dataclasses import astuple, dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ class Camera:
             xy[in_front] = np.column_stack([self.fx_px * xd + self.cx_px, self.fy_px * yd + self.cy_px])
         return xy
 
-    def contains(self, xy_img: Float64Array) -> NDArray[np.bool_]:
+    def contains(self, xy_img: Float64Array) -> BoolArray:
         """Which of the pixels (n, 2) lie inside the photograph."""
         xy = np.asarray(xy_img, dtype=np.float64).reshape(-1, 2)
         return (xy[:, 0] >= 0) & (xy[:, 0] <= self.width_px) & (xy[:, 1] >= 0) & (xy[:, 1] <= self.height_px)

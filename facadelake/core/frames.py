@@ -15,11 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
-
-Float64Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,8 +16,9 @@ from pyproj import network
 from pyproj.exceptions import CRSError
 from pyproj.transformer import TransformerGroup
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 
 network.set_network_enabled(active=False)
 

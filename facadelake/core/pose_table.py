@@ -8,8 +8,9 @@ import numpy as np
 import pyarrow as pa
 from scipy.spatial.transform import Rotation
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from schemas.vocabulary import PoseSource
 
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
-
-Rows = NDArray[np.int64]
+from facadelake.core.arrays import Float64Array, RowIndices
 
 
-def commonest(group: Rows, word: Rows, weight: Float64Array, groups: int) -> Rows:
+def commonest(group: RowIndices, word: RowIndices, weight: Float64Array, groups: int) -> RowIndices:
     """The commonest ``word`` (n,) of each of ``groups``; of equally common ones that with more ``weight``, then the
     lowest. A group without rows has -1."""
     key = group * (int(word.max(initial=0)) + 1) + word
@@ -24,7 +21,7 @@ def commonest(group: Rows, word: Rows, weight: Float64Array, groups: int) -> Row
     return out
 
 
-def weighted_median(group: Rows, value: Float64Array, weight: Float64Array, groups: int) -> Float64Array:
+def weighted_median(group: RowIndices, value: Float64Array, weight: Float64Array, groups: int) -> Float64Array:
     """The weighted median (groups,) of the values (n,) that are not NaN; NaN for a group that has none."""
     rows = np.flatnonzero(np.isfinite(value))
     rows = rows[np.lexsort((value[rows], group[rows]))]
@@ -44,7 +41,7 @@ def weighted_median(group: Rows, value: Float64Array, weight: Float64Array, grou
     return out
 
 
-def greatest(group: Rows, value: Float64Array, groups: int) -> Float64Array:
+def greatest(group: RowIndices, value: Float64Array, groups: int) -> Float64Array:
     """The largest value (groups,) of each group; -inf for a group that has none."""
     out = np.full(groups, -np.inf)
     np.maximum.at(out, group, value)

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndices, UInt8Image
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.core.progress import track
 from facadelake.deduplication.observations import Sightings
-from facadelake.registration.patch import tangents_of
+from facadelake.registration import tangents_of
 
 _log = logging.getLogger(__name__)
 _HALF_CELLS = 60  # half a patch's side; a byte a cell, so 15 kB a sighting
@@ -40,8 +40,6 @@ _REDUCED = {
     8: cv2.IMREAD_REDUCED_GRAYSCALE_8,
 }
 
-Rows = NDArray[np.int64]
-Picture = NDArray[np.uint8]
 Detail = NDArray[np.int8]
 
 
@@ -51,8 +49,8 @@ class Likeness:
     ``differs`` (k,): they show one thing, or the one's middle lies clearly aside in the other."""
 
     score: Float64Array
-    same: NDArray[np.bool_]
-    differs: NDArray[np.bool_]
+    same: BoolArray
+    differs: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,16 +60,23 @@ class Photographs:
     root: Path
     posed: Mapping[str, PosedCamera]
 
-    def comparison(self, photo_ids: Sequence[str]) -> Callable[[Sightings, Rows, Rows, Float64Array], Likeness]:
+    def comparison(
+        self, photo_ids: Sequence[str]
+    ) -> Callable[[Sightings, RowIndices, RowIndices, Float64Array], Likeness]:
         """``likeness`` for sightings whose photographs' codes mean ``photo_ids``."""
 
-        def compare(sightings: Sightings, first: Rows, second: Rows, tolerance_m: Float64Array) -> Likeness:
+        def compare(sightings: Sightings, first: RowIndices, second: RowIndices, tolerance_m: Float64Array) -> Likeness:
             return self.likeness(sightings, photo_ids, first, second, tolerance_m)
 
         return compare
 
     def likeness(
-        self, sightings: Sightings, photo_ids: Sequence[str], first: Rows, second: Rows, tolerance_m: Float64Array
+        self,
+        sightings: Sightings,
+        photo_ids: Sequence[str],
+        first: RowIndices,
+        second: RowIndices,
+        tolerance_m: Float64Array,
     ) -> Likeness:
         """Compare the pairs ``first``, ``second`` (k,); centres meet to ``tolerance_m`` (k,).
 
@@ -92,7 +97,7 @@ class Photographs:
         )
 
     def _patches(
-        self, sightings: Sightings, photo_ids: Sequence[str], rows: Rows, cell: Mapping[int, float]
+        self, sightings: Sightings, photo_ids: Sequence[str], rows: RowIndices, cell: Mapping[int, float]
     ) -> dict[int, Detail]:
         """The patches of ``rows``, less those of photographs that cannot be read and those that leave the picture."""
         found: dict[int, Detail] = {}
@@ -112,7 +117,7 @@ class Photographs:
         return found
 
 
-def _wanted(sightings: Sightings, first: Rows, second: Rows) -> tuple[Rows, dict[int, float]]:
+def _wanted(sightings: Sightings, first: RowIndices, second: RowIndices) -> tuple[RowIndices, dict[int, float]]:
     """Rows to be sampled, and the cell of each in metres: one for all that are compared with one another."""
     count = len(sightings)
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
@@ -125,14 +130,14 @@ def _wanted(sightings: Sightings, first: Rows, second: Rows) -> tuple[Rows, dict
     return rows, dict(zip(rows.tolist(), coarsest[part[rows]].tolist(), strict=True))
 
 
-def _cells(sightings: Sightings, row: int, cell_m: float) -> NDArray[np.int64]:
+def _cells(sightings: Sightings, row: int, cell_m: float) -> Int64Array:
     """Half the size of a box, with what surrounds it, in cells: across and upward."""
     half = _MARGIN * np.array([sightings.width_m[row], sightings.height_m[row]]) / 2 / cell_m
     return np.clip(np.round(half), _TEMPLATE_LEAST, _TEMPLATE_MOST).astype(np.int64)
 
 
 def _rectified(
-    picture: Picture, posed: PosedCamera, reduction: int, sightings: Sightings, row: int, cell_m: float
+    picture: UInt8Image, posed: PosedCamera, reduction: int, sightings: Sightings, row: int, cell_m: float
 ) -> Detail | None:
     """The detail of the surface about a sighting, up in rows from the top; None where the photograph ends before."""
     across, upward = (axis[0] for axis in tangents_of(sightings.normal_site[row : row + 1]))
@@ -155,7 +160,7 @@ def _rectified(
     return kept
 
 
-def _matched(a: Detail, b: Detail, size: NDArray[np.int64], tolerance: float) -> tuple[float, float]:
+def _matched(a: Detail, b: Detail, size: Int64Array, tolerance: float) -> tuple[float, float]:
     """Best correlation of the middle of ``a`` in ``b`` within ``tolerance`` cells of the centre, and clearly beyond;
     NaN where there is no detail."""
     middle = a[_HALF_CELLS - size[1] : _HALF_CELLS + size[1] + 1, _HALF_CELLS - size[0] : _HALF_CELLS + size[0] + 1]
@@ -168,7 +173,7 @@ def _matched(a: Detail, b: Detail, size: NDArray[np.int64], tolerance: float) ->
     return float(near.max()), float(far.max(initial=-1.0))
 
 
-def _read(path: Path, camera: Camera, reduction: int) -> Picture | None:
+def _read(path: Path, camera: Camera, reduction: int) -> UInt8Image | None:
     """Grey pixels as the camera model counts them, reduced; None where the file is not such a picture."""
     if not path.is_file():
         return None

@@ -8,9 +8,8 @@ photographs sees one thing of the same extent at the same place, is taken for th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.deduplication.cluster import numbered
 from facadelake.deduplication.gate import Pairs
 from facadelake.deduplication.observations import Sightings
@@ -19,10 +18,8 @@ from facadelake.deduplication.settings import MergeSettings
 _HOST_LEAST = 2  # sightings that outvote one
 _OVERLAP_LEAST = 0.5  # of the smaller patch
 
-Rows = NDArray[np.int64]
 
-
-def with_strays(sightings: Sightings, pairs: Pairs, group: Rows, settings: MergeSettings) -> Rows:
+def with_strays(sightings: Sightings, pairs: Pairs, group: RowIndices, settings: MergeSettings) -> RowIndices:
     """``group`` (n,) with strays in the groups that they belong to, numbered anew by first members."""
     size = np.bincount(group, minlength=1)
     alone = size[group] == 1
@@ -59,7 +56,7 @@ def with_strays(sightings: Sightings, pairs: Pairs, group: Rows, settings: Merge
     return numbered(out)
 
 
-def _parted(pairs: Pairs, group: Rows, stray: Rows, host: Rows, mean: Float64Array) -> NDArray[np.bool_]:
+def _parted(pairs: Pairs, group: RowIndices, stray: RowIndices, host: RowIndices, mean: Float64Array) -> BoolArray:
     """Which strays (k,) are of a group of two that are nearer to two different hosts than to one another: neighbours
     of one class that were wrongly named alike."""
     count = int(group.max()) + 1
@@ -71,5 +68,5 @@ def _parted(pairs: Pairs, group: Rows, stray: Rows, host: Rows, mean: Float64Arr
     np.minimum.at(low, own[nearer], host[nearer])
     np.maximum.at(high, own[nearer], host[nearer])
     both = np.bincount(own[nearer], minlength=count) == 2
-    parted: NDArray[np.bool_] = both[own] & (low[own] != high[own])
+    parted: BoolArray = both[own] & (low[own] != high[own])
     return parted

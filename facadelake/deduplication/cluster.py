@@ -12,11 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
-
-Rows = NDArray[np.int64]
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,13 +21,13 @@ class _Links:
     """Pairs of groups ``low`` < ``high`` (k,): sum of squared distances and number of the pairs of sightings between
     them that lie in the gate, and whether the two may never join."""
 
-    low: Rows
-    high: Rows
+    low: RowIndices
+    high: RowIndices
     squared: Float64Array
     count: Float64Array
-    barred: NDArray[np.bool_]
+    barred: BoolArray
 
-    def between(self, group: Rows) -> _Links:
+    def between(self, group: RowIndices) -> _Links:
         """The links after groups were renamed to ``group[...]`` (n,): inside one group gone, parallel ones added up."""
         low, high = group[self.low], group[self.high]
         low, high = np.minimum(low, high), np.maximum(low, high)
@@ -52,14 +49,14 @@ class _Links:
 
 
 def clusters_of(
-    first: Rows,
-    second: Rows,
+    first: RowIndices,
+    second: RowIndices,
     sigmas: Float64Array,
-    photo: Rows,
+    photo: RowIndices,
     *,
     agreement: float,
     gate_sigma: float,
-) -> NDArray[np.int64]:
+) -> Int64Array:
     """Group (n,) of each sighting, named by its first member's row.
 
     ``first``, ``second`` (k,): pairs of sightings that may be one, ``sigmas`` (k,) apart. Two groups join only if they
@@ -89,7 +86,7 @@ def clusters_of(
         links = links.between(into)
 
 
-def numbered(group: Rows) -> NDArray[np.int64]:
+def numbered(group: RowIndices) -> Int64Array:
     """Groups (n,) as numbers from 0, in the order of their first members."""
     _, first, inverse = np.unique(group, return_index=True, return_inverse=True)
     place = np.empty(len(first), dtype=np.int64)
@@ -97,7 +94,7 @@ def numbered(group: Rows) -> NDArray[np.int64]:
     return np.asarray(place[inverse], dtype=np.int64)
 
 
-def _mutual(low: Rows, high: Rows, mean: Float64Array, count: int) -> NDArray[np.bool_]:
+def _mutual(low: RowIndices, high: RowIndices, mean: Float64Array, count: int) -> BoolArray:
     """Which links (k,) are the nearest of both their groups; of equally near ones the first by name."""
     nearest, best = np.full(count, np.inf), np.full(count, count, dtype=np.int64)
     np.minimum.at(nearest, low, mean)
@@ -105,11 +102,11 @@ def _mutual(low: Rows, high: Rows, mean: Float64Array, count: int) -> NDArray[np
     for node, other in ((low, high), (high, low)):
         leads = mean == nearest[node]
         np.minimum.at(best, node[leads], other[leads])
-    mutual: NDArray[np.bool_] = (best[low] == high) & (best[high] == low)
+    mutual: BoolArray = (best[low] == high) & (best[high] == low)
     return mutual
 
 
-def _clashing(group: Rows, photo: Rows, low: Rows, high: Rows) -> NDArray[np.bool_]:
+def _clashing(group: RowIndices, photo: RowIndices, low: RowIndices, high: RowIndices) -> BoolArray:
     """Which of the joins (k,) would bring two sightings of one photograph together; each group joins once."""
     join = np.full(len(group), -1, dtype=np.int64)
     join[low], join[high] = np.arange(len(low)), np.arange(len(low))

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.deduplication.aggregate import weighted_median
 from facadelake.deduplication.observations import column
 from schemas.vocabulary import CrackWidthOutcome
 
-Rows = NDArray[np.int64]
 _BEYOND = 2.0  # sigmas: a width so far above what a better photograph leaves room for is a coarse one's blur
 _WORDS = tuple(str(word) for word in CrackWidthOutcome)  # the best evidence first
 
@@ -29,7 +27,7 @@ class Evidence:
     outcome: pa.Array
 
 
-def crack_evidence(seen: pa.Table, group: Rows, weight: Float64Array, groups: int) -> Evidence:
+def crack_evidence(seen: pa.Table, group: RowIndices, weight: Float64Array, groups: int) -> Evidence:
     """The widths of registered rows ``seen`` (n,) in ``group`` (n,), each sighting with ``weight`` (n,).
 
     What a person stated goes before what was measured. Measured widths are weighed by their variance; one that lies
@@ -65,7 +63,9 @@ def crack_evidence(seen: pa.Table, group: Rows, weight: Float64Array, groups: in
     )
 
 
-def _together(group: Rows, gap: Float64Array, sigma: Float64Array, weight: Float64Array, groups: int) -> Float64Array:
+def _together(
+    group: RowIndices, gap: Float64Array, sigma: Float64Array, weight: Float64Array, groups: int
+) -> Float64Array:
     """One sigma (groups,): the smallest of the sightings', and their scatter over the root of their number."""
     used = np.isfinite(gap)
     owner = group[used]
@@ -78,7 +78,7 @@ def _together(group: Rows, gap: Float64Array, sigma: Float64Array, weight: Float
     return out
 
 
-def _least(group: Rows, value: Float64Array, groups: int) -> Float64Array:
+def _least(group: RowIndices, value: Float64Array, groups: int) -> Float64Array:
     """The smallest value (groups,) that is not NaN; NaN where there is none."""
     out = np.full(groups, np.inf)
     np.minimum.at(out, group, np.where(np.isfinite(value), value, np.inf))

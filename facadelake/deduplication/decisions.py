@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.tables import check_table, stage_schema
 from facadelake.deduplication.aggregate import commonest
 from facadelake.deduplication.gate import joined_pairs, measured, placing_m2
@@ -19,8 +18,6 @@ from schemas.vocabulary import MergeDecision, MergeReason
 
 _JOINED_EACH = 1  # pairs that are kept for each sighting: its nearest companion in the defect
 _APART_EACH = 2  # and the nearest of other defects
-
-Rows = NDArray[np.int64]
 
 
 def merges_table(
@@ -57,7 +54,7 @@ def merges_table(
     return check_table("merges", pa.Table.from_arrays([values[field.name] for field in schema], schema=schema))
 
 
-def _nearest(first: Rows, second: Rows, sigmas: Float64Array, joined: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _nearest(first: RowIndices, second: RowIndices, sigmas: Float64Array, joined: BoolArray) -> BoolArray:
     """Which pairs (k,) are among the nearest of one of their sightings."""
     kept = np.zeros(len(first), dtype=bool)
     for kind, each in ((joined, _JOINED_EACH), (~joined, _APART_EACH)):
@@ -91,7 +88,7 @@ def _with_lone(sightings: Sightings, grouping: Grouping, settings: MergeSettings
     )
 
 
-def _reasons(sightings: Sightings, grouping: Grouping, settings: MergeSettings) -> Rows:
+def _reasons(sightings: Sightings, grouping: Grouping, settings: MergeSettings) -> RowIndices:
     """Reason (k,) of each pair as a place in ``MergeReason``; the last that holds is the one that decided."""
     pairs = grouping.pairs
     first, second = pairs.first, pairs.second

@@ -8,11 +8,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import shapely
-from numpy.typing import NDArray
 
-from facadelake.building.facades.openness import COMPASS
-from facadelake.building.model import BuildingModel
-from facadelake.core.frames import Float64Array
+from facadelake.building import BuildingModel
+from facadelake.building.facades import COMPASS
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndices
 from facadelake.core.tables import check_table, stage_schema
 from facadelake.deduplication.aggregate import commonest, greatest, weighted_median
 from facadelake.deduplication.crack_width import crack_evidence
@@ -20,7 +19,6 @@ from facadelake.deduplication.observations import CLASSES, Sightings, codes_of, 
 from facadelake.deduplication.position import Positions
 from schemas.vocabulary import PositionFrom
 
-Rows = NDArray[np.int64]
 _ELEMENT_COLUMNS = ("ifc_class", "element_name", "material")
 
 
@@ -29,13 +27,13 @@ class Named:
     """Table ``defects`` in its order, and the place (g,) that each group has in it."""
 
     table: pa.Table
-    place: Rows
+    place: RowIndices
 
 
 def defects_table(
     seen: pa.Table,
     sightings: Sightings,
-    group: Rows,
+    group: RowIndices,
     scores: Float64Array,
     positions: Positions,
     building: BuildingModel,
@@ -73,7 +71,7 @@ def defects_table(
         "crack_width_limit_mm": crack.limit,
     }
     gap = np.linalg.norm(sightings.xyz_site_m - positions.xyz_site_m[group], axis=1)
-    values: dict[str, Float64Array | pa.Array | Rows] = {
+    values: dict[str, Float64Array | pa.Array | RowIndices] = {
         "defect_class": pa.array(CLASSES).take(pa.array(classes)),
         "severity": _same("ungraded", groups),
         "severity_rule": _same("none", groups),
@@ -117,7 +115,7 @@ def defects_table(
     return Named(table=check_table("defects", pa.Table.from_arrays(made, schema=schema)), place=place)
 
 
-def _best(group: Rows, quality: Float64Array, photo: Rows, groups: int) -> Rows:
+def _best(group: RowIndices, quality: Float64Array, photo: RowIndices, groups: int) -> RowIndices:
     """Row (groups,) of each group's best sighting; of equally good ones that of the last photograph."""
     order = np.lexsort((-photo, -quality, group))
     best = np.full(groups, -1, dtype=np.int64)
@@ -126,14 +124,14 @@ def _best(group: Rows, quality: Float64Array, photo: Rows, groups: int) -> Rows:
     return best
 
 
-def _photographs(group: Rows, photo: Rows, groups: int) -> Rows:
+def _photographs(group: RowIndices, photo: RowIndices, groups: int) -> RowIndices:
     """How many photographs (groups,) show each group."""
     several = int(photo.max(initial=0)) + 1
     pairs = np.unique(group * several + photo)
     return np.bincount(pairs // several, minlength=groups).astype(np.int64)
 
 
-def _of_elements(building: BuildingModel, guids: list[str | None], voted: Rows) -> dict[str, pa.Array]:
+def _of_elements(building: BuildingModel, guids: list[str | None], voted: RowIndices) -> dict[str, pa.Array]:
     rows = {guid: i for i, guid in enumerate(building.elements.column("element_guid").to_pylist())}
     at = np.array([rows[str(guid)] for guid in guids], dtype=np.int64)[voted]
     return {name: building.elements.column(name).combine_chunks().take(pa.array(at)) for name in _ELEMENT_COLUMNS}
@@ -153,8 +151,11 @@ def _on_the_globe(xyz_site_m: Float64Array, building: BuildingModel) -> dict[str
 
 
 def _stable_order(
-    values: dict[str, Float64Array | pa.Array | Rows], xyz_site_m: Float64Array, classes: Rows, photo: Rows
-) -> NDArray[np.int64]:
+    values: dict[str, Float64Array | pa.Array | RowIndices],
+    xyz_site_m: Float64Array,
+    classes: RowIndices,
+    photo: RowIndices,
+) -> Int64Array:
     """Rows of the defects by facade, storey from the top, then along the facade as seen from outside, and height."""
     if len(xyz_site_m) == 0:
         return np.zeros(0, dtype=np.int64)
@@ -169,7 +170,7 @@ def _stable_order(
     angle = np.radians([_clockwise(word)[1] for word in words])[indices]
     along = -np.cos(angle) * xyz_site_m[:, 0] + np.sin(angle) * xyz_site_m[:, 1]
     height = -np.round(xyz_site_m[:, 2], 3)
-    order: NDArray[np.int64] = np.lexsort((photo, classes, height, np.round(along, 3), storey, -level[storey], number))
+    order: Int64Array = np.lexsort((photo, classes, height, np.round(along, 3), storey, -level[storey], number))
     return order
 
 
@@ -198,9 +199,9 @@ def _lists(values: Float64Array) -> pa.Array:
     return pa.ListArray.from_arrays(pa.array(offsets), pa.array(values.ravel()))
 
 
-def _where(kept: NDArray[np.bool_], values: Float64Array) -> pa.Array:
+def _where(kept: BoolArray, values: Float64Array) -> pa.Array:
     return pa.array(values, mask=~kept)
 
 
-def _as(values: Float64Array | pa.Array | Rows, kind: pa.DataType) -> pa.Array:
+def _as(values: Float64Array | pa.Array | RowIndices, kind: pa.DataType) -> pa.Array:
     return pa.array(values, kind) if isinstance(values, np.ndarray) else values.cast(kind)

@@ -12,22 +12,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndices
 from facadelake.core.parallel import side_by_side
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.registration.patch import tangents_of
+from facadelake.registration import tangents_of
 
 _GRAZING_COSINE = 0.15  # a ray flatter than this says nothing more of relief
 _FACING_MIN = -0.2  # surfaces that turn further from one another do not show one defect
 _SLAB = 40_000  # sightings whose pairs are found at a time
 _PAIRS_AT_ONCE = 20_000  # pairs measured at a time: what fits the processor's cache
 _LARGE_AT_ONCE = 2_000
-
-Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,17 +45,17 @@ class Pairs:
     smaller one's, with the relief's shift taken out; ``touching`` (k,): they share some, to the accuracy of the places.
     """
 
-    first: Rows
-    second: Rows
+    first: RowIndices
+    second: RowIndices
     apart_m: Float64Array
     sigmas: Float64Array
     overlap: Float64Array
-    touching: NDArray[np.bool_]
+    touching: BoolArray
 
     def __len__(self) -> int:
         return len(self.first)
 
-    def take(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Pairs:
+    def take(self, rows: Int64Array | BoolArray) -> Pairs:
         """Some of the pairs."""
         return Pairs(
             first=self.first[rows],
@@ -88,7 +85,7 @@ def pairs_of(sightings: Sightings, noise: Noise, settings: MergeSettings, *, wit
     """Every pair of sightings within ``within_sigmas``, whatever their class or photograph; nearly linear in n."""
     placing = placing_m2(sightings, noise)
 
-    def near(rows: NDArray[np.int64]) -> Pairs:
+    def near(rows: Int64Array) -> Pairs:
         pairs = measured(sightings, rows, placing, noise, settings)
         return pairs.take(pairs.sigmas <= within_sigmas)
 
@@ -105,12 +102,12 @@ def measured_again(sightings: Sightings, pairs: Pairs, noise: Noise, settings: M
     return joined_pairs(parts)
 
 
-def _parts(pairs: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def _parts(pairs: Int64Array) -> list[Int64Array]:
     return [pairs[start : start + _PAIRS_AT_ONCE] for start in range(0, len(pairs), _PAIRS_AT_ONCE)]
 
 
 def measured(
-    sightings: Sightings, pairs: NDArray[np.int64], placing: Float64Array, noise: Noise, settings: MergeSettings
+    sightings: Sightings, pairs: Int64Array, placing: Float64Array, noise: Noise, settings: MergeSettings
 ) -> Pairs:
     """Distance and overlap of ``pairs`` (k, 2).
 
@@ -143,7 +140,7 @@ def measured(
     )
 
 
-def _shift(sightings: Sightings, rows: Rows, normal: Float64Array) -> Float64Array:
+def _shift(sightings: Sightings, rows: RowIndices, normal: Float64Array) -> Float64Array:
     own, ray = sightings.normal_site[rows], sightings.ray_site[rows]
     cosine = np.minimum(np.einsum("ij,ij->i", own, ray), -_GRAZING_COSINE)
     shift: Float64Array = ray * (np.einsum("ij,ij->i", own, normal) / cosine)[:, None]
@@ -152,13 +149,13 @@ def _shift(sightings: Sightings, rows: Rows, normal: Float64Array) -> Float64Arr
 
 def _overlap(
     sightings: Sightings,
-    i: Rows,
-    j: Rows,
+    i: RowIndices,
+    j: RowIndices,
     normal: Float64Array,
     apart: Float64Array,
     noise: Noise,
     settings: MergeSettings,
-) -> tuple[Float64Array, NDArray[np.bool_]]:
+) -> tuple[Float64Array, BoolArray]:
     """Share of the smaller patch that both cover (k,), and whether they touch, as rectangles along the surface."""
     across, upward = tangents_of(normal)
     slack = settings.gate_sigma * np.sqrt(2) * noise.floor_m
@@ -172,7 +169,7 @@ def _overlap(
     return np.minimum(share, 1.0), touching
 
 
-def _near(sightings: Sightings, settings: MergeSettings) -> Iterator[NDArray[np.int64]]:
+def _near(sightings: Sightings, settings: MergeSettings) -> Iterator[Int64Array]:
     """Pairs (k, 2), first < second, no further apart than the ceiling or half their extents together; each once."""
     xyz = sightings.xyz_site_m
     if len(xyz) < 2:

@@ -6,9 +6,8 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.deduplication.class_outliers import with_strays
 from facadelake.deduplication.cluster import clusters_of, numbered
 from facadelake.deduplication.gate import Noise, Pairs, measured_again, pairs_of
@@ -23,8 +22,6 @@ _NEAR_MISS = 1.5  # gates: pairs further apart than that are not worth a word
 _PRIOR_SIGHTINGS = 20.0  # how many sightings the noise in the settings is worth
 _PRIOR_DEFECTS = 10.0  # how many defects the relief in the settings is worth
 
-Rows = NDArray[np.int64]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grouping:
@@ -35,13 +32,13 @@ class Grouping:
     look different. ``noise`` of the rays, ``gate`` of the gate.
     """
 
-    group: Rows
-    unit: Rows
+    group: RowIndices
+    unit: RowIndices
     whole: Sightings
-    whole_group: Rows
+    whole_group: RowIndices
     pairs: Pairs
     score: Float64Array
-    differs: NDArray[np.bool_]
+    differs: BoolArray
     noise: Noise
     gate: Noise
 
@@ -89,7 +86,7 @@ def grouped(sightings: Sightings, settings: MergeSettings, compare: Compare | No
     )
 
 
-def _of_units(unit: Rows, near: Pairs, found: Pairs, values: Float64Array | NDArray[np.bool_]) -> Float64Array:
+def _of_units(unit: RowIndices, near: Pairs, found: Pairs, values: Float64Array | BoolArray) -> Float64Array:
     """What pairs ``near`` of units have, for the pairs ``found`` of their parts; NaN where there is no such pair."""
     count = int(unit.max()) + 1
     a, b = unit[found.first], unit[found.second]
@@ -101,7 +98,7 @@ def _of_units(unit: Rows, near: Pairs, found: Pairs, values: Float64Array | NDAr
     return out
 
 
-def _clusters(sightings: Sightings, seen: Verified, settings: MergeSettings) -> Rows:
+def _clusters(sightings: Sightings, seen: Verified, settings: MergeSettings) -> RowIndices:
     pairs = seen.pairs
     alike = sightings.defect_class[pairs.first] == sightings.defect_class[pairs.second]
     may = alike & pairs.touching & (pairs.sigmas <= settings.gate_sigma)
@@ -116,7 +113,7 @@ def _clusters(sightings: Sightings, seen: Verified, settings: MergeSettings) -> 
     return numbered(group)
 
 
-def _own_noise(sightings: Sightings, group: Rows, settings: MergeSettings) -> tuple[Noise, Noise]:
+def _own_noise(sightings: Sightings, group: RowIndices, settings: MergeSettings) -> tuple[Noise, Noise]:
     """The campaign's noise of rays that show the same part of a defect, and that of the gate, which allows for others
     and is no narrower than the poses are known."""
     same = Noise(size_share=settings.centre_share, floor_m=settings.floor_m, relief_m=settings.relief_m)

@@ -11,12 +11,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import shapely
 
-from facadelake.building.facades.directions import facades_in
-from facadelake.building.model import BuildingModel
-from facadelake.building.storeys import storeys_of_places
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel, storeys_of_places
+from facadelake.building.facades import facades_in
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.deduplication.appearance import Photographs
 from facadelake.deduplication.decisions import merges_table
 from facadelake.deduplication.defects import defects_table
@@ -25,7 +24,7 @@ from facadelake.deduplication.observations import codes_of, column, sightings_of
 from facadelake.deduplication.position import positions_of
 from facadelake.deduplication.rear_surface import Moved, looked_behind
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.registration.patch import tangents_of
+from facadelake.registration import tangents_of
 from schemas.vocabulary import ObservationOutcome
 
 _log = logging.getLogger(__name__)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
-from facadelake.registration.patch import tangents_of
+from facadelake.registration import tangents_of
 from schemas.vocabulary import DefectClass
 
 CLASSES = [str(name) for name in DefectClass]
@@ -35,8 +34,8 @@ class Sightings:
     width_m: Float64Array
     height_m: Float64Array
     gsd_m: Float64Array
-    photo: NDArray[np.int64]
-    defect_class: NDArray[np.int64]
+    photo: Int64Array
+    defect_class: Int64Array
     box_img: Float64Array
     pose_m2: Float64Array
 
@@ -65,7 +64,7 @@ def columns(table: pa.Table, *names: str) -> Float64Array:
     return np.column_stack([column(table, name) for name in names]) if len(table) else np.zeros((0, len(names)))
 
 
-def codes_of(table: pa.Table, name: str) -> tuple[NDArray[np.int64], list[str | None]]:
+def codes_of(table: pa.Table, name: str) -> tuple[Int64Array, list[str | None]]:
     """A text column as codes into its own words, which come in order; an empty value is the word None."""
     encoded = pc.dictionary_encode(table.column(name).combine_chunks(), null_encoding="encode")
     words = encoded.dictionary.to_pylist()
@@ -117,7 +116,7 @@ def sightings_of(
     )
 
 
-def _by_pose(away: Float64Array, photo: NDArray[np.int64], turns: Float64Array, stated: Float64Array) -> Float64Array:
+def _by_pose(away: Float64Array, photo: Int64Array, turns: Float64Array, stated: Float64Array) -> Float64Array:
     """Covariance (n, 3, 3) in m2 that poses give the places ``away`` (n, 3) from their centres."""
     out = np.zeros((len(away), 3, 3))
     for number in np.flatnonzero(np.abs(stated).sum(axis=(1, 2)) > 0):

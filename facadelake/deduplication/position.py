@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.deduplication.gate import Noise
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.deduplication.triangulate import Planes, Rays, planes_of, triangulated
-
-Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,7 +26,7 @@ class Positions:
     normal_site: Float64Array
     deviation_m: Float64Array
     deviation_sigma_m: Float64Array
-    triangulated: NDArray[np.bool_]
+    triangulated: BoolArray
 
 
 def shared_m2(sightings: Sightings, rays: Rays, settings: MergeSettings) -> Float64Array:
@@ -47,7 +44,7 @@ def shared_m2(sightings: Sightings, rays: Rays, settings: MergeSettings) -> Floa
 
 
 def positions_of(
-    sightings: Sightings, group: Rows, noise: Noise, settings: MergeSettings, planes: Planes | None = None
+    sightings: Sightings, group: RowIndices, noise: Noise, settings: MergeSettings, planes: Planes | None = None
 ) -> Positions:
     """The places of groups 0, 1, ... of the sightings, ``group`` (n,), on ``planes`` or where their rays met the model.
 

@@ -11,11 +11,10 @@ import logging
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from facadelake.building.surface.raycasting import MISS, Surface
-from facadelake.core.frames import Float64Array
+from facadelake.building.surface import MISS, Surface
+from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.deduplication.cluster import numbered
 from facadelake.deduplication.gate import Noise, measured, placing_m2
 from facadelake.deduplication.grouping import Grouping
@@ -32,16 +31,14 @@ _STRANGE = 9.0  # what it costs, in squared sigmas, that the model is wrong here
 _TOGETHER_LEAST = 3  # sightings that two groups have together, to be believed that they meet behind
 _NEAR_MISS = 1.5  # gates: groups that are no further apart on the first surface were decided there
 
-Rows = NDArray[np.int64]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moved:
     """``sightings`` with ``rows`` (m,) moved to what they look at behind, on ``element`` (m,) rows of the building."""
 
     sightings: Sightings
-    rows: Rows
-    element: Rows
+    rows: RowIndices
+    element: RowIndices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +49,7 @@ class _Layers:
     behind_m: Float64Array
     xyz_site_m: Float64Array
     normal_site: Float64Array
-    element: Rows
+    element: RowIndices
 
 
 def looked_behind(sightings: Sightings, grouping: Grouping, settings: MergeSettings, surface: Surface) -> Moved | None:
@@ -116,7 +113,7 @@ def _meeting(
     rays: Rays,
     planes: Planes,
     layers: _Layers,
-    first: Rows,
+    first: RowIndices,
     noise: Noise,
     settings: MergeSettings,
 ) -> Float64Array:
@@ -170,7 +167,7 @@ def _meeting(
     return out
 
 
-def _behind(sightings: Sightings, rows: Rows, surface: Surface) -> _Layers:
+def _behind(sightings: Sightings, rows: RowIndices, surface: Surface) -> _Layers:
     """What lies behind the hits of ``rows`` (k,)."""
     shape = (len(rows), _LAYERS)
     distance, element = np.full(shape, np.inf), np.full(shape, MISS, dtype=np.int64)
@@ -186,7 +183,7 @@ def _behind(sightings: Sightings, rows: Rows, surface: Surface) -> _Layers:
     return _Layers(behind_m=distance, xyz_site_m=xyz, normal_site=normal, element=element)
 
 
-def _chosen(layers: _Layers, rows: Rows, layer: Rows) -> _Layers:
+def _chosen(layers: _Layers, rows: RowIndices, layer: RowIndices) -> _Layers:
     """One ``layer`` (k,) of each of ``rows`` (k,)."""
     return _Layers(
         behind_m=layers.behind_m[rows, layer],
@@ -196,7 +193,7 @@ def _chosen(layers: _Layers, rows: Rows, layer: Rows) -> _Layers:
     )
 
 
-def _moved(sightings: Sightings, rows: Rows, layer: _Layers) -> Moved:
+def _moved(sightings: Sightings, rows: RowIndices, layer: _Layers) -> Moved:
     """The sightings with ``rows`` where their rays meet the layer chosen for each; extents grow with the distance."""
     values = {
         name: getattr(sightings, name).copy()
@@ -209,7 +206,7 @@ def _moved(sightings: Sightings, rows: Rows, layer: _Layers) -> Moved:
     return Moved(sightings=replace(sightings, **values), rows=rows, element=layer.element)
 
 
-def _part(sightings: Sightings, rows: Rows) -> Sightings:
+def _part(sightings: Sightings, rows: RowIndices) -> Sightings:
     return Sightings(**{field.name: getattr(sightings, field.name)[rows] for field in fields(Sightings)})
 
 

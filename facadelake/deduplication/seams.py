@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.deduplication.cluster import numbered
 from facadelake.deduplication.gate import Pairs
 from facadelake.deduplication.observations import Sightings
@@ -25,10 +24,8 @@ _GAP_SHARE = 0.5  # of both boxes' lengths together that an occluder may hide
 _COVERED = 0.7  # share of a patch that a sighting of the whole defect covers
 _WHOLE_SHARE = 0.85  # of both patches' extent, and area, together that a sighting of the whole has at least
 
-Rows = NDArray[np.int64]
 
-
-def units_of(sightings: Sightings, pairs: Pairs) -> Rows:
+def units_of(sightings: Sightings, pairs: Pairs) -> RowIndices:
     """What each sighting (n,) is a part of: 0 on, in the order of first rows; most are whole.
 
     Two detections of one photograph and class are parts of one where their boxes lie in one line and more of the other
@@ -47,7 +44,7 @@ def units_of(sightings: Sightings, pairs: Pairs) -> Rows:
     return numbered(label.astype(np.int64))
 
 
-def united(sightings: Sightings, unit: Rows) -> Sightings:
+def united(sightings: Sightings, unit: RowIndices) -> Sightings:
     """One sighting for each unit: its parts' rectangle on the surface of the largest part."""
     if len(sightings) == 0 or unit.max() + 1 == len(sightings):
         return sightings
@@ -72,7 +69,7 @@ def united(sightings: Sightings, unit: Rows) -> Sightings:
     return Sightings(**values)
 
 
-def _side_by_side(sightings: Sightings) -> tuple[Rows, Rows]:
+def _side_by_side(sightings: Sightings) -> tuple[RowIndices, RowIndices]:
     """Pairs (k,) of one photograph and class whose boxes lie no further apart than an occluder may part them."""
     none = np.zeros(0, dtype=np.int64)
     box = sightings.box_img
@@ -105,14 +102,16 @@ def _along_the_line(a: Float64Array, b: Float64Array) -> tuple[Float64Array, Flo
     return gap[rows, axis], common, level, (a[:, 2:] + b[:, 2:])[rows, axis]
 
 
-def _elsewhere(sightings: Sightings, pairs: Pairs, i: Rows, j: Rows, line: Rows) -> tuple[Float64Array, Float64Array]:
+def _elsewhere(
+    sightings: Sightings, pairs: Pairs, i: RowIndices, j: RowIndices, line: RowIndices
+) -> tuple[Float64Array, Float64Array]:
     """How many sightings of other photographs cover both of the pairs ``line`` (k,) of ``i``, ``j``, and how many pairs
     show them as two."""
     count = len(sightings)
     if len(line) == 0:
         return np.zeros(0), np.zeros(0)
 
-    def table(first: Rows, second: Rows) -> csr_array:
+    def table(first: RowIndices, second: RowIndices) -> csr_array:
         return csr_array((np.ones(2 * len(first)), (np.r_[first, second], np.r_[second, first])), shape=(count, count))
 
     alike = sightings.defect_class[pairs.first] == sightings.defect_class[pairs.second]
@@ -128,7 +127,7 @@ def _elsewhere(sightings: Sightings, pairs: Pairs, i: Rows, j: Rows, line: Rows)
     return as_one, as_two
 
 
-def _as_large(sightings: Sightings, i: Rows, j: Rows, whole: Rows) -> NDArray[np.bool_]:
+def _as_large(sightings: Sightings, i: RowIndices, j: RowIndices, whole: RowIndices) -> BoolArray:
     """Whether the patch of each sighting ``whole`` (k,) is as large as those of ``i`` and ``j`` (k,) together."""
     area, enough = np.ones(len(i)), np.ones(len(i), dtype=bool)
     apart = sightings.xyz_site_m[j] - sightings.xyz_site_m[i]
@@ -138,5 +137,5 @@ def _as_large(sightings: Sightings, i: Rows, j: Rows, whole: Rows) -> NDArray[np
         span = np.maximum(extent[i] / 2, along + extent[j] / 2) - low
         enough &= extent[whole] >= _WHOLE_SHARE * span
         area *= span
-    large: NDArray[np.bool_] = enough & (sightings.width_m[whole] * sightings.height_m[whole] >= _WHOLE_SHARE * area)
+    large: BoolArray = enough & (sightings.width_m[whole] * sightings.height_m[whole] >= _WHOLE_SHARE * area)
     return large

@@ -11,13 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.core.parallel import side_by_side
 from facadelake.deduplication.gate import Noise, placing_m2
 from facadelake.deduplication.observations import Sightings
-from facadelake.registration.patch import tangents_of
+from facadelake.registration import tangents_of
 
 _ROUNDS = 12
 _FREEDOM = 4.0  # of Student's t: one residual in fifty lies beyond 3.5 sigmas instead of one in 2,000
@@ -26,8 +25,6 @@ _RELIEF_LEAST_M = 0.005  # no wall is flatter than its plaster
 _VARIANCE_LEAST = 1e-4  # of what was known before: nothing is a hundred times better than that
 _GROUPS_AT_ONCE = 4000
 _LOOSE_M = 10.0  # a surface that holds nothing
-
-Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,10 +50,10 @@ class Rays:
     """The rays of sightings in groups: ``rows`` (n,) of the sightings, group after group; ``group`` (n,) ascending from
     0 without gaps."""
 
-    def __init__(self, sightings: Sightings, rows: Rows, group: Rows, noise: Noise) -> None:
+    def __init__(self, sightings: Sightings, rows: RowIndices, group: RowIndices, noise: Noise) -> None:
         self.rows, self.group = rows, group
-        self.starts: Rows = np.flatnonzero(np.r_[True, np.diff(group) != 0][: len(group)])
-        self.count: Rows = np.diff(np.r_[self.starts, len(group)])
+        self.starts: RowIndices = np.flatnonzero(np.r_[True, np.diff(group) != 0][: len(group)])
+        self.count: RowIndices = np.diff(np.r_[self.starts, len(group)])
         self.hit, ray = sightings.xyz_site_m[rows], sightings.ray_site[rows]
         across, upward = tangents_of(ray)
         basis = np.stack([across, upward], axis=2)
@@ -86,7 +83,7 @@ class Rays:
         squares: Float64Array = (gap * (self.information @ gap[:, :, None])[:, :, 0]).sum(axis=1)
         return squares
 
-    def nearest(self, xyz_site_m: Float64Array) -> Rows:
+    def nearest(self, xyz_site_m: Float64Array) -> RowIndices:
         """For each group the ray (g,) whose hit lies nearest to its place."""
         gap = np.linalg.norm(np.repeat(xyz_site_m, self.count, axis=0) - self.hit, axis=1)
         order = np.lexsort((np.arange(len(gap)), gap, self.group))

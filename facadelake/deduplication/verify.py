@@ -11,10 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.deduplication.appearance import Likeness
 from facadelake.deduplication.gate import Noise, Pairs
 from facadelake.deduplication.observations import Sightings
@@ -25,8 +24,7 @@ _EACH = 3  # pairs compared between two groups, and in one
 _PAIRS_MOST = 10_000  # compared at most, the nearest first
 _SURE = 0.5  # of the gate: how near those count whose pictures say that they are one
 
-Rows = NDArray[np.int64]
-Compare = Callable[[Sightings, Rows, Rows, Float64Array], Likeness]
+Compare = Callable[[Sightings, RowIndices, RowIndices, Float64Array], Likeness]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +34,7 @@ class Verified:
 
     pairs: Pairs
     score: Float64Array
-    differs: NDArray[np.bool_]
+    differs: BoolArray
 
 
 def unverified(pairs: Pairs) -> Verified:
@@ -46,7 +44,7 @@ def unverified(pairs: Pairs) -> Verified:
 
 
 def verified(
-    sightings: Sightings, pairs: Pairs, group: Rows, gate: Noise, settings: MergeSettings, compare: Compare
+    sightings: Sightings, pairs: Pairs, group: RowIndices, gate: Noise, settings: MergeSettings, compare: Compare
 ) -> Verified:
     """The pairs of sightings in ``group`` (n,), the doubtful ones compared."""
     alike = (sightings.defect_class[pairs.first] == sightings.defect_class[pairs.second]) & (
@@ -89,15 +87,15 @@ def verified(
     )
 
 
-def _share_a_photograph(photo: Rows, group: Rows, a: Rows, b: Rows) -> NDArray[np.bool_]:
+def _share_a_photograph(photo: RowIndices, group: RowIndices, a: RowIndices, b: RowIndices) -> BoolArray:
     """Whether the groups ``a`` and ``b`` (k,) have a photograph in common."""
     shape = (int(group.max(initial=0)) + 1, int(photo.max(initial=0)) + 1)
     shown = csr_array((np.ones(len(group)), (group, photo)), shape=shape)
-    common: NDArray[np.bool_] = np.asarray(shown[a].multiply(shown[b]).sum(axis=1)).ravel() > 0
+    common: BoolArray = np.asarray(shown[a].multiply(shown[b]).sum(axis=1)).ravel() > 0
     return common
 
 
-def _first_few(case: Rows, rows: Rows, order: Float64Array) -> Rows:
+def _first_few(case: RowIndices, rows: RowIndices, order: Float64Array) -> RowIndices:
     """Of ``rows``, the first ``_EACH`` of each case by ``order``."""
     ranked = rows[np.lexsort((rows, order[rows], case[rows]))]
     starts = np.flatnonzero(np.r_[True, np.diff(case[ranked]) != 0][: len(ranked)])

@@ -1,1 +1,5 @@
 """The demo building: an IFC, photographs, boxes and truth, all made from one recipe."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from facadelake.core.arrays import UInt8Array
 from facadelake.demo.building.solids import Solid, box_solid, ground_solid, roof_solid, tree_solids
 from facadelake.demo.recipe import Campaign
 from facadelake.demo.textures.bake import bake_chart, lit_part
@@ -23,7 +21,7 @@ class Scene:
     """Everything a renderer needs, and the same triangles for questions of what is seen."""
 
     parts: list[RenderPart]
-    textures: dict[str, NDArray[np.uint8]]
+    textures: dict[str, UInt8Array]
     rays: RayScene
     solids: list[Solid]
 

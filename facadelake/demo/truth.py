@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Float64Array
 from facadelake.demo.building.placement import Placement
 from facadelake.demo.building.solids import Solid
 from facadelake.demo.photographs.annotations import Box

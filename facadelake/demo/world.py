@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.demo.building.charts import Chart, box_charts, building_charts, flat_chart
 from facadelake.demo.building.solids import Solid
 from facadelake.demo.recipe import DemoRecipe

@@ -11,17 +11,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import shapely
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, UInt8Image
 from facadelake.core.progress import track
 from facadelake.core.tables import table_of_rows
 from facadelake.detection.boxes import clip_box
 from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
 from facadelake.detection.inference.detector import Found, OnnxDetector
-from facadelake.detection.inference.letterbox import Image
 from facadelake.detection.inference.photograph import read_photograph
 from facadelake.detection.tiling.tiled_detection import detect_image
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome
@@ -68,10 +66,10 @@ def detect_photographs(
     return table_of_rows("detections", rows)
 
 
-def _read_ahead(root: Path, photo_ids: Sequence[str]) -> Iterator[tuple[str, Image | None]]:
+def _read_ahead(root: Path, photo_ids: Sequence[str]) -> Iterator[tuple[str, UInt8Image | None]]:
     """Each photograph, the next one being read meanwhile."""
     with ThreadPoolExecutor(1) as reader:
-        coming: Future[Image | None] | None = None
+        coming: Future[UInt8Image | None] | None = None
         for photo_id, after in zip(photo_ids, [*photo_ids[1:], None], strict=True):
             image = (coming or reader.submit(read_photograph, root / photo_id)).result()
             coming = reader.submit(read_photograph, root / after) if after is not None else None
@@ -124,5 +122,5 @@ class View:
     """
 
     gsd_mm: float | None = None
-    target: NDArray[np.bool_] | None = None
+    target: BoolArray | None = None
     remark: str = ""

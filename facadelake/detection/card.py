@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from facadelake.core.arrays import Float32Array, Float64Array
 from facadelake.core.errors import ModelError
 from schemas.vocabulary import DefectClass
 
@@ -187,7 +187,7 @@ def card_text(card: ModelCard) -> str:
 _NEAREST = 1e-7  # to 0 and 1; float32 scores cannot tell more
 
 
-def calibrated(scores: NDArray[np.float32], by: ScoreCalibration) -> NDArray[np.float64]:
+def calibrated(scores: Float32Array, by: ScoreCalibration) -> Float64Array:
     """Probabilities of a model's scores: ``logit(p) = slope * logit(score) + intercept``."""
     exact = np.clip(scores.astype(np.float64), 0.0, 1.0)
     if by == ScoreCalibration():
@@ -203,7 +203,7 @@ def score_for(probability: float, by: ScoreCalibration) -> float:
     return float(1 / (1 + np.exp(-(logit - by.intercept) / by.slope)))
 
 
-def _logit(probability: NDArray[np.float64]) -> NDArray[np.float64]:
+def _logit(probability: Float64Array) -> Float64Array:
     inside = np.clip(probability, _NEAREST, 1 - _NEAREST)
-    logit: NDArray[np.float64] = np.log(inside) - np.log1p(-inside)
+    logit: Float64Array = np.log(inside) - np.log1p(-inside)
     return logit

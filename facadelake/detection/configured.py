@@ -10,7 +10,7 @@ from facadelake.detection.model_registry import default_model
 from facadelake.registry import DEFAULT_MODEL, Building, OnnxDetectorSetting
 
 
-def settled(building: Building) -> Building:
+def resolve_default_model(building: Building) -> Building:
     """The building with the file that ``default`` means now in its place: a promotion does not reach a run under way.
 
     Raises ModelError where there is no default model.

@@ -6,27 +6,26 @@ Each way finds a start; then one bundle adjustment holds the block to all the ev
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity, similarity_between
+from facadelake.core.frames import Similarity, similarity_between
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
 from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust
 from facadelake.georeferencing.adjustment.evidence import Evidence
 from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
-from facadelake.georeferencing.gcp.control_points import ControlPoints
+from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.placement import LEAST_CONTROL_POINTS, marks_of
 from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps, gps_priors
 from facadelake.georeferencing.gps.terms import anchored_terms, attitude_terms, position_terms
-from facadelake.georeferencing.model.control import ModelControl
 from facadelake.georeferencing.model.lean import Lean, lean_of, upright, upright_words
 from facadelake.georeferencing.model.plumb_lines import vertical_of
 from facadelake.georeferencing.passport import (
@@ -38,8 +37,9 @@ from facadelake.georeferencing.passport import (
     require_good,
     require_one_frame,
 )
+from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.georeferencing.starts import Start, start_by
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind, PointKind
 
 logger = logging.getLogger(__name__)
@@ -52,34 +52,6 @@ _REMEDY = (
     "bring control points (gcp_list.txt, 3 or more around the building), a wider block or a model with openings, or "
     "accept metres with --georeference gps"
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Place:
-    """Where the site frame lies: its origin, the model's projected CRS and vertical datum ("ellipsoidal" or a vertical
-    CRS), and how the model is georeferenced (LoGeoRef)."""
-
-    origin: SiteOrigin
-    map_crs: str
-    vertical_datum: str
-    georeference_level: str
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Control:
-    """What there is to place a campaign by.
-
-    ``kind`` None: the best there is, in the order control points, earlier campaign, model, GPS. ``references``: of
-    earlier campaigns, the preferred one first, with the descriptors of this block's points. ``placement_sigma_max_m``:
-    what the campaign must be known to; GPS that was asked for by name is excused.
-    """
-
-    kind: ControlKind | None = None
-    points: ControlPoints | None = None
-    check_points: ControlPoints | None = None
-    model: ModelControl | None = None
-    references: Sequence[tuple[ReferencePoints, NDArray[np.uint8]]] = ()
-    placement_sigma_max_m: float = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,7 +79,7 @@ class Georeferenced:
     def reference(
         self,
         reconstruction: Reconstruction,
-        descriptors: NDArray[np.uint8],
+        descriptors: UInt8Array,
         building_id: str,
         campaign_id: str,
         origin: SiteOrigin,
@@ -138,8 +110,8 @@ class Georeferenced:
         return points_table(self.points, origin)
 
 
-def georeference_block(
-    reconstruction: Reconstruction, photos: pa.Table, *, place: Place, control: Control
+def georeference_reconstruction(
+    reconstruction: Reconstruction, photos: pa.Table, *, place: SiteFrame, control: Control
 ) -> Georeferenced:
     """Place the block in site, by the control that was asked for, else by the best that works; what did not is said.
 
@@ -189,7 +161,7 @@ def _placed(
     kind: ControlKind,
     reconstruction: Reconstruction,
     priors: GpsPriors,
-    place: Place,
+    place: SiteFrame,
     control: Control,
     remarks: tuple[str, ...],
 ) -> Georeferenced:
@@ -246,7 +218,7 @@ def _refuse_far_away(centres_site_m: Float64Array, control: ControlKind, origin:
 def _described(
     reconstruction: Reconstruction,
     priors: GpsPriors,
-    place: Place,
+    place: SiteFrame,
     control: Control,
     start: Start,
     adjusted: Adjusted,

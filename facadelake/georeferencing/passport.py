@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import shapely
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
 from facadelake.georeferencing.adjustment.adjust import Adjusted, held_out_residuals
 from facadelake.georeferencing.adjustment.model_terms import SurfaceLike, walls_of
 from facadelake.georeferencing.gps.alignment import GpsPriors
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.georeferencing.starts import Start
+from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind, PointKind
-
-if TYPE_CHECKING:
-    from facadelake.georeferencing.starts import Start
 
 _MODEL_GATE_M = 0.5
 _LEAST_FOR_DOMING = 200

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity, similarity_between
+from facadelake.core.frames import Similarity, similarity_between
 
 # Three points fix a similarity; a draw whose triangle is thinner than this (height over longest side) is not tried.
 _THINNEST_TRIANGLE = 0.02
@@ -24,7 +24,7 @@ class Fit:
     """The similarity, which points it rests on, and the residuals (n, 3) ``target - fit(source)`` of all points."""
 
     target_from_source: Similarity
-    used: NDArray[np.bool_]
+    used: BoolArray
     residual: Float64Array
 
 
@@ -36,7 +36,7 @@ def robust_similarity(source: Float64Array, target: Float64Array, sigma: Float64
     """
     if len(source) < 3:
         similarity_between(source, target)  # says what is missing
-    best: NDArray[np.bool_] = np.zeros(len(source), dtype=bool)
+    best: BoolArray = np.zeros(len(source), dtype=bool)
     best_cost = np.inf
     for triple in _triples(len(source), seed):
         if _thin(source[triple]) or _thin(target[triple]):

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.adjust import Adjusted
 from facadelake.georeferencing.adjustment.evidence import KnownPoints, MarkedPoints, ModelEvidence
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
+from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import ControlPoints, control_in_site
 from facadelake.georeferencing.gcp.placement import marks_of, place_by_control
 from facadelake.georeferencing.gps.alignment import GpsPriors, align_to_gps
 from facadelake.georeferencing.model.control import place_by_model
 from facadelake.georeferencing.model.edge_search import ShiftFound
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.georeferencing.site_frame import SiteFrame
+from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind
-
-if TYPE_CHECKING:
-    from facadelake.georeferencing.georeference import Control, Place
 
 # A tachymeter's point on a facade, and a person's mark on a photograph.
 CONTROL_SIGMA_M = 0.01
@@ -45,7 +43,7 @@ class Start:
     kind: ControlKind
     words: str
     site_from_sfm: Similarity
-    gps_used: NDArray[np.bool_]
+    gps_used: BoolArray
     points_used: int
     points_total: int
     residual_m: Callable[[Adjusted], Float64Array]
@@ -64,7 +62,7 @@ class Start:
 
 
 def start_by(
-    kind: ControlKind, reconstruction: Reconstruction, priors: GpsPriors, *, place: Place, control: Control
+    kind: ControlKind, reconstruction: Reconstruction, priors: GpsPriors, *, place: SiteFrame, control: Control
 ) -> Start:
     """The start by ``kind``. Raises GeoreferenceError where it cannot place the block."""
     match kind:
@@ -81,17 +79,17 @@ def start_by(
     return start
 
 
-def _agreeing_gps(site_from_sfm: Similarity, reconstruction: Reconstruction, priors: GpsPriors) -> NDArray[np.bool_]:
+def _agreeing_gps(site_from_sfm: Similarity, reconstruction: Reconstruction, priors: GpsPriors) -> BoolArray:
     """Priors (n,) within 3.5 sigmas of the placement, their common offset aside."""
     if not len(priors.photo):
         return np.zeros(0, dtype=bool)
     left = priors.xyz_site_m - site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
     away = np.abs(left - np.median(left, axis=0)) / priors.sigma_m
-    good: NDArray[np.bool_] = away.max(axis=1) < 3.5
+    good: BoolArray = away.max(axis=1) < 3.5
     return good
 
 
-def _by_control(reconstruction: Reconstruction, priors: GpsPriors, place: Place, control: Control) -> Start:
+def _by_control(reconstruction: Reconstruction, priors: GpsPriors, place: SiteFrame, control: Control) -> Start:
     placed = place_by_control(reconstruction, control.points, place.origin, place.vertical_datum)
     rows = np.flatnonzero(placed.agree)
     marks = [placed.marks[row] for row in rows]
@@ -133,7 +131,7 @@ def _known(found: ReferenceMatch) -> KnownPoints:
     )
 
 
-def _by_campaign(reconstruction: Reconstruction, priors: GpsPriors, place: Place, control: Control) -> Start:
+def _by_campaign(reconstruction: Reconstruction, priors: GpsPriors, place: SiteFrame, control: Control) -> Start:
     if not control.references:
         raise GeoreferenceError(
             "georeference by an earlier campaign was asked for, but the lake holds none of this building that was "
@@ -219,7 +217,7 @@ def _by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Start:
 
 
 def _with_check_points(
-    start: Start, reconstruction: Reconstruction, place: Place, check_points: ControlPoints | None
+    start: Start, reconstruction: Reconstruction, place: SiteFrame, check_points: ControlPoints | None
 ) -> Start:
     """Check points are adjusted as places, but hold nothing: their sigma is infinite."""
     if check_points is None:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 
 # A mark that misses the point's own rays by more than this is on something else.
 WRONG_MARK_PX = 8.0
@@ -43,7 +43,7 @@ class Intersection:
     """The point in the world frame, which views it rests on, and their root mean square error."""
 
     xyz_world: Float64Array
-    used: NDArray[np.bool_]
+    used: BoolArray
     rms_px: float
 
 
@@ -60,7 +60,7 @@ def _midpoint(views: Sequence[View]) -> Float64Array | None:
 
 def intersect(views: Sequence[View]) -> Intersection | None:
     """The point most views agree on, refined in pixels; None where fewer than two agree at a useful angle."""
-    best: NDArray[np.bool_] = np.zeros(len(views), dtype=bool)
+    best: BoolArray = np.zeros(len(views), dtype=bool)
     for pair in combinations(views, 2):
         start = _midpoint(pair)
         if start is None:

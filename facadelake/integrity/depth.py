@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 from skimage.metrics import structural_similarity
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array
 
 SIGMA_PX = 1.5
 WINDOW_PX = 11  # where scikit-image cuts the Gaussian of 1.5 px off
@@ -44,7 +43,7 @@ def compare_depth(model_depth_m: Float64Array, as_built_depth_m: Float64Array) -
             ssim=np.nan, windows=0, compared_share=share, difference_median_m=np.nan, difference_p95_m=np.nan
         )
     difference = as_built_depth_m[both] - model_depth_m[both]
-    whole: NDArray[np.bool_] = binary_erosion(both, np.ones((WINDOW_PX, WINDOW_PX)))
+    whole: BoolArray = binary_erosion(both, np.ones((WINDOW_PX, WINDOW_PX)))
     return DepthComparison(
         ssim=_masked_ssim(model_depth_m, as_built_depth_m, both, whole),
         windows=int(whole.sum()),
@@ -54,7 +53,7 @@ def compare_depth(model_depth_m: Float64Array, as_built_depth_m: Float64Array) -
     )
 
 
-def _masked_ssim(a: Float64Array, b: Float64Array, both: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float:
+def _masked_ssim(a: Float64Array, b: Float64Array, both: BoolArray, whole: BoolArray) -> float:
     """Mean SSIM over ``whole``; what fills the other pixels lies outside every window that counts."""
     if not whole.any():
         return float("nan")

@@ -12,10 +12,10 @@ import pyarrow.compute as pc
 
 import facadelake.core.environment
 from facadelake.core.checkout import source_path
+from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import SchemaError, StoreError
 from facadelake.core.sql_files import Statement, statements
 from facadelake.core.tables import stage_schema, table_of_rows
-from facadelake.lake.connect import bare_connection
 from schemas.expectations import Expectation, expectations
 from schemas.tables import RUN_KEYS, TABLES
 
@@ -113,7 +113,7 @@ def _row(table: str, expectation: Expectation, result: Any) -> dict[str, Any]:
 
 def across_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
     """Rows of ``checks`` from sql/checks, where any row found is a failure."""
-    connection = bare_connection("spatial")
+    connection = open_duckdb("spatial")
     try:
         for name in CHECKED:
             connection.register(name, tables[name])

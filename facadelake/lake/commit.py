@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,11 +10,12 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from facadelake.core.errors import SchemaError, StoreError
-from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, quoted, store_errors, writing
-from facadelake.lake.migrate import migrate, roll_back
-from schemas.column import Kind
-from schemas.tables import RUN_KEYS, TABLES, Table
+from facadelake.core.duckdb_engine import store_errors
+from facadelake.core.errors import SchemaError
+from facadelake.lake.connect import LOCK_TIMEOUT_S
+from facadelake.lake.migrate import open_to_write
+from facadelake.lake.transaction import insert, last_version, version_of_lake
+from schemas.tables import RUN_KEYS, TABLES
 
 logger = logging.getLogger(__name__)
 
@@ -60,15 +60,14 @@ def commit_campaign(
     then stays as it was).
     """
     run = _checked_run(building_id, campaign_id, run_id, tables, inputs_sha256)
-    with locked(lake, timeout_s=lock_timeout_s), writing(lake) as connection:
-        migrate(connection)
-        with store_errors(f"committing {building_id} {campaign_id} to the lake {lake}", _REMEDY):
-            known = _version_of_same_run(connection, run)
-            if known is not None:
-                logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)
-                return Committed(version=known, changed=False)
-            regraded = _rules_of_regrading(connection, run)
-            version = _replace(connection, run, tables)
+    doing = f"committing {building_id} {campaign_id} to the lake {lake}"
+    with open_to_write(lake, lock_timeout_s) as connection, store_errors(doing, _REMEDY):
+        known = _version_of_same_run(connection, run)
+        if known is not None:
+            logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)
+            return Committed(version=known, changed=False)
+        regraded = _rules_of_regrading(connection, run)
+        version = _replace(connection, run, tables)
     logger.info("%s %s committed as version %d", building_id, campaign_id, version)
     return Committed(version=version, changed=True, regraded_before=regraded)
 
@@ -130,41 +129,11 @@ def _rules_of_regrading(connection: duckdb.DuckDBPyConnection, run: _Run) -> tup
 
 
 def _replace(connection: duckdb.DuckDBPyConnection, run: _Run, tables: Mapping[str, pa.Table]) -> int:
-    connection.execute("BEGIN")
-    try:
+    origin = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
+    with version_of_lake(connection, f"{run.building_id} {run.campaign_id}", origin):
         for name, table in tables.items():
             connection.execute(
                 f"DELETE FROM {name} WHERE building_id = ? AND campaign_id = ?", [run.building_id, run.campaign_id]
             )
             insert(connection, TABLES[name], table)
-        origin = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
-        connection.execute(
-            "CALL lake.set_commit_message('facadelake', "
-            f"{quoted(f'{run.building_id} {run.campaign_id}')}, extra_info => {quoted(json.dumps(origin))})"
-        )
-        connection.execute("COMMIT")
-    except BaseException:  # an interrupt, too, must leave nothing half-written
-        roll_back(connection)
-        raise
     return last_version(connection)
-
-
-def last_version(connection: duckdb.DuckDBPyConnection) -> int:
-    """The version that this connection's last transaction made."""
-    row = connection.execute("SELECT id FROM lake.last_committed_snapshot()").fetchone()
-    if row is None or row[0] is None:
-        raise StoreError("DuckLake named no version for the commit; list the lake's versions and run again")
-    return int(row[0])
-
-
-def insert(connection: duckdb.DuckDBPyConnection, kind: Table, table: pa.Table) -> None:
-    """Append an Arrow table of ``kind`` (lake form, geometry as WKB) to the attached lake's table of that name."""
-    values = [f"ST_GeomFromWKB({c.name})" if c.kind is Kind.GEOMETRY else c.name for c in kind.columns]
-    connection.register("staged", table)
-    try:
-        connection.execute(
-            f"INSERT INTO lake.{kind.name} ({', '.join(c.name for c in kind.columns)}) "
-            f"SELECT {', '.join(values)} FROM staged"
-        )
-    finally:
-        connection.unregister("staged")

@@ -6,18 +6,15 @@ may be moved or copied as a whole while nobody writes.
 
 from __future__ import annotations
 
-import os
 import sqlite3
-import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 
 import duckdb
 from filelock import FileLock, Timeout
 
+from facadelake.core.duckdb_engine import open_duckdb, sql_string, store_errors
 from facadelake.core.errors import StoreError
 
 CATALOG = "catalog.sqlite"
@@ -29,58 +26,11 @@ _OPENING = "'facadelake sql history' lists its versions; check that its files ar
 LAKE_EXTENSIONS = ("sqlite_scanner", "ducklake")  # GEOMETRY is DuckDB's own; spatial is only for questions
 
 
-@cache
-def extension_file(name: str) -> Path:
-    """The extension's file inside its wheel; DuckDB verifies its signature when it is loaded.
-
-    Raises StoreError where the wheel is missing or was made for another DuckDB.
-    """
-    spec = find_spec(f"duckdb_extension_{name}")
-    wheel = f"duckdb-extension-{name.replace('_', '-')}=={duckdb.__version__}"
-    if spec is None or spec.origin is None:
-        raise StoreError(f"the DuckDB extension {name} is not installed; install {wheel} (uv sync does)")
-    path = Path(spec.origin).parent / "extensions" / f"v{duckdb.__version__}" / f"{name}.duckdb_extension"
-    if not path.is_file():
-        raise StoreError(f"the DuckDB extension {name} is not for DuckDB {duckdb.__version__}; install {wheel}")
-    return path
-
-
-def quoted(text: str | Path) -> str:
-    """The text as an SQL string."""
-    return "'" + str(text).replace("'", "''") + "'"
-
-
-@contextmanager
-def store_errors(doing: str, remedy: str) -> Iterator[None]:
-    """DuckDB's, SQLite's and the disk's errors inside the block become StoreError."""
-    try:
-        yield
-    except (duckdb.Error, sqlite3.Error, OSError) as error:
-        raise StoreError(f"{doing} failed: {str(error).strip()}; {remedy}") from error
-
-
-def bare_connection(*extensions: str) -> duckdb.DuckDBPyConnection:
-    """An in-memory DuckDB in UTC with the named extensions, which never looks for others on the network."""
-    temporary = Path(tempfile.gettempdir()) / f"facadelake-duckdb-{os.getuid()}"
-    connection = duckdb.connect(
-        config={
-            "autoinstall_known_extensions": False,
-            "autoload_known_extensions": False,
-            "temp_directory": str(temporary),
-        }
-    )
-    connection.execute("SET enable_progress_bar = false")  # first: on a busy machine even LOAD draws one
-    for name in extensions:
-        connection.execute(f"LOAD {quoted(extension_file(name))}")
-    connection.execute("SET TimeZone = 'UTC'")
-    return connection
-
-
 def _attach(connection: duckdb.DuckDBPyConnection, folder: Path, options: str) -> None:
-    catalog = quoted(f"ducklake:sqlite:{folder / CATALOG}")
+    catalog = sql_string(f"ducklake:sqlite:{folder / CATALOG}")
     # The catalog remembers an absolute data path; overriding it keeps a moved folder readable.
     connection.execute(
-        f"ATTACH {catalog} AS lake (DATA_PATH {quoted(f'{folder / DATA}/')}, OVERRIDE_DATA_PATH true, "
+        f"ATTACH {catalog} AS lake (DATA_PATH {sql_string(f'{folder / DATA}/')}, OVERRIDE_DATA_PATH true, "
         f"DATA_INLINING_ROW_LIMIT 0, META_BUSY_TIMEOUT {BUSY_TIMEOUT_MS}{options})"
     )
     connection.execute("USE lake")
@@ -111,7 +61,7 @@ def reading(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.DuckDB
     version = "" if as_of is None else f" at version {as_of}"
     with store_errors(f"opening the lake {folder}{version}", _OPENING):
         recover(folder)
-        connection = bare_connection(*LAKE_EXTENSIONS)
+        connection = open_duckdb(*LAKE_EXTENSIONS)
     with closing(connection):
         with store_errors(f"opening the lake {folder}{version}", _OPENING):
             _attach(connection, folder, f", READ_ONLY{snapshot}")
@@ -146,7 +96,7 @@ def writing(folder: Path) -> Iterator[duckdb.DuckDBPyConnection]:
     folder = folder.resolve()
     with store_errors(f"opening the lake {folder} for writing", "check the folder's rights and free space"):
         (folder / DATA).mkdir(parents=True, exist_ok=True)
-        connection = bare_connection(*LAKE_EXTENSIONS)
+        connection = open_duckdb(*LAKE_EXTENSIONS)
     with closing(connection):
         with store_errors(f"opening the lake {folder} for writing", "check the folder's rights and free space"):
             _attach(connection, folder, "")

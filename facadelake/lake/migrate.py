@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,8 +12,10 @@ from pathlib import Path
 import duckdb
 
 from facadelake.core.checkout import source_path
+from facadelake.core.duckdb_engine import store_errors
 from facadelake.core.errors import StoreError
-from facadelake.lake.connect import store_errors
+from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, writing
+from facadelake.lake.transaction import transaction
 
 MIGRATIONS = source_path("sql/migrations")
 # The one table that is not a migration's: it says which of them were applied.
@@ -74,22 +78,17 @@ def migrate(connection: duckdb.DuckDBPyConnection, folder: Path = MIGRATIONS) ->
     refuse_newer(found, len(steps))
     for step in steps[found:]:
         logger.info("lake migration %s", step.name)
-        with store_errors(f"migration {step.name} of the lake", "the lake stays as it was; check free space"):
-            connection.execute("BEGIN")
-            try:
-                connection.execute(LEDGER)
-                connection.execute(step.sql)
-                connection.execute("INSERT INTO migrations VALUES (?, ?, now())", [step.number, step.name])
-                connection.execute("COMMIT")
-            except duckdb.Error:
-                roll_back(connection)
-                raise
+        doing, remedy = f"migration {step.name} of the lake", "the lake stays as it was; check free space"
+        with store_errors(doing, remedy), transaction(connection):
+            connection.execute(LEDGER)
+            connection.execute(step.sql)
+            connection.execute("INSERT INTO migrations VALUES (?, ?, now())", [step.number, step.name])
     return len(steps)
 
 
-def roll_back(connection: duckdb.DuckDBPyConnection) -> None:
-    """End a failed transaction, which the failure itself may have ended already."""
-    try:
-        connection.execute("ROLLBACK")
-    except duckdb.Error as error:
-        logger.debug("nothing to roll back: %s", error)
+@contextmanager
+def open_to_write(lake: Path, lock_timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[duckdb.DuckDBPyConnection]:
+    """A connection that alone may write the lake, which is made if need be and brought to the newest schema."""
+    with locked(lake, timeout_s=lock_timeout_s), writing(lake) as connection:
+        migrate(connection)
+        yield connection

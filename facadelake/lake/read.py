@@ -10,10 +10,11 @@ import duckdb
 import pyarrow as pa
 
 from facadelake.core.checkout import source_path
+from facadelake.core.duckdb_engine import extension_file, sql_string, store_errors
 from facadelake.core.errors import InputDataError, SchemaError, StoreError
 from facadelake.core.sql_files import statements
 from facadelake.core.sql_guard import refuse_unless_plain_select
-from facadelake.lake.connect import DATA, extension_file, quoted, reading, store_errors
+from facadelake.lake.connect import DATA, reading
 from facadelake.lake.migrate import refuse_newer, schema_version
 from schemas.column import Kind
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
@@ -131,10 +132,10 @@ def sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]
     with reading(lake, as_of=as_of) as connection:
         check_version(connection, lake)
         with store_errors(f"preparing the lake {lake} for questions", "check that its files are whole"):
-            connection.execute(f"LOAD {quoted(extension_file('spatial'))}")
+            connection.execute(f"LOAD {sql_string(extension_file('spatial'))}")
             for view in statements(VIEWS):
                 connection.execute(f"CREATE TEMP VIEW {view.name} AS {view.sql}")
-            data = quoted(f"{lake.resolve() / DATA}/")
+            data = sql_string(f"{lake.resolve() / DATA}/")
             connection.execute(f"SET allowed_directories = [{data}]")
             connection.execute("SET enable_external_access = false")
             connection.execute("SET lock_configuration = true")

@@ -6,7 +6,6 @@ of unchanged inputs leaves the new grades alone. What a person has graded stays 
 
 from __future__ import annotations
 
-import json
 import logging
 from collections import Counter
 from dataclasses import dataclass
@@ -16,12 +15,13 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from facadelake.core.duckdb_engine import store_errors
 from facadelake.core.errors import InputDataError
-from facadelake.lake.commit import last_version
-from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, quoted, store_errors, writing
-from facadelake.lake.migrate import migrate, roll_back
+from facadelake.lake.connect import LOCK_TIMEOUT_S
+from facadelake.lake.migrate import open_to_write
 from facadelake.lake.read import read_table
-from facadelake.severity.rule_packs import BY_RULES, GRADES, grade
+from facadelake.lake.transaction import last_version, version_of_lake
+from facadelake.severity import BY_RULES, GRADES, grade
 
 logger = logging.getLogger(__name__)
 
@@ -77,8 +77,7 @@ def regrade(
     expected = preview(lake, building_id=building_id, campaign_id=campaign_id, rule_file=rule_file)
     if not expected.steps:  # neither this nor a refusal makes a lake or waits for its lock
         return expected
-    with locked(lake, timeout_s=lock_timeout_s), writing(lake) as connection:
-        migrate(connection)
+    with open_to_write(lake, lock_timeout_s) as connection:
         found, changed = _judged(lake, building_id, campaign_id, rule_file)
         with store_errors(f"regrading {building_id} in the lake {lake}", _REMEDY):
             version = _write(connection, found, changed)
@@ -139,21 +138,13 @@ def _steps(changed: pa.Table) -> tuple[Step, ...]:
 
 def _write(connection: duckdb.DuckDBPyConnection, found: Regrading, changed: pa.Table) -> int:
     connection.register("graded", changed)
-    connection.execute("BEGIN")
-    try:
+    origin = {"building_id": found.building_id, "campaigns": found.campaigns, "rules": found.rules}
+    message = f"{found.building_id} {', '.join(found.campaigns)} regraded by {found.rules}"
+    with version_of_lake(connection, message, origin):
         connection.execute(
             f"UPDATE defects SET {', '.join(f'{name} = graded.{name}' for name in GRADES)} FROM graded "
             "WHERE defects.building_id = ? AND defects.campaign_id = graded.campaign_id "
             "AND defects.defect_id = graded.defect_id",
             [found.building_id],
         )
-        origin = {"building_id": found.building_id, "campaigns": found.campaigns, "rules": found.rules}
-        message = f"{found.building_id} {', '.join(found.campaigns)} regraded by {found.rules}"
-        connection.execute(
-            f"CALL lake.set_commit_message('facadelake', {quoted(message)}, extra_info => {quoted(json.dumps(origin))})"
-        )
-        connection.execute("COMMIT")
-    except BaseException:  # an interrupt, too, must leave nothing half-written
-        roll_back(connection)
-        raise
     return last_version(connection)

@@ -5,7 +5,6 @@ The words belong to no run: an inspection that replaces a campaign's rows leaves
 
 from __future__ import annotations
 
-import json
 import logging
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +12,12 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
+from facadelake.core.duckdb_engine import store_errors
 from facadelake.core.errors import InputDataError, SchemaError
-from facadelake.lake.commit import insert, last_version
-from facadelake.lake.connect import LOCK_TIMEOUT_S, exists, locked, quoted, store_errors, writing
-from facadelake.lake.migrate import migrate, roll_back
+from facadelake.lake.connect import LOCK_TIMEOUT_S, exists
+from facadelake.lake.migrate import open_to_write
 from facadelake.lake.read import read_tables
+from facadelake.lake.transaction import insert, last_version, version_of_lake
 from schemas.tables import LAKE_TABLES
 
 logger = logging.getLogger(__name__)
@@ -47,8 +47,7 @@ def append_reviews(
     _check(words, building_id, campaign_id)
     if not exists(lake):
         raise InputDataError(f"there is no lake in {lake}, so there is nothing to review; inspect a campaign first")
-    with locked(lake, timeout_s=lock_timeout_s), writing(lake) as connection:
-        migrate(connection)
+    with open_to_write(lake, lock_timeout_s) as connection:
         held = read_tables(lake, ["campaigns", "reviews"], building_id=building_id, campaign_id=campaign_id)
         if not len(held["campaigns"]):
             raise InputDataError(
@@ -94,17 +93,8 @@ def _new_words(words: pa.Table, held: pa.Table) -> pa.Table:
 
 
 def _write(connection: duckdb.DuckDBPyConnection, words: pa.Table, building_id: str, campaign_id: str) -> int:
-    reviewers = sorted(set(words.column("reviewer").to_pylist()))
-    connection.execute("BEGIN")
-    try:
+    reviewers = ", ".join(sorted(set(words.column("reviewer").to_pylist())))
+    origin = {"building_id": building_id, "campaign_id": campaign_id, "reviewed_by": reviewers}
+    with version_of_lake(connection, f"{building_id} {campaign_id} reviewed by {reviewers}", origin):
         insert(connection, LAKE_TABLES["reviews"], words)
-        origin = {"building_id": building_id, "campaign_id": campaign_id, "reviewed_by": ", ".join(reviewers)}
-        message = f"{building_id} {campaign_id} reviewed by {', '.join(reviewers)}"
-        connection.execute(
-            f"CALL lake.set_commit_message('facadelake', {quoted(message)}, extra_info => {quoted(json.dumps(origin))})"
-        )
-        connection.execute("COMMIT")
-    except BaseException:  # an interrupt, too, must leave nothing half-written
-        roll_back(connection)
-        raise
     return last_version(connection)

@@ -6,17 +6,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Grey = NDArray[np.float32]
+from facadelake.core.arrays import BoolArray, Float32Array, Int64Array, UInt8Array
 
 
-def coded_grey(image_bgr: NDArray[np.uint8]) -> Grey:
+def coded_grey(image_bgr: UInt8Array) -> Float32Array:
     """Brightness (h, w), 0 to 1, as the file codes it: JPEG keeps this one channel at full resolution."""
     return np.asarray(cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY) / np.float32(255), dtype=np.float32)
 
 
-def linear(coded: Grey) -> Grey:
+def linear(coded: Float32Array) -> Float32Array:
     """The light behind coded values, by sRGB's curve (IEC 61966-2-1); a camera's own tone curve is not known."""
     low = coded / np.float32(12.92)
     high = ((coded + np.float32(0.055)) / np.float32(1.055)) ** np.float32(2.4)
@@ -43,7 +42,7 @@ class Blur:
 UNKNOWN = Blur(sigma_px=0.95, known_to=0.25)  # what photographs of drones have
 
 
-def blur_of(light: Grey) -> Blur:
+def blur_of(light: Float32Array) -> Blur:
     """Blur of a piece (h, w) of linear light, by blurring its strongest edges again and seeing what they lose.
 
     An edge of blur s whose gradient falls by a ratio r under a further blur of a has s = a / sqrt(r**2 - 1). Source:
@@ -63,7 +62,7 @@ def blur_of(light: Grey) -> Blur:
     return Blur(sigma_px=float(np.clip(np.percentile(sigma, _SHARPEST), _LOWEST_PX, _HIGHEST_PX)), known_to=0.2)
 
 
-def _steps(light: Grey, edges: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _steps(light: Float32Array, edges: Int64Array) -> BoolArray:
     """Which of the edges part two levels: a thin line has two edges that take light from one another."""
     row, column = np.divmod(edges, light.shape[1])
     dx, dy = cv2.Scharr(light, cv2.CV_32F, 1, 0)[row, column], cv2.Scharr(light, cv2.CV_32F, 0, 1)[row, column]
@@ -77,7 +76,7 @@ def _steps(light: Grey, edges: NDArray[np.int64]) -> NDArray[np.bool_]:
     return np.asarray(np.abs(profile[:, -1] - profile[:, 0]) >= _STEP_SHARE * np.ptp(profile, axis=1))
 
 
-def _gradient(light: Grey) -> tuple[Grey, NDArray[np.bool_]]:
+def _gradient(light: Float32Array) -> tuple[Float32Array, BoolArray]:
     """Steepness (h, w), and where it is larger than before and behind."""
     dx, dy = cv2.Scharr(light, cv2.CV_32F, 1, 0), cv2.Scharr(light, cv2.CV_32F, 0, 1)
     steep = np.asarray(cv2.magnitude(dx, dy), dtype=np.float32)

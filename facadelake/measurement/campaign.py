@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pyarrow as pa
 import shapely
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, UInt8Image
 from facadelake.core.progress import stage_progress
 from facadelake.core.tables import table_of_rows
-from facadelake.detection.inference.photograph import read_photograph
+from facadelake.detection.inference import read_photograph
 from facadelake.measurement.blur import UNKNOWN, Blur, blur_of, coded_grey, linear
 from facadelake.measurement.crack import CrackMeasure, measure_crack
 from schemas.vocabulary import CrackWidthOutcome, DefectClass, DetectionOutcome
@@ -28,7 +28,6 @@ _BLUR_PIECE_PX, _BLUR_PIECES = 512, 16  # a photograph's blur is the median of t
 _LINE_FINE_PX = 0.3  # bends smaller than this are left out of a line that is stored
 
 Row = dict[str, Any]
-Image = NDArray[np.uint8]
 
 
 def measure_detections(detections: pa.Table, root: Path) -> pa.Table:
@@ -58,7 +57,7 @@ def measure_detections(detections: pa.Table, root: Path) -> pa.Table:
     return table_of_rows("detections", rows)
 
 
-def measured_in(image: Image, row: Row, blur: Blur) -> CrackMeasure:
+def measured_in(image: UInt8Image, row: Row, blur: Blur) -> CrackMeasure:
     """The crack of a row of table ``detections`` in its photograph (h, w, 3: blue, green, red)."""
     left, top = row["box_x_px"], row["box_y_px"]
     right, bottom = left + row["box_width_px"], top + row["box_height_px"]
@@ -73,7 +72,7 @@ def measured_in(image: Image, row: Row, blur: Blur) -> CrackMeasure:
     return found.moved(x0, y0)
 
 
-def blur_of_photograph(image: Image) -> Blur:
+def blur_of_photograph(image: UInt8Image) -> Blur:
     """Median blur of pieces spread over a photograph, of those that have edges to tell it."""
     height, width = image.shape[:2]
     side = int(np.sqrt(_BLUR_PIECES))
@@ -109,14 +108,14 @@ def _columns(row: Row, found: CrackMeasure | None) -> Row:
     return columns
 
 
-def _box(shape: tuple[int, ...], left: float, top: float, right: float, bottom: float) -> NDArray[np.bool_]:
+def _box(shape: tuple[int, ...], left: float, top: float, right: float, bottom: float) -> BoolArray:
     """The pixels (h, w) of a box, one wider all about: boxes cut cracks' rims."""
     out = np.zeros(shape, dtype=bool)
     out[max(0, int(top) - 1) : int(np.ceil(bottom)) + 1, max(0, int(left) - 1) : int(np.ceil(right)) + 1] = True
     return out
 
 
-def _mask(text: str, x0: int, y0: int, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
+def _mask(text: str, x0: int, y0: int, shape: tuple[int, ...]) -> BoolArray | None:
     """The pixels (h, w) of a mask with its rim; None where it holds none."""
     shape_px = shapely.buffer(shapely.make_valid(shapely.from_wkt(text)), _MASK_RIM_PX)
     out = np.zeros(shape, dtype=np.uint8)
@@ -126,5 +125,5 @@ def _mask(text: str, x0: int, y0: int, shape: tuple[int, ...]) -> NDArray[np.boo
         rings = [part.exterior, *part.interiors]
         corners = [np.round((np.asarray(ring.coords) - [x0 + 0.5, y0 + 0.5]) * 256).astype(np.int32) for ring in rings]
         cv2.fillPoly(out, corners, 1, cv2.LINE_8, 8)
-    inside: NDArray[np.bool_] = out > 0
+    inside: BoolArray = out > 0
     return inside if inside.any() else None

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, UInt8Image
 from facadelake.measurement.blur import Blur, blur_of, coded_grey, linear
 from facadelake.measurement.profiles import (
     Profiles,
@@ -30,8 +29,6 @@ _SHOWS_SHARE = 0.65  # of a line's places must be darker than the wall's own tex
 _LEAST_DARKNESS = 0.02  # of the wall's light: fainter lines are in every wall
 _SPANS_SHARE = 0.3  # of its box's longer side
 
-Image = NDArray[np.uint8]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrackMeasure:
@@ -53,9 +50,7 @@ class CrackMeasure:
 NO_LINE = CrackMeasure(outcome=CrackWidthOutcome.NO_LINE)
 
 
-def measure_crack(
-    crop_bgr: Image, inside: NDArray[np.bool_], *, is_mask: bool, blur: Blur | None = None
-) -> CrackMeasure:
+def measure_crack(crop_bgr: UInt8Image, inside: BoolArray, *, is_mask: bool, blur: Blur | None = None) -> CrackMeasure:
     """Measure the crack in ``crop_bgr`` (h, w, 3) that runs through ``inside`` (h, w): a box, or a mask along it.
 
     ``blur`` is the photograph's; None: the crop's own edges tell. Coordinates are the crop's.
@@ -79,7 +74,7 @@ def measure_crack(
     return CrackMeasure(outcome=outcome, line_px=xy + 0.5, length_px=length, width=width)
 
 
-def _profiles(light: NDArray[np.float32], line: Line, blur: Blur) -> tuple[Float64Array, Profiles]:
+def _profiles(light: Float32Array, line: Line, blur: Blur) -> tuple[Float64Array, Profiles]:
     """The line on its darkest way, and its profiles, in a core that first the ridge and then the profiles tell."""
     width = of_ridge = float(np.median(line.width_px))
     xy = line.xy
@@ -105,7 +100,7 @@ def _apparent_width(profiles: Profiles) -> float:
     return float(2 * (deep[gaps[0]] if len(gaps) else deep[-1]))
 
 
-def _is_a_line(profiles: Profiles, line: Line, inside: NDArray[np.bool_], is_mask: bool) -> bool:
+def _is_a_line(profiles: Profiles, line: Line, inside: BoolArray, is_mask: bool) -> bool:
     """Whether the line is darker than the wall beside it, all along, and runs through its box."""
     rows, columns = np.nonzero(inside)
     side = max(np.ptp(rows), np.ptp(columns)) + 1

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, median_filter
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from facadelake.measurement.trace import evenly_spaced
 
 STEP_PX = 0.25
@@ -25,7 +24,7 @@ class Strip:
     light: Float64Array
 
 
-def straightened(light: NDArray[np.float32], xy: Float64Array, half_width_px: float) -> Strip:
+def straightened(light: Float32Array, xy: Float64Array, half_width_px: float) -> Strip:
     """The picture (h, w) along a line (k, 2: column, row), sampled by cubic splines; beyond its rim the rim goes on."""
     normal = _normals(xy)
     count = int(np.ceil(half_width_px / STEP_PX))
@@ -35,7 +34,7 @@ def straightened(light: NDArray[np.float32], xy: Float64Array, half_width_px: fl
     return Strip(xy=xy, across_px=across, light=sampled)
 
 
-def onto_the_darkest(light: NDArray[np.float32], xy: Float64Array, width_px: float, reach_px: float) -> Float64Array:
+def onto_the_darkest(light: Float32Array, xy: Float64Array, width_px: float, reach_px: float) -> Float64Array:
     """The line (k, 2) moved across itself, by ``reach_px`` at most, onto the darkest smooth way beside it.
 
     Found by dynamic programming over the straightened picture, smoothed to the line's own ``width_px``.
@@ -58,7 +57,7 @@ def _normals(xy: Float64Array) -> Float64Array:
     return np.column_stack([-along[:, 1], along[:, 0]])
 
 
-def _best_way(gain: Float64Array) -> NDArray[np.int64]:
+def _best_way(gain: Float64Array) -> Int64Array:
     """Columns (k,) of the way through ``gain`` (k, m) that gathers most, moving a few columns a row at most."""
     rows, columns = gain.shape
     total, came = gain[0].copy(), np.zeros((rows, columns), dtype=np.int64)
@@ -102,8 +101,8 @@ class Profiles:
     area_px: Float64Array
     beside_px: Float64Array
     middle_px: Float64Array
-    darker: NDArray[np.bool_]
-    even: NDArray[np.bool_]
+    darker: BoolArray
+    even: BoolArray
     jitter_px: float
 
 
@@ -199,7 +198,7 @@ def _peaks(rows: Float64Array, across_px: Float64Array) -> Float64Array:
     return np.asarray(across_px[best] + np.clip(part, -0.5, 0.5) * STEP_PX)
 
 
-def _even(dark: Float64Array, across_px: Float64Array, core_px: float) -> NDArray[np.bool_]:
+def _even(dark: Float64Array, across_px: Float64Array, core_px: float) -> BoolArray:
     """Places (k,) whose flanks are not much less even than those of most."""
     outer = core_px + _flank(core_px)
     flank = (np.abs(across_px) > core_px) & (np.abs(across_px) <= outer)

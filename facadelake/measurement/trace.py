@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, gaussian_filter1d
 from skimage.graph import MCP_Geometric
 from skimage.measure import block_reduce
 
-from facadelake.core.frames import Float64Array
-from facadelake.measurement.blur import Grey
+from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 
 _SCALES_PX = (0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0, 13.5)
 _WIDTH_OF_SCALE = 2.0  # sigma**2 times the second derivative of a bar is largest where sigma is half its width
@@ -24,11 +22,11 @@ _THIN = 20.0  # a crack is this many times longer than its ridge's scale, or mor
 class Ridges:
     """``strength`` (h, w): curvature across the darkest line through a pixel, over the scales; ``width_px`` (h, w)."""
 
-    strength: Grey
-    width_px: Grey
+    strength: Float32Array
+    width_px: Float32Array
 
 
-def dark_lines(coded: Grey, length_px: float) -> Ridges:
+def dark_lines(coded: Float32Array, length_px: float) -> Ridges:
     """Ridges of darkness in brightness (h, w) from the Hessian at the scales of a crack about ``length_px`` long.
 
     A blob bends both ways: what it bends along the line is taken off. Sources: Lindeberg, "Edge Detection and Ridge
@@ -46,7 +44,7 @@ def dark_lines(coded: Grey, length_px: float) -> Ridges:
     return Ridges(strength=strength, width_px=width)
 
 
-def _across(smooth: Grey) -> Grey:
+def _across(smooth: Float32Array) -> Float32Array:
     xx = cv2.filter2D(smooth, -1, np.array([[1, -2, 1]], dtype=np.float32), borderType=cv2.BORDER_REFLECT)
     yy = cv2.filter2D(smooth, -1, np.array([[1], [-2], [1]], dtype=np.float32), borderType=cv2.BORDER_REFLECT)
     corner = np.array([[1, 0, -1], [0, 0, 0], [-1, 0, 1]], dtype=np.float32) / 4
@@ -64,8 +62,6 @@ _ALONG_PX = 4.0
 _LEAST_PX = 8.0
 _OFF_MASK = 10.0  # a pixel beside the mask costs this many times more: bridges between a mask's parts
 
-Bools = NDArray[np.bool_]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Line:
@@ -80,7 +76,7 @@ class Line:
         return float(np.linalg.norm(np.diff(self.xy, axis=0), axis=1).sum())
 
 
-def line_through_box(ridges: Ridges, inside: Bools) -> Line | None:
+def line_through_box(ridges: Ridges, inside: BoolArray) -> Line | None:
     """The strongest line from side to side of the rectangle ``inside`` (h, w), cut to where it shows, or None."""
     cost, block = _costs(ridges, inside)
     rows, columns = np.nonzero(np.isfinite(cost))
@@ -100,7 +96,7 @@ def line_through_box(ridges: Ridges, inside: Bools) -> Line | None:
     return max(found, key=lambda one: one[0])[1] if found else None
 
 
-def line_along_mask(ridges: Ridges, mask: Bools) -> Line | None:
+def line_along_mask(ridges: Ridges, mask: BoolArray) -> Line | None:
     """The longest way through a mask (h, w), where it is darkest; gaps between its parts are bridged."""
     cost, block = _costs(ridges, np.ones_like(mask))
     inside = block_reduce(mask, (block, block), np.max) if block > 1 else mask
@@ -115,7 +111,7 @@ def line_along_mask(ridges: Ridges, mask: Bools) -> Line | None:
     return _smoothed(path, ridges, block)
 
 
-def _costs(ridges: Ridges, inside: Bools) -> tuple[Float64Array, int]:
+def _costs(ridges: Ridges, inside: BoolArray) -> tuple[Float64Array, int]:
     """Cost of a path by pixel or block of pixels (infinite outside), and the block's side."""
     block = max(1, int(np.ceil(np.sqrt(np.count_nonzero(inside) / _PIXELS_MOST))))
     strength = ridges.strength
@@ -135,9 +131,9 @@ def _path(cost: Float64Array, starts: list[tuple[int, int]], ends: list[tuple[in
     return np.asarray(search.traceback(reached), dtype=np.float64)[:, ::-1]
 
 
-def _farthest(plain: Float64Array, spots: NDArray[np.int64], start: NDArray[np.int64]) -> NDArray[np.int64]:
+def _farthest(plain: Float64Array, spots: Int64Array, start: Int64Array) -> Int64Array:
     total, _ = MCP_Geometric(plain).find_costs([tuple(start)])
-    found: NDArray[np.int64] = spots[int(np.argmax(total[spots[:, 0], spots[:, 1]]))]
+    found: Int64Array = spots[int(np.argmax(total[spots[:, 0], spots[:, 1]]))]
     return found
 
 
@@ -172,7 +168,7 @@ def evenly_spaced(xy: Float64Array) -> Float64Array:
     return np.column_stack([np.interp(wanted, along, xy[:, axis]) for axis in (0, 1)])
 
 
-def _at(field: NDArray[np.float32], xy: Float64Array, block: int) -> Float64Array:
+def _at(field: Float32Array, xy: Float64Array, block: int) -> Float64Array:
     """Largest value (k,) of a field about points (k, 2), within the block that the path was found in."""
     column, row = np.round(xy).astype(np.int64).T
     reach = np.arange(-(block // 2) - 1, block // 2 + 2)

@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 from PIL import Image
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.progress import track
 from facadelake.core.tables import table_of_rows
 from facadelake.photos.clock import is_set

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.photos.attitude_prior import AttitudePrior, attitude_prior, pitch_is_djis, with_dji_pitch
 from facadelake.photos.clock import Tick, clock_warnings, is_set
 from facadelake.photos.drone_xmp import DroneMetadata

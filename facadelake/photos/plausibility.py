@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.photos.position_prior import METRES_PER_DEGREE, PositionPrior, Sigma
 from schemas.vocabulary import PositionSource
 
@@ -167,9 +166,7 @@ def _neighbour(i: int, count: int) -> int:
     return i - 1 if i > 0 else min(1, count - 1)
 
 
-def _off_chain(
-    points_m: Float64Array, times_s: Float64Array, noise_m: Float64Array, fastest_m_s: float
-) -> NDArray[np.int64]:
+def _off_chain(points_m: Float64Array, times_s: Float64Array, noise_m: Float64Array, fastest_m_s: float) -> Int64Array:
     """Those outside the longest chain in time order whose neighbours could all be reached from one another.
 
     The longest chain does not depend on a start, so that one bad point (even the first) condemns itself alone. Where

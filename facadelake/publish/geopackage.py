@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 import pyogrio
 import shapely
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.publish.columns import FIRST, GEOMETRY, PATCH, plain, shapes
 from facadelake.publish.geoparquet import CRS_2D, CRS_3D

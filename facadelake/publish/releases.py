@@ -18,12 +18,10 @@ from pathlib import Path
 import pyarrow as pa
 
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.lake.read import read_tables
+from facadelake.lake import read_tables
 from facadelake.publish.geopackage import facade_layers, geo_layers, write_layers
 from facadelake.publish.geoparquet import flat, frame, write_geoparquet
 from facadelake.publish.readme import readme
-
-__all__ = ["export", "publish_campaign", "publish_regraded", "release_folder"]
 
 PUBLISHED = "published"
 LATEST = "latest"

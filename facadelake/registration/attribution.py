@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.raycasting import Hits, Surface
-from facadelake.core.frames import Float64Array
+from facadelake.building import BuildingModel
+from facadelake.building.surface import Hits, Surface
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.registration.outline import Outlines
 
 _FILLINGS = ("IfcWindow", "IfcDoor")  # and their standard cases
@@ -48,13 +47,13 @@ class Attribution:
         if hosts.any():
             self._hosts = Surface.from_mesh(building.vertices_site_m, building.triangles[hosts], owner[hosts])
 
-    def elements_of(self, outlines: Outlines, hits: Hits, member: NDArray[np.bool_]) -> NDArray[np.int64]:
+    def elements_of(self, outlines: Outlines, hits: Hits, member: BoolArray) -> Int64Array:
         """Row of the element (n,) that each patch is on; -1 where it has no member."""
         kept = np.flatnonzero(member)
         element = self._element_of_hits(hits, kept)
         return most_voted(outlines.detection[kept], element, outlines.vote[kept], len(outlines))
 
-    def _element_of_hits(self, hits: Hits, kept: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _element_of_hits(self, hits: Hits, kept: Int64Array) -> Int64Array:
         element = hits.element[kept].copy()
         if self._hosts is None:
             return element
@@ -68,9 +67,7 @@ class Attribution:
         return element
 
 
-def most_voted(
-    detection: NDArray[np.int64], element: NDArray[np.int64], vote: Float64Array, detections: int
-) -> NDArray[np.int64]:
+def most_voted(detection: Int64Array, element: Int64Array, vote: Float64Array, detections: int) -> Int64Array:
     """The element (n,) with most of each detection's votes; -1 where there are none.
 
     ``detection``, ``element`` and ``vote`` (k,) say which of the n ``detections`` votes how much for which element.

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import Hits, Surface
+from facadelake.building.surface import Hits, Surface
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.registration.centre import middle_of_mask, middles_of_boxes
 from facadelake.registration.continuity import main_side, members_of
 from facadelake.registration.outline import Outlines, outlines_of
@@ -32,7 +32,7 @@ class Patches:
     ``length_m`` the longest extent, ``area_m2``. ``target_share`` (n,): rays that met the building.
     """
 
-    member: NDArray[np.bool_]
+    member: BoolArray
     xyz_site_m: Float64Array
     normal_site: Float64Array
     ray: PixelRays
@@ -59,7 +59,7 @@ class Casts:
 
     detections: Sequence[Row]
     cameras: list[PosedCamera]
-    camera_of: NDArray[np.int64]
+    camera_of: Int64Array
     outlines: Outlines
     rays: PixelRays
     hits: Hits
@@ -95,7 +95,7 @@ def patches_of(
     hits: Hits,
     rays: PixelRays,
     cameras: list[PosedCamera],
-    camera_of: NDArray[np.int64],
+    camera_of: Int64Array,
     step_m: float,
 ) -> Patches:
     """Patches of ``outlines`` (n), whose pixels' ``rays`` met the surface at ``hits``.

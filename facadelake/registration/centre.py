@@ -6,17 +6,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import Hits
+from facadelake.building.surface import Hits
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.registration.outline import Outlines
 from facadelake.registration.patch import tangents_of
 
 _BENT_COSINE = 0.87  # 30 deg: a curved wall bends less within a defect, a corner more
-
-Rows = NDArray[np.int64]
 
 
 def middle_of_mask(
@@ -42,7 +39,7 @@ def middle_of_mask(
     return pixel
 
 
-def middles_of_boxes(outlines: Outlines, depth_m: Float64Array, member: NDArray[np.bool_], rows: Rows) -> Float64Array:
+def middles_of_boxes(outlines: Outlines, depth_m: Float64Array, member: BoolArray, rows: RowIndices) -> Float64Array:
     """The pixels (m, 2) of the middles of what boxes ``rows`` (m,) enclose; ``depth_m``, ``member`` (k,) of all pixels.
 
     What is nearer looks larger, so a box's centre lies too near: the image of a segment's middle is the mean of its

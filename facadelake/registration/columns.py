@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from facadelake.building.facades.directions import facades_in
-from facadelake.building.model import BuildingModel
-from facadelake.building.storeys import storeys_of_places
-from facadelake.core.frames import Float64Array
+from facadelake.building import BuildingModel, storeys_of_places
+from facadelake.building.facades import facades_in
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.registration.attribution import Attribution
 from facadelake.registration.cast import Casts
 from facadelake.registration.crack_widths import crack_columns
@@ -37,7 +35,7 @@ class Places:
             building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
         )
 
-    def columns(self, casts: Casts, kept: NDArray[np.int64], covariance_site: Float64Array) -> dict[str, Sequence[Any]]:
+    def columns(self, casts: Casts, kept: Int64Array, covariance_site: Float64Array) -> dict[str, Sequence[Any]]:
         """Columns of the detections ``kept`` (m,), all of which met the building; ``covariance_site`` (m, 3, 3)."""
         patches, building = casts.patches, self._building
         xyz, normal = patches.xyz_site_m[kept], patches.normal_site[kept]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.building.surface.raycasting import Hits
+from facadelake.building.surface import Hits
+from facadelake.core.arrays import BoolArray, Int64Array
 from facadelake.registration.attribution import most_voted
 from facadelake.registration.outline import APART, Outlines
 
@@ -16,7 +16,7 @@ _REACH = 4.1  # pitches over which a surface is found again behind what parts it
 _SAME_SIDE_COSINE = np.cos(np.radians(45.0))
 
 
-def members_of(outlines: Outlines, hits: Hits, step_m: float) -> NDArray[np.bool_]:
+def members_of(outlines: Outlines, hits: Hits, step_m: float) -> BoolArray:
     """Which pixels (k,) belong to their detection's patch: those that hang together on the surface with most votes.
 
     Neighbours hang together where one lies in the other's tangent plane to ``step_m``: round an edge one plane still
@@ -26,7 +26,7 @@ def members_of(outlines: Outlines, hits: Hits, step_m: float) -> NDArray[np.bool
     holds = _hold_together(hits, outlines.beside, step_m)
     parted = np.zeros(len(outlines), dtype=bool)
     parted[outlines.detection[outlines.beside[~holds, 0]]] = True
-    member: NDArray[np.bool_] = ~parted[outlines.detection] & hits.hit  # without neighbours: one pixel alone
+    member: BoolArray = ~parted[outlines.detection] & hits.hit  # without neighbours: one pixel alone
     own = np.flatnonzero(parted[outlines.detection])
     if not len(own):
         return member
@@ -47,7 +47,7 @@ def members_of(outlines: Outlines, hits: Hits, step_m: float) -> NDArray[np.bool
     return member
 
 
-def _hold_together(hits: Hits, pairs: NDArray[np.int64], step_m: float) -> NDArray[np.bool_]:
+def _hold_together(hits: Hits, pairs: Int64Array, step_m: float) -> BoolArray:
     """Which pairs (e, 2) of hits lie on one surface, one in the other's tangent plane."""
     a, b = pairs.T
     step = hits.xyz_site_m[b] - hits.xyz_site_m[a]
@@ -58,7 +58,7 @@ def _hold_together(hits: Hits, pairs: NDArray[np.int64], step_m: float) -> NDArr
     return np.asarray(off < step_m)  # NaN, a miss, is never below
 
 
-def main_side(outlines: Outlines, hits: Hits, member: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def main_side(outlines: Outlines, hits: Hits, member: BoolArray) -> BoolArray:
     """Members (k,) on the side of the patch that the defect is on: of the element with most votes, facing as it mainly
     does. A wall's crack that ends over a deep window's glass lies in the wall's face, not on glass or reveal."""
     kept = np.flatnonzero(member)

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.registration.cast import Casts
 from facadelake.registration.rays import rays_of
 from schemas.vocabulary import CrackWidthOutcome
@@ -41,7 +40,7 @@ class _Scale:
     length_m: float | None
 
 
-def crack_columns(casts: Casts, kept: NDArray[np.int64], covariance_site: Float64Array) -> dict[str, Sequence[Any]]:
+def crack_columns(casts: Casts, kept: Int64Array, covariance_site: Float64Array) -> dict[str, Sequence[Any]]:
     """Columns of table ``observations`` for detections ``kept`` (m,), whose places have ``covariance_site`` (m, 3, 3).
 
     The error of a width holds that in pixels, that of the distance, and that of the surface's slope. A width that a

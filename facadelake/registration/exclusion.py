@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.building.surface.raycasting import Surface
-from facadelake.building.targets import target_elements
+from facadelake.building import target_elements
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.progress import stage_progress
 from facadelake.core.tables import table_of_rows
 from facadelake.registration.exclusion_mask import masked_shares

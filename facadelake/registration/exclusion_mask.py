@@ -6,16 +6,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 
 _BLACK_BELOW = 128  # masks saved as JPEG are not purely black and white
 
 
-def read_mask(mask: Path, camera: Camera) -> NDArray[np.bool_]:
+def read_mask(mask: Path, camera: Camera) -> BoolArray:
     """Where the mask is black (h, w), in pixels of the photograph.
 
     Raises InputDataError for a mask that does not decode, or is not of the photograph's size.

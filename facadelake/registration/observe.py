@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.core.progress import stage_progress
 from facadelake.core.tables import table_of_rows
 from facadelake.registration.attribution import Attribution
@@ -144,7 +143,7 @@ def _placed(
 
 
 def position_covariance(
-    casts: Casts, kept: NDArray[np.int64], settings: RegisterSettings, covariances: Mapping[str, Float64Array]
+    casts: Casts, kept: Int64Array, settings: RegisterSettings, covariances: Mapping[str, Float64Array]
 ) -> Float64Array:
     """Covariance (m, 3, 3) in m2 of the positions of the detections ``kept`` (m,), by rays and surface together."""
     patches = casts.patches

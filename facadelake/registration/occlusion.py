@@ -13,16 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError
 from shapely import STRtree
 
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.registration.tie_points import TiePoints
 
 _DIRECTIONS = 8  # of walls; what lies level is a ninth
@@ -68,9 +67,9 @@ class _InPicture:
     whether they stand before the model, and by how much they must."""
 
     xy_img: Float64Array
-    point: NDArray[np.int64]
-    own: NDArray[np.bool_]
-    standing: NDArray[np.bool_]
+    point: Int64Array
+    own: BoolArray
+    standing: BoolArray
     limit_m: Float64Array
 
 
@@ -171,9 +170,7 @@ class Occluders:
             limit_m=np.concatenate([my_limit, limit[kept]]),
         )
 
-    def _standing(
-        self, posed: PosedCamera, xy_img: Float64Array, point: NDArray[np.int64]
-    ) -> tuple[NDArray[np.bool_], Float64Array]:
+    def _standing(self, posed: PosedCamera, xy_img: Float64Array, point: Int64Array) -> tuple[BoolArray, Float64Array]:
         """Which tie points (k,) at pixels (k, 2) stand in the open before the model, and the gap each must have."""
         origins, directions = posed.rays_site(xy_img)
         hits = self._surface.cast(origins, directions)
@@ -184,19 +181,19 @@ class Occluders:
         offset[hits.hit] = self._offsets_m[_facing(hits.normal_site[hits.hit])]
         limit = np.maximum(self._settings.gap_min_m, self._settings.gap_sigmas * np.sqrt(variance + offset**2))
         # Along a grazing ray a little relief makes a long gap: the point must stand off the model in every direction.
-        standing: NDArray[np.bool_] = (hits.distance_m - along > limit) & (self._apart_m[point] > limit)
+        standing: BoolArray = (hits.distance_m - along > limit) & (self._apart_m[point] > limit)
         # Far outside the picture Brown's polynomial folds points back into it.
         return standing & (across < _FOLDED * along), limit
 
 
-def _facing(normals: Float64Array) -> NDArray[np.int64]:
+def _facing(normals: Float64Array) -> Int64Array:
     """Group (n,) of unit normals (n, 3): the compass direction of walls, _DIRECTIONS for what lies level."""
     azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1]))
     group = np.round(azimuth / (360 / _DIRECTIONS)).astype(np.int64) % _DIRECTIONS
     return np.where(np.abs(normals[:, 2]) > np.sin(np.radians(_LEVEL_DEG)), _DIRECTIONS, group)
 
 
-def _confirmed(corners: NDArray[np.int64], own: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _confirmed(corners: Int64Array, own: BoolArray) -> BoolArray:
     """Which triangles (t, 3) hang together with enough points that the photograph itself saw, (k,)."""
     edges = np.vstack([corners[:, [0, 1]], corners[:, [1, 2]]]).T
     graph = coo_array((np.ones(edges.shape[1], dtype=bool), (edges[0], edges[1])), shape=(len(own), len(own)))
@@ -217,7 +214,7 @@ def _along(origins: Float64Array, directions: Float64Array, corners: Float64Arra
     return kept
 
 
-def _median(values: Float64Array, found: NDArray[np.bool_]) -> Float64Array:
+def _median(values: Float64Array, found: BoolArray) -> Float64Array:
     """Median of each row (n, k) without its NaN; NaN in rows that are not ``found``."""
     out = np.full(len(values), np.nan)
     out[found] = np.nanmedian(values[found], axis=1)

@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 
 APART = 1e7  # pitches; keeps the detections of one search tree apart
 _NEIGHBOURS = 1.5  # of a mask's pixels, in pitches of its lattice: the eight around it
@@ -33,13 +33,13 @@ class Outlines:
 
     polygon_img: NDArray[Any]
     centre_img: Float64Array
-    masked: NDArray[np.bool_]
+    masked: BoolArray
     area_px2: Float64Array
     pitch_px: Float64Array
-    detection: NDArray[np.int64]
+    detection: Int64Array
     xy_img: Float64Array
     vote: Float64Array
-    beside: NDArray[np.int64]
+    beside: Int64Array
 
     def __len__(self) -> int:
         return len(self.polygon_img)
@@ -53,7 +53,7 @@ class _Inside:
     pitch_px: Float64Array
     xy_img: Float64Array
     vote: Float64Array
-    beside: NDArray[np.int64]
+    beside: Int64Array
 
 
 def outlines_of(detections: Sequence[Mapping[str, Any]], side: int) -> Outlines:
@@ -149,7 +149,7 @@ def _of_mask(mask: Any, wanted: int) -> _Inside:
     )
 
 
-def _beside(xy: Float64Array, reach_px: float) -> NDArray[np.int64]:
+def _beside(xy: Float64Array, reach_px: float) -> Int64Array:
     """Pairs (e, 2) of points within reach, and the shortest bridges that make one whole of what is left in parts."""
     tree = cKDTree(xy)
     pairs = tree.query_pairs(reach_px, output_type="ndarray").astype(np.int64)

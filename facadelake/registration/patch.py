@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
-from facadelake.building.surface.raycasting import Hits
+from facadelake.building.surface import Hits
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.registration.outline import APART, Outlines
 from facadelake.registration.rays import rays_of
@@ -52,9 +52,7 @@ def patches_in_site(patches: list[bytes], origin: SiteOrigin) -> NDArray[Any]:
     return in_site
 
 
-def nearest_member(
-    outlines: Outlines, member: NDArray[np.bool_], rows: NDArray[np.int64], xy_img: Float64Array
-) -> NDArray[np.int64]:
+def nearest_member(outlines: Outlines, member: BoolArray, rows: Int64Array, xy_img: Float64Array) -> Int64Array:
     """The member (m,) nearest to each pixel ``xy_img`` (m, 2) of detection ``rows`` (m,); -1 where there is none."""
     kept = np.flatnonzero(member)
     if not len(kept):
@@ -69,7 +67,7 @@ def nearest_member(
     return np.where(outlines.detection[chosen] == rows, chosen, -1)
 
 
-def on_planes(origin: Float64Array, direction: Float64Array, hits: Hits, anchor: NDArray[np.int64]) -> Float64Array:
+def on_planes(origin: Float64Array, direction: Float64Array, hits: Hits, anchor: Int64Array) -> Float64Array:
     """Where rays (m, 3) meet the planes of the hits ``anchor`` (m,); the hit itself where the plane is too flat."""
     normal, at = hits.normal_site[anchor], hits.xyz_site_m[anchor]
     cosine = np.einsum("ij,ij->i", normal, direction)
@@ -87,16 +85,16 @@ class Mapped:
 
     polygon_site: NDArray[Any]
     vertex_site_m: Float64Array
-    of_vertex: NDArray[np.int64]
+    of_vertex: Int64Array
 
 
 def mapped(
     outlines: Outlines,
     hits: Hits,
-    member: NDArray[np.bool_],
-    some_member: NDArray[np.int64],
+    member: BoolArray,
+    some_member: Int64Array,
     cameras: list[PosedCamera],
-    camera_of: NDArray[np.int64],
+    camera_of: Int64Array,
 ) -> Mapped:
     """Outlines of the patches that have a member (``some_member`` (n,), else -1), on the surface.
 
@@ -127,7 +125,7 @@ def mapped(
     return Mapped(polygon_site=_single(placed), vertex_site_m=vertex, of_vertex=of_vertex)
 
 
-def _cut(outlines: Outlines, member: NDArray[np.bool_], row: int) -> Any:
+def _cut(outlines: Outlines, member: BoolArray, row: int) -> Any:
     """The part of an outline that lies in the cells of its members: its own surface's, to half a pitch.
 
     A cell that an outline only cuts a corner off has no pixel of its own; it goes with the pixel next to it.
@@ -153,9 +151,7 @@ def _single(polygons: NDArray[Any]) -> NDArray[Any]:
     return np.where(shapely.get_num_geometries(polygons) == 1, shapely.get_geometry(polygons, 0), polygons)
 
 
-def extents(
-    coords: Float64Array, of_vertex: NDArray[np.int64], xyz: Float64Array, normal: Float64Array
-) -> Float64Array:
+def extents(coords: Float64Array, of_vertex: Int64Array, xyz: Float64Array, normal: Float64Array) -> Float64Array:
     """Horizontal, upward and longest extent (n, 3) of vertices (c, 3), given in the order of their patches."""
     across, upward = tangents_of(normal)
     starts = np.searchsorted(of_vertex, np.arange(len(xyz)))

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,7 +24,7 @@ class PixelRays:
     forward: Float64Array
 
 
-def rays_of(cameras: Sequence[PosedCamera], camera_of: NDArray[np.int64], xy_img: Float64Array) -> PixelRays:
+def rays_of(cameras: Sequence[PosedCamera], camera_of: Int64Array, xy_img: Float64Array) -> PixelRays:
     """Rays of the pixels ``xy_img`` (k, 2), each of ``cameras[camera_of]`` (k,)."""
     count = len(xy_img)
     origin, direction = np.empty((count, 3)), np.empty((count, 3))

@@ -8,14 +8,14 @@ from typing import Any
 
 import pyarrow as pa
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel
+from facadelake.building.surface import Surface
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.registration.observe import observe
 from facadelake.registration.settings import RegisterSettings
 from facadelake.registration.tie_points import Tracks, tie_points
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.sfm import Reconstruction
 
 DEFAULT_EXCLUSION = ExclusionSettings()
 

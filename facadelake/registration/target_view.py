@@ -11,15 +11,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.raycasting import Surface
-from facadelake.building.targets import target_elements
+from facadelake.building import BuildingModel, target_elements
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import BoolArray
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.pose_table import posed_cameras
-from facadelake.detection.campaign import View
+from facadelake.detection import View
 from facadelake.registration.exclusion_mask import read_mask
 from schemas.vocabulary import SurfaceKind
 
@@ -38,7 +37,7 @@ class TargetView:
     where the photograph does not show it.
     """
 
-    target: NDArray[np.bool_]
+    target: BoolArray
     gsd_mm: float
 
 

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 
 _LEAST_SIGHTS = 3  # with two, a wrong match along the epipolar line leaves no residual
 _LEAST_SIGMA_PX = 0.5  # features are not found better
@@ -23,8 +22,8 @@ class Tracks:
     numbered ``point[k]`` at pixel ``xy_img[k]`` (k, 2)."""
 
     photo_ids: Sequence[str]
-    photo: NDArray[np.int64]
-    point: NDArray[np.int64]
+    photo: Int64Array
+    point: Int64Array
     xy_img: Float64Array
 
 
@@ -33,7 +32,7 @@ class Sights:
     """What one photograph saw: pixels (k, 2) and the points (k,), rows of ``TiePoints``."""
 
     xy_img: Float64Array
-    point: NDArray[np.int64]
+    point: Int64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,7 +67,7 @@ def tie_points(tracks: Tracks, posed: Mapping[str, PosedCamera]) -> TiePoints:
 
 
 def _rays(
-    names: Sequence[str], photo: NDArray[np.int64], xy: Float64Array, posed: Mapping[str, PosedCamera]
+    names: Sequence[str], photo: Int64Array, xy: Float64Array, posed: Mapping[str, PosedCamera]
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Origins and directions (k, 3) and focal lengths (k,) of sightings, which come by photograph."""
     origins, directions, focal_px = np.zeros((len(xy), 3)), np.zeros((len(xy), 3)), np.ones(len(xy))
@@ -81,8 +80,8 @@ def _rays(
 
 
 def _intersections(
-    origins: Float64Array, directions: Float64Array, focal_px: Float64Array, point: NDArray[np.int64], count: int
-) -> tuple[Float64Array, Float64Array, NDArray[np.bool_]]:
+    origins: Float64Array, directions: Float64Array, focal_px: Float64Array, point: Int64Array, count: int
+) -> tuple[Float64Array, Float64Array, BoolArray]:
     """Points (count, 3), their covariance (count, 3, 3) and which are to be believed."""
     along = np.zeros(len(origins))
     weight = np.ones(len(origins))

@@ -1,24 +1,5 @@
-"""The registry of buildings: who is inspected, from which files, how, and when."""
+"""The portfolio: which buildings are inspected, from which files, how, and when."""
 
-from facadelake.registry.building import (
-    DEFAULT_MODEL,
-    Building,
-    BuildingCrs,
-    CocoDetector,
-    OnnxDetectorSetting,
-    Schedule,
-    Tolerances,
-)
-from facadelake.registry.portfolio import Portfolio, read_portfolio
+import lazy_loader
 
-__all__ = [
-    "DEFAULT_MODEL",
-    "Building",
-    "BuildingCrs",
-    "CocoDetector",
-    "OnnxDetectorSetting",
-    "Portfolio",
-    "Schedule",
-    "Tolerances",
-    "read_portfolio",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

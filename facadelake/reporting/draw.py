@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
 
-from facadelake.building.surface.raycasting import Surface
-from facadelake.campaigns.committed import committed_model, committed_tables
+from facadelake.building.surface import Surface
+from facadelake.campaigns import committed_model, committed_tables
 from facadelake.core.errors import InputDataError
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.tables import stage_schema

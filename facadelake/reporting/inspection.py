@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.building.model import BuildingModel
+from facadelake.building import BuildingModel
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import MISS, Surface
+from facadelake.building.surface import MISS, Surface
+from facadelake.core.arrays import BoolArray, Float32Array, Int64Array, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
@@ -21,7 +22,7 @@ from facadelake.reporting.drawing.legend_strip import Entry, with_legend, write_
 from facadelake.reporting.drawing.palette import OTHER_COLOUR, OUTCOME_COLOURS, bgr_of, outcome_colour
 from facadelake.reporting.drawing.photograph import decoded, read_photograph
 from facadelake.reporting.elevations.marks import Mark, marks_of
-from facadelake.reporting.elevations.relief import Picture, edges_of, edges_tell, openings_of
+from facadelake.reporting.elevations.relief import edges_of, edges_tell, openings_of
 from facadelake.reporting.elevations.visibility import pixels_of, sees
 from facadelake.reporting.inspection import Inspection, PictureSettings
 
@@ -104,7 +105,7 @@ def telling_photographs(inspection: Inspection, count: int) -> list[str]:
     return chosen
 
 
-def _base(path: Path, posed: PosedCamera | None, width_px: int) -> tuple[Picture, float]:
+def _base(path: Path, posed: PosedCamera | None, width_px: int) -> tuple[UInt8Image, float]:
     """The photograph (BGR) ``width_px`` wide or smaller, and its scale to the full one."""
     if posed is not None:
         reduction = next((n for n in (8, 4, 2) if posed.camera.width_px // n >= width_px), 1)
@@ -118,9 +119,7 @@ def _base(path: Path, posed: PosedCamera | None, width_px: int) -> tuple[Picture
     return np.ascontiguousarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), scale
 
 
-def _visible_edges(
-    posed: PosedCamera, surface: Surface, is_opening: NDArray[np.bool_], shape: tuple[int, int]
-) -> NDArray[np.bool_]:
+def _visible_edges(posed: PosedCamera, surface: Surface, is_opening: BoolArray, shape: tuple[int, int]) -> BoolArray:
     """Edges of the model as the camera sees them, (h, w) of a reduced photograph.
 
     A coarse look finds where edges are, a fine one there alone draws them: most of a picture is none.
@@ -138,14 +137,14 @@ def _visible_edges(
     inside = wanted.copy()
     inside[:, :-1] &= wanted[:, 1:]
     inside[:-1] &= wanted[1:]
-    edges: NDArray[np.bool_] = edges_of(xyz, normal, element, is_opening) & inside
+    edges: BoolArray = edges_of(xyz, normal, element, is_opening) & inside
     return edges
 
 
 def _seen(
-    posed: PosedCamera, surface: Surface, shape: tuple[int, int], rows: NDArray[np.int64], columns: NDArray[np.int64],
+    posed: PosedCamera, surface: Surface, shape: tuple[int, int], rows: Int64Array, columns: Int64Array,
     form: tuple[int, ...],
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:  # fmt: skip
+) -> tuple[Float32Array, Float32Array, NDArray[np.int32]]:  # fmt: skip
     """Points from the camera's centre, normals and elements at pixels of a photograph reduced to ``shape``."""
     camera = posed.camera
     x = (columns + 0.5) * camera.width_px / shape[1]
@@ -157,7 +156,7 @@ def _seen(
 
 
 def _draw_defects(
-    picture: Picture,
+    picture: UInt8Image,
     scale: float,
     posed: PosedCamera,
     surface: Surface,
@@ -181,7 +180,7 @@ def _draw_defects(
 
 
 def _draw_boxes(
-    picture: Picture,
+    picture: UInt8Image,
     scale: float,
     boxes: Sequence[dict[str, Any]],
     outcome: dict[str, dict[str, Any]],

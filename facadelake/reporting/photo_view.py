@@ -16,14 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import Surface
-from facadelake.building.surface.view_images import ViewImages, render_view_images
-from facadelake.building.surface.virtual_view import virtual_photograph
-from facadelake.campaigns.committed import committed_model, committed_tables
-from facadelake.campaigns.preflight import resolved_campaign
+from facadelake.building.surface import Surface, ViewImages, render_view_images, virtual_photograph
+from facadelake.campaigns import committed_model, committed_tables, resolved_campaign
+from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.pose_table import posed_cameras
 from facadelake.core.progress import stage_progress
 from facadelake.registry import Building
@@ -56,8 +53,8 @@ _CLASS_COLOURS = (
 class Panels:
     """What is drawn: ``photograph`` and ``virtual`` (h, w, 3) RGB and ``images``, pixel on pixel."""
 
-    photograph: NDArray[np.uint8]
-    virtual: NDArray[np.uint8]
+    photograph: UInt8Array
+    virtual: UInt8Array
     images: ViewImages
 
 
@@ -88,13 +85,13 @@ def view_sheet(panels: Panels, *, title: str, note: str) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, picture: NDArray[np.uint8] | Float64Array, title: str) -> None:
+def _panel(axes: Axes, picture: UInt8Array | Float64Array, title: str) -> None:
     axes.imshow(picture, interpolation="nearest")
     axes.set_title(title, loc="left", fontsize=10)
     axes.set_axis_off()
 
 
-def _draw_depth(axes: Axes, bar: Axes, depth_m: NDArray[np.float32]) -> None:
+def _draw_depth(axes: Axes, bar: Axes, depth_m: Float32Array) -> None:
     found = np.isfinite(depth_m)
     shown = axes.imshow(np.where(found, depth_m, np.nan), cmap="viridis_r", interpolation="nearest")
     axes.set_title("Depth of the model along the camera's axis, m", loc="left", fontsize=10)
@@ -149,7 +146,7 @@ def _shade(ifc_class: str, row: int) -> Float64Array:
     return np.clip(colour + 0.12, 0.0, 1.0)
 
 
-def _borders(element: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _borders(element: NDArray[np.int32]) -> BoolArray:
     border = np.zeros(element.shape, dtype=bool)
     border[:, 1:] |= element[:, 1:] != element[:, :-1]
     border[1:] |= element[1:] != element[:-1]
@@ -171,7 +168,7 @@ class PhotoView:
 def view_photograph(
     building: Building, campaign_id: str, photo: str, *, lake: Path, output: Path | None, scale: float | None
 ) -> PhotoView:
-    """Write the sheet of one photograph as a picture, and its images beside it as ``.npz`` (see ``render_view_images``).
+    """Write the sheet of one photograph as a picture, and beside it the images of ``render_view_images`` as ``.npz``.
 
     ``photo`` is a photo_id, or a file name that one photograph alone has. Without ``output`` the sheet goes to
     ``view_<photo>.png`` here; without ``scale`` panels are 1000 pixels wide. Raises InputDataError where the photograph
@@ -219,7 +216,7 @@ def _one_of(photo_ids: list[str], wanted: str, building_id: str, campaign: str) 
     )
 
 
-def _reduced(path: Path, posed: PosedCamera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def _reduced(path: Path, posed: PosedCamera, shape: tuple[int, ...]) -> UInt8Array:
     reduction = next((n for n in (8, 4, 2) if posed.camera.width_px // n >= shape[1]), 1)
     rgb = read_photograph(path, posed.camera, reduction)
     return np.asarray(cv2.resize(rgb, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), dtype=np.uint8)

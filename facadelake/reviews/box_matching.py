@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
-from facadelake.detection.boxes import Box
+from facadelake.core.arrays import Float64Array
+from facadelake.detection import Box
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.campaigns.committed import committed_tables
+from facadelake.campaigns import committed_tables
 from facadelake.core.errors import InputDataError
-from facadelake.detection.crosswalk import crosswalk_with
-from facadelake.lake.read import read_table
-from facadelake.lake.reviews import Added, append_reviews
+from facadelake.detection import crosswalk_with
+from facadelake.lake import Added, append_reviews, read_table
 from facadelake.registry import Building
 from facadelake.reviews.coco_import import Words, words_of_coco
 from facadelake.reviews.csv_import import words_of_csv

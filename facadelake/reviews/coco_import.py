@@ -16,10 +16,8 @@ import shapely
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
-from facadelake.detection.boxes import Box, clip_box, describe
-from facadelake.detection.coco.file import CocoAnnotation, number, read_coco
-from facadelake.detection.coco.mask import box_about, mask_of, polygons_of_text
-from facadelake.detection.crosswalk import Crosswalk
+from facadelake.detection import Box, Crosswalk, clip_box, describe
+from facadelake.detection.coco import CocoAnnotation, box_about, mask_of, number, polygons_of_text, read_coco
 from facadelake.reviews.box_matching import corners_of, overlaps, pairs_of
 from facadelake.reviews.presented import Said, Shown, word_on, word_on_missed
 from facadelake.reviews.review import Review

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
-from facadelake.detection.boxes import Box, clip_box
-from facadelake.detection.crosswalk import Crosswalk
+from facadelake.detection import Box, Crosswalk, clip_box
 from facadelake.reviews.coco_import import Words
 from facadelake.reviews.presented import Said, Shown, word_on, word_on_missed
 from facadelake.reviews.review import Review

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from facadelake.core.frames import Float64Array
-from facadelake.detection.boxes import Box
+from facadelake.core.arrays import Float64Array
+from facadelake.detection import Box
 from facadelake.reviews.box_matching import corners_of, overlaps, pairs_of
 from facadelake.reviews.review import Review, box_of_row, latest
 from schemas.vocabulary import DefectClass, DetectionOutcome

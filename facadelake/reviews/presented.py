@@ -9,7 +9,7 @@ from typing import Any
 
 import shapely
 
-from facadelake.detection.boxes import Box
+from facadelake.detection import Box
 from facadelake.reviews.match_reviews import Judgement
 from facadelake.reviews.review import Review, subject_of
 from schemas.vocabulary import DefectClass, Verdict

@@ -9,7 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from facadelake.detection.boxes import Box
+from facadelake.detection import Box
 from schemas.tables import LAKE_TABLES
 from schemas.vocabulary import DefectClass, Verdict
 

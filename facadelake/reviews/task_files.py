@@ -13,7 +13,7 @@ from typing import Any
 import shapely
 
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.detection.boxes import Box
+from facadelake.detection import Box
 from facadelake.reviews.presented import Shown, polygons
 from facadelake.reviews.review import box_of_row
 from schemas.vocabulary import DefectClass, Verdict

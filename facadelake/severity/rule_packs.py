@@ -9,13 +9,12 @@ import re
 from contextlib import closing
 from pathlib import Path
 
-import duckdb
 import pyarrow as pa
 
 from facadelake.core.checkout import source_path
+from facadelake.core.duckdb_engine import SqlError, open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_guard import refuse_unless_plain_select
-from facadelake.lake.connect import bare_connection
 from schemas.tables import TABLES
 
 RULES = source_path("data/severity")
@@ -52,7 +51,7 @@ def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
         raise InputDataError(f"the severity rule {rule_file} cannot be read: {error}") from error
     words = _words_of(rule, rule_file.name)
     given = defects.drop_columns([name for name in GRADES if name in defects.column_names])
-    with closing(bare_connection()) as connection:
+    with closing(open_duckdb()) as connection:
         refuse_unless_plain_select(connection, rule, frozenset({"defects"}))
         connection.register("defects", given)
         connection.execute("SET enable_external_access = false")
@@ -60,7 +59,7 @@ def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
             graded = connection.execute(
                 f"SELECT defect_id, severity FROM ({rule.rstrip().rstrip(';')}\n)"
             ).to_arrow_table()
-        except duckdb.Error as error:
+        except SqlError as error:
             raise InputDataError(f"the severity rule {rule_file.name} cannot be run: {error}") from error
     return _filled(defects, graded, rule_file.stem, words)
 

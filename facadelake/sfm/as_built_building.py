@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from facadelake.building.mesh.load import with_surface
-from facadelake.building.model import BuildingModel
+from facadelake.building import BuildingModel
+from facadelake.building.mesh import with_surface
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.sfm.reconstruction import Reconstruction
 from facadelake.sfm.surface_mesh import mesh_of
 from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, pixel_sigma
@@ -108,6 +107,6 @@ def _intersected(block: Reconstruction, cameras: list[PosedCamera]) -> Float64Ar
     return xyz
 
 
-def _rays(block: Reconstruction, photo: int, camera: PosedCamera) -> tuple[NDArray[np.int64], Float64Array]:
+def _rays(block: Reconstruction, photo: int, camera: PosedCamera) -> tuple[Int64Array, Float64Array]:
     rows = block.track_photo == photo
     return block.track_point[rows], camera.rays_site(block.track_xy_img[rows])[1]

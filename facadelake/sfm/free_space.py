@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 
 _ON_FACE = 1e-9
 
@@ -22,15 +21,15 @@ class Crossings:
     behind each ray's point (-1: outside).
     """
 
-    tetrahedron: NDArray[np.int64]
-    facet: NDArray[np.int64]
+    tetrahedron: Int64Array
+    facet: Int64Array
     before_end: Float64Array
-    begins: NDArray[np.int64]
-    behind: NDArray[np.int64]
+    begins: Int64Array
+    behind: Int64Array
 
 
 def cross(
-    delaunay: Delaunay, origins: Float64Array, ends: Float64Array, end_vertex: NDArray[np.int64], depth: Float64Array
+    delaunay: Delaunay, origins: Float64Array, ends: Float64Array, end_vertex: Int64Array, depth: Float64Array
 ) -> Crossings:
     """Walk rays (n) from ``origins`` (n, 3) to ``ends`` (n, 3), which are vertices ``end_vertex`` (n,).
 
@@ -66,7 +65,7 @@ def cross(
     )
 
 
-def _located(delaunay: Delaunay, xyz: Float64Array) -> NDArray[np.int64]:
+def _located(delaunay: Delaunay, xyz: Float64Array) -> Int64Array:
     """The tetrahedron of each point (n, 3), -1 outside: each place once, neighbours in turn, for short searches."""
     places, which = np.unique(xyz, axis=0, return_inverse=True)
     low, high = places.min(axis=0), places.max(axis=0)
@@ -79,8 +78,8 @@ def _located(delaunay: Delaunay, xyz: Float64Array) -> NDArray[np.int64]:
 
 
 def _exit(
-    delaunay: Delaunay, tetrahedron: NDArray[np.int64], origin: Float64Array, direction: Float64Array
-) -> tuple[Float64Array, NDArray[np.int64]]:
+    delaunay: Delaunay, tetrahedron: Int64Array, origin: Float64Array, direction: Float64Array
+) -> tuple[Float64Array, Int64Array]:
     """Where along the ray (in its length) each tetrahedron is left, and through which facet; NaN for a flat one."""
     transform = delaunay.transform[tetrahedron]
     start = np.einsum("nij,nj->ni", transform[:, :3], origin - transform[:, 3])

@@ -6,12 +6,9 @@ from collections.abc import Iterable
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.sfm.settings import ReconstructionSettings
-
-Booleans = NDArray[np.bool_]
 
 # Photographs whose optical axes differ by more than this hardly show the same side of anything.
 WIDEST_ANGLE_DEG = 110.0
@@ -36,7 +33,7 @@ def viewing_directions(yaw_deg: Float64Array, pitch_deg: Float64Array) -> Float6
 def choose_pairs(
     xyz_m: Float64Array,
     direction: Float64Array,
-    close_range: Booleans,
+    close_range: BoolArray,
     settings: ReconstructionSettings,
     *,
     half_view_deg: Float64Array | None = None,
@@ -69,7 +66,7 @@ def choose_pairs(
     return sorted(pairs)
 
 
-def poorly_placed(xyz_m: Float64Array, sigma_m: Float64Array, settings: ReconstructionSettings) -> Booleans:
+def poorly_placed(xyz_m: Float64Array, sigma_m: Float64Array, settings: ReconstructionSettings) -> BoolArray:
     """Which photographs (n,) their position does not tell from others: partners must be sought by their looks.
 
     No position; one whose horizontal sigma (``sigma_m`` (n, 3)) is more than half the distance within which its
@@ -89,7 +86,7 @@ def poorly_placed(xyz_m: Float64Array, sigma_m: Float64Array, settings: Reconstr
     return poor
 
 
-def _placed(xyz_m: Float64Array) -> Booleans:
+def _placed(xyz_m: Float64Array) -> BoolArray:
     return np.asarray(np.isfinite(xyz_m).all(axis=1))
 
 

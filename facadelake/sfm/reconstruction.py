@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, Int64Array, UInt8Array
 from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from schemas.vocabulary import PoseSource
 
 
@@ -61,9 +61,9 @@ class Reconstruction:
     photos: tuple[LocalisedPhoto, ...]
     unlocalised: tuple[UnlocalisedPhoto, ...]
     xyz_sfm: Float64Array
-    rgb: NDArray[np.uint8]
-    track_photo: NDArray[np.int64]
-    track_point: NDArray[np.int64]
+    rgb: UInt8Array
+    track_photo: Int64Array
+    track_point: Int64Array
     track_xy_img: Float64Array
     mean_reprojection_error_px: float
     costs: tuple[StepCost, ...]
@@ -136,14 +136,14 @@ def read_reconstruction(folder: Path) -> Reconstruction:
     )
 
 
-def read_descriptors(folder: Path) -> NDArray[np.uint8]:
+def read_descriptors(folder: Path) -> UInt8Array:
     """SIFT descriptors (m, 128) of the tie points of the reconstruction in ``folder``, in the rows of ``xyz_sfm``.
 
     Each is the one of its track nearest to the track's mean, as COLMAP stores it: the square root of a histogram of
     sum 1, times 512 (Arandjelovic and Zisserman 2012). Raises InputDataError where the reconstruction has none.
     """
     try:
-        descriptors: NDArray[np.uint8] = np.load(folder / "descriptors.npy")
+        descriptors: UInt8Array = np.load(folder / "descriptors.npy")
     except (OSError, ValueError) as error:
         raise InputDataError(
             f"{folder} holds no descriptors of its tie points ({error}); remove the folder and run again"

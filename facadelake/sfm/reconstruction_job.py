@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.hashing import key_of
-from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
+from facadelake.photos import FULL_FRAME_DIAGONAL_MM
 from facadelake.sfm.pairing import choose_pairs, poorly_placed, viewing_directions
 from facadelake.sfm.settings import ReconstructionSettings
 from facadelake.sfm.work_folder import work_folder

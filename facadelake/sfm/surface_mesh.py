@@ -10,13 +10,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import Delaunay, cKDTree
 
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.progress import stage_progress
 from facadelake.sfm.free_space import Crossings, cross
 from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
@@ -42,7 +41,7 @@ def as_built_mesh(reconstruction_folder: Path, folder: Path) -> None:
     np.savez(folder / "mesh.npz", vertices_sfm=vertices, triangles=triangles)
 
 
-def read_mesh(folder: Path) -> tuple[Float64Array, NDArray[np.int64]]:
+def read_mesh(folder: Path) -> tuple[Float64Array, Int64Array]:
     """Vertices (n, 3) in sfm and triangles (m, 3), wound so that normals point to the free side."""
     try:
         with np.load(folder / "mesh.npz") as loaded:
@@ -53,7 +52,7 @@ def read_mesh(folder: Path) -> tuple[Float64Array, NDArray[np.int64]]:
 
 def mesh_of(
     reconstruction: Reconstruction, *, seed: int = 1, most_points: int = _MOST_POINTS
-) -> tuple[Float64Array, NDArray[np.int64]]:
+) -> tuple[Float64Array, Int64Array]:
     """The surface between free space and matter: vertices (n, 3) in sfm, triangles (m, 3).
 
     Of more than ``most_points`` well-observed tie points that many are drawn by ``seed``.
@@ -82,9 +81,7 @@ def mesh_of(
     return xyz[used], renumbered.reshape(-1, 3).astype(np.int64)
 
 
-def _sightings(
-    reconstruction: Reconstruction, seed: int, most_points: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _sightings(reconstruction: Reconstruction, seed: int, most_points: int) -> tuple[Int64Array, Int64Array]:
     """Points and photographs of the rays to walk: points seen three times or more, a few views of each."""
     rng = np.random.default_rng(seed)
     seen = np.bincount(reconstruction.track_point, minlength=len(reconstruction.xyz_sfm))
@@ -109,7 +106,7 @@ def _far_corners(xyz: Float64Array) -> Float64Array:
     return corners
 
 
-def _free(delaunay: Delaunay, crossings: Crossings, spacing: float) -> NDArray[np.bool_]:
+def _free(delaunay: Delaunay, crossings: Crossings, spacing: float) -> BoolArray:
     """Which tetrahedra are free space (t,), by a minimum cut between the cameras' and those behind points."""
     count = len(delaunay.simplices)
     source, sink = count, count + 1
@@ -181,7 +178,7 @@ def _badness(delaunay: Delaunay) -> Float64Array:
     return badness
 
 
-def _between(delaunay: Delaunay, free: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _between(delaunay: Delaunay, free: BoolArray) -> Int64Array:
     """Facets (m, 3) between matter and free space, wound with their normals to the free side."""
     solid, facet = np.nonzero(~free[:, None] & (delaunay.neighbors >= 0) & free[delaunay.neighbors])
     others = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])[facet]
@@ -193,8 +190,8 @@ def _between(delaunay: Delaunay, free: NDArray[np.bool_]) -> NDArray[np.int64]:
     return triangles
 
 
-def _without_long(points: Float64Array, triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def _without_long(points: Float64Array, triangles: Int64Array) -> Int64Array:
     edges = np.linalg.norm(points[triangles] - points[np.roll(triangles, 1, axis=1)], axis=2).max(axis=1)
     limit = _LONGEST_EDGE_FACTOR * np.percentile(edges, _EDGE_PERCENTILE) if len(edges) else 0.0
-    kept: NDArray[np.int64] = triangles[edges <= limit]
+    kept: Int64Array = triangles[edges <= limit]
     return kept

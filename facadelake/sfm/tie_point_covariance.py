@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.sfm.reconstruction import Reconstruction
 
 # The mean length of a residual of two coordinates is 1.25 times the sigma of one (Rayleigh).
@@ -57,7 +56,7 @@ class Seen:
     """Of each tie point: ``photographs`` (m,) that saw it, the mean unit ``direction`` (m, 3) in which they looked, and
     the finest ``gsd`` (m,), the length of a pixel there (inf where no photograph saw it)."""
 
-    photographs: NDArray[np.int64]
+    photographs: Int64Array
     direction: Float64Array
     gsd: Float64Array
 

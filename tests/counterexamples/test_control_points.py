@@ -11,8 +11,10 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
+from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, read_control_points
-from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference_block
+from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
+from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PositionSource
 from tests.synthetic.test_georeference import ORIGIN, Scene, ring
 
@@ -70,10 +72,10 @@ def placed(
     *,
     limit_m: float = 60.0,  # GPS heights of an unknown datum are known to 50 m
 ) -> Georeferenced:
-    return georeference_block(
+    return georeference_reconstruction(
         SCENE.reconstruction(),
         SCENE.photos() if photos is None else photos,
-        place=Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
+        place=SiteFrame(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
         control=Control(kind=control, points=points, placement_sigma_max_m=limit_m),
     )
 

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.detection.inference.detector import Found
-from facadelake.detection.inference.letterbox import Image
 from facadelake.detection.tiling.plan import plan_looks
 from facadelake.detection.tiling.tiled_detection import detect_image
 from tests.unit.detection.blobs import BlobDetector, card
@@ -29,22 +29,22 @@ Sides = tuple[int, int, int, int]
 class NearSighted(BlobDetector):
     """Sees nothing in an image that would have to be shrunk by more than half."""
 
-    def _blobs(self, image: Image) -> tuple[Found, ...]:
+    def _blobs(self, image: UInt8Image) -> tuple[Found, ...]:
         return () if max(image.shape[:2]) > 2 * INPUT_PX + 1 else super()._blobs(image)
 
 
-def wall(height: int = HEIGHT, width: int = WIDTH) -> Image:
+def wall(height: int = HEIGHT, width: int = WIDTH) -> UInt8Image:
     return np.full((height, width, 3), 200, dtype=np.uint8)
 
 
-def lines(*points: list[tuple[int, int]], thick: int = 3) -> Image:
+def lines(*points: list[tuple[int, int]], thick: int = 3) -> UInt8Image:
     image = wall()
     for line in points:
         cv2.polylines(image, [np.array(line)], False, (0, 0, 0), thick)
     return image
 
 
-def blobs(image: Image) -> list[Sides]:
+def blobs(image: UInt8Image) -> list[Sides]:
     dark = (image[..., 0] < 128).astype(np.uint8)
     stats = cv2.connectedComponentsWithStats(dark, connectivity=8)[2]
     return sorted((int(x), int(y), int(w), int(h)) for x, y, w, h, _ in stats[1:])

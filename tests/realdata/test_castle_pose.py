@@ -14,9 +14,11 @@ import pytest
 
 from facadelake.core.frames import similarity_between
 from facadelake.core.geodesy import SiteOrigin
+from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import read_control_points
-from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference_block
+from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
 from facadelake.georeferencing.poses_table import build_poses_table
+from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.photos.ingest import ingest_photographs
 from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
@@ -62,10 +64,10 @@ def block(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Block:
 
 def placed(block: Block, shared_data: Path, control: ControlKind) -> Georeferenced:
     """Georeference with the castle's control points."""
-    return georeference_block(
+    return georeference_reconstruction(
         block.reconstruction,
         block.photos,
-        place=Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
+        place=SiteFrame(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
         control=Control(kind=control, points=read_control_points(shared_data / "castle" / "gcp_list.txt")),
     )
 

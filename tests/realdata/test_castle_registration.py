@@ -24,9 +24,9 @@ from facadelake.deduplication.settings import MergeSettings
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluation.campaigns.evaluate import evaluate
 from facadelake.evaluation.campaigns.figures import Figures
-from facadelake.georeferencing.georeference import Place
 from facadelake.georeferencing.imported.placement import PlacedByImport, place_imported
 from facadelake.georeferencing.imported.read import read_poses
+from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.photos.ingest import ingest_photographs
 from facadelake.registration.observe import observe
 from facadelake.registration.settings import RegisterSettings
@@ -48,7 +48,7 @@ class Castle:
 
     def placed(self, path: Path) -> PlacedByImport:
         model = self.model
-        place = Place(
+        place = SiteFrame(
             origin=model.origin, map_crs=model.map_crs, vertical_datum=model.vertical_datum,
             georeference_level=model.georeference_level,
         )  # fmt: skip

@@ -9,10 +9,10 @@ import pytest
 import shapely
 
 from facadelake.core.checkout import source_path
+from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.sql_files import statements
 from facadelake.core.tables import table_of_rows
 from facadelake.lake.checks import CHECKED, across_tables
-from facadelake.lake.connect import bare_connection
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, rows
 
 
@@ -88,7 +88,7 @@ def test_each_sql_check_has_a_counterexample_and_one_header() -> None:
 @pytest.fixture(scope="module")
 def connection() -> Iterator[duckdb.DuckDBPyConnection]:
     """What ``across_tables`` asks on."""
-    opened = bare_connection("spatial")
+    opened = open_duckdb("spatial")
     yield opened
     opened.close()
 

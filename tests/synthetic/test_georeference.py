@@ -13,10 +13,12 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
+from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, Sighting
-from facadelake.georeferencing.georeference import Control, Georeferenced, Place, georeference_block
+from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
 from facadelake.georeferencing.model.control import ModelControl
 from facadelake.georeferencing.poses_table import build_poses_table
+from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
 from schemas.vocabulary import ControlKind
 from tests.unit.georeferencing.small_block import BoxSurface, looking
@@ -178,10 +180,10 @@ class Scene:
 
     def placed(self, control: ControlKind | None, **given: object) -> Georeferenced:
         """Georeference the block."""
-        return georeference_block(
+        return georeference_reconstruction(
             self.reconstruction(),
             given.get("photos", self.photos()),  # type: ignore[arg-type]
-            place=Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
+            place=SiteFrame(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
             control=Control(
                 kind=control,
                 points=given.get("control_points"),  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.building.facades.openness import COMPASS, INSIDE, LEVEL, compass_of
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 
 _BIN_DEG = 0.5
 _CORE_DEG = 10.0  # walls within this of a direction make its mean

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 LEVEL = "level"  # open mainly upward or downward: roofs, slabs, soffits
@@ -49,7 +48,7 @@ def compass_of(direction_site: Float64Array) -> str:
     return COMPASS[round(float(np.degrees(np.arctan2(x, y))) / 45.0) % 8]
 
 
-def open_sides_of(surface: Surface, element_of_triangle: NDArray[np.int64], elements: int) -> OpenSides:
+def open_sides_of(surface: Surface, element_of_triangle: Int64Array, elements: int) -> OpenSides:
     """Which way each element's open sides look.
 
     A side counts as far as rays from it reach the sky, so neither the winding of open shells nor the inner faces of
@@ -153,7 +152,7 @@ def _main_side(normals: Float64Array, weights: Float64Array, outward: Float64Arr
     return direction
 
 
-def _has_a_return(surface: Surface, triangles: NDArray[np.int64], main: Float64Array) -> bool:
+def _has_a_return(surface: Surface, triangles: Int64Array, main: Float64Array) -> bool:
     """Whether one of the open ``triangles`` (k,) is of a plane more than 1 m wide that turns from ``main`` (2,)."""
     normals = surface.normals_site[triangles]
     upright = np.hypot(normals[:, 0], normals[:, 1])

@@ -14,7 +14,6 @@ import ifcopenshell.util.unit
 import numpy as np
 import pyarrow as pa
 import shapely
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -25,7 +24,7 @@ from facadelake.building.ifc.meshes import ElementMesh
 from facadelake.building.ifc.structure import Storey, building_of, host_of, label_of, storey_of
 from facadelake.building.surface.footprint import in_lon_lat, outline_of
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.progress import track
 from facadelake.core.tables import table_of_rows
@@ -70,7 +69,7 @@ def elements_table(
     return table_of_rows("elements", rows)
 
 
-def facades_of(surface: Surface, element_of_triangle: NDArray[np.int64], elements: int) -> list[FacadeOf]:
+def facades_of(surface: Surface, element_of_triangle: Int64Array, elements: int) -> list[FacadeOf]:
     """Facade of each element: walls clustered by the way they look, however the compass divides them."""
     sides = open_sides_of(surface, element_of_triangle, elements)
     faced = np.isfinite(sides.azimuth_deg)

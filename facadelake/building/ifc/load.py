@@ -16,7 +16,7 @@ from facadelake.building.model import BuildingModel, ModelSettings
 from facadelake.building.model_georeference.selection import Georeference, chosen, georeferences_of
 from facadelake.building.storeys import NamedFloor, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 
 _log = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ import ifcopenshell.util.element
 import ifcopenshell.util.placement
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 
 _AXES = {"AXIS1": 0, "AXIS2": 1, "AXIS3": 2}
 _ACROSS = 0.5  # cosine: layers that lie more along the facade than across it have no outermost

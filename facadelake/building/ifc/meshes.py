@@ -10,13 +10,12 @@ from pathlib import Path
 import ifcopenshell
 import ifcopenshell.geom
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from facadelake.building.ifc.structure import building_of
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Float64Array
 from facadelake.core.progress import stage_progress
 
 _log = logging.getLogger(__name__)
@@ -32,7 +31,7 @@ class ElementMesh:
 
     guid: str
     vertices_ifc_m: Float64Array
-    triangles: NDArray[np.int64]
+    triangles: Int64Array
 
 
 def open_ifc(path: Path) -> ifcopenshell.file:
@@ -145,7 +144,7 @@ def _is_of_another(element: ifcopenshell.entity_instance, building_guid: str) ->
     return building is not None and building.GlobalId != building_guid
 
 
-def _cleaned(guid: str, vertices: Float64Array, triangles: NDArray[np.int64]) -> ElementMesh:
+def _cleaned(guid: str, vertices: Float64Array, triangles: Int64Array) -> ElementMesh:
     """Without slivers, and each connected body turned inside out where its volume came out negative.
 
     The kernel's own reorienting of shells costs three times the whole meshing.

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import shapely
-from numpy.typing import NDArray
 from scipy.signal import find_peaks, peak_prominences
 from scipy.spatial import cKDTree
 
@@ -22,7 +21,7 @@ from facadelake.building.facades.openness import INSIDE, LEVEL, compass_of, open
 from facadelake.building.storeys import StoreyLevel, storey_at
 from facadelake.building.surface.footprint import in_lon_lat, outline_of
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
 
@@ -51,7 +50,7 @@ class FacadePlanes:
     names: tuple[str, ...]
     facades: tuple[str, ...]
     azimuth_deg: Float64Array
-    plane_of_triangle: NDArray[np.int64]
+    plane_of_triangle: Int64Array
 
 
 def facade_planes(surface: Surface) -> FacadePlanes:
@@ -62,7 +61,7 @@ def facade_planes(surface: Surface) -> FacadePlanes:
     flat = np.hypot(smooth[:, 0], smooth[:, 1])
     level = np.abs(smooth[:, 2]) > flat  # undersides too, though they see no sky
     wall = is_open & ~level
-    keys: list[tuple[str, float, NDArray[np.int64]]] = []
+    keys: list[tuple[str, float, Int64Array]] = []
     rows = np.flatnonzero(wall)
     directions = _directions(smooth[rows], surface.areas_m2[rows])
     least_m2 = float(np.clip(_PLANE_SHARE * surface.areas_m2[rows].sum(), *_PLANE_M2))
@@ -126,7 +125,7 @@ def elements_of_planes(
     return table_of_rows("elements", rows)
 
 
-def _outward(surface: Surface, centres: Float64Array) -> tuple[Float64Array, NDArray[np.bool_]]:
+def _outward(surface: Surface, centres: Float64Array) -> tuple[Float64Array, BoolArray]:
     """Normals (m, 3) turned to the open side, and which triangles have one (m,).
 
     The winding is kept where the side it names is open: the back of a sheet, such as a campaign's own surface, is open
@@ -152,9 +151,7 @@ def _outward(surface: Surface, centres: Float64Array) -> tuple[Float64Array, NDA
     return outward, is_open
 
 
-def _smoothed(
-    centres: Float64Array, normals: Float64Array, areas: Float64Array, used: NDArray[np.bool_]
-) -> Float64Array:
+def _smoothed(centres: Float64Array, normals: Float64Array, areas: Float64Array, used: BoolArray) -> Float64Array:
     """Normals (m, 3) averaged with those around, half its own: noise goes, corners of clean walls stay."""
     rows = np.flatnonzero(used)
     smooth = normals.copy()
@@ -207,7 +204,7 @@ def _fitted(direction: Float64Array, places: Float64Array, areas: Float64Array) 
     return normal
 
 
-def _planes(offset_m: Float64Array, areas: Float64Array, least_m2: float) -> NDArray[np.int64]:
+def _planes(offset_m: Float64Array, areas: Float64Array, least_m2: float) -> Int64Array:
     """Number (n,) of the plane nearest to each triangle of one direction, by its offset along that direction.
 
     A plane is a peak of the area within half a metre, of ``least_m2`` or more (the largest peak of any), that falls to

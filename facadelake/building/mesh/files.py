@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Float64Array
 
 _log = logging.getLogger(__name__)
 
@@ -40,7 +39,7 @@ class MeshFile:
     """
 
     vertices_m: Float64Array
-    triangles: NDArray[np.int64]
+    triangles: Int64Array
     step_m: float
 
 
@@ -91,13 +90,13 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
     return MeshFile(vertices_m=vertices, triangles=triangles, step_m=step_m)
 
 
-def _parts(path: Path) -> tuple[Float64Array, NDArray[np.int64], float]:
+def _parts(path: Path) -> tuple[Float64Array, Int64Array, float]:
     """Vertices and triangles of all parts in the file's unit, and the step of its numbers."""
     try:
         scene = trimesh.load_scene(path, process=False, maintain_order=True, skip_materials=True)
         narrow = _is_float32(path)
         vertices: list[Float64Array] = []
-        triangles: list[NDArray[np.int64]] = []
+        triangles: list[Int64Array] = []
         step, count = 0.0, 0
         for name in sorted(scene.graph.nodes_geometry):
             placed, geometry = scene.graph[name]

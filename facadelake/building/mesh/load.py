@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
-from numpy.typing import NDArray
 
 from facadelake.building.mesh.facade_planes import elements_of_planes, facade_planes
 from facadelake.building.mesh.files import MeshAxes, read_mesh_file
@@ -19,8 +18,8 @@ from facadelake.building.model_georeference.site_placement import utm_of
 from facadelake.building.model_georeference.vertical_datum import horizontal_and_vertical, vertical_named
 from facadelake.building.storeys import NamedFloor, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin, as_3d
 from facadelake.core.tables import table_of_rows
 from schemas.vocabulary import SurfaceKind
@@ -105,7 +104,7 @@ def place_without_model(lon_lat_deg: Float64Array, *, settings: BareSettings) ->
 def with_surface(
     place: BuildingModel,
     vertices_site_m: Float64Array,
-    triangles: NDArray[np.int64],
+    triangles: Int64Array,
     *,
     surface_sigma_m: float | None = None,
 ) -> BuildingModel:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.building.model_georeference.map_placement import MapPlacement, geo_from_map, grid_at, turned
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array
 
 _LIMIT_M = 0.1  # walls stand 2 to 3 cm off their model (DIN 18202); beyond this a pair is wrong
 _UNIT_SHARE = 0.02  # a scale further than this from the map's is a wrong unit or a wrong pair

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
 
 _ARM_M = 50.0  # half the base over which the map's stretch and turn are measured

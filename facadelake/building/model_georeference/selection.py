@@ -28,8 +28,8 @@ from facadelake.building.model_georeference.site_placement import (
     world_matrix,
 )
 from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL, horizontal_and_vertical, vertical_named
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array
 
 __all__ = ["ELLIPSOIDAL", "Georeference", "MapPlacement", "Readings", "chosen", "georeferences_of", "the_one_in_use"]
 

@@ -23,8 +23,8 @@ from facadelake.building.model_georeference.map_placement import (
     grid_at,
     standing_at,
 )
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import GEO, transform
 
 _SURVEYED_SIGMA_M = 10.0  # authoring tools take the place from a map or an address, whatever digits they write

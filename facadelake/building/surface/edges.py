@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 
 _WELD_M = 0.001
 # Directions have no sign; the sign is taken from a vector that no building is built along.
@@ -32,7 +31,7 @@ class ModelEdges:
 
     start_site_m: Float64Array
     end_site_m: Float64Array
-    feature: NDArray[np.int64]
+    feature: Int64Array
 
     @property
     def length_m(self) -> Float64Array:
@@ -43,8 +42,8 @@ class ModelEdges:
 
 def model_edges(
     vertices_site_m: Float64Array,
-    triangles: NDArray[np.int64],
-    element_of_triangle: NDArray[np.int64],
+    triangles: Int64Array,
+    element_of_triangle: Int64Array,
     *,
     crease_deg: float = 25.0,
     shortest_m: float = 0.10,
@@ -75,7 +74,7 @@ def model_edges(
 
 
 def _creases(
-    vertices: Float64Array, triangles: NDArray[np.int64], owner: NDArray[np.int64], flat_cosine: float
+    vertices: Float64Array, triangles: Int64Array, owner: Int64Array, flat_cosine: float
 ) -> tuple[Float64Array, Float64Array]:
     """Ends (k, 3) of the creases and borders of each element's own welded surface."""
     _, place, weld = np.unique(
@@ -108,7 +107,7 @@ def _unit_directions(start: Float64Array, end: Float64Array) -> Float64Array:
 
 def _joined(
     start: Float64Array, end: Float64Array, tolerance_m: float
-) -> tuple[Float64Array, Float64Array, NDArray[np.int64]]:
+) -> tuple[Float64Array, Float64Array, Int64Array]:
     """Pieces (k, 3), (k, 3) and the line (k,) each lies on: collinear edges joined where they touch or overlap."""
     direction = _unit_directions(start, end)
     foot = start - np.einsum("ij,ij->i", start, direction)[:, None] * direction
@@ -136,7 +135,7 @@ def _joined(
     )
 
 
-def _features(start: Float64Array, end: Float64Array, line: NDArray[np.int64], radius_m: float) -> NDArray[np.int64]:
+def _features(start: Float64Array, end: Float64Array, line: Int64Array, radius_m: float) -> Int64Array:
     """Feature (k,) of pieces: lines are taken in the order of their length, each with the free ones around it.
 
     No chains: the rungs of a ladder do not become one feature.

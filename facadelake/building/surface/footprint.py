@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from facadelake.building.model import BuildingModel
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 
 _MANY = 8_000

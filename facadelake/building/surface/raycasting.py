@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import open3d as o3d
-from numpy.typing import NDArray
 
 from facadelake.building.model import BuildingModel
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Float64Array
 
 MISS = -1
 _CHUNK = 1_000_000  # rays per cast: about 100 MB of float64 around one
@@ -29,13 +28,13 @@ class Hits:
     distance_m: Float64Array
     xyz_site_m: Float64Array
     normal_site: Float64Array
-    triangle: NDArray[np.int64]
-    element: NDArray[np.int64]
+    triangle: Int64Array
+    element: Int64Array
 
     @property
-    def hit(self) -> NDArray[np.bool_]:
+    def hit(self) -> BoolArray:
         """Which rays met the surface (n,)."""
-        met: NDArray[np.bool_] = self.triangle != MISS
+        met: BoolArray = self.triangle != MISS
         return met
 
 
@@ -46,8 +45,8 @@ class Closest:
     distance_m: Float64Array
     xyz_site_m: Float64Array
     normal_site: Float64Array
-    triangle: NDArray[np.int64]
-    element: NDArray[np.int64]
+    triangle: Int64Array
+    element: Int64Array
 
 
 class Surface:
@@ -60,8 +59,8 @@ class Surface:
     def from_mesh(
         cls,
         vertices_site_m: Float64Array,
-        triangles: NDArray[np.int64],
-        element_of_triangle: NDArray[np.int64] | None = None,
+        triangles: Int64Array,
+        element_of_triangle: Int64Array | None = None,
     ) -> Surface:
         """A surface of any mesh in site; without ``element_of_triangle`` every triangle belongs to element 0."""
         surface = cls.__new__(cls)
@@ -69,7 +68,7 @@ class Surface:
         surface._build(vertices_site_m, triangles, owner)
         return surface
 
-    def _build(self, vertices: Float64Array, triangles: NDArray[np.int64], owner: NDArray[np.int64]) -> None:
+    def _build(self, vertices: Float64Array, triangles: Int64Array, owner: Int64Array) -> None:
         if len(triangles) == 0:
             raise ModelError("the surface has no triangles, so no ray can meet it; is the model empty?")
         self.vertices_site_m = np.asarray(vertices, dtype=np.float64)
@@ -105,9 +104,7 @@ class Surface:
             triangle[part][met] = answer["primitive_ids"].numpy()[met].astype(np.int64)
         return self._refined(origins, unit, distance, triangle)
 
-    def _refined(
-        self, origins: Float64Array, unit: Float64Array, distance: Float64Array, triangle: NDArray[np.int64]
-    ) -> Hits:
+    def _refined(self, origins: Float64Array, unit: Float64Array, distance: Float64Array, triangle: Int64Array) -> Hits:
         """Hits whose distance is taken from the plane of the triangle that was hit, in float64."""
         met = triangle != MISS
         normal = np.full_like(unit, np.nan)
@@ -124,7 +121,7 @@ class Surface:
         element = np.where(met, self._owner[np.where(met, triangle, 0)], MISS)
         return Hits(distance_m=distance, xyz_site_m=xyz, normal_site=normal, triangle=triangle, element=element)
 
-    def depth_image(self, posed: PosedCamera, scale: float) -> tuple[Float64Array, NDArray[np.int64]]:
+    def depth_image(self, posed: PosedCamera, scale: float) -> tuple[Float64Array, Int64Array]:
         """Depth along the camera's z in metres (inf: miss) and element rows (``MISS``), both (h, w).
 
         ``scale`` <= 1 reduces the photograph's size; lens distortion is kept, so pixels match the photograph's.

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pyrender
-from numpy.typing import NDArray
 from OpenGL import GL
+
+from facadelake.core.arrays import Float32Array, UInt8Array
 
 
 def render(folder: Path) -> None:
@@ -41,11 +42,11 @@ class View:
         self._renderer = pyrender.OffscreenRenderer(self._width, self._height)
         self._flags = pyrender.RenderFlags.FLAT | pyrender.RenderFlags.SKIP_CULL_FACES
 
-    def colour(self) -> NDArray[np.uint8]:
+    def colour(self) -> UInt8Array:
         """The picture (h, w, 3)."""
         return np.asarray(self._renderer.render(self._scene, flags=self._flags)[0])
 
-    def buffer(self) -> NDArray[np.float32]:
+    def buffer(self) -> Float32Array:
         """The depth buffer (h, w).
 
         Colours are smoothed by four samples a pixel, none at its centre, where depth is wanted: the mask's pass has

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.building.targets import target_elements
+from facadelake.core.arrays import BoolArray, Float32Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 
@@ -28,9 +29,9 @@ class ViewImages:
     """Images (h, w): ``depth_m`` float32, ``element`` int32 and ``target``; ``legend`` has a row an element, of columns
     element_guid, ifc_class, element_name, storey."""
 
-    depth_m: NDArray[np.float32]
+    depth_m: Float32Array
     element: NDArray[np.int32]
-    target: NDArray[np.bool_]
+    target: BoolArray
     legend: pa.Table
 
     def save(self, path: Path) -> None:

@@ -11,13 +11,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
+from facadelake.core.arrays import Float64Array, UInt8Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Float64Array
 
 _TIMEOUT_S = 300
 _SUN = np.array([-0.4, -0.7, 0.6]) / np.linalg.norm([-0.4, -0.7, 0.6])
@@ -43,7 +42,7 @@ class VirtualView:
     ``near_m`` and ``far_m`` are the clipping planes, which bound the depth buffer's resolution.
     """
 
-    colour: NDArray[np.uint8]
+    colour: UInt8Array
     buffer: Float64Array
     near_m: float
     far_m: float
@@ -153,12 +152,12 @@ def straightened(camera: Camera) -> Camera:
     )
 
 
-def _colours(building: BuildingModel, surface: Surface) -> NDArray[np.uint8]:
+def _colours(building: BuildingModel, surface: Surface) -> UInt8Array:
     """A colour for each triangle (m, 3): by the element's class, shaded by a fixed sun."""
     classes = building.elements.column("ifc_class").to_pylist()
     base = np.array([_PALETTE.get(name, _WALL) for name in classes], dtype=np.float64)[building.element_of_triangle]
     shade = 0.62 + 0.38 * np.clip(surface.normals_site @ _SUN, 0.0, 1.0)
-    tinted: NDArray[np.uint8] = (base * shade[:, None]).astype(np.uint8)
+    tinted: UInt8Array = (base * shade[:, None]).astype(np.uint8)
     return tinted
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.demo.recipe import Box, Building
 
 

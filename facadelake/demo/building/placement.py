@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyproj
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin, transform
 from facadelake.demo.recipe import Place
 

@@ -11,10 +11,9 @@ import ifcopenshell.geom
 import ifcopenshell.util.element
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import ModelError
-from facadelake.core.frames import Float64Array
 from facadelake.demo.recipe import Box, Tree
 
 # Chord error of the round corner's triangles; the radius is metres, so this is a few degrees a facet.
@@ -108,7 +107,7 @@ def ground_solid(half_m: float, centre: tuple[float, float], level_m: float) -> 
     return _foreign("ground", np.array([[a, b, c], [a, c, d]], dtype=np.float64))
 
 
-def _foreign(name: str, triangles: NDArray[np.float64]) -> Solid:
+def _foreign(name: str, triangles: Float64Array) -> Solid:
     return Solid(guid="", kind="", name=name, storey="", triangles=np.asarray(triangles, dtype=np.float64))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.demo.photographs.flight import Shot
 from facadelake.demo.photographs.visibility import Sighting
 from facadelake.demo.textures.light import RayScene

@@ -8,8 +8,9 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.demo.recipe import Building, Campaign, Optics
 from facadelake.demo.world import World
 

@@ -17,11 +17,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from facadelake.core.arrays import Float32Array, Float64Array, UInt8Array
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Float64Array
 
 # Rendered this much finer and averaged; pyrender's four samples a pixel smooth edges alone, not textures.
 FINE = 1.5
@@ -61,8 +60,8 @@ class Lens:
     fy_px: float
     cx_px: float
     cy_px: float
-    map_x: NDArray[np.float32]
-    map_y: NDArray[np.float32]
+    map_x: Float32Array
+    map_y: Float32Array
 
 
 def lens_of(camera: Camera, fine: float) -> Lens:
@@ -99,7 +98,7 @@ def lens_of(camera: Camera, fine: float) -> Lens:
     )
 
 
-def develop(pinhole: NDArray[np.uint8], lens: Lens, camera: Camera, noise: float, seed: int) -> NDArray[np.uint8]:
+def develop(pinhole: UInt8Array, lens: Lens, camera: Camera, noise: float, seed: int) -> UInt8Array:
     """The photograph: lens distortion, averaging, a little vignetting, sensor noise."""
     bent = cv2.remap(pinhole, lens.map_x, lens.map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     small = cv2.resize(bent, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -129,7 +128,7 @@ class _Stage:
         self.renderer = pyrender.OffscreenRenderer(lens.width_px, lens.height_px)
         self.sharp = False
 
-    def _add(self, image: NDArray[np.uint8], part: Mapping[str, Float64Array]) -> None:
+    def _add(self, image: UInt8Array, part: Mapping[str, Float64Array]) -> None:
         """One mesh: all triangles that share a texture."""
         source = self.gl.Texture(source=image, source_channels="RGB")
         rgba = np.ones((len(part["triangles"]), 3, 4), dtype=np.float32)
@@ -144,7 +143,7 @@ class _Stage:
         )
         self.scene.add(self.gl.Mesh([primitive]))
 
-    def picture(self, site_from_cam: Float64Array) -> NDArray[np.uint8]:
+    def picture(self, site_from_cam: Float64Array) -> UInt8Array:
         """The pinhole image; OpenGL's camera looks along -z with y up."""
         self.scene.set_pose(self.node, site_from_cam @ np.diag([1.0, -1.0, -1.0, 1.0]))
         flags = self.gl.RenderFlags.FLAT | self.gl.RenderFlags.SKIP_CULL_FACES

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.demo.photographs.flight import Shot
 from facadelake.demo.recipe import Defect, DefectState
 from facadelake.demo.textures.defects import size_in

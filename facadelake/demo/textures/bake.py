@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float32Array, Float64Array, UInt8Array
 from facadelake.demo.building.charts import Chart
 from facadelake.demo.building.solids import Solid, subdivided
 from facadelake.demo.recipe import Box, Campaign, Light
@@ -42,7 +41,7 @@ def _paint(world: World, campaign: Campaign, chart: Chart, boxes: dict[str, Box]
 
 def bake_chart(
     world: World, rays: RayScene, campaign: Campaign, index: int, chart: Chart, boxes: dict[str, Box]
-) -> NDArray[np.uint8]:
+) -> UInt8Array:
     """A chart's texture with defects and targets drawn and the light of the day on it."""
     recipe = world.recipe
     canvas = _paint(world, campaign, chart, boxes)
@@ -58,7 +57,7 @@ def bake_chart(
     return canvas.result()
 
 
-def chart_light(world: World, rays: RayScene, light: Light, chart: Chart) -> NDArray[np.float32]:
+def chart_light(world: World, rays: RayScene, light: Light, chart: Chart) -> Float32Array:
     """Light multiplier (rows, columns, 3) over a chart, first row at the top, on a coarser grid than its texture."""
     step = max(LIGHT_GRID_M, 5 * chart.texel_m if chart.name in ("ground", "roof") else 3 * chart.texel_m)
     rows, columns = int(np.ceil(chart.size_m[1] / step)), int(np.ceil(chart.size_m[0] / step))

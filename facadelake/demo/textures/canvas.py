@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float32Array, UInt8Array
 from facadelake.demo.building.charts import Chart
 
-Image = NDArray[np.float32]
 Colour = tuple[float, float, float]
 
 
@@ -18,7 +17,7 @@ class Canvas:
     def __init__(self, chart: Chart, rng: np.random.Generator, colour: Colour) -> None:
         self.chart, self.rng = chart, rng
         rows, columns = chart.shape_px
-        self.image: Image = np.empty((rows, columns, 3), dtype=np.float32)
+        self.image: Float32Array = np.empty((rows, columns, 3), dtype=np.float32)
         self.image[:] = colour
         self.per_u, self.per_v = chart.px_per_m()
 
@@ -36,21 +35,21 @@ class Canvas:
         """Paint a rectangle."""
         self.image[self.block(u0, v0, u1, v1)] = colour
 
-    def noise(self, wavelength_m: float, region: tuple[slice, slice] | None = None) -> Image:
+    def noise(self, wavelength_m: float, region: tuple[slice, slice] | None = None) -> Float32Array:
         """Smooth noise of unit strength and the given grain, the size of the texture or of a region of it."""
         rows, columns = self.image[region].shape[:2] if region else self.image.shape[:2]
         step = max(1.0, wavelength_m * self.per_u / 2)
         coarse = self.rng.standard_normal((int(rows / step) + 3, int(columns / step) + 3), dtype=np.float32)
         return np.asarray(cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC), dtype=np.float32)
 
-    def add(self, tone: Image, region: tuple[slice, slice] | None = None) -> None:
+    def add(self, tone: Float32Array, region: tuple[slice, slice] | None = None) -> None:
         """Lighten or darken all three channels by a tone image."""
         if region is None:
             self.image += tone[..., None]
         else:
             self.image[region] += tone[..., None]
 
-    def blend(self, region: tuple[slice, slice], colour: Colour | Image, alpha: Image) -> None:
+    def blend(self, region: tuple[slice, slice], colour: Colour | Float32Array, alpha: Float32Array) -> None:
         """Lay a colour over a region with a strength of 0 to 1 each texel."""
         under = self.image[region]
         self.image[region] = under + alpha[..., None] * (np.asarray(colour, dtype=np.float32) - under)
@@ -69,6 +68,6 @@ class Canvas:
             cv2.ellipse(tone, c, a, angle, 0, 360, value, -1)
         self.add(tone)
 
-    def result(self) -> NDArray[np.uint8]:
+    def result(self) -> UInt8Array:
         """The texture as it stands, 8 bit."""
         return np.clip(self.image, 0, 255).astype(np.uint8)

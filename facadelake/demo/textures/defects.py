@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float32Array, Float64Array, UInt8Array
 from facadelake.demo.recipe import ControlPoint, Defect, DefectState
-from facadelake.demo.textures.canvas import Canvas, Image
+from facadelake.demo.textures.canvas import Canvas
 from facadelake.demo.textures.facades import BRICK, blob
 
 # Texels are drawn this many times finer and averaged.
@@ -60,10 +60,10 @@ class _Sheet:
         r = (self.centre[1] - v_m * self.canvas.per_v - self.region[0].start) * FINE - 0.5
         return np.round(np.column_stack([c, r]) * 256).astype(np.int32)
 
-    def blank(self) -> NDArray[np.uint8]:
+    def blank(self) -> UInt8Array:
         return np.zeros((self.rows * FINE, self.columns * FINE), dtype=np.uint8)
 
-    def mask(self, fine: NDArray[np.uint8]) -> Image:
+    def mask(self, fine: UInt8Array) -> Float32Array:
         small = cv2.resize(fine, (self.columns, self.rows), interpolation=cv2.INTER_AREA)
         return np.asarray(small / np.float32(255), dtype=np.float32)
 
@@ -107,7 +107,9 @@ def _crack(canvas: Canvas, defect: Defect, rng: np.random.Generator, width: floa
     canvas.blend(sheet.region, (32, 27, 24), np.asarray(0.95 * mask, dtype=np.float32))
 
 
-def _patch(sheet: _Sheet, rng: np.random.Generator, width: float, height: float, corners: int, rough: float) -> Image:
+def _patch(
+    sheet: _Sheet, rng: np.random.Generator, width: float, height: float, corners: int, rough: float
+) -> Float32Array:
     outline = _stretched(np.array(blob(rng, corners, rough)), width, height)
     fine = sheet.blank()
     cv2.fillPoly(fine, [sheet.fine(outline[:, 0], outline[:, 1])], 255, cv2.LINE_AA, 8)
@@ -147,7 +149,7 @@ def _damp(canvas: Canvas, defect: Defect, rng: np.random.Generator, width: float
     canvas.blend(sheet.region, (225, 220, 205), np.asarray(0.16 * rim, dtype=np.float32))
 
 
-def canvas_noise(rng: np.random.Generator, rows: int, columns: int, step_px: float) -> Image:
+def canvas_noise(rng: np.random.Generator, rows: int, columns: int, step_px: float) -> Float32Array:
     """Smooth unit noise of a size, independent of the canvas' own random numbers."""
     coarse = rng.standard_normal((int(rows / step_px) + 3, int(columns / step_px) + 3), dtype=np.float32)
     return np.asarray(cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC), dtype=np.float32)

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from facadelake.core.arrays import Float32Array
 from facadelake.demo.building.charts import Chart
 from facadelake.demo.recipe import Building, Openings
-from facadelake.demo.textures.canvas import Canvas, Colour, Image
+from facadelake.demo.textures.canvas import Canvas, Colour
 
 RENDER: Colour = (203, 184, 146)
 TOP_RENDER: Colour = (196, 198, 194)
@@ -67,7 +68,7 @@ def _render(canvas: Canvas) -> None:
 def patches(canvas: Canvas, per_m2: float, radius_m: tuple[float, float], strength: float) -> None:
     """Irregular fields of slightly other tone, with a faint rim, as mended render shows."""
     rng = canvas.rng
-    tone: Image = np.zeros(canvas.image.shape[:2], dtype=np.float32)
+    tone: Float32Array = np.zeros(canvas.image.shape[:2], dtype=np.float32)
     width, height = canvas.chart.size_m
     for _ in range(int(per_m2 * width * height)):
         u, v, r = rng.uniform(0, width), rng.uniform(0, height), rng.uniform(*radius_m)

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import open3d as o3d
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.demo.recipe import Light
 
 FAR_M = 400.0
@@ -30,9 +29,7 @@ class RayScene:
     def _rays(origins: Float64Array, directions: Float64Array) -> o3d.core.Tensor:
         return o3d.core.Tensor(np.concatenate([origins, directions], axis=1).astype(np.float32))
 
-    def hits(
-        self, origins: Float64Array, directions: Float64Array
-    ) -> tuple[Float64Array, NDArray[np.int64], Float64Array]:
+    def hits(self, origins: Float64Array, directions: Float64Array) -> tuple[Float64Array, Int64Array, Float64Array]:
         """Distance (n,; inf where nothing is met), group index (n,; -1), and unit normals (n, 3) of the first hits."""
         answer = self.scene.cast_rays(self._rays(origins, directions))
         ids = answer["geometry_ids"].numpy()
@@ -47,7 +44,7 @@ class RayScene:
             answer["primitive_normals"].numpy().astype(np.float64),
         )
 
-    def blocked(self, origins: Float64Array, directions: Float64Array, far_m: float = FAR_M) -> NDArray[np.bool_]:
+    def blocked(self, origins: Float64Array, directions: Float64Array, far_m: float = FAR_M) -> BoolArray:
         """Whether something stands within ``far_m`` along each ray."""
         return np.asarray(self.scene.test_occlusions(self._rays(origins, directions), tnear=0.0, tfar=far_m).numpy())
 

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.demo.building.charts import Chart, building_charts
 from facadelake.demo.building.solids import Solid, ground_solid
 from facadelake.demo.recipe import Box, Light
@@ -76,7 +75,7 @@ def face_normals(triangles: Float64Array) -> Float64Array:
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-15))
 
 
-def on_chart(chart: Chart, triangles: Float64Array) -> NDArray[np.bool_]:
+def on_chart(chart: Chart, triangles: Float64Array) -> BoolArray:
     """Which triangles (n,) are drawn by a chart: near its surface, facing as it faces, inside its bounds."""
     if len(triangles) == 0:
         return np.zeros(0, dtype=bool)

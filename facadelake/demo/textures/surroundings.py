@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import UInt8Array
 from facadelake.demo.building.charts import Chart
 from facadelake.demo.recipe import Box
 from facadelake.demo.textures.canvas import Canvas
@@ -75,7 +75,7 @@ def paint_roof(chart: Chart, rng: np.random.Generator) -> Canvas:
     return canvas
 
 
-def paint_concrete(size_px: int, rng: np.random.Generator) -> NDArray[np.uint8]:
+def paint_concrete(size_px: int, rng: np.random.Generator) -> UInt8Array:
     """A tile of fair-faced concrete for everything small, mean 225, tinted when it is used."""
     tile = np.full((size_px, size_px), 225, dtype=np.float32)
     for cells, strength in ((8, 5), (32, 6), (128, 7), (512, 8)):
@@ -84,7 +84,7 @@ def paint_concrete(size_px: int, rng: np.random.Generator) -> NDArray[np.uint8]:
     return np.asarray(np.repeat(np.clip(tile, 0, 255).astype(np.uint8)[..., None], 3, axis=2))
 
 
-def paint_sky(rng: np.random.Generator) -> NDArray[np.uint8]:
+def paint_sky(rng: np.random.Generator) -> UInt8Array:
     """A dome: columns are azimuth, the top row the zenith, the bottom row a little under the horizon."""
     rows, columns = 512, 2048
     up = np.linspace(1, -0.15, rows, dtype=np.float32)[:, None, None]

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.detection.boxes import Box
 from facadelake.detection.coco.file import number
 
@@ -139,7 +139,7 @@ def _uncompressed(text: str) -> list[int]:
     return runs
 
 
-def _strips(runs: NDArray[np.int64], height: int) -> NDArray[np.float64]:
+def _strips(runs: Int64Array, height: int) -> Float64Array:
     """Rectangles (s, 4: left, top, right, bottom) of the masked runs, which go down the columns and on in the next."""
     ends = np.cumsum(runs)
     first, last = ends[0::2][: len(runs) // 2], ends[1::2]

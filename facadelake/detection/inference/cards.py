@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from facadelake.core.arrays import Float32Array
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import (
     CardInput,
@@ -23,7 +24,7 @@ from facadelake.detection.card import (
 )
 from facadelake.detection.inference.session import ModelSession
 from facadelake.detection.layouts.probe import assigned, class_counts, fitting_layouts
-from facadelake.detection.layouts.reader import EVERYTHING, Numbers
+from facadelake.detection.layouts.reader import EVERYTHING
 from facadelake.detection.layouts.table import READERS
 
 METADATA_KEY = "facadelake.card"
@@ -125,7 +126,7 @@ def _possible(height: int, width: int) -> tuple[Layout, ...]:
     return tuple(layout for layout in Layout if layout is not Layout.YOLOX or not (height % stride or width % stride))
 
 
-def _probe(session: ModelSession, height: int, width: int) -> dict[str, Numbers]:
+def _probe(session: ModelSession, height: int, width: int) -> dict[str, Float32Array]:
     """The outputs for noise; none where the model does not run."""
     noise = np.random.default_rng(0).random((1, 3, height, width), dtype=np.float32)
     try:
@@ -135,7 +136,7 @@ def _probe(session: ModelSession, height: int, width: int) -> dict[str, Numbers]
     return dict(zip(session.output_names, outputs, strict=True))
 
 
-def _known_by_name(outputs: Mapping[str, Numbers], card: ModelCard) -> int:
+def _known_by_name(outputs: Mapping[str, Float32Array], card: ModelCard) -> int:
     """How many outputs of the layout have the names that its exports use; 0 unless all have."""
     names = assigned(outputs, card)
     for form in READERS[card.output.layout].forms(card):
@@ -144,7 +145,7 @@ def _known_by_name(outputs: Mapping[str, Numbers], card: ModelCard) -> int:
     return 0
 
 
-def _enough_rows(outputs: Mapping[str, Numbers], card: ModelCard) -> bool:
+def _enough_rows(outputs: Mapping[str, Float32Array], card: ModelCard) -> bool:
     """Whether a layout with a candidate for every cell has as many as the cells of two coarse grids."""
     if card.output.layout not in _BY_CELL:
         return True

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
+from facadelake.core.arrays import Float32Array, Int64Array, UInt8Image
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import file_sha256, key_of
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard, calibrated, score_for
 from facadelake.detection.inference.cards import find_card
-from facadelake.detection.inference.letterbox import Image, Letterbox, letterbox
+from facadelake.detection.inference.letterbox import Letterbox, letterbox
 from facadelake.detection.inference.outline import outline
 from facadelake.detection.inference.session import ModelSession
 from facadelake.detection.layouts.probe import verify_outputs
-from facadelake.detection.layouts.reader import Candidates, Numbers
+from facadelake.detection.layouts.reader import Candidates
 from facadelake.detection.layouts.table import READERS
 
 _log = logging.getLogger(__name__)
@@ -74,13 +74,13 @@ class OnnxDetector:
         self._outputs = verify_outputs(dict(zip(names, outputs, strict=True)), card, str(model))
         self.takes_batches = self._takes_batches(probes)
 
-    def detect(self, image_bgr: Image) -> tuple[Found, ...]:
+    def detect(self, image_bgr: UInt8Image) -> tuple[Found, ...]:
         """What is found in a photograph (h, w, 3: blue, green, red), best first, suppressed within each class."""
         box = self._letterbox(image_bgr)
         outputs = self._session.run(box.input_from_image(image_bgr), self._outputs)
         return self._found([output[0] for output in outputs], box)
 
-    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
         """What ``detect`` gives for each of the photographs, in one run of the model where its batch size is free."""
         if not self.takes_batches or len(images_bgr) < 2:
             return tuple(self.detect(image) for image in images_bgr)
@@ -92,11 +92,11 @@ class OnnxDetector:
         outputs = self._session.run(values, self._outputs)
         return tuple(self._found([output[i] for output in outputs], box) for i, box in enumerate(boxes))
 
-    def _letterbox(self, image_bgr: Image) -> Letterbox:
+    def _letterbox(self, image_bgr: UInt8Image) -> Letterbox:
         height, width = image_bgr.shape[:2]
         return letterbox(self.card.input, image_width_px=width, image_height_px=height)
 
-    def _found(self, outputs: Sequence[Numbers], box: Letterbox) -> tuple[Found, ...]:
+    def _found(self, outputs: Sequence[Float32Array], box: Letterbox) -> tuple[Found, ...]:
         """What the outputs for one image say, in pixels of the photograph."""
         if any(np.isnan(output.min(initial=0)) for output in outputs):
             _log.warning(
@@ -125,7 +125,7 @@ class OnnxDetector:
             )
         )
 
-    def _kept(self, found: Candidates, usable: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _kept(self, found: Candidates, usable: Int64Array) -> Int64Array:
         """Which of the ``usable`` candidates stay, best first: suppressed within each class, and not too many."""
         scores = found.scores[usable]
         kept = np.arange(len(usable))
@@ -151,7 +151,7 @@ class OnnxDetector:
             )
         return self.card.class_names[index]
 
-    def _takes_batches(self, probes: NDArray[np.float32]) -> bool:
+    def _takes_batches(self, probes: Float32Array) -> bool:
         """Whether two images at once give what each gives alone: a free size of the batch does not promise it."""
         if self._session.input_shape[0] is not None:
             return False

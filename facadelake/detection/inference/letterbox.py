@@ -10,12 +10,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float32Array, Float64Array, UInt8Image
 from facadelake.detection.card import CardInput, Resize
-
-Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,13 +27,13 @@ class Letterbox:
     left_px: int
     top_px: int
 
-    def input_from_image(self, image_bgr: Image) -> NDArray[np.float32]:
+    def input_from_image(self, image_bgr: UInt8Image) -> Float32Array:
         """The model's input (1, 3, height, width) of a photograph (h, w, 3: blue, green, red; 0..255)."""
         values = np.empty((1, 3, self.spec.height_px, self.spec.width_px), dtype=np.float32)
         self.write_input(image_bgr, values[0])
         return values
 
-    def write_input(self, image_bgr: Image, planes: NDArray[np.float32]) -> None:
+    def write_input(self, image_bgr: UInt8Image, planes: Float32Array) -> None:
         """Write the model's input of a photograph to ``planes`` (3, height, width), a part of a batch."""
         spec = self.spec
         channels = cv2.split(self._canvas(image_bgr))
@@ -46,17 +43,17 @@ class Letterbox:
             if mean:
                 plane -= np.float32(mean / std)
 
-    def image_from_input(self, corners_input: Float64Array | NDArray[np.float32]) -> Float64Array:
+    def image_from_input(self, corners_input: Float64Array | Float32Array) -> Float64Array:
         """Corners (n, 4: left, top, right, bottom) in pixels of the input as pixels of the photograph."""
         return self.points_from_input(corners_input.reshape(-1, 2)).reshape(-1, 4)
 
-    def points_from_input(self, points_input: Float64Array | NDArray[np.float32]) -> Float64Array:
+    def points_from_input(self, points_input: Float64Array | Float32Array) -> Float64Array:
         """Points (n, 2: x, y) in pixels of the input as pixels of the photograph."""
         gain = np.array([self.resized_width_px / self.image_width_px, self.resized_height_px / self.image_height_px])
         points: Float64Array = (np.asarray(points_input, dtype=np.float64) - (self.left_px, self.top_px)) / gain
         return points
 
-    def _canvas(self, image_bgr: Image) -> Image:
+    def _canvas(self, image_bgr: UInt8Image) -> UInt8Image:
         """The photograph at its size in the input, with padding around it."""
         spec, resized = self.spec, image_bgr
         # Averaging over the area keeps thin bright or dark lines that plain sampling would skip; it cannot enlarge.

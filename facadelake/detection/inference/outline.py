@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 from skimage.measure import find_contours
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float32Array, Float64Array
 from facadelake.detection.inference.letterbox import Letterbox
 from facadelake.detection.layouts.masks import Masks
 
@@ -16,9 +15,7 @@ _MARGIN_CELLS = 2  # beyond the box, so that the outline is interpolated up to i
 _OUTSIDE = -1.0
 
 
-def outline(
-    masks: Masks, candidate: int, corners_input: NDArray[np.float32], box: Letterbox
-) -> Polygon | MultiPolygon | None:
+def outline(masks: Masks, candidate: int, corners_input: Float32Array, box: Letterbox) -> Polygon | MultiPolygon | None:
     """The outline of ``candidate``'s mask inside its box and the photograph; None where nothing of it lies there.
 
     ``corners_input`` (4) is the box in pixels of the input. The line where the logit is 0 is drawn between the centres

@@ -9,10 +9,10 @@ import numpy as np
 from PIL import Image as PilImage
 from PIL.ExifTags import Base
 
-from facadelake.detection.inference.letterbox import Image
+from facadelake.core.arrays import UInt8Image
 
 
-def read_photograph(path: Path) -> Image | None:
+def read_photograph(path: Path) -> UInt8Image | None:
     """The photograph (h, w, 3: blue, green, red), or None where it cannot be decoded."""
     try:
         image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)

@@ -10,6 +10,7 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float32Array
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import CardInput
 
@@ -65,7 +66,7 @@ class ModelSession:
                 "(1, 3, height_px, width_px); correct the card's input"
             )
 
-    def run(self, values: NDArray[np.float32], names: Sequence[str]) -> tuple[NDArray[np.float32], ...]:
+    def run(self, values: Float32Array, names: Sequence[str]) -> tuple[Float32Array, ...]:
         """The outputs of these names for images (n, 3, height, width). Raises what onnxruntime raises."""
         feed: dict[str, NDArray[Any]] = {self._images.name: values.astype(_IMAGE_TYPES[self._images.type], copy=False)}
         if self._sizes is not None:

@@ -7,17 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from facadelake.core.arrays import Float32Array
 from facadelake.detection.card import ModelCard
-from facadelake.detection.layouts.reader import (
-    Candidates,
-    Free,
-    Numbers,
-    Part,
-    Reader,
-    order_fault,
-    reach_fault,
-    score_fault,
-)
+from facadelake.detection.layouts.reader import Candidates, Free, Part, Reader, order_fault, reach_fault, score_fault
 from facadelake.detection.layouts.yolo import corners_of
 
 
@@ -30,7 +22,7 @@ class Nms6Reader(Reader):
         """One output."""
         return ((Part(name="boxes", shape=(1, Free(name="N"), 6)),),)
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """Rows of enough score."""
         table = outputs[0]
         rows = np.flatnonzero(table[:, 4] >= threshold)
@@ -41,7 +33,7 @@ class Nms6Reader(Reader):
             rows=rows,
         )
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, corners that are none, or normalised ones."""
         # Models pad their list with rows of score 0 or -1, whose corners say nothing.
         real = _above_zero(found)
@@ -62,7 +54,7 @@ class RtdetrRowsReader(Reader):
         """One output."""
         return ((Part(name="queries", shape=(1, Free(name="N"), 6)),),)
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """Rows of enough score."""
         table = outputs[0]
         rows = np.flatnonzero(table[:, 4] >= threshold)
@@ -74,7 +66,7 @@ class RtdetrRowsReader(Reader):
             rows=rows,
         )
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, sizes below 0, or boxes in pixels."""
         return (
             score_fault(found)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float32Array, Int64Array
+
 
 class Masks(ABC):
     """Logits of masks, one for each candidate; above 0 is inside. The grid covers the whole input."""
@@ -18,11 +20,11 @@ class Masks(ABC):
         """Rows and columns."""
 
     @abstractmethod
-    def logits(self, candidate: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+    def logits(self, candidate: int, rows: slice, columns: slice) -> Float32Array:
         """A part of one candidate's grid."""
 
     @abstractmethod
-    def take(self, candidates: NDArray[np.int64]) -> Masks:
+    def take(self, candidates: Int64Array) -> Masks:
         """The masks of these candidates."""
 
 
@@ -30,19 +32,19 @@ class Masks(ABC):
 class PrototypeMasks(Masks):
     """``coefficients`` (n, k) are each mask's weights of the ``prototypes`` (k, rows, columns) (YOLACT, Bolya 2019)."""
 
-    coefficients: NDArray[np.float32]
-    prototypes: NDArray[np.float32]
+    coefficients: Float32Array
+    prototypes: Float32Array
 
     @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns."""
         return self.prototypes.shape[1], self.prototypes.shape[2]
 
-    def logits(self, candidate: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+    def logits(self, candidate: int, rows: slice, columns: slice) -> Float32Array:
         """A part of one candidate's grid."""
         return np.asarray(np.tensordot(self.coefficients[candidate], self.prototypes[:, rows, columns], axes=1))
 
-    def take(self, candidates: NDArray[np.int64]) -> PrototypeMasks:
+    def take(self, candidates: Int64Array) -> PrototypeMasks:
         """The masks of these candidates."""
         return PrototypeMasks(coefficients=self.coefficients[candidates], prototypes=self.prototypes)
 
@@ -51,22 +53,22 @@ class PrototypeMasks(Masks):
 class ComponentMasks(Masks):
     """Connected parts of class maps, told apart by ``numbers`` (nc, rows, columns); ``part`` (n, 2): class, number."""
 
-    class_logits: NDArray[np.float32]
+    class_logits: Float32Array
     numbers: NDArray[np.int32]
-    part: NDArray[np.int64]
+    part: Int64Array
 
     @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns."""
         return self.class_logits.shape[1], self.class_logits.shape[2]
 
-    def logits(self, candidate: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+    def logits(self, candidate: int, rows: slice, columns: slice) -> Float32Array:
         """A part of one candidate's grid, in which other connected parts are outside."""
         of_class, number = self.part[candidate]
         logits, numbers = self.class_logits[of_class, rows, columns], self.numbers[of_class, rows, columns]
         return np.where((numbers == number) | (numbers == 0), logits, -np.abs(logits))
 
-    def take(self, candidates: NDArray[np.int64]) -> ComponentMasks:
+    def take(self, candidates: Int64Array) -> ComponentMasks:
         """The masks of these candidates."""
         return ComponentMasks(class_logits=self.class_logits, numbers=self.numbers, part=self.part[candidates])
 
@@ -75,18 +77,18 @@ class ComponentMasks(Masks):
 class QueryMasks(Masks):
     """A whole mask (rows, columns) for each query of a transformer; ``queries`` (n) says which is a candidate's."""
 
-    all_logits: NDArray[np.float32]
-    queries: NDArray[np.int64]
+    all_logits: Float32Array
+    queries: Int64Array
 
     @property
     def grid(self) -> tuple[int, int]:
         """Rows and columns."""
         return self.all_logits.shape[1], self.all_logits.shape[2]
 
-    def logits(self, candidate: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+    def logits(self, candidate: int, rows: slice, columns: slice) -> Float32Array:
         """A part of one candidate's grid."""
         return self.all_logits[self.queries[candidate], rows, columns]
 
-    def take(self, candidates: NDArray[np.int64]) -> QueryMasks:
+    def take(self, candidates: Int64Array) -> QueryMasks:
         """The masks of these candidates."""
         return QueryMasks(all_logits=self.all_logits, queries=self.queries[candidates])

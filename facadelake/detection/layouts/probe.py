@@ -7,16 +7,17 @@ from itertools import permutations
 
 import numpy as np
 
+from facadelake.core.arrays import Float32Array
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import Layout, ModelCard
-from facadelake.detection.layouts.reader import EVERYTHING, Numbers, Part, fits
+from facadelake.detection.layouts.reader import EVERYTHING, Part, fits
 from facadelake.detection.layouts.table import READERS
 
 _REMEDY = "correct output.layout or class_names in the card, or export the model again"
 _MOST_CLASSES = 1000  # of a model whose number of classes is looked for
 
 
-def verify_outputs(outputs: Mapping[str, Numbers], card: ModelCard, model: str) -> tuple[str, ...]:
+def verify_outputs(outputs: Mapping[str, Float32Array], card: ModelCard, model: str) -> tuple[str, ...]:
     """The names of the outputs that are the declared layout's parts, in their order.
 
     ``outputs`` are all that the model gave for one probe image, with the batch axis. Raises ModelError where they are
@@ -32,7 +33,7 @@ def verify_outputs(outputs: Mapping[str, Numbers], card: ModelCard, model: str) 
     return names
 
 
-def assigned(outputs: Mapping[str, Numbers], card: ModelCard) -> tuple[str, ...]:
+def assigned(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[str, ...]:
     """Which outputs are the layout's parts: those that the card names, else by known names, else by their shapes.
 
     Raises ModelError where none are, or where shapes alone leave a choice.
@@ -64,7 +65,7 @@ def assigned(outputs: Mapping[str, Numbers], card: ModelCard) -> tuple[str, ...]
     )
 
 
-def fitting_layouts(outputs: Mapping[str, Numbers], card: ModelCard) -> tuple[Layout, ...]:
+def fitting_layouts(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[Layout, ...]:
     """The layouts that would do for ``card``'s class names and input, in shape and in values."""
     fitting = []
     for layout in Layout:
@@ -77,7 +78,7 @@ def fitting_layouts(outputs: Mapping[str, Numbers], card: ModelCard) -> tuple[La
     return tuple(fitting)
 
 
-def class_counts(outputs: Mapping[str, Numbers], card: ModelCard) -> tuple[int, ...]:
+def class_counts(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[int, ...]:
     """How many classes would make the outputs' shapes fit the card's layout; empty where none would, or any."""
     forms = READERS[card.output.layout].forms
     if forms(_with_classes(card, 1)) == forms(_with_classes(card, 2)):
@@ -105,7 +106,7 @@ def _declared_as(card: ModelCard, layout: Layout) -> ModelCard:
     return card.model_copy(update={"output": output})
 
 
-def _value_fault(outputs: Mapping[str, Numbers], names: Sequence[str], card: ModelCard) -> str:
+def _value_fault(outputs: Mapping[str, Float32Array], names: Sequence[str], card: ModelCard) -> str:
     reader = READERS[card.output.layout]
     parts = [outputs[name][0] for name in names]
     nans = sum(int(np.isnan(part).sum()) for part in parts)
@@ -114,7 +115,7 @@ def _value_fault(outputs: Mapping[str, Numbers], names: Sequence[str], card: Mod
     return reader.fault(parts, reader.candidates(parts, card, EVERYTHING), card)
 
 
-def _others(outputs: Mapping[str, Numbers], card: ModelCard) -> str:
+def _others(outputs: Mapping[str, Float32Array], card: ModelCard) -> str:
     """What would fit instead."""
     fitting = [layout for layout in fitting_layouts(outputs, card) if layout is not card.output.layout]
     if fitting:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float32Array, Int64Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import Masks
 
-Numbers: TypeAlias = NDArray[np.float32]
 EVERYTHING = -np.inf  # the threshold that lets every candidate pass
 
 
@@ -48,10 +47,10 @@ class Candidates:
     ``rows`` (n) is where each stands in the model's output; ``masks`` are there where the layout has them.
     """
 
-    corners_input: Numbers
-    scores: Numbers
-    classes: NDArray[np.int64]
-    rows: NDArray[np.int64]
+    corners_input: Float32Array
+    scores: Float32Array
+    classes: Int64Array
+    rows: Int64Array
     masks: Masks | None = None
 
 
@@ -65,11 +64,11 @@ class Reader(ABC):
         """The sets of outputs that will do for ``card``; mostly one."""
 
     @abstractmethod
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """The candidates whose score, as the model gives it, reaches ``threshold``."""
 
     @abstractmethod
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Why the outputs of a probe image, and all candidates of them, cannot be of this layout; empty: they can."""
 
 

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float32Array, Float64Array, Int64Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import ComponentMasks
-from facadelake.detection.layouts.reader import Candidates, Free, Numbers, Part, Reader
+from facadelake.detection.layouts.reader import Candidates, Free, Part, Reader
 
 _BACKGROUND = "background"
 _MOST_LOGIT = 16.0  # float32 knows no probability nearer to 1
@@ -31,11 +31,11 @@ class MapReader(Reader):
             (Part(name="map", shape=(1, len(card.class_names), Free(name="h", least=1), Free(name="w", least=1))),),
         )
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """Connected parts of enough mean probability."""
         return self._parts(self._probabilities(outputs[0], card), card, threshold)
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Probabilities beyond 0..1."""
         low, high = float(outputs[0].min()), float(outputs[0].max())
         if low >= -1e-3 and high <= 1 + 1e-3:
@@ -45,16 +45,16 @@ class MapReader(Reader):
             "map_logits) or is none"
         )
 
-    def _probabilities(self, given: Numbers, card: ModelCard) -> Numbers:
+    def _probabilities(self, given: Float32Array, card: ModelCard) -> Float32Array:
         return given
 
-    def _parts(self, probabilities: Numbers, card: ModelCard, threshold: float) -> Candidates:
+    def _parts(self, probabilities: Float32Array, card: ModelCard, threshold: float) -> Candidates:
         classes, rows, columns = probabilities.shape
         cell = np.array([card.input.width_px / columns, card.input.height_px / rows] * 2)
         numbers = np.zeros(probabilities.shape, dtype=np.int32)
-        corners: list[NDArray[np.float64]] = [np.zeros((0, 4))]
-        scores: list[NDArray[np.float64]] = [np.zeros(0)]
-        parts: list[NDArray[np.int64]] = [np.zeros((0, 2), dtype=np.int64)]
+        corners: list[Float64Array] = [np.zeros((0, 4))]
+        scores: list[Float64Array] = [np.zeros(0)]
+        parts: list[Int64Array] = [np.zeros((0, 2), dtype=np.int64)]
         for of_class in range(classes):
             if card.class_names[of_class].casefold() == _BACKGROUND:
                 continue
@@ -82,7 +82,7 @@ class MapReader(Reader):
 class MapLogitsReader(MapReader):
     """The same before its activation: softmax where a class is called ``background``, else a sigmoid for each class."""
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Logits that are probabilities."""
         low, high = float(outputs[0].min()), float(outputs[0].max())
         if low < 0 or high > 1:
@@ -91,11 +91,11 @@ class MapLogitsReader(MapReader):
             f"the map of a probe image runs from {low:.3g} to {high:.3g}: it gives probabilities already (layout map)"
         )
 
-    def _probabilities(self, given: Numbers, card: ModelCard) -> Numbers:
+    def _probabilities(self, given: Float32Array, card: ModelCard) -> Float32Array:
         if any(name.casefold() == _BACKGROUND for name in card.class_names):
             raised = np.exp(given - given.max(axis=0, keepdims=True))
-            of_all: Numbers = raised / raised.sum(axis=0, keepdims=True)
+            of_all: Float32Array = raised / raised.sum(axis=0, keepdims=True)
             return of_all
         with np.errstate(over="ignore"):
-            each: Numbers = np.float32(1) / (np.float32(1) + np.exp(-given))
+            each: Float32Array = np.float32(1) / (np.float32(1) + np.exp(-given))
         return each

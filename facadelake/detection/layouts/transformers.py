@@ -7,18 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from facadelake.core.arrays import Float32Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import QueryMasks
-from facadelake.detection.layouts.reader import (
-    Candidates,
-    Free,
-    Numbers,
-    Part,
-    Reader,
-    order_fault,
-    reach_fault,
-    score_fault,
-)
+from facadelake.detection.layouts.reader import Candidates, Free, Part, Reader, order_fault, reach_fault, score_fault
 from facadelake.detection.layouts.yolo import corners_of
 
 _Q = Free(name="Q")
@@ -36,7 +28,7 @@ class RtdetrReader(Reader):
         """Two outputs."""
         return (self._form(len(card.class_names)),)
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """Pairs of a query and a class of enough score: the classes of a query are independent of one another."""
         boxes, logits = outputs[0], outputs[1][:, : len(card.class_names)]
         queries, classes = np.nonzero(logits >= _logit(threshold))
@@ -46,7 +38,7 @@ class RtdetrReader(Reader):
         corners = corners_of(boxes[queries, :2], boxes[queries, 2:]) * size
         return Candidates(corners_input=corners, scores=scores, classes=classes, rows=queries)
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Logits that are probabilities, sizes below 0, or boxes in pixels."""
         # The sigmoid of a probability lies between 0.5 and 0.731.
         if len(found.scores) and found.scores.min() >= 0.4999 and found.scores.max() <= 0.7312:
@@ -83,7 +75,7 @@ class RfdetrSegReader(RfdetrReader):
         masks = Part(name="masks", known_as=frozenset({"masks"}), shape=(1, _Q, Free(name="h"), Free(name="w")))
         return tuple((*form, masks) for form in super().forms(card))
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """The boxes with their queries' masks."""
         found = super().candidates(outputs, card, threshold)
         return Candidates(
@@ -114,7 +106,7 @@ class RtdetrTripleReader(Reader):
             ),
         )
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """Queries of enough score."""
         labels, boxes, scores = outputs
         queries = np.flatnonzero(scores >= threshold)
@@ -126,7 +118,7 @@ class RtdetrTripleReader(Reader):
             rows=queries,
         )
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, corners that are none, or boxes that are not scaled to the second input."""
         return (
             score_fault(found)

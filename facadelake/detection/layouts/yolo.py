@@ -7,11 +7,11 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float32Array, Int64Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import PrototypeMasks
-from facadelake.detection.layouts.reader import Candidates, Free, Numbers, Part, Reader, reach_fault, score_fault
+from facadelake.detection.layouts.reader import Candidates, Free, Part, Reader, reach_fault, score_fault
 
 _N = Free(name="N")
 # Every cell of the input has its candidate, so the boxes' middles must spread over the input and not beyond.
@@ -26,7 +26,7 @@ class YoloxReader(Reader):
         count = len(_cells(card.input.width_px, card.input.height_px, card.output.strides))
         return ((Part(name="candidates", shape=(1, count, 5 + len(card.class_names))),),)
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """Cells whose objectness times best class score is enough."""
         table = outputs[0]
         rows, scores, classes = _scored_by_objectness(table, threshold)
@@ -36,7 +36,7 @@ class YoloxReader(Reader):
             centres, sizes = (table[rows, :2] + cells[:, :2]) * strides, np.exp(table[rows, 2:4]) * strides
         return Candidates(corners_input=corners_of(centres, sizes), scores=scores, classes=classes, rows=rows)
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, or boxes that are not spread over the input."""
         return score_fault(found) or reach_fault(
             found, card, least=_LEAST_REACH, units="offsets in grid cells (decoded boxes are layout yolov5)"
@@ -50,14 +50,14 @@ class Yolov5Reader(Reader):
         """One output."""
         return ((Part(name="candidates", shape=(1, _N, 5 + len(card.class_names))),),)
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """Candidates whose objectness times best class score is enough."""
         table = outputs[0]
         rows, scores, classes = _scored_by_objectness(table, threshold)
         corners = corners_of(table[rows, :2], table[rows, 2:4])
         return Candidates(corners_input=corners, scores=scores, classes=classes, rows=rows)
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, or boxes that are not spread over the input."""
         return score_fault(found) or reach_fault(
             found, card, least=_LEAST_REACH, units="pixels of the input (normalised to 0..1, or offsets in grid cells?)"
@@ -71,7 +71,7 @@ class Yolov8Reader(Reader):
         """One output."""
         return ((Part(name="candidates", shape=(1, 4 + len(card.class_names), _N)),),)
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """Candidates whose best class score is enough."""
         table = outputs[0]
         by_class = table[4:]
@@ -85,20 +85,20 @@ class Yolov8Reader(Reader):
             rows=rows,
         )
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """Scores beyond 0..1, or boxes that are not spread over the input."""
         return score_fault(found) or reach_fault(
             found, card, least=_LEAST_REACH, units="pixels of the input (normalised to 0..1?)"
         )
 
 
-def corners_of(centres: Numbers, sizes: Numbers) -> Numbers:
+def corners_of(centres: Float32Array, sizes: Float32Array) -> Float32Array:
     """Left, top, right, bottom (n, 4) of centres (n, 2) and sizes (n, 2)."""
-    corners: Numbers = np.concatenate([centres - sizes / 2, centres + sizes / 2], axis=1)
+    corners: Float32Array = np.concatenate([centres - sizes / 2, centres + sizes / 2], axis=1)
     return corners
 
 
-def _scored_by_objectness(table: Numbers, threshold: float) -> tuple[NDArray[np.int64], Numbers, NDArray[np.int64]]:
+def _scored_by_objectness(table: Float32Array, threshold: float) -> tuple[Int64Array, Float32Array, Int64Array]:
     """Rows of enough score, their scores and classes; as class scores are at most 1, objectness rules most out."""
     # With room for class scores a little above 1 in half precision.
     hopeful = np.flatnonzero(table[:, 4] >= threshold * 0.999) if threshold > 0 else np.arange(len(table))
@@ -110,13 +110,13 @@ def _scored_by_objectness(table: Numbers, threshold: float) -> tuple[NDArray[np.
 
 
 @lru_cache(maxsize=8)
-def _cells(width_px: int, height_px: int, strides: tuple[int, ...]) -> Numbers:
+def _cells(width_px: int, height_px: int, strides: tuple[int, ...]) -> Float32Array:
     """Column, row and stride (N, 3) of every YOLOX candidate, row by row, finest grid first."""
     grids = []
     for stride in strides:
         x, y = np.meshgrid(np.arange(width_px // stride), np.arange(height_px // stride))
         grids.append(np.column_stack([x.ravel(), y.ravel(), np.full(x.size, stride)]))
-    cells: Numbers = np.concatenate(grids).astype(np.float32)
+    cells: Float32Array = np.concatenate(grids).astype(np.float32)
     cells.flags.writeable = False
     return cells
 
@@ -145,7 +145,7 @@ class PrototypeReader(Reader):
             ),
         )
 
-    def candidates(self, outputs: Sequence[Numbers], card: ModelCard, threshold: float) -> Candidates:
+    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
         """The boxes with their coefficients."""
         table, prototypes = outputs
         numbers = table.shape[self._axis] - len(prototypes)
@@ -155,6 +155,6 @@ class PrototypeReader(Reader):
         masks = PrototypeMasks(coefficients=own.T if self._axis == 0 else own, prototypes=prototypes)
         return replace(found, masks=masks)
 
-    def fault(self, outputs: Sequence[Numbers], found: Candidates, card: ModelCard) -> str:
+    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
         """What is wrong with the boxes; any number may be a coefficient."""
         return self._boxes.fault(outputs[:1], found, card)

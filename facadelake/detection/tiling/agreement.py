@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, RowIndices
 
 Corners = Float64Array  # (n, 4): left, top, right, bottom in pixels of the photograph
-Indices = NDArray[np.int64]
 Shapes = Sequence[shapely.Geometry | None]
 
 # Boxes that agree as a whole, without a line through both, count for half.
@@ -28,7 +26,7 @@ _STRIP = 1.5
 
 
 def agreement(
-    corners: Corners, masks: Shapes, first: Indices, second: Indices, window: Corners, slack_px: float
+    corners: Corners, masks: Shapes, first: RowIndices, second: RowIndices, window: Corners, slack_px: float
 ) -> Float64Array:
     """How well parts ``first`` and ``second`` (k) of all parts (n) agree in ``window`` (k), 0 to 1.
 
@@ -56,7 +54,7 @@ def agreement(
     return np.asarray(fit)
 
 
-def _directions(lines: Float64Array, first: Indices, second: Indices, count: int) -> Float64Array:
+def _directions(lines: Float64Array, first: RowIndices, second: RowIndices, count: int) -> Float64Array:
     """How likely (2, n) each part runs falling, and rising: as those it meets do, by how well (2, k) they meet so."""
     belief = np.full((2, count), 0.5)
     for _ in range(_ROUNDS):

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray
 from facadelake.detection.card import CardInput
-
-Mask = NDArray[np.bool_]
 
 # Up to this many inputs long, a photograph is looked at whole: it loses at most half of its resolution.
 WHOLE_UP_TO_INPUTS = 2.0
@@ -48,7 +46,7 @@ class Look:
 
 
 def plan_looks(
-    spec: CardInput, *, width_px: int, height_px: int, gsd_mm: float | None = None, target: Mask | None = None
+    spec: CardInput, *, width_px: int, height_px: int, gsd_mm: float | None = None, target: BoolArray | None = None
 ) -> tuple[Look, ...]:
     """The looks at a photograph of ``width_px`` x ``height_px``, finest first.
 
@@ -81,7 +79,7 @@ def _gains(spec: CardInput, gsd_mm: float | None) -> list[float]:
     return [gain for i, gain in enumerate(wanted) if i == 0 or wanted[i - 1] > gain * SCALES_APART]
 
 
-def _tiled(spec: CardInput, gain: float, width_px: int, height_px: int, target: Mask | None) -> Look:
+def _tiled(spec: CardInput, gain: float, width_px: int, height_px: int, target: BoolArray | None) -> Look:
     """Tiles over the box around the target, those left out that show nothing of it."""
     tile_width = min(width_px, round(spec.width_px / gain))
     tile_height = min(height_px, round(spec.height_px / gain))
@@ -103,7 +101,7 @@ def _starts(low: int, high: int, tile: int, limit: int) -> list[int]:
     return [round(start) for start in np.linspace(low, high - tile, count)]
 
 
-def _box_of(target: Mask, width_px: int, height_px: int) -> tuple[int, int, int, int]:
+def _box_of(target: BoolArray, width_px: int, height_px: int) -> tuple[int, int, int, int]:
     """The box (left, top, right, bottom) about the target, in pixels of the photograph."""
     rows, columns = np.flatnonzero(target.any(axis=1)), np.flatnonzero(target.any(axis=0))
     across, down = width_px / target.shape[1], height_px / target.shape[0]
@@ -115,7 +113,7 @@ def _box_of(target: Mask, width_px: int, height_px: int) -> tuple[int, int, int,
     )
 
 
-def _showing(target: Mask, tiles: tuple[Tile, ...], width_px: int, height_px: int) -> tuple[Tile, ...]:
+def _showing(target: BoolArray, tiles: tuple[Tile, ...], width_px: int, height_px: int) -> tuple[Tile, ...]:
     """The tiles in which at least a pixel of the target lies."""
     height, width = target.shape
     sums = cv2.integral(target.astype(np.uint8))

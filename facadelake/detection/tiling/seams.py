@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.detection.boxes import Box
 from facadelake.detection.inference.detector import Found
 from facadelake.detection.tiling.agreement import agreement, areas, common, grown, overlap, shares
@@ -30,9 +29,6 @@ WITHIN = 0.6
 # How well two parts must agree in the strip to be taken for one; and a branch with what is taken already.
 AGREE = 0.25
 BRANCH = 0.5
-
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +46,8 @@ class _Parts:
     found: list[Found]
     corners: Float64Array
     tiles: Float64Array
-    cut: Flags
-    classes: Indices
+    cut: BoolArray
+    classes: RowIndices
 
     def covers(self, members: Sequence[int]) -> shapely.Geometry:
         """Where parts lie: their masks, or boxes; closer than the one box about them."""
@@ -65,10 +61,10 @@ class _Pairs:
     ``onwards`` (k, 2): was the first cut where the second's tile goes on; and the second where the first's does?
     """
 
-    first: Indices
-    second: Indices
+    first: RowIndices
+    second: RowIndices
     fit: Float64Array
-    onwards: Flags
+    onwards: BoolArray
 
 
 def united_parts(
@@ -132,14 +128,14 @@ def _pairs(known: _Parts, slack_px: float) -> _Pairs:
     )
 
 
-def _onwards(known: _Parts, part: Indices, other: Indices) -> Flags:
+def _onwards(known: _Parts, part: RowIndices, other: RowIndices) -> BoolArray:
     """Which parts (k,) were cut at a side beyond which the other's tile goes on."""
     mine, beyond = known.tiles[part], known.tiles[other]
     further = np.column_stack([beyond[:, :2] < mine[:, :2], beyond[:, 2:] > mine[:, 2:]])
     return np.asarray((known.cut[part] & further).any(axis=1))
 
 
-def _continued(known: _Parts, pairs: _Pairs) -> Indices:
+def _continued(known: _Parts, pairs: _Pairs) -> RowIndices:
     """Pairs (m, 2) of parts that are one thing, of which a border cut at least one."""
     chosen: list[tuple[int, int]] = []
     taken: set[tuple[int, ...]] = set()
@@ -161,7 +157,7 @@ def _continued(known: _Parts, pairs: _Pairs) -> Indices:
     return np.array(chosen, dtype=np.int64).reshape(-1, 2)
 
 
-def _told_twice(known: _Parts, pairs: _Pairs, slack_px: float, nms_iou: float) -> Indices:
+def _told_twice(known: _Parts, pairs: _Pairs, slack_px: float, nms_iou: float) -> RowIndices:
     """Pairs (m, 2) of a part and the one that shows it better: whole where it is cut, or alike with a better score."""
     a, b = known.corners[pairs.first], known.corners[pairs.second]
     both = areas(common(a, b))

@@ -9,11 +9,11 @@ from typing import Protocol
 
 from shapely.affinity import translate
 
+from facadelake.core.arrays import BoolArray, UInt8Image
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard
 from facadelake.detection.inference.detector import Found
-from facadelake.detection.inference.letterbox import Image
-from facadelake.detection.tiling.plan import Look, Mask, Tile, plan_looks
+from facadelake.detection.tiling.plan import Look, Tile, plan_looks
 from facadelake.detection.tiling.scales import united_scales
 from facadelake.detection.tiling.seams import TileFound, united_parts
 
@@ -27,16 +27,16 @@ class Detector(Protocol):
     def card(self) -> ModelCard:
         """How the model sees."""
 
-    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
         """What each image shows."""
 
 
 def detect_image(
     detector: Detector,
-    image_bgr: Image,
+    image_bgr: UInt8Image,
     *,
     gsd_mm: float | None = None,
-    target: Mask | None = None,
+    target: BoolArray | None = None,
     workers: int = 1,
 ) -> tuple[Found, ...]:
     """What ``detector`` finds in a photograph (h, w, 3: blue, green, red) of any size, best first.
@@ -62,7 +62,7 @@ def detect_image(
     return tuple(sorted(found, key=lambda one: -one.score))
 
 
-def _parts(detector: Detector, image_bgr: Image, look: Look, workers: int) -> list[TileFound]:
+def _parts(detector: Detector, image_bgr: UInt8Image, look: Look, workers: int) -> list[TileFound]:
     """What the look's tiles show, in pixels of the photograph."""
 
     def see(tiles: Sequence[Tile]) -> list[TileFound]:

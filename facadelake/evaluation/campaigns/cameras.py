@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError, SchemaError
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.pose_table import posed_cameras

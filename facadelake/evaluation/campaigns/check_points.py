@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 
 # The paper's Algorithm 1 takes detections nearer than this for one; neighbours inside it are the ones it would merge.
 NEAR_M = 0.5

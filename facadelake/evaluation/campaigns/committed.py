@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from facadelake.building.registered import read_registered_model
-from facadelake.campaigns.committed import committed_tables
-from facadelake.campaigns.registration import register_on_committed_poses
+from facadelake.building import read_registered_model
+from facadelake.campaigns import committed_tables, register_on_committed_poses
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.detection.coco.import_detections import import_coco
+from facadelake.detection.coco import import_coco
 from facadelake.evaluation.campaigns.comparison import Comparison, compare
 from facadelake.registry import Building, CocoDetector
 from schemas.vocabulary import SurfaceKind

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 
 # Quantiles of chi-square with 3 degrees of freedom: half, and 95 %, of normal errors lie inside ellipsoids this large.
 CHI_SQUARE_50 = 2.366

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.evaluation.campaigns.samples import PositionSamples
 from facadelake.evaluation.campaigns.statistics import Stats, stats_of, surface_axes
 

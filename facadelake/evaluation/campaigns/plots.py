@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.evaluation.campaigns.comparison import Comparison
 from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_95, normalised_squares
 from facadelake.evaluation.campaigns.samples import PositionSamples

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import SchemaError
-from facadelake.core.frames import Float64Array
 
 Row = Mapping[str, Any]
 

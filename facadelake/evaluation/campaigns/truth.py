@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 
 OFF_TARGET = "off_target"
 _GEO = ("lon_deg", "lat_deg", "height_ellipsoidal_m")

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Prediction
 from schemas.vocabulary import DefectClass
@@ -26,9 +25,6 @@ from schemas.vocabulary import DefectClass
 IOU_THRESHOLDS = np.linspace(0.5, 0.95, 10)
 RECALLS = np.linspace(0.0, 1.0, 101)
 COCO_MOST = 100  # boxes of a photograph that COCO counts
-
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,14 +40,14 @@ class Matches:
 
     defect_class: DefectClass
     images: tuple[LabelledImage, ...]
-    image: Ints
-    rank: Ints
+    image: RowIndices
+    rank: RowIndices
     score: Float64Array
-    hit: Bools
-    ignored: Bools
-    truth_image: Ints
-    truth_rank: Ints
-    found: Bools
+    hit: BoolArray
+    ignored: BoolArray
+    truth_image: RowIndices
+    truth_rank: RowIndices
+    found: BoolArray
     coco_precision: Float64Array
 
 

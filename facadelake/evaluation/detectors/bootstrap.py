@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 
 DRAWS = 500

@@ -13,7 +13,7 @@ import yaml
 
 from facadelake.core.errors import ModelError, StoreError
 from facadelake.core.hashing import file_sha256
-from facadelake.detection.card import card_path, read_card
+from facadelake.detection import card_path, read_card
 from facadelake.evaluation.detectors.false_alarms import FalseAlarms
 from facadelake.evaluation.detectors.figures import ClassFigures, Figures
 from facadelake.evaluation.detectors.image_level import ImageLevelFigures

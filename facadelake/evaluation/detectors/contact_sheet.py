@@ -10,9 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import StoreError
-from facadelake.detection.boxes import Box
-from facadelake.detection.inference.letterbox import Image
+from facadelake.detection import Box
 from facadelake.evaluation.detectors.average_precision import Matches
 from facadelake.evaluation.detectors.figures import Judgement
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
@@ -82,7 +82,7 @@ def write_contact_sheet(faults: Sequence[Fault], collected: Collected, path: Pat
     """Write the sheet as PNG: red the fault, green what is labelled, blue what else is shown; None without faults."""
     if not faults:
         return None
-    tiles: dict[int, Image] = {}
+    tiles: dict[int, UInt8Image] = {}
     order = sorted(range(len(faults)), key=lambda i: faults[i].image.key)
     for _, group in groupby(order, key=lambda i: faults[i].image.key):  # each photograph is read once
         many = list(group)
@@ -100,7 +100,7 @@ def write_contact_sheet(faults: Sequence[Fault], collected: Collected, path: Pat
     return path
 
 
-def _tile(fault: Fault, pixels: Image | None, collected: Collected) -> Image:
+def _tile(fault: Fault, pixels: UInt8Image | None, collected: Collected) -> UInt8Image:
     """A square around the box with a caption below."""
     tile = np.full((_SIDE_PX + _CAPTION_PX, _SIDE_PX + 4, 3), 255, dtype=np.uint8)
     box, image = fault.box, fault.image
@@ -112,7 +112,7 @@ def _tile(fault: Fault, pixels: Image | None, collected: Collected) -> Image:
     if pixels is not None:
         tile_from_img = np.array([[gain, 0, -gain * left], [0, gain, -gain * top]])
         way = cv2.INTER_AREA if gain < 1 else cv2.INTER_LINEAR
-        shrunk: Image = pixels
+        shrunk: UInt8Image = pixels
         if gain < 0.5:  # a warp does not average
             shrunk = np.asarray(cv2.resize(pixels, None, fx=gain, fy=gain, interpolation=way), dtype=np.uint8)
             tile_from_img = np.array([[1.0, 0, -gain * left], [0, 1.0, -gain * top]])
@@ -136,7 +136,7 @@ def _inside(start: float, side: float, length_px: int) -> float:
 
 
 def _draw(
-    tile: Image, box: Box, left: float, top: float, gain: float, colour: tuple[int, int, int], thickness: int
+    tile: UInt8Image, box: Box, left: float, top: float, gain: float, colour: tuple[int, int, int], thickness: int
 ) -> None:
     corners = np.array([[box.x_px, box.y_px], [box.x_px + box.width_px, box.y_px + box.height_px]])
     (x0, y0), (x1, y1) = np.round((corners - [left, top]) * gain).astype(int).clip(-9999, 9999).tolist()

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
-from facadelake.detection.model_registry import default_model
+from facadelake.detection import Crosswalk, crosswalk_with, default_model
 from facadelake.evaluation.detectors.figures import Judgement, judge
 from facadelake.evaluation.detectors.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
 from facadelake.evaluation.detectors.labels.format import Form

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.evaluation.detectors.average_precision import Matches, average_precision, match
 from facadelake.evaluation.detectors.bootstrap import FEW, Interval, interval_of
 from facadelake.evaluation.detectors.calibration import Calibration, calibration_of

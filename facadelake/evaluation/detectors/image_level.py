@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import rankdata
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
-from facadelake.detection.crosswalk import Crosswalk
+from facadelake.detection import Crosswalk
 from facadelake.evaluation.detectors.bootstrap import Interval, interval_of
 from facadelake.evaluation.detectors.figures import Judged
 from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledImage, LabelledSet, photographs_below

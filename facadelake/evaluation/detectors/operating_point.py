@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from pycocotools.mask import iou
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.evaluation.detectors.average_precision import Matches
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Prediction

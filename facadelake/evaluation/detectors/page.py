@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from facadelake.core.hashing import file_sha256
-from facadelake.detection.card import ModelCard
-from facadelake.detection.inference.cards import find_card
+from facadelake.detection import ModelCard
+from facadelake.detection.inference import find_card
 from facadelake.evaluation.detectors.card_results import evaluations
 
 

@@ -13,11 +13,8 @@ from typing import Protocol
 from PIL import Image as PilImage
 
 from facadelake.core.progress import track
-from facadelake.detection.boxes import Box, clip_box
-from facadelake.detection.crosswalk import Crosswalk
-from facadelake.detection.inference.detector import Found
-from facadelake.detection.inference.letterbox import Image
-from facadelake.detection.inference.photograph import read_photograph
+from facadelake.detection import Box, Crosswalk, clip_box
+from facadelake.detection.inference import Found, Image, read_photograph
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from schemas.vocabulary import DefectClass
 

@@ -7,13 +7,10 @@ from pathlib import Path
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import file_sha256
-from facadelake.detection.boxes import Box
-from facadelake.detection.card import ModelCard
-from facadelake.detection.coco.file import CocoAnnotation, number, read_coco
-from facadelake.detection.inference.cards import find_card
-from facadelake.detection.inference.detector import Found, OnnxDetector
-from facadelake.detection.inference.letterbox import Image
-from facadelake.detection.tiling.tiled_detection import detect_image
+from facadelake.detection import Box, ModelCard
+from facadelake.detection.coco import CocoAnnotation, number, read_coco
+from facadelake.detection.inference import Found, Image, OnnxDetector, find_card
+from facadelake.detection.tiling import detect_image
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Looks
 

@@ -7,8 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from facadelake.evaluation.model_comparison.changes import found_at
-from facadelake.reviews.match_reviews import Detected, Judgement
-from facadelake.reviews.review import Review
+from facadelake.reviews import Detected, Judgement, Review
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,10 +9,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
-from facadelake.detection.boxes import Box
-from facadelake.reviews.box_matching import corners_of, overlaps, pairs_of
-from facadelake.reviews.match_reviews import Detected
+from facadelake.core.arrays import Float64Array
+from facadelake.detection import Box
+from facadelake.reviews import Detected, corners_of, overlaps, pairs_of
 from schemas.vocabulary import DefectClass
 
 SAME_BOX = 0.3  # intersection over union from which two models' boxes are one: they draw differently

@@ -13,16 +13,15 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.building.model import BuildingModel
-from facadelake.campaigns.committed import committed_model, committed_tables
-from facadelake.campaigns.registration import register_on_committed_poses
+from facadelake.building import BuildingModel
+from facadelake.campaigns import committed_model, committed_tables, register_on_committed_poses
 from facadelake.core.cache import StageCache
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.hashing import file_sha256, key_of
 from facadelake.core.tables import read_table, write_table
-from facadelake.detection.campaign import View, detect_photographs
-from facadelake.detection.inference.detector import OnnxDetector, load_detector
+from facadelake.detection import View, detect_photographs
+from facadelake.detection.inference import OnnxDetector, load_detector
 from facadelake.evaluation.model_comparison.against_reviews import OnWords, against_words
 from facadelake.evaluation.model_comparison.changes import Change, Changed, changes_between
 from facadelake.evaluation.model_comparison.contact_sheet import Crop, write_sheet
@@ -36,11 +35,10 @@ from facadelake.evaluation.model_comparison.report import (
     lost_defects,
     write_comparison,
 )
-from facadelake.photos.files import find_masks
-from facadelake.registration.target_view import views_on_building
+from facadelake.photos import find_masks
+from facadelake.registration import views_on_building
 from facadelake.registry import Building, Portfolio
-from facadelake.reviews.match_reviews import Detected, detected, judge
-from facadelake.reviews.review import reviews_of
+from facadelake.reviews import Detected, detected, judge, reviews_of
 from schemas.vocabulary import PhotoOutcome
 
 log = logging.getLogger("facadelake.flows")

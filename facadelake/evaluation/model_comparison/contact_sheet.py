@@ -10,11 +10,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import StoreError
 from facadelake.core.progress import track
-from facadelake.detection.boxes import Box
-from facadelake.detection.inference.letterbox import Image
-from facadelake.detection.inference.photograph import read_photograph
+from facadelake.detection import Box
+from facadelake.detection.inference import read_photograph
 
 _CELL_PX, _CAPTION_PX, _COLUMNS = 220, 34, 6
 _AROUND = 2.2  # side of a crop over its box's longer side: a person needs to see where it is
@@ -46,7 +46,7 @@ def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None
     by_photograph: dict[Path, list[int]] = defaultdict(list)
     for i, crop in enumerate(crops):
         by_photograph[crop.photograph].append(i)
-    cells: dict[int, Image] = {}
+    cells: dict[int, UInt8Image] = {}
     for photograph, places in track(by_photograph.items(), label="Drawing"):
         image = read_photograph(photograph)
         for i in places:
@@ -63,7 +63,7 @@ def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None
     return path
 
 
-def _cell(image: Image | None, crop: Crop) -> Image:
+def _cell(image: UInt8Image | None, crop: Crop) -> UInt8Image:
     cell = np.full((_CELL_PX, _CELL_PX, 3), 200, dtype=np.uint8)
     if image is None:
         return cell
@@ -84,7 +84,7 @@ def _cell(image: Image | None, crop: Crop) -> Image:
     return cell
 
 
-def _arranged(cells: Mapping[int, Image], crops: Sequence[Crop], title: str) -> Image:
+def _arranged(cells: Mapping[int, UInt8Image], crops: Sequence[Crop], title: str) -> UInt8Image:
     columns = min(_COLUMNS, len(crops))
     rows = -(-len(crops) // columns)
     step_x, step_y, head = _CELL_PX + 8, _CELL_PX + _CAPTION_PX + 8, 34
@@ -100,6 +100,6 @@ def _arranged(cells: Mapping[int, Image], crops: Sequence[Crop], title: str) -> 
     return sheet
 
 
-def _write(sheet: Image, text: str, x: int, y: int, size: float) -> None:
+def _write(sheet: UInt8Image, text: str, x: int, y: int, size: float) -> None:
     plain = text.encode("ascii", "replace").decode()
     cv2.putText(sheet, plain, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, _INK, 1, cv2.LINE_AA)

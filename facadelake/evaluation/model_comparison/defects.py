@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from facadelake.evaluation.model_comparison.changes import Change, Changed
-from facadelake.reviews.match_reviews import Detected
+from facadelake.reviews import Detected
 from schemas.vocabulary import DefectClass
 
 _BOTH, _OLD, _NEW = "both:", "old:", "new:"

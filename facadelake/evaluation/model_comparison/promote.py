@@ -9,9 +9,8 @@ from typing import Any
 
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import file_sha256
-from facadelake.detection.inference.cards import find_card
-from facadelake.detection.inference.detector import load_detector
-from facadelake.detection.model_registry import LIST, MODELS, Promotion, default_model, promote, promotions
+from facadelake.detection import LIST, MODELS, Promotion, default_model, promote, promotions
+from facadelake.detection.inference import find_card, load_detector
 from facadelake.evaluation.detectors.card_results import evaluations
 from facadelake.evaluation.model_comparison.report import REPORT, Comparison, comparison_folder, read_comparison
 

@@ -13,7 +13,7 @@ from facadelake.core.errors import InputDataError, StoreError
 from facadelake.evaluation.model_comparison.against_reviews import OnWords, Place
 from facadelake.evaluation.model_comparison.changes import Change, Changed
 from facadelake.evaluation.model_comparison.defects import WallDefect
-from facadelake.reviews.review import Review
+from facadelake.reviews import Review
 
 FOLDER, REPORT = "comparisons", "comparison.json"
 

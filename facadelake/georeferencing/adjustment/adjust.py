@@ -6,10 +6,10 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.evidence import Evidence, MarkedPoints, ModelEvidence, lens_beforehand
 from facadelake.georeferencing.adjustment.linearise import (
     PRIOR_LIMIT,
@@ -25,7 +25,7 @@ from facadelake.georeferencing.adjustment.projection import LENS_TERMS, camera_o
 from facadelake.georeferencing.adjustment.solve import SETTLED_M, Solution, covariance_of, solve
 from facadelake.georeferencing.adjustment.tie_points import Ties, block_of, choose_ties, inflation_of
 from facadelake.georeferencing.adjustment.uncertainty import Uncertainty, residual_when_left_out, uncertainty_of
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.sfm import Reconstruction
 
 logger = logging.getLogger(__name__)
 
@@ -260,22 +260,22 @@ def _joined_priors(first: NodePriors, second: NodePriors) -> NodePriors:
     )
 
 
-def _worth_freeing(problem: Problem, solution: Solution) -> NDArray[np.bool_]:
+def _worth_freeing(problem: Problem, solution: Solution) -> BoolArray:
     """Which lens terms (c, 8) the photographs show to differ from a plain lens's, by more than two sigmas."""
     layout = Layout.of(problem)
     _, covariance = covariance_of(problem, solution, 1.0)
     sigma = np.sqrt(np.diag(covariance)[layout.lens : layout.offset]).reshape(-1, len(LENS_TERMS))
     away = np.abs(solution.state.lens - problem.lens_mean)
     optional = np.isin(LENS_TERMS, _OPTIONAL_TERMS)
-    worth: NDArray[np.bool_] = ~optional | (away > _SIGNIFICANT * sigma)
+    worth: BoolArray = ~optional | (away > _SIGNIFICANT * sigma)
     return worth
 
 
-def _holding(problem: Problem, free: NDArray[np.bool_]) -> Problem:
+def _holding(problem: Problem, free: BoolArray) -> Problem:
     return replace(problem, lens_sigma=np.where(free, problem.lens_sigma, 0.0))
 
 
-def _described(problem: Problem, nodes: Nodes, ties: Ties, solution: Solution, free: NDArray[np.bool_]) -> Adjusted:
+def _described(problem: Problem, nodes: Nodes, ties: Ties, solution: Solution, free: BoolArray) -> Adjusted:
     state, layout = solution.state, Layout.of(problem)
     tie = problem.sightings.tie
     residual = sighting_residuals(problem, state, solution.tie_sigma_px)[tie]

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
-from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms, Rows
+from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
 
 # What is known of a lens before it is adjusted (LENS_TERMS' order); focal length and principal point are relative to
 # the focal length and the image's width. Sensors' pixels are square to a fraction of a percent.
@@ -26,8 +25,8 @@ class MarkedPoints:
     names: tuple[str, ...]
     xyz_site_m: Float64Array
     sigma_m: Float64Array
-    photo: Rows
-    point: Rows
+    photo: RowIndices
+    point: RowIndices
     xy_img: Float64Array
     sigma_px: float
 
@@ -37,7 +36,7 @@ class KnownPoints:
     """Tie points that another campaign knows: ``point`` (k,) rows of the reconstruction's points, ``xyz_site_m``
     (k, 3) and ``covariance_m2`` (k, 3, 3)."""
 
-    point: Rows
+    point: RowIndices
     xyz_site_m: Float64Array
     covariance_m2: Float64Array
 
@@ -61,7 +60,7 @@ class Evidence:
     model: ModelEvidence | None = None
 
 
-def lens_beforehand(cameras: Sequence[Camera], free: NDArray[np.bool_]) -> tuple[Float64Array, Float64Array]:
+def lens_beforehand(cameras: Sequence[Camera], free: BoolArray) -> tuple[Float64Array, Float64Array]:
     """Mean and sigma (c, 8) of the lenses; terms not ``free`` (8,) are held at their mean."""
     mean = np.array(
         [[camera.fx_px, 1.0, camera.width_px / 2, camera.height_px / 2, 0.0, 0.0, 0.0, 0.0] for camera in cameras]

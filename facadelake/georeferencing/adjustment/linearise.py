@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.georeferencing.adjustment.problem import Problem
 from facadelake.georeferencing.adjustment.projection import lens_of, project
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array, RowIndices
 from facadelake.georeferencing.adjustment.linearise import State
-from facadelake.georeferencing.adjustment.problem import Rows, WallTerms
+from facadelake.georeferencing.adjustment.problem import WallTerms
 from facadelake.georeferencing.adjustment.tie_points import Ties
 
 _FACING_COSINE = 0.25  # rays more grazing than 75 degrees tell little of the plane they meet
@@ -28,7 +27,7 @@ class HitsLike(Protocol):
     def normal_site(self) -> Float64Array: ...
 
     @property
-    def element(self) -> NDArray[np.int64]: ...
+    def element(self) -> Int64Array: ...
 
 
 class SurfaceLike(Protocol):
@@ -83,7 +82,7 @@ def walls_of(ties: Ties, state: State, surface: SurfaceLike, *, gate_m: float, m
     )
 
 
-def _nearest_camera(ties: Ties, state: State, xyz: Float64Array) -> Rows:
+def _nearest_camera(ties: Ties, state: State, xyz: Float64Array) -> RowIndices:
     distance = np.linalg.norm(xyz[ties.node] - state.centre_site_m[ties.photo], axis=1)
     order = np.lexsort((distance, ties.node))
     node, first = np.unique(ties.node[order], return_index=True)
@@ -92,7 +91,7 @@ def _nearest_camera(ties: Ties, state: State, xyz: Float64Array) -> Rows:
     return camera
 
 
-def _walls(element: NDArray[np.int64], normal: Float64Array) -> tuple[Rows, int]:
+def _walls(element: Int64Array, normal: Float64Array) -> tuple[RowIndices, int]:
     """A wall (k,) for each point, -1 for those of walls with few points, and how many walls there are."""
     if not len(element):
         return np.zeros(0, dtype=np.int64), 0

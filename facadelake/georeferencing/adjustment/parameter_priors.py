@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.georeferencing.adjustment.linearise import PRIOR_LIMIT, Layout, State, cauchy
 from facadelake.georeferencing.adjustment.problem import Problem
 
@@ -86,7 +85,7 @@ def _beforehand(problem: Problem, state: State, matrix: Float64Array, gradient: 
     return float(((away / sigma)[known] ** 2).sum())
 
 
-def held(problem: Problem) -> NDArray[np.bool_]:
+def held(problem: Problem) -> BoolArray:
     """Which kept unknowns (g,) are held at their start: lens terms of sigma 0."""
     layout = Layout.of(problem)
     out = np.zeros(layout.size, dtype=bool)

@@ -9,13 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Float64Array
-
-Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,7 +19,7 @@ class Block:
     which of them took each photograph, ``camera_of_photo`` (n,)."""
 
     cameras: tuple[Camera, ...]
-    camera_of_photo: Rows
+    camera_of_photo: RowIndices
     centre_site_m: Float64Array
     site_from_cam: Float64Array
 
@@ -39,12 +34,12 @@ class Sightings:
     model edges; no control makes them now (decision 9).
     """
 
-    photo: Rows
-    node: Rows
+    photo: RowIndices
+    node: RowIndices
     offset_site_m: Float64Array
     xy_img: Float64Array
     whitening: Float64Array
-    tie: NDArray[np.bool_]
+    tie: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,12 +47,12 @@ class NodePriors:
     """Nodes whose coordinates are known from elsewhere: ``node`` (k,), ``xyz_m`` (k, 3), ``information`` (k, 3, 3) in
     1/m2 (singular where a direction is not known), ``limit`` (k,) in sigmas, beyond which a prior loses its say."""
 
-    node: Rows
+    node: RowIndices
     xyz_m: Float64Array
     information: Float64Array
     limit: Float64Array
 
-    def take(self, which: NDArray[np.bool_]) -> NodePriors:
+    def take(self, which: BoolArray) -> NodePriors:
         """Those of ``which`` (k,)."""
         return NodePriors(
             node=self.node[which], xyz_m=self.xyz_m[which], information=self.information[which], limit=self.limit[which]
@@ -72,10 +67,10 @@ class WallTerms:
     ``wall_sigma_m`` (w,) is how far each wall as a whole may stand off the model.
     """
 
-    node: Rows
+    node: RowIndices
     normal_site: Float64Array
     distance_m: Float64Array
-    wall: Rows
+    wall: RowIndices
     sigma_m: Float64Array
     wall_sigma_m: Float64Array
 
@@ -85,8 +80,8 @@ class PositionTerms:
     """GPS: ``centre + offset[flight]`` is ``xyz_site_m`` (k, 3) within ``sigma_m`` (k, 3), the noise between
     photographs; ``offset_sigma_m`` (f, 3) bounds what a flight's positions have in common."""
 
-    photo: Rows
-    flight: Rows
+    photo: RowIndices
+    flight: RowIndices
     xyz_site_m: Float64Array
     sigma_m: Float64Array
     offset_sigma_m: Float64Array
@@ -97,8 +92,8 @@ class AttitudeTerms:
     """Gimbal attitudes: ``site_from_cam`` (k, 3, 3) within ``sigma_rad`` (k, 3) about site's axes, after a yaw that is
     common to a flight (compass), of ``yaw_sigma_rad`` (f,)."""
 
-    photo: Rows
-    flight: Rows
+    photo: RowIndices
+    flight: RowIndices
     site_from_cam: Float64Array
     sigma_rad: Float64Array
     yaw_sigma_rad: Float64Array

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.camera import Camera
-from facadelake.core.frames import Float64Array
 
 LENS_TERMS = ("focal_px", "aspect", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 _NEAREST = 1e-6  # a point at or behind the camera has no image
@@ -57,12 +56,12 @@ class Projected:
     xy_img: Float64Array
     by_xyz_cam: Float64Array
     by_lens: Float64Array
-    in_front: NDArray[np.bool_]
+    in_front: BoolArray
 
 
 def project(xyz_cam: Float64Array, lens: Float64Array) -> Projected:
     """Project points (k, 3) in ``cam``, each through its own lens (k, 8). Source: Brown 1971, as in COLMAP's OPENCV."""
-    in_front: NDArray[np.bool_] = xyz_cam[:, 2] > _NEAREST
+    in_front: BoolArray = xyz_cam[:, 2] > _NEAREST
     depth = np.where(in_front, xyz_cam[:, 2], 1.0)
     x, y = xyz_cam[:, 0] / depth, xyz_cam[:, 1] / depth
     focal, aspect, cx, cy, k1, k2, p1, p2 = lens.T

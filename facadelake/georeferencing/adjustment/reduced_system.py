@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.georeferencing.adjustment.linearise import (
     Layout,
     SightingRows,
@@ -38,8 +37,8 @@ _LEAST_INFORMATION = 1e-9
 class Coupling:
     """Derivative products between kept unknowns and nodes: entry k couples unknown ``row`` with ``node`` by (3,)."""
 
-    row: NDArray[np.int64]
-    node: NDArray[np.int64]
+    row: Int64Array
+    node: Int64Array
     value: Float64Array
 
 
@@ -64,7 +63,7 @@ class Reduced:
         return nodes
 
 
-def _by_node(node: NDArray[np.int64], values: Float64Array, count: int) -> Float64Array:
+def _by_node(node: Int64Array, values: Float64Array, count: int) -> Float64Array:
     """Sums (count, ...) of ``values`` (k, ...) over equal ``node``."""
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     sums = np.zeros((count, flat.shape[1]))
@@ -131,7 +130,7 @@ def _held_up(information: Float64Array) -> Float64Array:
     return out
 
 
-def _columns(problem: Problem, layout: Layout) -> NDArray[np.int64]:
+def _columns(problem: Problem, layout: Layout) -> Int64Array:
     """The kept unknowns (k, 14) of each sighting: its photograph's six and its lens's eight."""
     photo = problem.sightings.photo
     lens = problem.block.camera_of_photo[photo]

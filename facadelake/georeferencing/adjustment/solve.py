@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.adjustment.linearise import Layout, State, moved, sighting_residuals, start_of
 from facadelake.georeferencing.adjustment.parameter_priors import held
-from facadelake.georeferencing.adjustment.problem import Problem, Rows
+from facadelake.georeferencing.adjustment.problem import Problem
 from facadelake.georeferencing.adjustment.reduced_system import Reduced, cost_of, reduce
 
 logger = logging.getLogger(__name__)
@@ -70,7 +70,7 @@ def solve(problem: Problem, start: State | None = None, *, settled_m: float = SE
     return Solution(state=state, tie_sigma_px=sigma, steps=_MOST_STEPS, settled=False)
 
 
-def _scaled(system: Reduced, free: Rows) -> tuple[Float64Array, Float64Array]:
+def _scaled(system: Reduced, free: RowIndices) -> tuple[Float64Array, Float64Array]:
     """The free part of the matrix with a unit diagonal, and the scale that made it so."""
     matrix = system.matrix[np.ix_(free, free)]
     diagonal = np.diag(matrix).copy()

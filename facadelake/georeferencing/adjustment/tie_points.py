@@ -6,11 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array, Similarity
-from facadelake.georeferencing.adjustment.problem import Block, Rows
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.core.arrays import Float64Array, Int64Array, RowIndices
+from facadelake.core.frames import Similarity
+from facadelake.georeferencing.adjustment.problem import Block
+from facadelake.sfm import Reconstruction
 
 # Each photograph keeps at least so many of its longest tracks: beyond it accuracy no longer grows, memory does.
 TIES_PER_PHOTO = 3000
@@ -24,10 +24,10 @@ class Ties:
     """The chosen tie points: ``point`` (t,) rows of the reconstruction's points, ``xyz_site_m`` (t, 3), and their
     sightings: ``photo`` (k,), ``node`` (k,) row of ``point``, ``xy_img`` (k, 2)."""
 
-    point: Rows
+    point: RowIndices
     xyz_site_m: Float64Array
-    photo: Rows
-    node: Rows
+    photo: RowIndices
+    node: RowIndices
     xy_img: Float64Array
 
 
@@ -74,7 +74,7 @@ def block_of(reconstruction: Reconstruction, site_from_sfm: Similarity) -> Block
     )
 
 
-def inflation_of(residual: Float64Array, photo: NDArray[np.int64], xy_img: Float64Array) -> float:
+def inflation_of(residual: Float64Array, photo: Int64Array, xy_img: Float64Array) -> float:
     """By what factor (1 or more) the tie points' variance must grow because their errors are not independent.
 
     Whitened residuals (k, 2) are averaged over cells of each photograph. The mean of n independent errors has a

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.cluster.vq import kmeans2
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.georeferencing.adjustment.linearise import Layout
-from facadelake.georeferencing.adjustment.problem import Problem, Rows
+from facadelake.georeferencing.adjustment.problem import Problem
 from facadelake.georeferencing.adjustment.reduced_system import Reduced, reduce
 from facadelake.georeferencing.adjustment.solve import Solution, covariance_of, solved_step
 
@@ -34,7 +34,7 @@ class Uncertainty:
     formal: Float64Array
     system: Reduced
 
-    def node_covariance(self, nodes: Rows) -> Float64Array:
+    def node_covariance(self, nodes: RowIndices) -> Float64Array:
         """Formal covariance (k, 3, 3) of ``nodes`` (k,), cameras' included."""
         out = np.empty((len(nodes), 3, 3))
         coupling = self.system.coupling

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array
 
 _CELL_M = 1.0
 # A cell counts as seen by a campaign with so many tie points in it.
@@ -45,8 +44,8 @@ _ROUNDS = 8
 
 
 def agreeing_when_bent(
-    xyz_m: Float64Array, residual_m: Float64Array, agrees: NDArray[np.bool_], tolerance_m: Float64Array
-) -> NDArray[np.bool_]:
+    xyz_m: Float64Array, residual_m: Float64Array, agrees: BoolArray, tolerance_m: Float64Array
+) -> BoolArray:
     """Which pairs (n,) agree within ``tolerance_m`` (n,) when the block may also stretch and dome.
 
     ``xyz_m`` (n, 3) are the places, ``residual_m`` (n, 3) what a similarity left and ``agrees`` (n,) whom it joined:

@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
-
-Rows = NDArray[np.int64]
+from facadelake.core.arrays import Float32Array, Float64Array, RowIndices, UInt8Array
 
 # A tile of 2048 x 8192 similarities (64 MiB) is small beside the memory and large enough for the matrix product.
 _TILE_ROWS, _TILE_COLUMNS = 2048, 8192
@@ -20,15 +17,15 @@ class DescriptorPairs:
     """Mutual nearest neighbours, the surest first: rows ``a`` and ``b`` (k,) and ``ratio`` (k,), the distance to the
     nearest over that to the second nearest (0 sure, 1 one of several that look alike)."""
 
-    a: Rows
-    b: Rows
+    a: RowIndices
+    b: RowIndices
     ratio: Float64Array
 
     def __len__(self) -> int:
         return len(self.a)
 
 
-def mutual_pairs(a: NDArray[np.uint8], b: NDArray[np.uint8], *, largest_ratio: float) -> DescriptorPairs:
+def mutual_pairs(a: UInt8Array, b: UInt8Array, *, largest_ratio: float) -> DescriptorPairs:
     """Pairs of ``a`` (n, 128) and ``b`` (m, 128) that are each other's nearest and pass the ratio test in ``b``.
 
     Angles between descriptors are compared, in float32; exact, not approximate: 100,000 against 100,000 take about a
@@ -67,8 +64,8 @@ def mutual_pairs(a: NDArray[np.uint8], b: NDArray[np.uint8], *, largest_ratio: f
     return DescriptorPairs(a=kept, b=nearest[kept], ratio=ratio[kept])
 
 
-def _unit(descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _unit(descriptors: UInt8Array) -> Float32Array:
     values = descriptors.astype(np.float32)
     length = np.linalg.norm(values, axis=1, keepdims=True)
-    unit: NDArray[np.float32] = values / np.maximum(length, 1.0)
+    unit: Float32Array = values / np.maximum(length, 1.0)
     return unit

@@ -10,11 +10,11 @@ import logging
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, RowIndices, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity, similarity_between
+from facadelake.core.frames import Similarity, similarity_between
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.consistency import (
     agreeing_when_bent,
@@ -24,11 +24,10 @@ from facadelake.georeferencing.campaign.consistency import (
     shared_places,
     without_bending,
 )
-from facadelake.georeferencing.campaign.descriptor_matching import DescriptorPairs, Rows, mutual_pairs
+from facadelake.georeferencing.campaign.descriptor_matching import DescriptorPairs, mutual_pairs
 from facadelake.georeferencing.campaign.reference import MOST_POINTS, ReferencePoints, check_rows
 from facadelake.georeferencing.campaign.similarity_search import SharedSimilarity, shared_similarity
-from facadelake.sfm.reconstruction import Reconstruction
-from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, how_seen, pixel_sigma
+from facadelake.sfm import Reconstruction, compute_tie_point_covariance, how_seen, pixel_sigma
 
 logger = logging.getLogger(__name__)
 
@@ -69,8 +68,8 @@ class ReferenceMatch:
     """
 
     site_from_sfm: Similarity
-    point: Rows
-    reference: Rows
+    point: RowIndices
+    reference: RowIndices
     xyz_site_m: Float64Array
     covariance_m2: Float64Array
     residual_m: Float64Array
@@ -86,7 +85,7 @@ class ReferenceMatch:
 
 def match_reference(
     reconstruction: Reconstruction,
-    descriptors: NDArray[np.uint8],
+    descriptors: UInt8Array,
     reference: ReferencePoints,
     *,
     origin: SiteOrigin,
@@ -151,7 +150,7 @@ class _LaterPoints:
     """Tie points (n) of the later campaign that can be compared: rows, places and covariances in sfm; ``direction``
     and ``gsd`` in sfm as in ``Seen``."""
 
-    row: Rows
+    row: RowIndices
     xyz_sfm: Float64Array
     covariance_sfm: Float64Array
     direction: Float64Array

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, Int64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.sfm.reconstruction import Reconstruction
-from facadelake.sfm.tie_point_covariance import how_seen
+from facadelake.sfm import Reconstruction, how_seen
 
 MOST_POINTS = 100_000
 # A point that is known no better than this says nothing of a campaign to be placed at the centimetre.
@@ -48,10 +47,10 @@ class ReferencePoints:
     origin: SiteOrigin
     xyz_site_m: Float64Array
     covariance_m2: Float64Array
-    descriptors: NDArray[np.uint8]
+    descriptors: UInt8Array
     direction_site: Float64Array
     gsd_m: Float64Array
-    photographs: NDArray[np.int64]
+    photographs: Int64Array
     frame_covariance_m2: Float64Array
 
     def __len__(self) -> int:
@@ -126,7 +125,7 @@ def read_reference(path: Path) -> ReferencePoints:
 
 def reference_of(
     reconstruction: Reconstruction,
-    descriptors: NDArray[np.uint8],
+    descriptors: UInt8Array,
     *,
     cameras: Sequence[PosedCamera],
     xyz_site_m: Float64Array,
@@ -172,7 +171,7 @@ def reference_of(
     )
 
 
-def check_rows(reconstruction: Reconstruction, descriptors: NDArray[np.uint8]) -> None:
+def check_rows(reconstruction: Reconstruction, descriptors: UInt8Array) -> None:
     """Raise InputDataError where the descriptors are not those of the reconstruction's tie points, row by row."""
     if descriptors.shape != (len(reconstruction.xyz_sfm), 128):
         raise InputDataError(
@@ -181,7 +180,7 @@ def check_rows(reconstruction: Reconstruction, descriptors: NDArray[np.uint8]) -
         )
 
 
-def choose_spread(xyz_m: Float64Array, worth: Float64Array, *, most: int) -> NDArray[np.int64]:
+def choose_spread(xyz_m: Float64Array, worth: Float64Array, *, most: int) -> Int64Array:
     """Rows (sorted) of the ``most`` points: each half-metre cell gives its worthiest, then its second, and so on."""
     if len(xyz_m) <= most:
         return np.arange(len(xyz_m))
@@ -189,7 +188,7 @@ def choose_spread(xyz_m: Float64Array, worth: Float64Array, *, most: int) -> NDA
     order = np.lexsort((-worth, cell))
     first_of_cell = np.r_[0, np.flatnonzero(np.diff(cell[order])) + 1]
     rank = np.arange(len(order)) - np.repeat(first_of_cell, np.diff(np.r_[first_of_cell, len(order)]))
-    chosen: NDArray[np.int64] = np.sort(order[np.lexsort((-worth[order], rank))[:most]])
+    chosen: Int64Array = np.sort(order[np.lexsort((-worth[order], rank))[:most]])
     return chosen
 
 

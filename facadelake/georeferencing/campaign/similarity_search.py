@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity, similarity_between
-
-Rows = NDArray[np.int64]
+from facadelake.core.frames import Similarity, similarity_between
 
 # Shares of the ordered pairs to draw from, one after the other (PROSAC: Chum and Matas 2005), and triples of each.
 _SHARES = (0.05, 0.15, 0.4, 1.0)
@@ -34,7 +32,7 @@ class SharedSimilarity:
     """The similarity, which pairs (n,) agree with it, and all residuals (n, 3) ``target - fit(source)``."""
 
     target_from_source: Similarity
-    agrees: NDArray[np.bool_]
+    agrees: BoolArray
     residual: Float64Array
 
 
@@ -68,7 +66,7 @@ def shared_similarity(
 
 def _alike_triples(
     source: Float64Array, target: Float64Array, tolerance: Float64Array, first: int, rng: np.random.Generator
-) -> Rows:
+) -> RowIndices:
     """Rows (m, 3) of ``first`` pairs whose triangles are long-sided and have one shape within the tolerances."""
     rows = rng.integers(0, first, size=(_TRIPLES, 3))
     sides = [(0, 1), (1, 2), (2, 0)]
@@ -84,7 +82,7 @@ def _alike_triples(
     scale = long_target.sum(axis=1) / long_source.sum(axis=1)
     unlike = np.abs(long_target - scale[:, None] * long_source).max(axis=1)
     alike = (2 * area > 0.1 * longest**2) & (unlike < 1.5 * widest[:, 0])
-    chosen: Rows = rows[alike][:_FITS]
+    chosen: RowIndices = rows[alike][:_FITS]
     return chosen
 
 

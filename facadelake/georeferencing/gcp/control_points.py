@@ -18,8 +18,8 @@ import pyproj
 from pyproj.crs import CompoundCRS
 from pyproj.exceptions import CRSError
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
 
 _UTM = re.compile(r"^WGS\s*84\s+UTM\s+(\d{1,2})\s*([NS])$", re.IGNORECASE)

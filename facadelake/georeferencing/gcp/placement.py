@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.gcp.control_points import (
     ControlPoints,
@@ -18,7 +18,7 @@ from facadelake.georeferencing.gcp.control_points import (
 )
 from facadelake.georeferencing.similarity_fit import robust_similarity
 from facadelake.georeferencing.triangulation import Intersection, View, intersect
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.sfm import Reconstruction
 
 # Survey, marking and the free block's own bending together; a control point farther off (3.5 times) is a blunder.
 _CONTROL_SIGMA_M = 0.15
@@ -30,7 +30,7 @@ class Marks:
     """Where a control point was marked and the marks agree: ``photo`` (k,) rows of the block, ``xy_img`` (k, 2), and
     the point in sfm by the marks alone (3,)."""
 
-    photo: NDArray[np.int64]
+    photo: Int64Array
     xy_img: Float64Array
     xyz_sfm: Float64Array
 
@@ -47,7 +47,7 @@ class ControlPlacement:
     names: tuple[str, ...]
     xyz_site_m: Float64Array
     marks: tuple[Marks | None, ...]
-    agree: NDArray[np.bool_]
+    agree: BoolArray
     remarks: tuple[str, ...]
 
 
@@ -68,9 +68,7 @@ def marks_of(reconstruction: Reconstruction, control_points: ControlPoints) -> t
     return tuple(out)
 
 
-def _intersection(
-    reconstruction: Reconstruction, photo: NDArray[np.int64], xy_img: Float64Array
-) -> Intersection | None:
+def _intersection(reconstruction: Reconstruction, photo: Int64Array, xy_img: Float64Array) -> Intersection | None:
     photos = [reconstruction.photos[row] for row in photo]
     return intersect(
         [

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.similarity_fit import parameters_applied, robust_similarity
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.sfm import Reconstruction
 from schemas.vocabulary import HeightDatum, PositionSource
 
 # A gimbal's yaw is a compass's, off by degrees near steel and concrete; pitch and roll are better, but drift.
@@ -40,14 +40,14 @@ class GpsPriors:
     above the take-off, NaN where unknown.
     """
 
-    photo: NDArray[np.int64]
+    photo: Int64Array
     xyz_site_m: Float64Array
     sigma_m: Float64Array
     datum_unknown: bool
     site_from_cam_rotation: Float64Array
     sigma_yaw_deg: Float64Array
     sigma_tilt_deg: Float64Array
-    flight: NDArray[np.int64]
+    flight: Int64Array
     height_relative_m: Float64Array
 
     def lifted(self, up_m: float) -> GpsPriors:
@@ -117,7 +117,7 @@ class GpsAlignment:
     """``site_from_sfm``, which priors it rests on (n,), residuals ``prior - camera centre`` (n, 3) and remarks."""
 
     site_from_sfm: Similarity
-    used: NDArray[np.bool_]
+    used: BoolArray
     residual_m: Float64Array
     remarks: tuple[str, ...]
 
@@ -176,7 +176,7 @@ def _spread_across(xyz_m: Float64Array) -> float:
 
 def _start_by_attitude(
     centres: Float64Array, rotations_sfm: Float64Array, priors: GpsPriors
-) -> tuple[Similarity, NDArray[np.bool_]]:
+) -> tuple[Similarity, BoolArray]:
     known = np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
     if known.sum() < 2:
         raise GeoreferenceError(
@@ -196,7 +196,7 @@ def _start_by_attitude(
 
 
 def _refine(
-    start: Similarity, used: NDArray[np.bool_], centres: Float64Array, rotations_sfm: Float64Array, priors: GpsPriors
+    start: Similarity, used: BoolArray, centres: Float64Array, rotations_sfm: Float64Array, priors: GpsPriors
 ) -> tuple[Similarity, float]:
     """Least squares from ``start``; also the largest one-sigma of its rotation, in degrees."""
     pivot = start.apply(centres[used]).mean(axis=0)

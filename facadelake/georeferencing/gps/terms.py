@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
 from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, DATUM_SIGMA_M, GpsPriors
 
@@ -18,7 +17,7 @@ _YAW_NOISE_DEG = 2.0
 _TILT_SIGMA_DEG = 2.0
 
 
-def position_terms(priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Float64Array) -> PositionTerms:
+def position_terms(priors: GpsPriors, used: BoolArray, xyz_start_m: Float64Array) -> PositionTerms:
     """The ``used`` priors (n,), their noise taken from how they scatter about ``xyz_start_m`` (n, 3), the cameras'
     starts, after each flight's common offset; a flight's offset has the priors' own sigma."""
     flights = int(priors.flight.max(initial=-1)) + 1
@@ -43,7 +42,7 @@ def position_terms(priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Floa
 
 
 def anchored_terms(
-    priors: GpsPriors, used: NDArray[np.bool_], xyz_start_m: Float64Array, datum_sigma_m: Float64Array
+    priors: GpsPriors, used: BoolArray, xyz_start_m: Float64Array, datum_sigma_m: Float64Array
 ) -> PositionTerms:
     """The ``used`` priors for a block that something better than GPS has placed: their common offset to the start is
     taken out, and the block's datum is held at the start within ``datum_sigma_m`` (3,)."""

@@ -13,8 +13,8 @@ from enum import StrEnum
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.gps.alignment import rotation_of_attitude
 
 # Programs write six digits and more; what is further from a rotation is none.

@@ -7,13 +7,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from facadelake.building.surface.raycasting import Hits
+from facadelake.building.surface import Hits
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
-from facadelake.georeferencing.georeference import Place
+from facadelake.core.frames import Similarity
 from facadelake.georeferencing.gps.alignment import rotation_of_attitude
 from facadelake.georeferencing.imported.attitude import other_readings
+from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import PositionSource
 
 # Facades are photographed from tens of metres; a pose a kilometre off is of another CRS, unit or building.
@@ -39,7 +40,7 @@ def refuse_impossible(
     posed: Mapping[str, PosedCamera],
     photos: Sequence[Mapping[str, Any]],
     surface: SurfaceLike,
-    place: Place,
+    place: SiteFrame,
     *,
     source: str,
 ) -> list[str]:
@@ -62,7 +63,7 @@ def refuse_impossible(
     return remarks
 
 
-def _refuse_far(centres_site_m: Float64Array, surface: SurfaceLike, place: Place, source: str) -> None:
+def _refuse_far(centres_site_m: Float64Array, surface: SurfaceLike, place: SiteFrame, source: str) -> None:
     low, high = surface.vertices_site_m.min(axis=0), surface.vertices_site_m.max(axis=0)
     away_m = np.linalg.norm(np.maximum(np.maximum(low - centres_site_m, centres_site_m - high), 0.0), axis=1)
     if float(np.median(away_m)) <= FARTHEST_M:

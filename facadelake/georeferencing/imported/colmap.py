@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.imported.attitude import CameraAxes, Direction, from_quaternion
 from facadelake.georeferencing.imported.records import (

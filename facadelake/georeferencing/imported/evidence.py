@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.photo_names import PhotoNames
 from facadelake.georeferencing.gcp.control_points import ControlPoints, control_in_site
-from facadelake.georeferencing.georeference import Place
 from facadelake.georeferencing.passport import PassportPoint
+from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.georeferencing.triangulation import View, intersect
 from schemas.vocabulary import HeightDatum, PointKind, PositionSource
 
@@ -43,7 +43,7 @@ def evidence_of(
     posed: Mapping[str, PosedCamera],
     photos: Sequence[Mapping[str, Any]],
     surveyed: Sequence[ControlPoints],
-    place: Place,
+    place: SiteFrame,
 ) -> Evidence:
     """Surveyed points against their intersection by the imported cameras, and the photographs' GPS against the centres.
 
@@ -75,7 +75,7 @@ def evidence_of(
     return Evidence(points=(*checks, *gps), columns=columns, remarks=tuple(remarks))
 
 
-def _check_points(posed: Mapping[str, PosedCamera], surveyed: ControlPoints, place: Place) -> list[PassportPoint]:
+def _check_points(posed: Mapping[str, PosedCamera], surveyed: ControlPoints, place: SiteFrame) -> list[PassportPoint]:
     names = PhotoNames(posed)
     given = control_in_site(surveyed, origin=place.origin, vertical_datum=place.vertical_datum)
     points = []

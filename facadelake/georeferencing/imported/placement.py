@@ -10,18 +10,19 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_of_rows
 from facadelake.georeferencing.gcp.control_points import ControlPoints
-from facadelake.georeferencing.georeference import Place
 from facadelake.georeferencing.imported.checks import SurfaceLike, refuse_impossible
 from facadelake.georeferencing.imported.evidence import Evidence, evidence_of
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
 from facadelake.georeferencing.passport import points_table, require_good
 from facadelake.georeferencing.poses_table import placed_columns
+from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PhotoOutcome, PoseSource
 
 # What a good bundle adjustment knows of its cameras on a building; taken where the file states no sigma.
@@ -43,7 +44,7 @@ def place_imported(
     found: ImportedPoses,
     photos: pa.Table,
     *,
-    place: Place,
+    place: SiteFrame,
     surface: SurfaceLike,
     placement_sigma_max_m: float,
     surveyed: Sequence[ControlPoints] = (),
@@ -137,7 +138,7 @@ def _posed(
     row_of: Mapping[str, Mapping[str, Any]],
     reasons: dict[str, str],
     found: ImportedPoses,
-    place: Place,
+    place: SiteFrame,
 ) -> dict[str, PosedCamera]:
     """The cameras in site; a lens that does not fit its photograph, or a place off the map, becomes a reason."""
     posed = {}
@@ -157,7 +158,7 @@ def _posed(
 
 
 def _in_site(
-    poses: Sequence[ImportedPose], found: ImportedPoses, place: Place
+    poses: Sequence[ImportedPose], found: ImportedPoses, place: SiteFrame
 ) -> list[tuple[Float64Array, Float64Array] | GeoreferenceError]:
     """Centre and rotation of each pose in site, or why it has none. Raises GeoreferenceError where none has."""
     if not poses:
@@ -179,7 +180,7 @@ def _in_site(
 
 
 def _passport(
-    found: ImportedPoses, poses: pa.Table, place: Place, remarks: Sequence[str], evidence: Evidence, limit_m: float
+    found: ImportedPoses, poses: pa.Table, place: SiteFrame, remarks: Sequence[str], evidence: Evidence, limit_m: float
 ) -> pa.Table:
     """Table ``georeference``: what an import can say of itself; residuals it has none."""
     known = [row for row in poses.to_pylist() if row["pose_source"] == PoseSource.IMPORTED]

@@ -12,8 +12,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin
 from facadelake.georeferencing.imported.attitude import (
     CameraAxes,

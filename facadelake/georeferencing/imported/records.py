@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.imported.world import PoseWorld
 
 _SAID = re.compile(r"#?\s*([A-Za-z_]+)\s*:\s*(.*)")

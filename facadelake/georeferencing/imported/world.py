@@ -7,11 +7,12 @@ from enum import StrEnum
 
 import numpy as np
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
 from facadelake.georeferencing.gcp.control_points import control_crs_3d, has_own_heights
-from facadelake.georeferencing.georeference import Place
+from facadelake.georeferencing.site_frame import SiteFrame
 
 SITE = "site"
 
@@ -39,7 +40,7 @@ class PoseWorld:
     crs_from_world: Similarity | None = None
 
     def in_site(
-        self, xyz_world: Float64Array, world_from_cam: Float64Array, place: Place
+        self, xyz_world: Float64Array, world_from_cam: Float64Array, place: SiteFrame
     ) -> tuple[Float64Array, Float64Array]:
         """Centres (n, 3) and rotations (n, 3, 3) in the site frame of ``place``.
 
@@ -55,12 +56,12 @@ class PoseWorld:
             return centres, rotations
         return centres, self._axes_in_site(xyz, place) @ rotations
 
-    def crs_of(self, place: Place) -> str:
+    def crs_of(self, place: SiteFrame) -> str:
         """The CRS of the positions, with what their heights refer to."""
         crs = self.crs or place.map_crs
         return crs if crs == SITE else control_crs_3d(crs, place.vertical_datum)
 
-    def remarks(self, place: Place) -> list[str]:
+    def remarks(self, place: SiteFrame) -> list[str]:
         """What had to be assumed of the world."""
         said = []
         if self.crs is None:
@@ -69,18 +70,18 @@ class PoseWorld:
             said.append(f"the poses' heights name no datum: taken in the model's ({place.vertical_datum})")
         return said
 
-    def _site_from_own(self, place: Place) -> Similarity:
+    def _site_from_own(self, place: SiteFrame) -> Similarity:
         """The site frame of ``place`` from the one the poses are in."""
         if self.origin is None:
             return Similarity.identity()
         return place.origin.ecef_from_site().inverse() @ self.origin.ecef_from_site()
 
-    def _to_site(self, xyz: Float64Array, place: Place) -> Float64Array:
+    def _to_site(self, xyz: Float64Array, place: SiteFrame) -> Float64Array:
         if self.crs == SITE:
             return self._site_from_own(place).apply(xyz)
         return place.origin.site_from_geo(transform(xyz, self.crs_of(place), GEO))
 
-    def _axes_in_site(self, xyz: Float64Array, place: Place) -> Float64Array:
+    def _axes_in_site(self, xyz: Float64Array, place: SiteFrame) -> Float64Array:
         """Rotations (n, 3, 3) of the CRS's axes at ``xyz`` (n, 3) into site: the map's derivative without its scale.
 
         So the convergence of meridians and the earth's curvature are in it.

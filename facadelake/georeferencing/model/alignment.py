@@ -10,15 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
 from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps
 from facadelake.georeferencing.similarity_fit import parameters_applied
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.sfm import Reconstruction
 
 # Relief that the model does not have (sills, cornices) and its own tolerance: a residual of this size is ordinary.
 SURFACE_SIGMA_M = 0.05
@@ -130,7 +130,7 @@ def align_to_model(
     )
 
 
-def _offered(reconstruction: Reconstruction, seed: int) -> tuple[Float64Array, NDArray[np.int64]]:
+def _offered(reconstruction: Reconstruction, seed: int) -> tuple[Float64Array, Int64Array]:
     """Tie points seen three times or more (a limited draw) and for each the nearest camera that observed it."""
     seen = np.bincount(reconstruction.track_point, minlength=len(reconstruction.xyz_sfm))
     chosen = np.flatnonzero(seen >= 3)

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.edges import ModelEdges, model_edges
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel
+from facadelake.building.surface import ModelEdges, Surface, model_edges
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
 from facadelake.georeferencing.gps.alignment import GpsPriors, align_to_gps
 from facadelake.georeferencing.model.alignment import ModelAlignment, align_to_model
 from facadelake.georeferencing.model.edge_search import ShiftFound, find_shift
 from facadelake.georeferencing.model.gradients import GreyFiles
-from facadelake.sfm.reconstruction import Reconstruction
+from facadelake.sfm import Reconstruction
 from schemas.vocabulary import SurfaceKind
 
 # Heights without a datum may be off by the geoid; the search begins at plausible heights and goes this far around.

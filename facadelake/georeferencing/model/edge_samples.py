@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.building.surface.edges import ModelEdges
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface import ModelEdges, Surface
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 
 _CREASE_COSINE = np.cos(np.radians(20.0))
 _SIDE_PX = 1.5  # where the rays beside an edge are cast, pixels of the photograph
@@ -30,10 +28,10 @@ class EdgeSamples:
 
     xyz_site_m: Float64Array
     direction: Float64Array
-    edge: NDArray[np.int64]
-    feature: NDArray[np.int64]
+    edge: Int64Array
+    feature: Int64Array
 
-    def take(self, which: NDArray[np.bool_]) -> EdgeSamples:
+    def take(self, which: BoolArray) -> EdgeSamples:
         """Those of ``which`` (n,)."""
         return EdgeSamples(
             xyz_site_m=self.xyz_site_m[which],
@@ -48,12 +46,12 @@ class SeenSamples:
     """The samples a camera sees: ``row`` (k,) in the samples asked, ``xy_img`` and unit ``normal_img`` (k, 2) in
     pixels of the photograph, ``pixel_m`` (k,) the size of a pixel at the sample, square to the view."""
 
-    row: NDArray[np.int64]
+    row: Int64Array
     xy_img: Float64Array
     normal_img: Float64Array
     pixel_m: Float64Array
 
-    def take(self, which: NDArray[np.bool_]) -> SeenSamples:
+    def take(self, which: BoolArray) -> SeenSamples:
         """Those of ``which`` (k,)."""
         return SeenSamples(
             row=self.row[which],

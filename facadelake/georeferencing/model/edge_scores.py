@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.georeferencing.model.edge_samples import EdgeSamples, SeenSamples, seen_samples
 from facadelake.georeferencing.model.gradients import Gradients, GreyPhotographs, gradients, reduction_for
 
@@ -25,7 +25,7 @@ class EdgeScene:
 
     cameras: Sequence[PosedCamera]
     photographs: GreyPhotographs
-    rows: NDArray[np.int64]
+    rows: Int64Array
     samples: EdgeSamples
     surface: Surface
     free: Float64Array
@@ -56,7 +56,7 @@ class Scores:
         return total
 
 
-def score_shifts(search: EdgeScene, shifts: Float64Array, node: NDArray[np.int64], tolerance_m: float) -> Scores:
+def score_shifts(search: EdgeScene, shifts: Float64Array, node: Int64Array, tolerance_m: float) -> Scores:
     """Evidence for ``shifts`` (s, j); what is visible is asked once for those of one ``node`` (s,)."""
     evidence, weight = np.zeros((len(shifts), search.features)), np.zeros((len(shifts), search.features))
     nodes = [np.flatnonzero(node == k) for k in range(node.max() + 1)]
@@ -76,7 +76,7 @@ def score_shifts(search: EdgeScene, shifts: Float64Array, node: NDArray[np.int64
     return Scores(evidence=evidence, weight=weight, usual_weight=usual)
 
 
-def _batches(members: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+def _batches(members: Int64Array) -> Iterator[Int64Array]:
     for begin in range(0, len(members), _BATCH):
         yield members[begin : begin + _BATCH]
 
@@ -96,7 +96,7 @@ def _add(
     shifts: Float64Array,
     evidence: Float64Array,
     weight: Float64Array,
-    rows: NDArray[np.int64],
+    rows: Int64Array,
 ) -> None:
     """Add one photograph's evidence for ``shifts`` (b, j), from where ``posed`` stands, to their ``rows``.
 

@@ -12,14 +12,12 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from facadelake.building.surface.edges import ModelEdges
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface import ModelEdges, Surface
+from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array
 from facadelake.georeferencing.model.edge_samples import sample_edges, seen_samples
 from facadelake.georeferencing.model.edge_scores import EdgeScene, moved_camera, score_shifts
 from facadelake.georeferencing.model.gradients import GreyPhotographs
@@ -222,15 +220,13 @@ def _grid(reach_m: Float64Array, step_m: float) -> Float64Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def _spread(cameras: Sequence[PosedCamera], most: int) -> NDArray[np.int64]:
+def _spread(cameras: Sequence[PosedCamera], most: int) -> Int64Array:
     """Rows of at most ``most`` photographs, in even steps through the block."""
     count = min(len(cameras), most)
     return np.unique(np.linspace(0, len(cameras) - 1, count).round().astype(np.int64))
 
 
-def _ever_seen(
-    search: EdgeScene, edges: ModelEdges, shifts: Float64Array, node: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def _ever_seen(search: EdgeScene, edges: ModelEdges, shifts: Float64Array, node: Int64Array) -> BoolArray:
     """The edges that a sparse look, from every node, finds visible: most of a building is inside."""
     sparse = sample_edges(edges, _SPARSE_M)
     seen = np.zeros(len(edges.feature), dtype=bool)

@@ -9,11 +9,10 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float32Array, Float64Array, UInt8Array
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 
 _GREY = {
     1: cv2.IMREAD_GRAYSCALE,
@@ -29,7 +28,7 @@ _AROUND_SIGMAS = 6.0  # how far around a pixel its neighbours' gradients count
 class GreyPhotographs(Protocol):
     """Photographs by row, as grey pixels (h, w) reduced by 1, 2, 4 or 8; pixel (x, y) lies at (x, y) / reduction."""
 
-    def grey(self, row: int, reduction: int, /) -> NDArray[np.uint8]: ...
+    def grey(self, row: int, reduction: int, /) -> UInt8Array: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +37,7 @@ class GreyFiles:
 
     paths: Sequence[Path]
 
-    def grey(self, row: int, reduction: int, /) -> NDArray[np.uint8]:
+    def grey(self, row: int, reduction: int, /) -> UInt8Array:
         """Grey pixels of photograph ``row``; raises InputDataError where its file cannot be decoded."""
         path = self.paths[row]
         grey = cv2.imread(str(path), _GREY[reduction] | cv2.IMREAD_IGNORE_ORIENTATION) if path.is_file() else None
@@ -57,11 +56,11 @@ def reduction_for(pixels: float, camera: Camera) -> int:
 class Gradients:
     """Gradients (h, w) of a reduced photograph, divided by what is usual around each pixel: lengths from 0 to 1."""
 
-    x: NDArray[np.float32]
-    y: NDArray[np.float32]
+    x: Float32Array
+    y: Float32Array
     reduction: int
 
-    def across(self, xy_img: Float64Array, normal_img: Float64Array) -> NDArray[np.float32]:
+    def across(self, xy_img: Float64Array, normal_img: Float64Array) -> Float32Array:
         """Signed gradient along unit normals (..., 2) at pixels (..., 2) of the full photograph; 0 outside."""
         at = (xy_img / self.reduction - 0.5).astype(np.float32)
         shape = at.shape[:-1]
@@ -80,7 +79,7 @@ class Gradients:
 _ROWS = 32_000
 
 
-def gradients(grey: NDArray[np.uint8], *, reduction: int, sigma_px: float) -> Gradients:
+def gradients(grey: UInt8Array, *, reduction: int, sigma_px: float) -> Gradients:
     """Gradients of ``grey`` (already reduced) smoothed by ``sigma_px`` of its own pixels.
 
     Divided by the root of the squared length here and the mean squared length around, so that neither contrast nor a

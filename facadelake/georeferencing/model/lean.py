@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.georeferencing.adjustment.adjust import Adjusted
 from facadelake.georeferencing.adjustment.linearise import cross_matrices
 from facadelake.georeferencing.model.plumb_lines import Vertical

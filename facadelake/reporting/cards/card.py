@@ -12,13 +12,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.reporting.cards.facts import Fact
 from facadelake.reporting.cards.patch_view import PatchView
 from facadelake.reporting.cards.sightings import Sighting
 from facadelake.reporting.drawing.palette import class_colour, class_dashes, plain
 from facadelake.reporting.elevations.backdrop import Backdrop, draw_place
 from facadelake.reporting.elevations.marks import Mark
-from facadelake.reporting.elevations.relief import Picture
 from facadelake.reporting.elevations.storeys import StoreyLevel
 
 DPI = 150
@@ -38,7 +38,7 @@ class SightingPiece:
     """A sighting and its piece (RGB, ``TILE_PX`` wide) of the photograph; None where that could not be read."""
 
     sighting: Sighting
-    picture: Picture | None
+    picture: UInt8Image | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +52,7 @@ class CardMaterial:
     mark: Mark
     subtitle: str
     facts: Sequence[Fact]
-    best: Picture | None
+    best: UInt8Image | None
     best_photo_id: str | None
     patch: PatchView | None
     pieces: Sequence[SightingPiece]
@@ -88,7 +88,7 @@ def draw_card(material: CardMaterial) -> Figure:
     return figure
 
 
-def _picture(sheet: Axes, picture: Picture | None, left: float, top: float, side: float, instead: str) -> None:
+def _picture(sheet: Axes, picture: UInt8Image | None, left: float, top: float, side: float, instead: str) -> None:
     if picture is None:
         sheet.add_patch(Rectangle((left, top - side), side, side, facecolor="#ececec", edgecolor="#b0b0b0"))
         words = "\n".join(textwrap.wrap(instead, max(12, int(side * 9))))

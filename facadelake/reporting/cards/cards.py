@@ -9,9 +9,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import UInt8Array, UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.reporting.cards.card import BEST_PX, DPI, TILE_PX, CardMaterial, SightingPiece, draw_card
@@ -23,7 +23,6 @@ from facadelake.reporting.drawing.palette import class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
 from facadelake.reporting.elevations.backdrop import Backdrop
 from facadelake.reporting.elevations.marks import Mark, marks_of
-from facadelake.reporting.elevations.relief import Picture
 from facadelake.reporting.elevations.storeys import storey_levels
 from facadelake.reporting.inspection import Inspection
 
@@ -51,8 +50,8 @@ class _Open:
     left_out: int
     best: Sighting | None
     to_come: set[str]
-    pieces: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
-    best_piece: NDArray[np.uint8] | None = None
+    pieces: dict[str, UInt8Array] = field(default_factory=dict)
+    best_piece: UInt8Array | None = None
     patch: PatchView | None = None
 
 
@@ -142,7 +141,7 @@ def _opened(inspection: Inspection, defect_ids: frozenset[str], most_sightings: 
     return opened
 
 
-def _take(card: _Open, photo_id: str, pixels: Picture, inspection: Inspection, surface: Surface) -> None:
+def _take(card: _Open, photo_id: str, pixels: UInt8Image, inspection: Inspection, surface: Surface) -> None:
     """Cut out of a photograph (RGB) what the card shows of it."""
     colour = class_colour(card.mark.defect_class)
     for sighting in card.sightings:
@@ -157,11 +156,11 @@ def _take(card: _Open, photo_id: str, pixels: Picture, inspection: Inspection, s
         card.patch = patch_view(card.mark, posed, pixels, surface, cells, pixel_m)
 
 
-def _packed(bgr: Picture) -> NDArray[np.uint8]:
+def _packed(bgr: UInt8Image) -> UInt8Array:
     return np.asarray(cv2.imencode(".jpg", bgr, _QUALITY)[1], dtype=np.uint8)
 
 
-def _unpacked(piece: NDArray[np.uint8] | None) -> Picture | None:
+def _unpacked(piece: UInt8Array | None) -> UInt8Image | None:
     """RGB pixels of a kept piece."""
     if piece is None:
         return None

@@ -10,13 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from facadelake.core.arrays import Float64Array, UInt8Image
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.progress import track
 from facadelake.reporting.cards.sightings import Outline, Sighting, sightings_of
 from facadelake.reporting.drawing.palette import bgr_of, class_colour, short_ids
 from facadelake.reporting.drawing.photograph import read_photograph
-from facadelake.reporting.elevations.relief import Picture
 from facadelake.reporting.inspection import Inspection, PictureSettings
 
 log = logging.getLogger(__name__)
@@ -65,7 +64,7 @@ def file_word(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]", "_", text)
 
 
-def cut_out(pixels: Picture, outline: Outline, size_px: int, colour: str) -> Picture:
+def cut_out(pixels: UInt8Image, outline: Outline, size_px: int, colour: str) -> UInt8Image:
     """A square piece (BGR, ``size_px`` wide) of a photograph (RGB) round a detection, its outline drawn on it."""
     side = max(outline.width_px, outline.height_px) * (1 + 2 * _MARGIN)
     side = min(max(side, _LEAST_SIDE_PX), float(min(pixels.shape[:2])))
@@ -79,7 +78,7 @@ def cut_out(pixels: Picture, outline: Outline, size_px: int, colour: str) -> Pic
     return crop
 
 
-def draw_outline(picture: Picture, outline: Outline, corner_px: Float64Array, scale: float, colour: str) -> None:
+def draw_outline(picture: UInt8Image, outline: Outline, corner_px: Float64Array, scale: float, colour: str) -> None:
     """Draw a detection on a piece (BGR) of its photograph that begins at ``corner_px`` (2,): its mask, else its box."""
     first = np.array([outline.left_px, outline.top_px])
     size = np.array([outline.width_px, outline.height_px])

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import BoolArray, Float64Array, UInt8Image
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.reporting.drawing.photograph import reduction_for
 from facadelake.reporting.elevations.marks import Mark, surface_axes
 from facadelake.reporting.elevations.rectify import sampled
-from facadelake.reporting.elevations.relief import Picture
 from facadelake.reporting.elevations.visibility import pixels_of, sees
 
 _LEAST_SIDE_M, _LARGEST_SIDE_M = 0.3, 8.0
@@ -33,8 +31,8 @@ class PatchView:
     ``rings_m``: the defect's outlines (n, 2) from the picture's middle, metres to the right and up.
     """
 
-    picture: Picture
-    shown: NDArray[np.bool_]
+    picture: UInt8Image
+    shown: BoolArray
     cell_m: float
     rings_m: tuple[Float64Array, ...]
 
@@ -51,7 +49,7 @@ def patch_side_m(mark: Mark) -> float:
 
 
 def patch_view(
-    mark: Mark, posed: PosedCamera, pixels: Picture, surface: Surface, cells: int, pixel_m: float
+    mark: Mark, posed: PosedCamera, pixels: UInt8Image, surface: Surface, cells: int, pixel_m: float
 ) -> PatchView:
     """The surroundings of a defect, ``cells`` wide, from a photograph (RGB, full size).
 
@@ -95,7 +93,7 @@ def _surface_points(
     return flat + height[:, None] * axes[2], normal, -float(_BEFORE_M - hits.distance_m[0]) * axes[2]
 
 
-def _colours(pixels: Picture, xy: Float64Array, reduction: int) -> Picture:
+def _colours(pixels: UInt8Image, xy: Float64Array, reduction: int) -> UInt8Image:
     """Colours (n, 3) of a photograph at pixels (n, 2), averaged over ``reduction`` squared of them."""
     first = np.maximum(np.floor(xy.min(axis=0)).astype(int) - reduction, 0)
     first -= first % reduction
@@ -107,5 +105,5 @@ def _colours(pixels: Picture, xy: Float64Array, reduction: int) -> Picture:
         piece = cv2.copyMakeBorder(piece, 0, below, 0, beside, cv2.BORDER_REPLICATE).astype(np.uint8)
         half = (piece.shape[1] // reduction, piece.shape[0] // reduction)
         piece = np.asarray(cv2.resize(piece, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    colours: Picture = np.clip(sampled(piece, (xy - first) / reduction) + 0.5, 0, 255).astype(np.uint8)
+    colours: UInt8Image = np.clip(sampled(piece, (xy - first) / reduction) + 0.5, 0, 255).astype(np.uint8)
     return colours

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from shapely.errors import ShapelyError
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.reporting.inspection import Inspection
 
 _FLATTEST_COS = 0.02

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 
 _DIRECTIONS = 16
 _RINGS = 9

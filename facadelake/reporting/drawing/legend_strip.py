@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from facadelake.core.frames import Float64Array
-from facadelake.reporting.elevations.relief import Picture
+from facadelake.core.arrays import Float64Array, UInt8Image
 
 Bgr = tuple[int, int, int]
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -26,7 +25,7 @@ class Entry:
     text: str
 
 
-def with_legend(picture: Picture, title: str, entries: Sequence[Entry]) -> Picture:
+def with_legend(picture: UInt8Image, title: str, entries: Sequence[Entry]) -> UInt8Image:
     """The picture (BGR) under a light strip with ``title`` and ``entries``, in as many lines as they need."""
     width = picture.shape[1]
     title = _ascii(title)
@@ -51,7 +50,7 @@ def with_legend(picture: Picture, title: str, entries: Sequence[Entry]) -> Pictu
     return np.vstack([strip, picture])
 
 
-def write_text(picture: Picture, text: str, at: Float64Array, colour: Bgr, size: float) -> None:
+def write_text(picture: UInt8Image, text: str, at: Float64Array, colour: Bgr, size: float) -> None:
     """Write ``text`` on a dark ground from ``at`` (2,), its lower left."""
     place = np.round(at).astype(int).tolist()
     (width, height), below = cv2.getTextSize(_ascii(text), _FONT, size, 1)

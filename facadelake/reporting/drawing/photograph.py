@@ -6,8 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import UInt8Array
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
 
@@ -24,7 +24,7 @@ def reduction_for(pixel_m: float, cell_m: float) -> int:
     return max(n for n in _REDUCED if n == 1 or n * pixel_m <= cell_m)
 
 
-def decoded(path: Path, flags: int) -> NDArray[np.uint8]:
+def decoded(path: Path, flags: int) -> UInt8Array:
     """BGR pixels (h, w, 3) by OpenCV; raises InputDataError where there are none."""
     bgr = cv2.imread(str(path), flags) if path.is_file() else None  # OpenCV prints a warning for a missing file
     if bgr is None:
@@ -32,7 +32,7 @@ def decoded(path: Path, flags: int) -> NDArray[np.uint8]:
     return np.asarray(bgr, dtype=np.uint8)
 
 
-def read_photograph(path: Path, camera: Camera, reduction: int = 1) -> NDArray[np.uint8]:
+def read_photograph(path: Path, camera: Camera, reduction: int = 1) -> UInt8Array:
     """RGB pixels (h, w, 3) as the camera model counts them, reduced by 1, 2, 4 or 8.
 
     A pixel (x, y) of the full photograph lies at (x, y) / reduction. Raises InputDataError for a file that cannot be

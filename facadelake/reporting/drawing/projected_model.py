@@ -7,8 +7,8 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from facadelake.building.model import BuildingModel
-from facadelake.core.frames import Float64Array
+from facadelake.building import BuildingModel
+from facadelake.core.arrays import Float64Array
 
 
 def draw_model(

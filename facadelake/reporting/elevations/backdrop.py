@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import UInt8Image
 from facadelake.reporting.drawing.palette import class_colour
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.marks import Mark
-from facadelake.reporting.elevations.relief import Picture, grey_drawing, look_square_on, relief_edges
+from facadelake.reporting.elevations.relief import grey_drawing, look_square_on, relief_edges
 from facadelake.reporting.elevations.storeys import StoreyLevel
 
 _WIDTH_PX = 1000
@@ -27,12 +28,12 @@ class Backdrop:
     """A facade's elevation as a small ``picture`` (RGB) that spans ``width_m`` and ``height_m`` from its top left."""
 
     facade: Facade
-    picture: Picture
+    picture: UInt8Image
     width_m: float
     height_m: float
 
     @classmethod
-    def of(cls, facade: Facade, picture: Picture, cell_m: float) -> Backdrop:
+    def of(cls, facade: Facade, picture: UInt8Image, cell_m: float) -> Backdrop:
         """Made from an elevation's ``picture`` of cells ``cell_m`` wide."""
         rows, columns = picture.shape[:2]
         scale = min(1.0, _WIDTH_PX / columns)

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import MISS, Surface
+from facadelake.building.surface import MISS, Surface
+from facadelake.core.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.reporting.elevations.relief import Relief
 from facadelake.reporting.elevations.visibility import pixels_of, sees
 from facadelake.reporting.inspection import PictureSettings
@@ -30,7 +30,7 @@ _TOLERATED_LEVELS = 10.0  # grey levels by which photographs of one wall differ:
 _ODD_LEVELS = 14.0  # so many beyond that double a photograph's score
 _ODD_CELLS = 7  # coarse cells over which the difference is averaged
 
-Sampler = Callable[[str, Float64Array], NDArray[np.float32]]
+Sampler = Callable[[str, Float64Array], Float32Array]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +41,7 @@ class Share:
     255. ``gain`` evens out its exposure, ``pixel_m`` is a small pixel on the surface.
     """
 
-    weight: NDArray[np.uint8]
+    weight: UInt8Array
     top: int
     left: int
     gain: float
@@ -58,14 +58,14 @@ class Candidates:
 
     names: tuple[str, ...]
     shape: tuple[int, int]
-    cell: NDArray[np.int64]
+    cell: Int64Array
     xyz_site_m: Float64Array
     photo: NDArray[np.int32]
-    score: NDArray[np.float32]
-    fade: NDArray[np.float32]
+    score: Float32Array
+    fade: Float32Array
     pixel_m: Mapping[str, float]
 
-    def of_photo(self, index: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def of_photo(self, index: int) -> tuple[Int64Array, Int64Array]:
         """Ranks and cells (indices into the two axes of ``photo``) that a photograph is a candidate of."""
         ranks, cells = np.nonzero(self.photo == index)
         return ranks, cells
@@ -156,9 +156,7 @@ def share_out(
     return shares
 
 
-def _soft_plane(
-    candidates: Candidates, index: int, chosen: NDArray[np.int32], feather_cells: float
-) -> NDArray[np.float32]:
+def _soft_plane(candidates: Candidates, index: int, chosen: NDArray[np.int32], feather_cells: float) -> Float32Array:
     """Weight of a photograph on the coarse grid: 1 where it is chosen, falling off around, 0 where it shows nothing."""
     ranks, cells = candidates.of_photo(index)
     plane, seen = np.zeros(candidates.shape, dtype=np.float32), np.zeros(candidates.shape, dtype=np.float32)
@@ -169,7 +167,7 @@ def _soft_plane(
     return np.asarray(soft * seen, dtype=np.float32)
 
 
-def _middle_colour(colour: NDArray[np.float32]) -> NDArray[np.float32]:
+def _middle_colour(colour: Float32Array) -> Float32Array:
     """Median (n, 3) over the candidates of each cell; NaN where fewer than three have a colour."""
     enough = np.isfinite(colour[..., 0]).sum(axis=0) >= 3
     middle = np.full(colour.shape[1:], np.nan, dtype=np.float32)
@@ -178,7 +176,7 @@ def _middle_colour(colour: NDArray[np.float32]) -> NDArray[np.float32]:
     return middle
 
 
-def _gains(candidates: Candidates, colour: NDArray[np.float32], indices: list[int]) -> dict[int, float]:
+def _gains(candidates: Candidates, colour: Float32Array, indices: list[int]) -> dict[int, float]:
     """Factor for each photograph that brings it to the brightness of the others where they show the same wall."""
     light = np.maximum(colour.mean(axis=-1), 1.0)
     gain = dict.fromkeys(indices, 1.0)
@@ -194,7 +192,7 @@ def _gains(candidates: Candidates, colour: NDArray[np.float32], indices: list[in
     return gain
 
 
-def _oddness(candidates: Candidates, colour: NDArray[np.float32], indices: list[int]) -> NDArray[np.float32]:
+def _oddness(candidates: Candidates, colour: Float32Array, indices: list[int]) -> Float32Array:
     """How far (k, n) each candidate's colour is from what most show there, in ``_ODD_LEVELS``; 0 where tolerable."""
     off = np.nan_to_num(np.abs(colour - _middle_colour(colour)).max(axis=-1))
     odd = np.zeros_like(off)

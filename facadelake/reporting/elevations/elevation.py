@@ -10,15 +10,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.reporting.elevations.backdrop import Backdrop
 from facadelake.reporting.elevations.facades import Facade, find_facades
 from facadelake.reporting.elevations.figure import DPI, Scene, draw_elevation
 from facadelake.reporting.elevations.marks import Mark, marks_also_seen, marks_of, marks_per_facade
 from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify
-from facadelake.reporting.elevations.relief import Picture, cell_size_m, grey_drawing, look_square_on, relief_edges
+from facadelake.reporting.elevations.relief import cell_size_m, grey_drawing, look_square_on, relief_edges
 from facadelake.reporting.elevations.storeys import storey_levels
 from facadelake.reporting.inspection import Inspection, PictureSettings
 
@@ -112,7 +113,7 @@ def _thumbnail(source: Path, path: Path) -> None:
     cv2.imwrite(str(path), small, [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
-def compose(rectified: RectifiedElevation, building: BuildingModel) -> Picture:
+def compose(rectified: RectifiedElevation, building: BuildingModel) -> UInt8Image:
     """Photographs over the grey model, brightened as a whole where they are dark, the model's edges drawn thin."""
     picture = grey_drawing(rectified.relief, building)
     covered = rectified.covered

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.reporting.drawing.palette import compass_word
 from facadelake.reporting.elevations.outward import Walls, azimuth_of, element_azimuths, turn_deg, walls_of
 from facadelake.reporting.inspection import PictureSettings
@@ -31,7 +30,7 @@ class Facade:
 
     name: str
     azimuth_deg: float
-    elements: NDArray[np.int64]
+    elements: Int64Array
     area_m2: float
     u_min_m: float
     u_max_m: float
@@ -59,10 +58,10 @@ class Facade:
         return np.asarray(xyz_site_m, dtype=np.float64) @ self.axes_site.T
 
 
-def _directions(azimuth: Float64Array, area: Float64Array) -> list[tuple[float, NDArray[np.int64]]]:
+def _directions(azimuth: Float64Array, area: Float64Array) -> list[tuple[float, Int64Array]]:
     """Groups of elements that look one way: the direction with most area first, its neighbours within 25 degrees."""
     left = np.isfinite(azimuth) & (area > 0)
-    groups: list[tuple[float, NDArray[np.int64]]] = []
+    groups: list[tuple[float, Int64Array]] = []
     while left.any():
         rows = np.flatnonzero(left)
         near = turn_deg(azimuth[rows][:, None], azimuth[rows][None, :]) <= _WINDOW_DEG / 2
@@ -77,13 +76,13 @@ def _directions(azimuth: Float64Array, area: Float64Array) -> list[tuple[float, 
 
 
 def _layers(
-    middle_deg: float, members: NDArray[np.int64], walls: Walls, surface: Surface, settings: PictureSettings
-) -> list[NDArray[np.int64]]:
+    middle_deg: float, members: Int64Array, walls: Walls, surface: Surface, settings: PictureSettings
+) -> list[Int64Array]:
     """Split elements that look one way where some stand behind others (a courtyard's far side), front first."""
     outward = np.array([np.sin(np.radians(middle_deg)), np.cos(np.radians(middle_deg)), 0.0])
     depth = walls.centre @ outward
     facing = (walls.normal @ outward > 0.5) & (walls.area > 0)
-    layers: list[NDArray[np.int64]] = []
+    layers: list[Int64Array] = []
     left = members
     while len(left):
         ask = np.flatnonzero(facing & np.isin(walls.element, left))
@@ -125,7 +124,7 @@ def find_facades(
 
 def _facade(
     middle_deg: float,
-    elements: NDArray[np.int64],
+    elements: Int64Array,
     area_m2: float,
     walls: Walls,
     building: BuildingModel,

@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.reporting.drawing.label_placement import place_labels
 from facadelake.reporting.drawing.palette import class_colour, class_dashes, plain
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.marks import Mark
 from facadelake.reporting.elevations.rectify import RectifiedElevation
-from facadelake.reporting.elevations.relief import Picture
 from facadelake.reporting.elevations.storeys import StoreyLevel
 
 DPI = 150
@@ -41,7 +41,7 @@ class Scene:
 
 
 def draw_elevation(
-    scene: Scene, rectified: RectifiedElevation, background: Picture, marks: Sequence[Mark],
+    scene: Scene, rectified: RectifiedElevation, background: UInt8Image, marks: Sequence[Mark],
     others: Sequence[Mark], covered: float,
 ) -> Figure:  # fmt: skip
     """The finished sheet.

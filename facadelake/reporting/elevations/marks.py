@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow as pa
 import shapely
 
-from facadelake.building.model import BuildingModel
-from facadelake.core.frames import Float64Array
+from facadelake.building import BuildingModel
+from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.reporting.drawing.palette import short_ids
 from facadelake.reporting.elevations.facades import Facade

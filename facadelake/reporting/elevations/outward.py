@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building import BuildingModel
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.frames import Float64Array
 from facadelake.reporting.elevations.visibility import sees
 
 COMPASS_DEG = {"N": 0.0, "NE": 45.0, "E": 90.0, "SE": 135.0, "S": 180.0, "SW": 225.0, "W": 270.0, "NW": 315.0}
@@ -27,7 +26,7 @@ class Walls:
     normal: Float64Array
     area: Float64Array
     centre: Float64Array
-    element: NDArray[np.int64]
+    element: Int64Array
 
 
 def walls_of(building: BuildingModel, surface: Surface) -> Walls:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface import Surface
 from facadelake.reporting.elevations.backdrop import Backdrop, model_backdrop
 from facadelake.reporting.elevations.elevation import Elevation
 from facadelake.reporting.elevations.facades import Facade

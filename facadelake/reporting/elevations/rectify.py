@@ -12,16 +12,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import MISS, Surface
+from facadelake.building.surface import MISS, Surface
+from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, UInt8Image
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array
 from facadelake.core.progress import track
 from facadelake.reporting.drawing.photograph import read_photograph, reduction_for
 from facadelake.reporting.elevations.candidates import Share, find_candidates, share_out
-from facadelake.reporting.elevations.relief import Picture, Relief
+from facadelake.reporting.elevations.relief import Relief
 from facadelake.reporting.elevations.visibility import pixels_of
 from facadelake.reporting.inspection import PictureSettings
 
@@ -39,8 +38,8 @@ class RectifiedElevation:
     """``picture`` (rows, columns, RGB) where ``covered`` (rows, columns) a photograph shows the surface."""
 
     relief: Relief
-    picture: Picture
-    covered: NDArray[np.bool_]
+    picture: UInt8Image
+    covered: BoolArray
 
 
 class _Canvas:
@@ -51,7 +50,7 @@ class _Canvas:
         self._sum = np.zeros((*relief.shape, 3), dtype=np.float32)
         self._weight = np.zeros(relief.shape, dtype=np.float32)
 
-    def add(self, posed: PosedCamera, pixels: Picture, reduction: int, share: Share) -> None:
+    def add(self, posed: PosedCamera, pixels: UInt8Image, reduction: int, share: Share) -> None:
         """Sample one photograph where it has a share."""
         rows, columns = self.relief.shape
         for top in range(0, rows, _BAND_ROWS):
@@ -81,18 +80,18 @@ class _Canvas:
         return RectifiedElevation(relief=self.relief, picture=picture, covered=covered)
 
 
-def sampled(pixels: Picture, xy: Float64Array) -> NDArray[np.float32]:
+def sampled(pixels: UInt8Image, xy: Float64Array) -> Float32Array:
     """Colours (n, 3) at positions (n, 2) of a picture, (0.5, 0.5) the centre of its first pixel; bilinear."""
     count = len(xy)
     maps = np.zeros((2, -(-max(count, 1) // _LINE) * _LINE), dtype=np.float32)
     maps[:, :count] = xy.T - 0.5  # OpenCV counts from the centre of the first pixel
     at_x, at_y = maps.reshape(2, -1, _LINE)
     sampled = cv2.remap(pixels, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    colours: NDArray[np.float32] = sampled.reshape(-1, 3)[:count].astype(np.float32)
+    colours: Float32Array = sampled.reshape(-1, 3)[:count].astype(np.float32)
     return colours
 
 
-def _tiny(path: Path, camera: Camera) -> Picture:
+def _tiny(path: Path, camera: Camera) -> UInt8Image:
     """The photograph, at most ``_TINY_PX`` wide."""
     pixels = read_photograph(path, camera, 8 if camera.width_px >= 1024 else 1)
     scale = min(1.0, _TINY_PX / pixels.shape[1])
@@ -115,7 +114,7 @@ def rectify(
             log.warning("left out of the elevations: %s", error)
     readable = {name: camera for name, camera in posed.items() if name in tiny}
 
-    def colours(name: str, xy: Float64Array) -> NDArray[np.float32]:
+    def colours(name: str, xy: Float64Array) -> Float32Array:
         return sampled(tiny[name], xy * (tiny[name].shape[1] / readable[name].camera.width_px))
 
     canvases = []

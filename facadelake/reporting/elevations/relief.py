@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.building.model import BuildingModel
-from facadelake.building.surface.raycasting import MISS, Surface
-from facadelake.core.frames import Float64Array
+from facadelake.building import BuildingModel
+from facadelake.building.surface import MISS, Surface
+from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Image
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.inspection import PictureSettings
 from schemas.vocabulary import SurfaceKind
-
-Picture = NDArray[np.uint8]
 
 _ROWS = 256  # rows of cells cast at a time, to bound memory
 _STEP_M = 0.03  # a jump of the surface that is drawn as an edge
@@ -31,8 +29,8 @@ class Relief:
 
     facade: Facade
     cell_m: float
-    w_m: NDArray[np.float32]
-    normal: NDArray[np.float32]
+    w_m: Float32Array
+    normal: Float32Array
     element: NDArray[np.int32]
 
     @property
@@ -40,7 +38,7 @@ class Relief:
         """Rows and columns."""
         return self.w_m.shape[0], self.w_m.shape[1]
 
-    def xyz_site_m(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Float64Array:
+    def xyz_site_m(self, rows: Int64Array, columns: Int64Array) -> Float64Array:
         """Surface points (n, 3) in site of cells' centres."""
         uvw = np.column_stack(
             [
@@ -88,16 +86,14 @@ def look_square_on(facade: Facade, surface: Surface, cell_m: float) -> Relief:
     return Relief(facade=facade, cell_m=cell_m, w_m=w_m, normal=normal, element=element)
 
 
-def openings_of(building: BuildingModel) -> NDArray[np.bool_]:
+def openings_of(building: BuildingModel) -> BoolArray:
     """Which elements are windows, doors and the like (elements,)."""
     return np.array(
         [word.startswith(_OPENINGS) for word in building.elements.column("ifc_class").to_pylist()], dtype=bool
     )
 
 
-def edges_of(
-    xyz: NDArray[np.float32], normal: NDArray[np.float32], element: NDArray[np.int32], is_opening: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def edges_of(xyz: Float32Array, normal: Float32Array, element: NDArray[np.int32], is_opening: BoolArray) -> BoolArray:
     """Pixels (h, w) where the seen surface jumps, creases, ends, or meets an opening.
 
     ``xyz`` and ``normal`` (h, w, 3) of any view, near the frame's origin; ``element`` (h, w), ``MISS``: nothing.
@@ -124,7 +120,7 @@ def edges_tell(building: BuildingModel) -> bool:
     return building.surface_kind is not SurfaceKind.AS_BUILT
 
 
-def relief_edges(relief: Relief, building: BuildingModel) -> NDArray[np.bool_]:
+def relief_edges(relief: Relief, building: BuildingModel) -> BoolArray:
     """The building's edges in an elevation (rows, columns), none where they would tell nothing."""
     rows, columns = relief.shape
     if not edges_tell(building):
@@ -137,7 +133,7 @@ def relief_edges(relief: Relief, building: BuildingModel) -> NDArray[np.bool_]:
     return edges_of(uvw, in_axes, relief.element, openings_of(building))
 
 
-def grey_drawing(relief: Relief, building: BuildingModel) -> Picture:
+def grey_drawing(relief: Relief, building: BuildingModel) -> UInt8Image:
     """The model as a light grey drawing (rows, columns, RGB): lit from the upper left, openings bluish, sky white."""
     axes = relief.facade.axes_site
     light = np.array([-0.45, 0.55, 0.70]) @ axes

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.building.model import BuildingModel
+from facadelake.building import BuildingModel
 
 _SAME_LEVEL_M = 0.3
 

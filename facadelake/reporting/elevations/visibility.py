@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Float64Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -17,7 +16,7 @@ class Sight:
     """Per point: is it seen; the size of a pixel on the surface there (m, where it is longest); how far the pixel lies
     from the photograph's border (0 at it, 1 in the middle; lenses are darker and softer towards it)."""
 
-    visible: NDArray[np.bool_]
+    visible: BoolArray
     pixel_m: Float64Array
     inset: Float64Array
 
@@ -32,7 +31,7 @@ def _widest_tangent(camera: Camera) -> float:
     return float((np.hypot(rays[:, 0], rays[:, 1]) / rays[:, 2]).max())
 
 
-def pixels_of(posed: PosedCamera, xyz_site_m: Float64Array) -> tuple[Float64Array, NDArray[np.bool_]]:
+def pixels_of(posed: PosedCamera, xyz_site_m: Float64Array) -> tuple[Float64Array, BoolArray]:
     """Pixels (n, 2) of site points (n, 3) and which of them (n,) lie inside the photograph."""
     xyz_cam = posed.site_from_cam.inverse().apply(xyz_site_m)
     xy = posed.camera.project(xyz_cam)

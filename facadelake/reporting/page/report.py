@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface import Surface
 from facadelake.reporting.cards.cards import defect_cards
 from facadelake.reporting.cards.crops import defect_crops
 from facadelake.reporting.distribution import (

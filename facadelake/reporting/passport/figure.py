@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.reporting.drawing.palette import POINT_STYLES
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.passport.facts import AXES, Fact, Verdict, facts_of, length_text, summary

@@ -7,7 +7,7 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.lake.read import read_table, versions
+from facadelake.lake import read_table, versions
 from facadelake.registry import Building
 from facadelake.reviews.campaign import reviewed_campaign
 from facadelake.reviews.training.forms import LabelForm, Pictures

@@ -6,8 +6,8 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import Any
 
-from facadelake.detection.boxes import Box
-from facadelake.detection.coco.mask import polygons_of_text
+from facadelake.detection import Box
+from facadelake.detection.coco import polygons_of_text
 from facadelake.reviews.match_reviews import Judgement
 from schemas.vocabulary import DefectClass
 

@@ -10,9 +10,9 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from facadelake.detection.boxes import Box
-from facadelake.detection.coco.mask import polygons_of
-from facadelake.detection.inference.letterbox import Image
+from facadelake.core.arrays import UInt8Image
+from facadelake.detection import Box
+from facadelake.detection.coco import polygons_of
 from facadelake.reviews.training.material import Labelled, Material
 
 _ROOM = 1.2  # a tile's side over its place's, so that what surrounds it is seen too
@@ -48,7 +48,7 @@ def tiles_of(material: Material, *, image_width_px: int, image_height_px: int, s
     return tuple(_tile(material, frame) for frame in frames)
 
 
-def picture_of(tile: Tile, image_bgr: Image) -> Image:
+def picture_of(tile: Tile, image_bgr: UInt8Image) -> UInt8Image:
     """The tile's pixels, with what nobody has judged in grey."""
     part = image_bgr[tile.top_px : tile.top_px + tile.height_px, tile.left_px : tile.left_px + tile.width_px].copy()
     cover = np.zeros(part.shape[:2], dtype=bool)

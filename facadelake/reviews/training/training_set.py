@@ -16,10 +16,10 @@ from typing import Any
 
 import cv2
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.progress import track
-from facadelake.detection.inference.letterbox import Image
-from facadelake.detection.inference.photograph import read_photograph, turned_by_exif
+from facadelake.detection.inference import read_photograph, turned_by_exif
 from facadelake.reviews.match_reviews import Judgement
 from facadelake.reviews.training.forms import LabelForm, Pictures
 from facadelake.reviews.training.label_files import CLASSES, Picture, write_labels
@@ -150,7 +150,7 @@ def _pictures(source: Source, folder: Path, kind: Pictures, side_px: int, left_o
             yield _picture(source, material.photo_id, name, (0, 0, width, height), material.defects)
 
 
-def _tiles(source: Source, material: Material, image: Image, folder: Path, side_px: int) -> Iterator[Picture]:
+def _tiles(source: Source, material: Material, image: UInt8Image, folder: Path, side_px: int) -> Iterator[Picture]:
     height, width = image.shape[:2]
     for tile in tiles_of(material, image_width_px=width, image_height_px=height, side_px=side_px):
         frame = (tile.left_px, tile.top_px, tile.width_px, tile.height_px)

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Int64Array, UInt8Array
 from facadelake.core.cache import DIAGNOSTICS
 from facadelake.sfm.worker.report import Report
 from schemas.vocabulary import PoseSource
@@ -21,7 +21,7 @@ _DIMENSIONS = 128
 
 def representative_descriptors(
     model: pycolmap.Reconstruction, database_path: Path, row_of_point: dict[int, int]
-) -> NDArray[np.uint8]:
+) -> UInt8Array:
     """SIFT descriptors (m, 128) of the points, in the rows given: of each track the one nearest to its mean.
 
     It is one that a photograph really held, not the mean itself: a mean of histograms is smoother than any of them, so
@@ -47,7 +47,7 @@ def representative_descriptors(
 
 def _of_photographs(
     model: pycolmap.Reconstruction, database: pycolmap.Database, row_of_point: dict[int, int]
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.uint8]]]:
+) -> Iterator[tuple[Int64Array, UInt8Array]]:
     """Of each posed photograph, the rows of the points that it saw and their descriptors there."""
     for image_id in sorted(model.reg_image_ids()):
         image = model.images[image_id]

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.sfm.worker.mapping import tolerance_factor
 from facadelake.sfm.worker.report import Report
 
@@ -25,9 +24,9 @@ _LOOSEST_CENTRE = 0.01
 class Sightings:
     """Keypoints (m,) of a photograph, their pixels (m, 2), and the points (m,) of the block that they may show."""
 
-    keypoint: NDArray[np.int64]
+    keypoint: Int64Array
     xy_img: Float64Array
-    point_id: NDArray[np.int64]
+    point_id: Int64Array
     xyz_sfm: Float64Array
 
 
@@ -136,7 +135,7 @@ def _resect(
 
 def _agreeing(
     seen: Sightings, camera: pycolmap.Camera, cam_from_sfm: pycolmap.Rigid3d, max_error_px: float
-) -> NDArray[np.int64]:
+) -> Int64Array:
     """The sightings that the pose reprojects well; of those of one keypoint, and of one point, the best alone."""
     xyz_cam = cam_from_sfm * seen.xyz_sfm
     ahead = xyz_cam[:, 2] > 0

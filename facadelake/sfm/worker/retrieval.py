@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from facadelake.core.arrays import Float32Array, Int64Array
 
 # Measured on 29 street photographs without positions: 32 to 128 words find 93 to 96 % of the matching pairs among 12
 # partners each (COLMAP's vocabulary tree, trained on the same descriptors: 88 %). With 6 partners each it is 81 %, and
@@ -72,7 +71,7 @@ def pairs_by_chain(
     return sorted(new)
 
 
-def _descriptors(database: pycolmap.Database, image_id: int) -> Floats:
+def _descriptors(database: pycolmap.Database, image_id: int) -> Float32Array:
     """The descriptors of a photograph's largest features."""
     keypoints = np.asarray(database.read_keypoints(image_id)).reshape(-1, 6)  # x, y and a 2x2 matrix: turn and size
     found = database.read_descriptors(image_id).data.reshape(-1, 128)
@@ -80,12 +79,12 @@ def _descriptors(database: pycolmap.Database, image_id: int) -> Floats:
     return found[np.argsort(-size, kind="stable")[:_FEATURES_EACH]].astype(np.float32)
 
 
-def _nearest_word(found: Floats, words: Floats) -> NDArray[np.int64]:
-    nearest: NDArray[np.int64] = np.argmin(np.sum(words**2, axis=1) - 2 * found @ words.T, axis=1)
+def _nearest_word(found: Float32Array, words: Float32Array) -> Int64Array:
+    nearest: Int64Array = np.argmin(np.sum(words**2, axis=1) - 2 * found @ words.T, axis=1)
     return nearest
 
 
-def _words(sample: Floats, rng: np.random.Generator) -> Floats:
+def _words(sample: Float32Array, rng: np.random.Generator) -> Float32Array:
     """Centres of the descriptors, by Lloyd's iteration."""
     words = rng.permutation(sample)[:_WORDS].copy()
     for _ in range(_WORDS_ROUNDS):
@@ -95,12 +94,12 @@ def _words(sample: Floats, rng: np.random.Generator) -> Floats:
     return words
 
 
-def _look(found: Floats, words: Floats) -> Floats:
+def _look(found: Float32Array, words: Float32Array) -> Float32Array:
     """The photograph's vector of unit length (zero where it has no features)."""
     look = np.zeros(words.shape, dtype=np.float32)
     nearest = _nearest_word(found, words)
     np.add.at(look, nearest, found - words[nearest])
     look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-9)
     vector = look.ravel()
-    unit: Floats = vector / max(float(np.linalg.norm(vector)), 1e-9)
+    unit: Float32Array = vector / max(float(np.linalg.norm(vector)), 1e-9)
     return unit

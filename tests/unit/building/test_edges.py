@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from facadelake.building.surface.edges import ModelEdges, model_edges
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
 _BOX = np.array(

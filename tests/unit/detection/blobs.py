@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import shapely
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard
 from facadelake.detection.inference.detector import Found
-from facadelake.detection.inference.letterbox import Image
 
 
 def card(input_px: int, gsd_mm: Sequence[float] = ()) -> ModelCard:
@@ -43,12 +43,12 @@ class BlobDetector:
         self.seen: list[tuple[int, int]] = []
         self._masks = masks
 
-    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
         """Every blob of each image, scored by its size."""
         self.seen += [(image.shape[0], image.shape[1]) for image in images_bgr]
         return tuple(self._blobs(image) for image in images_bgr)
 
-    def _blobs(self, image: Image) -> tuple[Found, ...]:
+    def _blobs(self, image: UInt8Image) -> tuple[Found, ...]:
         dark = (image[..., 0] < 128).astype(np.uint8)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=8)
         found = []

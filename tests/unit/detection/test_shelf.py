@@ -9,7 +9,7 @@ import yaml
 from facadelake.core.errors import ModelError
 from facadelake.core.hashing import file_sha256
 from facadelake.detection.card import read_card
-from facadelake.detection.configured import model_file, settled
+from facadelake.detection.configured import model_file, resolve_default_model
 from facadelake.detection.model_registry import LIST, SHIPPED, default_model, promote, promotions
 from facadelake.registry import Building, OnnxDetectorSetting
 from tests.unit.detection.onnx_models import card, save_model
@@ -82,9 +82,9 @@ def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pyte
     old, new = _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
     given = {"id": "a", "name": "A", "model": "a.ifc", "photographs": "{campaign}"}
     monkeypatch.setattr("facadelake.detection.configured.default_model", lambda: old)
-    begun = settled(Building.model_validate(given))
+    begun = resolve_default_model(Building.model_validate(given))
     monkeypatch.setattr("facadelake.detection.configured.default_model", lambda: new)
     assert isinstance(begun.detector, OnnxDetectorSetting)
-    assert (model_file(begun.detector), settled(begun)) == (old, begun)
+    assert (model_file(begun.detector), resolve_default_model(begun)) == (old, begun)
     own = Building.model_validate({**given, "detector": {"kind": "onnx", "model": str(tmp_path / "own.onnx")}})
-    assert settled(own) == own
+    assert resolve_default_model(own) == own

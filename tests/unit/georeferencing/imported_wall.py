@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_of_rows
-from facadelake.georeferencing.georeference import Place
+from facadelake.georeferencing.site_frame import SiteFrame
 
 Array = NDArray[np.float64]
 ORIGIN = SiteOrigin(lon_deg=8.4083, lat_deg=48.9409, height_ellipsoidal_m=171.5)
-PLACE = Place(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50")
+PLACE = SiteFrame(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50")
 WIDTH, HEIGHT = 4000, 3000
 NAMES = [f"south/IMG_{i}.JPG" for i in range(4)]
 CENTRES = np.array([[-6.0, -15.0, 3.0], [-2.0, -14.0, 4.0], [2.0, -15.5, 3.5], [6.0, -15.0, 5.0]])

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.evidence import MarkedPoints
 from facadelake.georeferencing.adjustment.linearise import State
 from facadelake.georeferencing.adjustment.model_terms import no_walls
@@ -20,7 +21,6 @@ from facadelake.georeferencing.adjustment.problem import (
     NodePriors,
     PositionTerms,
     Problem,
-    Rows,
     Sightings,
     WallTerms,
 )
@@ -48,9 +48,9 @@ class SmallBlock:
 
     cameras: tuple[PosedCamera, ...]
     xyz_m: Float64Array
-    plane: Rows
-    photo: Rows
-    node: Rows
+    plane: RowIndices
+    photo: RowIndices
+    node: RowIndices
     xy_img: Float64Array
 
     @property
@@ -75,7 +75,7 @@ class Hits:
 
     distance_m: Float64Array
     normal_site: Float64Array
-    element: Rows
+    element: RowIndices
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,7 +224,7 @@ def ties_problem(
 
 
 def with_control(
-    problem: Problem, block: SmallBlock, rng: np.random.Generator, *, nodes: Rows, sigma_m: float
+    problem: Problem, block: SmallBlock, rng: np.random.Generator, *, nodes: RowIndices, sigma_m: float
 ) -> Problem:
     """Some tie points surveyed within ``sigma_m``."""
     k = len(nodes)
@@ -333,7 +333,7 @@ def reconstruction_of(
 
 
 def marked_points(
-    block: SmallBlock, rng: np.random.Generator, *, points: Rows, survey_m: float, mark_px: float
+    block: SmallBlock, rng: np.random.Generator, *, points: RowIndices, survey_m: float, mark_px: float
 ) -> MarkedPoints:
     """Tie points surveyed within ``survey_m`` and marked anew within ``mark_px`` wherever they are seen."""
     seen = np.flatnonzero(np.isin(block.node, points))

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from facadelake.building.surface.edges import ModelEdges, model_edges
 from facadelake.building.surface.raycasting import Surface
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.georeferencing.model.edge_samples import sample_edges, seen_samples
 from facadelake.georeferencing.model.edge_search import find_shift
 

@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.adjust import Adjusted
 from facadelake.georeferencing.model.lean import lean_of, upright
 from facadelake.georeferencing.model.plumb_lines import BUILT_SIGMA_RAD, Vertical, vertical_of

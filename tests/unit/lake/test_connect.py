@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import SchemaError, StoreError
 from facadelake.lake.commit import Committed
-from facadelake.lake.connect import bare_connection, locked, writing
+from facadelake.lake.connect import locked, writing
 from facadelake.lake.migrate import migrate, migrations, schema_version
 from facadelake.lake.read import read_table, versions
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
@@ -98,7 +99,7 @@ def test_migrated_lake_has_the_tables_of_the_schemas(tmp_path: Path) -> None:
     with locked(tmp_path), writing(tmp_path) as connection:
         migrate(connection)
         made = connection.execute(query, ["lake"]).fetchall()
-    plain = bare_connection()
+    plain = open_duckdb()
     for table in LAKE_TABLES.values():
         columns = [f"{c.name} {c.kind.sql}{'' if c.name in table.optional else ' NOT NULL'}" for c in table.columns]
         plain.execute(f"CREATE TABLE {table.name} ({', '.join(columns)})")

@@ -6,10 +6,10 @@ from pathlib import Path
 import duckdb
 import pytest
 
+from facadelake.core.duckdb_engine import extension_file
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.sql_files import read_statement
 from facadelake.core.sql_guard import refuse_unless_plain_select
-from facadelake.lake.connect import extension_file
 from facadelake.lake.questions import ask
 from facadelake.lake.read import query, sealed
 from schemas.tables import TABLES

@@ -14,8 +14,8 @@ import pyproj
 import pytest
 import shapely
 
+from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.lake.connect import bare_connection
 from facadelake.lake.regrading import regrade
 from facadelake.publish import releases
 from facadelake.publish.geopackage import facade_layers, geo_layers, right_of
@@ -70,7 +70,7 @@ def test_geoparquet_says_its_version_crs_types_and_bbox(release: Path) -> None:
 
 def test_another_reader_finds_the_points_where_they_are(release: Path) -> None:
     """DuckDB's reader knows nothing of geopandas."""
-    rows = bare_connection("spatial").execute(
+    rows = open_duckdb("spatial").execute(
         f"SELECT ST_X(geometry), ST_Y(geometry), ST_Z(geometry), bbox.xmin, typeof(geometry), east_map_m, material "
         f"FROM read_parquet('{release / 'defects.parquet'}') ORDER BY defect_id"
     )

@@ -11,8 +11,9 @@ import pyarrow as pa
 
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
+from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.frames import Float64Array, Similarity
+from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import stage_schema, table_of_rows
 from facadelake.reporting.inspection import Inspection

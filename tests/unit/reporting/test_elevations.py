@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.frames import Float64Array
+from facadelake.core.arrays import Float64Array
 from facadelake.core.tables import table_of_rows
 from facadelake.reporting.elevations.elevation import compose, facade_elevations
 from facadelake.reporting.elevations.facades import Facade, find_facades

@@ -6,10 +6,8 @@ from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
-from facadelake.detection.boxes import Box
-from facadelake.detection.coco.file import CocoAnnotation, CocoImage, number, read_coco
-from facadelake.detection.coco.mask import box_about
-from facadelake.detection.crosswalk import Crosswalk
+from facadelake.detection import Box, Crosswalk
+from facadelake.detection.coco import CocoAnnotation, CocoImage, box_about, number, read_coco
 from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
 
 

@@ -8,12 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
+from facadelake.core.arrays import BoolArray
 from facadelake.core.errors import InputDataError
-from facadelake.detection.boxes import Box, clip_box
+from facadelake.detection import Box, clip_box
 from schemas.vocabulary import DefectClass
 
 PHOTOGRAPHS = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
@@ -47,7 +46,7 @@ class LabelledImage:
     site: str | None = None
     gsd_mm: float | None = None
     area_m2: float | None = None
-    target: NDArray[np.bool_] | None = field(default=None, compare=False)
+    target: BoolArray | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection.crosswalk import Crosswalk
+from facadelake.detection import Crosswalk
 from facadelake.evaluation.detectors.labels.coco import read_coco_labels
 from facadelake.evaluation.detectors.labels.format import Form
 from facadelake.evaluation.detectors.labels.labels import PHOTOGRAPHS, LabelledSet

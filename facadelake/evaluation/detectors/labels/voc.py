@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
-from facadelake.detection.boxes import Box
-from facadelake.detection.crosswalk import Crosswalk
+from facadelake.detection import Box, Crosswalk
 from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
 from schemas.vocabulary import DefectClass
 

@@ -10,9 +10,8 @@ from typing import Any
 import yaml
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection.boxes import Box
-from facadelake.detection.crosswalk import Crosswalk
-from facadelake.detection.inference.photograph import turned_by_exif
+from facadelake.detection import Box, Crosswalk
+from facadelake.detection.inference import turned_by_exif
 from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
 
 # Labelling tools show the turned view and write shares of it; the pixels as stored are another view.

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.detection.inference.detector import Found
-from facadelake.detection.inference.letterbox import Image
 from facadelake.detection.tiling.tiled_detection import detect_image
 from tests.unit.detection.blobs import BlobDetector
 
 
-def wall(width: int = 1000, height: int = 700) -> Image:
+def wall(width: int = 1000, height: int = 700) -> UInt8Image:
     return np.full((height, width, 3), 255, dtype=np.uint8)
 
 
-def crack(image: Image, *points: tuple[int, int], thick: int = 3) -> None:
+def crack(image: UInt8Image, *points: tuple[int, int], thick: int = 3) -> None:
     cv2.polylines(image, [np.array(points)], isClosed=False, color=(0, 0, 0), thickness=thick)
 
 
@@ -26,18 +26,18 @@ def corners(found: tuple[Found, ...]) -> NDArray[np.float64]:
     return np.array(sorted(boxes), dtype=np.float64).reshape(-1, 4)
 
 
-def whole(image: Image) -> NDArray[np.float64]:
+def whole(image: UInt8Image) -> NDArray[np.float64]:
     """The boxes of all blobs, found without tiles."""
     (found,) = BlobDetector().detect_batch([image])
     return corners(found)
 
 
-def fine(image: Image, *, masks: bool = False) -> NDArray[np.float64]:
+def fine(image: UInt8Image, *, masks: bool = False) -> NDArray[np.float64]:
     """The boxes of the tiles alone, without a look at the whole."""
     return corners(detect_image(BlobDetector(masks=masks, gsd_mm=(2.0,)), image, gsd_mm=2.0))
 
 
-def tiled(image: Image, *, masks: bool = False) -> NDArray[np.float64]:
+def tiled(image: UInt8Image, *, masks: bool = False) -> NDArray[np.float64]:
     return corners(detect_image(BlobDetector(masks=masks), image))
 
 

@@ -1,0 +1,2 @@
+from .directions import facades_in as facades_in
+from .openness import COMPASS as COMPASS

@@ -1,0 +1,13 @@
+from .committed import committed_model as committed_model
+from .committed import committed_tables as committed_tables
+from .preflight import AUTO as AUTO
+from .preflight import LATEST as LATEST
+from .preflight import check_control as check_control
+from .preflight import check_files as check_files
+from .preflight import chosen_poses as chosen_poses
+from .preflight import resolved_campaign as resolved_campaign
+from .registration import register_on_committed_poses as register_on_committed_poses
+from .regrading import preview_grades as preview_grades
+from .regrading import registered_rules as registered_rules
+from .regrading import regrade_campaigns as regrade_campaigns
+from .regrading import regrading_replaced as regrading_replaced

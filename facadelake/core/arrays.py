@@ -1,0 +1,26 @@
+"""Types of arrays: a name says the element type and, where it is fixed, the shape.
+
+``Float64Nx3`` is (n, 3). NumPy's types cannot state shapes: a type checker sees the element type, the shape is told to
+the reader.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64Array = NDArray[np.float64]
+Float64N = NDArray[np.float64]
+Float64Nx2 = NDArray[np.float64]
+Float64Nx3 = NDArray[np.float64]
+Float64Nx3x3 = NDArray[np.float64]
+Float64x3 = NDArray[np.float64]
+Float64x3x3 = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+BoolArray = NDArray[np.bool_]
+Int64Array = NDArray[np.int64]
+UInt8Array = NDArray[np.uint8]
+# Positions in the first axis of other arrays, or rows of a table.
+RowIndices = NDArray[np.int64]
+# (h, w, 3) in OpenCV's order blue, green, red, or (h, w) grey.
+UInt8Image = NDArray[np.uint8]

@@ -1,0 +1,9 @@
+from .file import CocoAnnotation as CocoAnnotation
+from .file import CocoImage as CocoImage
+from .file import number as number
+from .file import read_coco as read_coco
+from .import_detections import import_coco as import_coco
+from .mask import box_about as box_about
+from .mask import mask_of as mask_of
+from .mask import polygons_of as polygons_of
+from .mask import polygons_of_text as polygons_of_text

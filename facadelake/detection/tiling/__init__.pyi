@@ -1,0 +1,1 @@
+from .tiled_detection import detect_image as detect_image

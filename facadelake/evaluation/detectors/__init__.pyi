@@ -1,0 +1,13 @@
+from .bootstrap import Interval as Interval
+from .card_results import write_results as write_results
+from .contact_sheet import write_sheets as write_sheets
+from .evaluate import Answer as Answer
+from .evaluate import Question as Question
+from .evaluate import evaluate_looker as evaluate_looker
+from .evaluate import looker_of as looker_of
+from .evaluate import model_file as model_file
+from .figures import Figures as Figures
+from .image_level import ImageLevelFigures as ImageLevelFigures
+from .operating_point import Operating as Operating
+from .page import page_of as page_of
+from .plots import write_plots as write_plots

@@ -1,0 +1,6 @@
+from .changes import Change as Change
+from .compare import Compared as Compared
+from .compare import compare_models as compare_models
+from .promote import promote_model as promote_model
+from .report import REPORT as REPORT
+from .report import CampaignComparison as CampaignComparison

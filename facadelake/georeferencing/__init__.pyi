@@ -1,0 +1,4 @@
+from .georeference import Control as Control
+from .georeference import Place as Place
+from .georeference import georeference_reconstruction as georeference_reconstruction
+from .poses_table import build_poses_table as build_poses_table

@@ -1,0 +1,1 @@
+from .control import model_control as model_control

@@ -1,0 +1,1 @@
+from .campaign import measure_detections as measure_detections

@@ -1,0 +1,4 @@
+from .exif import FULL_FRAME_DIAGONAL_MM as FULL_FRAME_DIAGONAL_MM
+from .files import find_masks as find_masks
+from .files import find_photographs as find_photographs
+from .ingest import ingest_photographs as ingest_photographs

@@ -1,0 +1,15 @@
+from .box_matching import corners_of as corners_of
+from .box_matching import overlaps as overlaps
+from .box_matching import pairs_of as pairs_of
+from .campaign import Imported as Imported
+from .campaign import ReviewedCampaign as ReviewedCampaign
+from .campaign import export_task as export_task
+from .campaign import import_reviews as import_reviews
+from .campaign import reviewed_campaign as reviewed_campaign
+from .match_reviews import Detected as Detected
+from .match_reviews import Judgement as Judgement
+from .match_reviews import detected as detected
+from .match_reviews import judge as judge
+from .review import Review as Review
+from .review import reviews_of as reviews_of
+from .task_files import Task as Task
