@@ -23,9 +23,9 @@ from scipy.optimize import minimize
 from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import skeletonize
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, UInt8Image
 from facadelake.detection import Box
-from facadelake.detection.inference import Found, Image
+from facadelake.detection.inference import Found
 from facadelake.evaluation.detectors.average_precision import average_precision, match
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Looks, Prediction, read_pixels
@@ -63,7 +63,7 @@ class ClassicalCracks:
         self.threshold = threshold
         self.sha256 = hashlib.sha256(json.dumps(asdict(setting)).encode()).hexdigest()
 
-    def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks:
+    def look(self, image: LabelledImage, pixels_bgr: UInt8Image) -> Looks:
         """Boxes of all components."""
         strength, gain = strengths(pixels_bgr)
         found = tuple(
@@ -73,7 +73,7 @@ class ClassicalCracks:
         return Looks(down_to_floor=found, shown=tuple(one for one in found if one.score >= self.threshold))
 
 
-def strengths(pixels_bgr: Image) -> tuple[Float64Array, float]:
+def strengths(pixels_bgr: UInt8Image) -> tuple[Float64Array, float]:
     """``ridges`` of a photograph, shrunk where it is large, and pixels of the shrunk one for each of its own."""
     gain = min(1.0, _SIDE_PX / max(pixels_bgr.shape[:2]))
     grey = cv2.cvtColor(pixels_bgr, cv2.COLOR_BGR2GRAY)

@@ -30,7 +30,7 @@ from facadelake.evaluation.detectors.labels.labels import (
 )
 from facadelake.evaluation.detectors.labels.open import open_labels
 from facadelake.evaluation.detectors.labels.sites import with_scale, with_sites
-from facadelake.georeferencing import Place
+from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.imported import place_imported, read_poses
 from facadelake.photos import ingest_photographs
 from facadelake.registry import read_portfolio
@@ -124,7 +124,7 @@ def castle_facade(work: Path) -> LabelledSet:
     surface = Surface(model)
     root = building.photographs_of("2026-04")
     photos = ingest_photographs(root, distance_to_model_m=horizontal_distance(model), close_range_below_m=8.0)
-    place = Place(
+    place = SiteFrame(
         origin=model.origin,
         map_crs=model.map_crs,
         vertical_datum=model.vertical_datum,

@@ -35,7 +35,7 @@ from facadelake.campaigns import register_on_committed_poses
 from facadelake.detection.coco import import_coco
 from facadelake.evaluation.campaigns import figures_of
 from facadelake.evaluation.campaigns.comparison import compare
-from facadelake.georeferencing import Place
+from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp import read_control_points
 from facadelake.georeferencing.imported import place_imported, read_poses
 from facadelake.georeferencing.imported.placement import PlacedByImport
@@ -92,7 +92,7 @@ def _registered(scene: Scenery, placed: PlacedByImport, boxes: str) -> dict[str,
 def imported(report: Report, work: Path) -> None:
     """Registration alone."""
     for scene in _sceneries():
-        place = Place(
+        place = SiteFrame(
             origin=scene.model.origin,
             map_crs=scene.model.map_crs,
             vertical_datum=scene.model.vertical_datum,

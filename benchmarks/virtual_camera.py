@@ -35,7 +35,8 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.pose_table import pose_covariances, posed_cameras
 from facadelake.lake import read_tables
 from facadelake.registration import registration_settings
-from facadelake.registration.observe import cast, observe
+from facadelake.registration.cast import cast
+from facadelake.registration.observe import observe
 from facadelake.registry import read_portfolio
 
 ROOT = Path(__file__).resolve().parent.parent

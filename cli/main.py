@@ -85,12 +85,15 @@ def inspect(
     """
     from cli.terminal.inspection import show_inspection
     from cli.terminal.run import inspect_in_terminal
-    from facadelake.campaigns import check_files, chosen_poses, resolved_campaign
+    from facadelake.campaigns import plan_inspection
 
-    registered = portfolio_at(portfolio).building(building)
-    resolved = resolved_campaign(registered, campaign)
-    check_files(registered, resolved, detections)  # before Prefect takes its time
-    chosen_poses(registered, resolved, georeference, str(poses) if poses else None)
+    plan_inspection(  # before Prefect takes its time
+        portfolio_at(portfolio).building(building),
+        campaign,
+        georeference=georeference,
+        detections=detections,
+        poses=str(poses) if poses else None,
+    )
     result = inspect_in_terminal(
         console,
         building_id=building,

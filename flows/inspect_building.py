@@ -10,20 +10,11 @@ from uuid import uuid4
 
 from prefect import flow
 
-from facadelake.campaigns import (
-    AUTO,
-    LATEST,
-    check_control,
-    check_files,
-    chosen_poses,
-    regrading_replaced,
-    resolved_campaign,
-)
+from facadelake.campaigns import AUTO, LATEST, plan_inspection, regrading_replaced
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError
-from facadelake.detection import resolve_default_model
 from facadelake.registry import CocoDetector, read_portfolio
-from schemas.vocabulary import ControlKind, SurfaceKind
+from schemas.vocabulary import SurfaceKind
 from tasks.as_built_model import as_built_model
 from tasks.commit import commit
 from tasks.detect import detect
@@ -77,12 +68,15 @@ def inspect_building(
 
     Raises FacadelakeError when the campaign cannot be right; nothing is committed then.
     """
-    building = read_portfolio(Path(portfolio)).building(building_id)
     started_at = datetime.now(UTC)
-    campaign = resolved_campaign(building, campaign_id)
-    warnings = list(check_files(building, campaign, detections))
-    check_control(building, campaign, georeference, poses)
-    building = resolve_default_model(building)
+    plan = plan_inspection(
+        read_portfolio(Path(portfolio)).building(building_id),
+        campaign_id,
+        georeference=georeference,
+        detections=detections,
+        poses=poses,
+    )
+    building, campaign, warnings = plan.building, plan.campaign_id, list(plan.warnings)
     job = InspectionJob(
         building=building,
         campaign_id=campaign,
@@ -90,9 +84,9 @@ def inspect_building(
         started_at=started_at,
         code_sha256=code_version(__name__).sha256,
         lake=Path(lake).resolve(),
-        control=None if georeference == AUTO else ControlKind(georeference),
+        control=plan.control,
         detections=detections,
-        poses=chosen_poses(building, campaign, georeference, poses),
+        poses=plan.poses,
     )
     bare = building.surface_kind is SurfaceKind.AS_BUILT  # its surface is made once the block stands
     if bare:

@@ -9,7 +9,7 @@ from prefect import task
 from facadelake.building import read_building
 from facadelake.core.hashing import file_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.georeferencing import Control, Place, build_poses_table, georeference_reconstruction
+from facadelake.georeferencing import Control, SiteFrame, build_poses_table, georeference_reconstruction
 from facadelake.georeferencing.campaign import REFERENCE, earlier_references, read_reference
 from facadelake.georeferencing.gcp import read_control_points
 from facadelake.georeferencing.model import model_control
@@ -39,7 +39,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         placed = georeference_reconstruction(
             reconstruction,
             photos_table,
-            place=Place(
+            place=SiteFrame(
                 origin=model_of_building.origin,
                 map_crs=model_of_building.map_crs,
                 vertical_datum=model_of_building.vertical_datum,

@@ -10,7 +10,7 @@ from facadelake.building import read_building
 from facadelake.building.surface import Surface
 from facadelake.core.hashing import files_sha256
 from facadelake.core.tables import read_table, write_table
-from facadelake.georeferencing import Place
+from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp import read_control_points
 from facadelake.georeferencing.imported import place_imported, pose_files, read_poses
 from tasks.job import InspectionJob, StageResult
@@ -35,7 +35,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
         placed = place_imported(
             read_poses(path),
             photos_table,
-            place=Place(
+            place=SiteFrame(
                 origin=building.origin,
                 map_crs=building.map_crs,
                 vertical_datum=building.vertical_datum,

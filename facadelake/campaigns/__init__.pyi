@@ -2,9 +2,7 @@ from .committed import committed_model as committed_model
 from .committed import committed_tables as committed_tables
 from .preflight import AUTO as AUTO
 from .preflight import LATEST as LATEST
-from .preflight import check_control as check_control
-from .preflight import check_files as check_files
-from .preflight import chosen_poses as chosen_poses
+from .preflight import plan_inspection as plan_inspection
 from .preflight import resolved_campaign as resolved_campaign
 from .registration import register_on_committed_poses as register_on_committed_poses
 from .regrading import preview_grades as preview_grades

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection import chosen_detector
+from facadelake.detection import chosen_detector, resolve_default_model
 from facadelake.georeferencing.imported import pose_files
 from facadelake.registry import Building, CocoDetector
 from facadelake.severity import rule_file
@@ -84,3 +85,44 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
         path = building.control_points.replace("{campaign}", campaign_id)
         return (f"the registry names control points, but {path} does not exist; without them GPS is the control",)
     return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedInspection:
+    """An inspection that can begin: all that it was asked for is there.
+
+    ``building`` names the detector's file, so that a promotion does not reach a run under way; ``control`` None: the
+    best there is; ``poses``: the file or folder to import them from, None: they are found.
+    """
+
+    building: Building
+    campaign_id: str
+    control: ControlKind | None
+    poses: Path | None
+    warnings: tuple[str, ...]
+
+
+def plan_inspection(
+    building: Building, campaign_id: str, *, georeference: str, detections: str | None, poses: str | None
+) -> PlannedInspection:
+    """What is to be done, after everything that can be told before any work begins was checked.
+
+    Args:
+        building: the registered building.
+        campaign_id: its campaign; 'latest' is the newest that has photographs.
+        georeference: a control, or 'auto'.
+        detections: other detections than the registry's: the name of an alternative, or a COCO file.
+        poses: a file or folder of poses of another program.
+
+    Raises InputDataError for what is missing or contradicts itself, ModelError for a detector that cannot be used.
+    """
+    campaign = resolved_campaign(building, campaign_id)
+    warnings = check_files(building, campaign, detections)
+    check_control(building, campaign, georeference, poses)
+    return PlannedInspection(
+        building=resolve_default_model(building),
+        campaign_id=campaign,
+        control=None if georeference == AUTO else ControlKind(georeference),
+        poses=chosen_poses(building, campaign, georeference, poses),
+        warnings=warnings,
+    )

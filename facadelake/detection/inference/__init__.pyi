@@ -3,6 +3,5 @@ from .detector import Found as Found
 from .detector import OnnxDetector as OnnxDetector
 from .detector import detector_fingerprint as detector_fingerprint
 from .detector import load_detector as load_detector
-from .letterbox import Image as Image
 from .photograph import read_photograph as read_photograph
 from .photograph import turned_by_exif as turned_by_exif

@@ -12,9 +12,10 @@ from typing import Protocol
 
 from PIL import Image as PilImage
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.core.progress import track
 from facadelake.detection import Box, Crosswalk, clip_box
-from facadelake.detection.inference import Found, Image, read_photograph
+from facadelake.detection.inference import Found, read_photograph
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from schemas.vocabulary import DefectClass
 
@@ -50,7 +51,7 @@ class Looker(Protocol):
     @property
     def threshold(self) -> float: ...
 
-    def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks: ...
+    def look(self, image: LabelledImage, pixels_bgr: UInt8Image) -> Looks: ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +95,7 @@ def collect(looker: Looker, images: Sequence[LabelledImage], crosswalk: Crosswal
     return Collected(images=tuple(read), down_to_floor=low, shown=shown, left_out=dict(left_out), seconds=seconds)
 
 
-def read_pixels(path: Path) -> Image | None:
+def read_pixels(path: Path) -> UInt8Image | None:
     """A photograph (h, w, 3: blue, green, red) as stored, or None where it cannot be decoded to its end."""
     try:
         with PilImage.open(path) as whole:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import file_sha256
 from facadelake.detection import Box, ModelCard
 from facadelake.detection.coco import CocoAnnotation, number, read_coco
-from facadelake.detection.inference import Found, Image, OnnxDetector, find_card
+from facadelake.detection.inference import Found, OnnxDetector, find_card
 from facadelake.detection.tiling import detect_image
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Looks
@@ -35,7 +36,7 @@ class OnnxLooker:
         self._detector = OnnxDetector(model, self.card.model_copy(update=low))
         self.name, self.sha256 = self._detector.name, self._detector.sha256
 
-    def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks:
+    def look(self, image: LabelledImage, pixels_bgr: UInt8Image) -> Looks:
         """What both thresholds give."""
         seen: list[tuple[tuple[Found, ...], ...]] = []
         low = detect_image(_Recording(self._detector, seen), pixels_bgr, gsd_mm=image.gsd_mm, target=image.target)
@@ -53,7 +54,7 @@ class _Recording:
         self.card = detector.card
         self._detector, self._seen = detector, seen
 
-    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
         self._seen.append(self._detector.detect_batch(images_bgr))
         return self._seen[-1]
 
@@ -65,7 +66,7 @@ class _Replaying:
         self.card = card
         self._threshold, self._seen = threshold, seen
 
-    def detect_batch(self, images_bgr: Sequence[Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
         return tuple(
             tuple(one for one in many if one.score >= self._threshold)[: self.card.max_detections]
             for many in next(self._seen)
@@ -90,7 +91,7 @@ class FileLooker:
             self._found.setdefault(image.file_name.replace("\\", "/"), []).append(found)
         self._names = frozenset(image.file_name.replace("\\", "/") for image in coco.images.values())
 
-    def look(self, image: LabelledImage, pixels_bgr: Image) -> Looks:
+    def look(self, image: LabelledImage, pixels_bgr: UInt8Image) -> Looks:
         """The file's boxes of this photograph, by the longest end of its path that the file names."""
         parts = image.key.split("/")
         name = next((end for i in range(len(parts)) if (end := "/".join(parts[i:])) in self._names), None)
