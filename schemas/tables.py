@@ -120,8 +120,8 @@ _LIST = [
         "control method map_crs vertical_datum georeference_level reference_campaign? points_used points_total scale "
         "residual_mean_m? residual_rmse_m? residual_max_m? check_points check_residual_mean_m? check_residual_max_m? "
         "sigma_east_m sigma_north_m sigma_up_m gps_offset_east_m? gps_offset_north_m? gps_offset_up_m? "
-        "gps_offset_sigma_m? tie_sigma_px? tie_inflation? model_residual_m? doming_m? doming_sigma_m? edge_features? "
-        "shift_score? competing_score? remarks",
+        "gps_offset_sigma_m? tie_sigma_px? tie_variance_factor? model_residual_m? doming_m? doming_sigma_m? "
+        "edge_features? edge_score? edge_score_runner_up? remarks",
     ),
     _table(
         "georeference_points",
@@ -169,19 +169,19 @@ _LIST = [
         "each real defect once",
         "building_id campaign_id defect_id",
         f"defect_id defect_class severity severity_rule graded_by? {_POSITION} sigma_east_m? sigma_north_m? "
-        "sigma_up_m? covariance_site? position_from? deviation_from_model_m? deviation_sigma_m? "
+        "sigma_up_m? covariance_site? position_method? deviation_from_model_m? deviation_sigma_m? "
         "width_m height_m length_m? area_m2 crack_width_mm? crack_width_max_mm? crack_width_sigma_mm? "
-        "crack_width_limit_mm? crack_length_m? crack_width_outcome? spread_m sightings score best_photo_id "
+        "crack_width_limit_mm? crack_length_m? crack_width_outcome? spread_m photo_count score best_photo_id "
         "element_guid ifc_class element_name? material? storey? facade patch? geometry",
         may_be_empty=True,
     ),
     _table(
         "merges",
-        "pair of sightings near one another",
-        "why two sightings are one defect, or are not",
+        "pair of neighbouring observations",
+        "why two observations are one defect, or are not",
         "building_id campaign_id detection_id other_detection_id",
-        "detection_id other_detection_id defect_id other_defect_id merge_decision merge_reason apart_m apart_sigma "
-        "overlap_share? appearance_score?",
+        "detection_id other_detection_id defect_id other_defect_id merge_decision merge_reason separation_m "
+        "mahalanobis_distance overlap_share? appearance_score?",
         may_be_empty=True,
     ),
     _table(
@@ -202,15 +202,15 @@ _LIST = [
 ]
 
 _BOX = "box_x_px? box_y_px? box_width_px? box_height_px?"
-_WORDS = [
+_REVIEWS = [
     _table(
         "reviews",
         "word of a person on a place of a photograph",
         "whether detections are defects, and which defects were missed: box and class as the person says, beside those "
         "that were judged; the last word on a subject counts",
         "building_id campaign_id review_id",
-        f"review_id subject photo_id detection_id? defect_id? verdict defect_class? {_BOX} mask? judged_class? "
-        f"{_BOX.replace('box_', 'judged_box_')} detector_sha256? reviewer reviewed_at note?",
+        f"review_id subject photo_id detection_id? defect_id? verdict defect_class? {_BOX} mask? reviewed_class? "
+        f"{_BOX.replace('box_', 'reviewed_box_')} detector_sha256? reviewer reviewed_at note?",
         may_be_empty=True,
     ),
 ]
@@ -218,5 +218,5 @@ _WORDS = [
 # What a run commits, whole or not at all.
 TABLES: dict[str, Table] = {table.name: table for table in _LIST}
 # What persons write: rows are added and never changed, and no run replaces them.
-WORD_TABLES: dict[str, Table] = {table.name: table for table in _WORDS}
-LAKE_TABLES: dict[str, Table] = {**TABLES, **WORD_TABLES}
+REVIEW_TABLES: dict[str, Table] = {table.name: table for table in _REVIEWS}
+LAKE_TABLES: dict[str, Table] = {**TABLES, **REVIEW_TABLES}

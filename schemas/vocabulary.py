@@ -124,7 +124,7 @@ class ObservationOutcome(StrEnum):
     UNLOCALISED = "unlocalised"
 
 
-class PositionFrom(StrEnum):
+class PositionMethod(StrEnum):
     """What a defect's position rests on."""
 
     SURFACE = "surface"
@@ -132,14 +132,14 @@ class PositionFrom(StrEnum):
 
 
 class MergeDecision(StrEnum):
-    """Whether two sightings near one another are one defect."""
+    """Whether two neighbouring observations are one defect."""
 
     JOINED = "joined"
     APART = "apart"
 
 
 class MergeReason(StrEnum):
-    """Why two sightings are one defect, or are not; ``docs/tables.md`` says which columns decided."""
+    """Why two observations are one defect, or are not; ``docs/tables.md`` says which columns decided."""
 
     GEOGRAPHY = "geography"
     GEOGRAPHY_AND_IMAGE = "geography_and_image"

@@ -13,7 +13,7 @@ from facadelake.publish import publish_campaign
 from tasks.draw import PICTURES
 from tasks.job import InspectionJob, StageResult
 
-SHOWN = ["defect_id", "defect_class", "severity", "facade", "storey", "sightings", "width_m", "height_m"]
+SHOWN = ["defect_id", "defect_class", "severity", "facade", "storey", "photo_count", "width_m", "height_m"]
 
 
 @task(name="publish")

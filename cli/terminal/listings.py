@@ -101,7 +101,7 @@ def show_defects(
         table.add_column("lon, lat, ellipsoidal height", no_wrap=True)
     for row in chosen[:limit]:
         cells = [row["defect_id"], row["defect_class"], row["severity"], row["facade"], row["storey"] or ""]
-        cells += [f"{row['width_m'] * 100:.0f} x {row['height_m'] * 100:.0f}", str(row["sightings"])]
+        cells += [f"{row['width_m'] * 100:.0f} x {row['height_m'] * 100:.0f}", str(row["photo_count"])]
         if roomy:
             cells.append(_crack_mm(row))
             cells.append(escape(row["element_name"] or row["ifc_class"]))

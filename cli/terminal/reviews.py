@@ -66,7 +66,7 @@ def show_reviews(console: Console, campaigns: Sequence[ReviewedCampaign], *, lin
         for one in campaign.judgement.standing:
             word = one.review
             met = "" if one.detection is None else f" = {one.detection.detection_id}"
-            what = word.defect_class or f"no {word.judged_class}"
+            what = word.defect_class or f"no {word.reviewed_class}"
             note = f": {word.note}" if word.note else ""
             console.print(
                 f"{word.review_id} {word.verdict} {what} {escape(word.subject)}{escape(met)}, "
@@ -79,7 +79,7 @@ def show_reviews(console: Console, campaigns: Sequence[ReviewedCampaign], *, lin
 
 
 def _unmatched(console: Console, reviews: Sequence[Review]) -> None:
-    told = [f"{word.verdict} {word.judged_class} at {word.subject}" for word in reviews]
+    told = [f"{word.verdict} {word.reviewed_class} at {word.subject}" for word in reviews]
     _some(console, f"{len(told)} words are on places where the campaign has no such detection now:", told)
 
 

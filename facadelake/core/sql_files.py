@@ -1,24 +1,26 @@
 """The statements of sql/: one a file, with a header of grain, meaning and bound parameters.
 
-The header is SQL comments: ``-- grain: storey and class``, ``-- meaning: ...``, ``-- $campaign_id: the campaign``,
-and for a check ``-- table: defects``.
+The header is SQL comments: ``-- grain: storey and class``, ``-- meaning: ...``, ``-- $campaign_id: the campaign``, and
+for a check ``-- table: defects``. A check of several tables is a template: ``-- {table}: defects | observations`` gives
+the values that ``{table}`` takes in turn; other placeholders, such as ``{key}``, have as many.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from facadelake.core.errors import StoreError
 
-_LINE = re.compile(r"^-- (\$?\w+): (.*\S)\s*$")
+_LINE = re.compile(r"^-- (\$?\w+|\{\w+\}): (.*\S)\s*$")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Statement:
-    """One SQL file; ``parameters`` without their dollar; ``table`` is what a check looks at, "" elsewhere."""
+class SqlStatement:
+    """One statement; ``parameters`` without their dollar; ``table`` is the table of a check, "" elsewhere."""
 
     name: str
     grain: str
@@ -28,29 +30,62 @@ class Statement:
     sql: str
 
 
-def read_statement(path: Path) -> Statement:
-    """The statement of one file. Raises StoreError where its header lacks grain or meaning."""
+@cache
+def read_statements(folder: Path) -> tuple[SqlStatement, ...]:
+    """The statements of a folder (``sql/views``, ``sql/questions``, ``sql/checks``) by name.
+
+    Raises StoreError where a header lacks grain or meaning, or a template's placeholders differ in number.
+    """
+    return tuple(statement for path in sorted(folder.glob("*.sql")) for statement in read_statement_file(path))
+
+
+def read_statement_file(path: Path) -> tuple[SqlStatement, ...]:
+    """The statement of a file; of a template one for each of its tables, named after the file and the table."""
     text = path.read_text("utf-8")
+    header = _read_header(text)
+    columns = {name: header[name].split(" | ") for name in header if name.startswith("{")}
+    if len({len(values) for values in columns.values()}) > 1:
+        raise StoreError(f"{path.name}: its placeholders {', '.join(columns)} have different numbers of values")
+    if not columns:
+        return (_statement(path.stem, text, path.name),)
+    return tuple(
+        _statement(f"{path.stem}_{filled['{table}']}", _fill(text, filled), path.name) for filled in _rows(columns)
+    )
+
+
+def _rows(columns: dict[str, list[str]]) -> Iterator[dict[str, str]]:
+    for values in zip(*columns.values(), strict=True):
+        yield dict(zip(columns, values, strict=True))
+
+
+def _fill(text: str, values: dict[str, str]) -> str:
+    lines = [line for line in text.splitlines(keepends=True) if not line.startswith("-- {")]
+    filled = "".join(lines)
+    for name, value in values.items():
+        filled = filled.replace(name, value)
+    return filled
+
+
+def _read_header(text: str) -> dict[str, str]:
     header: dict[str, str] = {}
     for line in text.splitlines():
         found = _LINE.match(line)
         if not found:
             break
         header[found[1]] = found[2]
+    return header
+
+
+def _statement(name: str, text: str, file: str) -> SqlStatement:
+    header = _read_header(text)
     missing = [word for word in ("grain", "meaning") if word not in header]
     if missing:
-        raise StoreError(f"{path.name} has no {' and no '.join(missing)} in its header; begin it with '-- grain: ...'")
-    return Statement(
-        name=path.stem,
+        raise StoreError(f"{file} has no {' and no '.join(missing)} in its header; begin it with '-- grain: ...'")
+    return SqlStatement(
+        name=name,
         grain=header["grain"],
         meaning=header["meaning"],
         table=header.get("table", ""),
         parameters=tuple(word[1:] for word in header if word.startswith("$")),
         sql=text,
     )
-
-
-@cache
-def statements(folder: Path) -> tuple[Statement, ...]:
-    """The statements of a folder (``sql/views``, ``sql/questions``, ``sql/checks``) by name."""
-    return tuple(read_statement(path) for path in sorted(folder.glob("*.sql")))

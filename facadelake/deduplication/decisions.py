@@ -45,8 +45,8 @@ def merges_table(
             pa.array(joined[kept].astype(np.int64))
         ),
         "merge_reason": pa.array(words.tolist()).take(pa.array(reason)),
-        "apart_m": pa.array(pairs.apart_m[kept]),
-        "apart_sigma": pa.array(pairs.sigmas[kept]),
+        "separation_m": pa.array(pairs.separation_m[kept]),
+        "mahalanobis_distance": pa.array(pairs.sigmas[kept]),
         "overlap_share": pa.array(pairs.overlap[kept]),
         "appearance_score": pa.array(np.clip(score, -1.0, 1.0), mask=np.isnan(score)),
     }

@@ -17,7 +17,7 @@ from facadelake.deduplication.aggregate import commonest, greatest, weighted_med
 from facadelake.deduplication.crack_width import crack_evidence
 from facadelake.deduplication.observations import CLASSES, Sightings, codes_of, column
 from facadelake.deduplication.position import Positions
-from schemas.vocabulary import PositionFrom
+from schemas.vocabulary import PositionMethod
 
 _ELEMENT_COLUMNS = ("ifc_class", "element_name", "material")
 
@@ -82,7 +82,7 @@ def defects_table(
             np.sqrt(np.diagonal(positions.covariance_m2, axis1=1, axis2=2)),
         ),
         "covariance_site": _lists(positions.covariance_m2.reshape(groups, 9)),
-        "position_from": pa.array([str(PositionFrom.SURFACE), str(PositionFrom.TRIANGULATED)]).take(
+        "position_method": pa.array([str(PositionMethod.SURFACE), str(PositionMethod.TRIANGULATED)]).take(
             pa.array(positions.triangulated.astype(np.int64))
         ),
         "deviation_from_model_m": _where(positions.triangulated, positions.deviation_m),
@@ -90,7 +90,7 @@ def defects_table(
         **{name: _where(np.isfinite(size), size) for name, size in sizes.items()},
         "crack_width_outcome": crack.outcome,
         "spread_m": greatest(group, gap, groups),
-        "sightings": _photographs(group, sightings.photo, groups),
+        "photo_count": _photographs(group, sightings.photo, groups),
         "score": greatest(group, scores, groups),
         "best_photo_id": seen.column("photo_id").combine_chunks().take(pa.array(best)),
         "patch": seen.column("patch").combine_chunks().take(pa.array(best)),

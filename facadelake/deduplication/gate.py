@@ -41,13 +41,13 @@ class Noise:
 class Pairs:
     """Pairs of sightings near one another: ``first`` < ``second`` (k,) rows.
 
-    ``apart_m`` (k,), ``sigmas`` (k,): the Mahalanobis distance; ``overlap`` (k,): area both patches share over the
+    ``separation_m`` (k,), ``sigmas`` (k,): the Mahalanobis distance; ``overlap`` (k,): area both patches share over the
     smaller one's, with the relief's shift taken out; ``touching`` (k,): they share some, to the accuracy of the places.
     """
 
     first: RowIndices
     second: RowIndices
-    apart_m: Float64Array
+    separation_m: Float64Array
     sigmas: Float64Array
     overlap: Float64Array
     touching: BoolArray
@@ -60,7 +60,7 @@ class Pairs:
         return Pairs(
             first=self.first[rows],
             second=self.second[rows],
-            apart_m=self.apart_m[rows],
+            separation_m=self.separation_m[rows],
             sigmas=self.sigmas[rows],
             overlap=self.overlap[rows],
             touching=self.touching[rows],
@@ -133,7 +133,7 @@ def measured(
     return Pairs(
         first=i,
         second=j,
-        apart_m=np.linalg.norm(difference, axis=1),
+        separation_m=np.linalg.norm(difference, axis=1),
         sigmas=np.where(facing > _FACING_MIN, sigmas, np.inf),
         overlap=share,
         touching=touching,
@@ -206,12 +206,14 @@ def joined_pairs(parts: list[Pairs]) -> Pairs:
     """Pairs one after the other."""
     none = np.zeros(0)
     rows = np.zeros(0, dtype=np.int64)
-    empty = Pairs(first=rows, second=rows, apart_m=none, sigmas=none, overlap=none, touching=np.zeros(0, dtype=bool))
+    empty = Pairs(
+        first=rows, second=rows, separation_m=none, sigmas=none, overlap=none, touching=np.zeros(0, dtype=bool)
+    )
     whole = [empty, *parts]
     return Pairs(
         first=np.concatenate([p.first for p in whole]),
         second=np.concatenate([p.second for p in whole]),
-        apart_m=np.concatenate([p.apart_m for p in whole]),
+        separation_m=np.concatenate([p.separation_m for p in whole]),
         sigmas=np.concatenate([p.sigmas for p in whole]),
         overlap=np.concatenate([p.overlap for p in whole]),
         touching=np.concatenate([p.touching for p in whole]),

@@ -263,7 +263,7 @@ def _described(
         "residual_max_m": float(left_m.max()),
         "check_points": len(held_out_m),
         "tie_sigma_px": adjusted.solution.tie_sigma_px,
-        "tie_inflation": adjusted.tie_inflation,
+        "tie_variance_factor": adjusted.tie_variance_factor,
         **{f"sigma_{axis}_m": float(s) for axis, s in zip(("east", "north", "up"), sigma_m, strict=True)},
     }
     if len(held_out_m):
@@ -286,8 +286,8 @@ def _described(
             row |= {"doming_m": fit.doming_m, "doming_sigma_m": fit.doming_sigma_m}
     if start.shift is not None:
         row |= {
-            "shift_score": start.shift.score,
-            "competing_score": start.shift.competing_score,
+            "edge_score": start.shift.score,
+            "edge_score_runner_up": start.shift.edge_score_runner_up,
             "edge_features": start.shift.features,
         }
     row["remarks"] = "; ".join(remarks)

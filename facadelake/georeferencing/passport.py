@@ -112,7 +112,7 @@ def model_fit(adjusted: Adjusted, surface: SurfaceLike) -> ModelFit | None:
         curvature = float(bends @ aways / (bends @ bends))
         spread = float(np.std(aways - curvature * bends) / np.sqrt(bends @ bends))
         half = (longest / 2) ** 2
-        doming, sigma = curvature * half, spread * half * float(np.sqrt(adjusted.tie_inflation))
+        doming, sigma = curvature * half, spread * half * float(np.sqrt(adjusted.tie_variance_factor))
     return ModelFit(residual_m=float(np.median(np.abs(away))), doming_m=doming, doming_sigma_m=sigma)
 
 

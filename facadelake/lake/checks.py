@@ -14,7 +14,7 @@ import facadelake.core.environment
 from facadelake.core.checkout import source_path
 from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import SchemaError, StoreError
-from facadelake.core.sql_files import Statement, statements
+from facadelake.core.sql_files import SqlStatement, read_statements
 from facadelake.core.tables import stage_schema, table_of_rows
 from schemas.expectations import Expectation, expectations
 from schemas.tables import RUN_KEYS, TABLES
@@ -117,12 +117,12 @@ def across_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
     try:
         for name in CHECKED:
             connection.register(name, tables[name])
-        return [_sql_row(connection, check) for check in statements(CHECKS)]
+        return [_sql_row(connection, check) for check in read_statements(CHECKS)]
     finally:
         connection.close()
 
 
-def _sql_row(connection: duckdb.DuckDBPyConnection, check: Statement) -> dict[str, Any]:
+def _sql_row(connection: duckdb.DuckDBPyConnection, check: SqlStatement) -> dict[str, Any]:
     try:
         bad = connection.execute(check.sql).to_arrow_table()
     except duckdb.Error as error:

@@ -9,13 +9,13 @@ import pyarrow as pa
 
 from facadelake.core.checkout import source_path
 from facadelake.core.errors import InputDataError
-from facadelake.core.sql_files import Statement, statements
+from facadelake.core.sql_files import SqlStatement, read_statements
 from facadelake.lake.read import Value, query
 
 
-def list_questions() -> tuple[Statement, ...]:
+def list_questions() -> tuple[SqlStatement, ...]:
     """The named questions, each with its grain, meaning and parameters."""
-    return statements(source_path("sql/questions"))
+    return read_statements(source_path("sql/questions"))
 
 
 def ask(lake: Path, name: str, parameters: Mapping[str, Value] | None = None, *, as_of: int | None = None) -> pa.Table:

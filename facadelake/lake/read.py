@@ -12,7 +12,7 @@ import pyarrow as pa
 from facadelake.core.checkout import source_path
 from facadelake.core.duckdb_engine import extension_file, sql_string, store_errors
 from facadelake.core.errors import InputDataError, SchemaError, StoreError
-from facadelake.core.sql_files import statements
+from facadelake.core.sql_files import read_statements
 from facadelake.core.sql_guard import refuse_unless_plain_select
 from facadelake.lake.connect import DATA, reading
 from facadelake.lake.migrate import refuse_newer, schema_version
@@ -20,19 +20,28 @@ from schemas.column import Kind
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 
 VIEWS = source_path("sql/views")
+EARLIER = source_path("sql/earlier")
 Value = str | int | float | bool | None
 
 
-def check_version(connection: duckdb.DuckDBPyConnection, lake: Path) -> None:
-    """Raise StoreError unless the attached lake has the schema version that this Facadelake reads."""
+def bring_up_to_date(connection: duckdb.DuckDBPyConnection, lake: Path) -> None:
+    """Show the tables of an earlier schema, of an old version or a lake not yet migrated, with today's columns.
+
+    Views of ``sql/earlier/<schema version>/`` take the tables' names in this connection; the lake is not written.
+    Raises StoreError for a lake that a newer Facadelake has written.
+    """
     with store_errors(f"reading the lake {lake}", "check that its files are whole"):
         found = schema_version(connection)
-    refuse_newer(found, SCHEMA_VERSION)
-    if found < SCHEMA_VERSION:
-        raise StoreError(
-            f"the lake {lake} had schema version {found} then, this Facadelake reads {SCHEMA_VERSION}; "
-            "inspect any campaign once more to bring the lake up to date, or ask for a later version"
-        )
+        refuse_newer(found, SCHEMA_VERSION)
+        newest: dict[str, str] = {}
+        for version in range(found, SCHEMA_VERSION):
+            for step in read_statements(EARLIER / str(version)):
+                view = f"{step.name}_of_schema_{version + 1}"
+                source = newest.get(step.name, f"lake.{step.name}")
+                connection.execute(f"CREATE TEMP VIEW {view} AS {step.sql.replace('{earlier}', source)}")
+                newest[step.name] = view
+        for name, view in newest.items():
+            connection.execute(f"CREATE TEMP VIEW {name} AS FROM {view}")
 
 
 def read_table(
@@ -68,7 +77,7 @@ def read_tables(
     where = f"WHERE {' AND '.join(f'{key} = ?' for key in given)}" if given else ""
     found = {}
     with reading(lake, as_of=as_of) as connection:
-        check_version(connection, lake)
+        bring_up_to_date(connection, lake)
         with store_errors(f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole"):
             connection.execute("BEGIN")  # one transaction sees one version
             for name in names:
@@ -77,7 +86,7 @@ def read_tables(
                     f"ST_AsWKB({c.name}) AS {c.name}" if c.kind is Kind.GEOMETRY else c.name for c in kind.columns
                 ]
                 rows = connection.execute(
-                    f"SELECT {', '.join(columns)} FROM lake.{name} {where} ORDER BY {', '.join(kind.key)}",
+                    f"SELECT {', '.join(columns)} FROM {name} {where} ORDER BY {', '.join(kind.key)}",
                     list(given.values()),
                 ).to_arrow_table()
                 found[name] = rows.cast(kind.arrow)
@@ -88,9 +97,9 @@ def versions(lake: Path) -> pa.Table:
     """One row per commit and campaign: version, committed_at (UTC), building_id, campaign_id, run_id (null where a
     regrading or a review made the version), regraded_by and reviewed_by (null where they did not); the oldest first."""
     with reading(lake) as connection:
-        check_version(connection, lake)
+        bring_up_to_date(connection, lake)
         with store_errors(f"reading the versions of the lake {lake}", "check that the lake's files are whole"):
-            view = next(view for view in statements(VIEWS) if view.name == "versions")
+            view = next(view for view in read_statements(VIEWS) if view.name == "versions")
             rows = connection.execute(f"SELECT * FROM ({view.sql}) ORDER BY version, campaign_id").to_arrow_table()
     return rows.cast(
         pa.schema(
@@ -114,7 +123,7 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
     SELECT over tables and views, or one that DuckDB cannot answer; StoreError where the lake cannot be read.
     """
     with sealed(lake, as_of) as connection:
-        views = {view.name for view in statements(VIEWS)}
+        views = {view.name for view in read_statements(VIEWS)}
         refuse_unless_plain_select(connection, sql, frozenset(LAKE_TABLES) | views)
         try:
             rows = connection.execute(sql, dict(parameters) if parameters else None).to_arrow_table()
@@ -130,10 +139,10 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
 def sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]:
     """A reading connection with the views, that can open no file but the lake's own and cannot be reconfigured."""
     with reading(lake, as_of=as_of) as connection:
-        check_version(connection, lake)
+        bring_up_to_date(connection, lake)
         with store_errors(f"preparing the lake {lake} for questions", "check that its files are whole"):
             connection.execute(f"LOAD {sql_string(extension_file('spatial'))}")
-            for view in statements(VIEWS):
+            for view in read_statements(VIEWS):
                 connection.execute(f"CREATE TEMP VIEW {view.name} AS {view.sql}")
             data = sql_string(f"{lake.resolve() / DATA}/")
             connection.execute(f"SET allowed_directories = [{data}]")

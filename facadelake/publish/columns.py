@@ -16,7 +16,7 @@ GEOMETRIES = (PATCH, GEOMETRY)
 # What a person wants to see first in an attribute table; the other columns follow in the order of schemas/.
 FIRST = (
     "defect_id", "detection_id", "defect_class", "severity", "width_m", "height_m", "length_m", "crack_width_mm",
-    "crack_width_sigma_mm", "crack_width_limit_mm", "crack_width_outcome", "area_m2", "sightings", "score", "storey",
+    "crack_width_sigma_mm", "crack_width_limit_mm", "crack_width_outcome", "area_m2", "photo_count", "score", "storey",
     "facade", "ifc_class", "element_name", "material", "element_guid", "photo_id", "best_photo_id",
 )  # fmt: skip
 

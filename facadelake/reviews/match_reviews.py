@@ -52,7 +52,9 @@ class Judgement:
     @property
     def unmatched(self) -> tuple[Review, ...]:
         """Words on detections that the campaign no longer has; a word on a missed defect needs none."""
-        return tuple(one.review for one in self.standing if one.detection is None and one.review.judged_box is not None)
+        return tuple(
+            one.review for one in self.standing if one.detection is None and one.review.reviewed_box is not None
+        )
 
 
 def detected(detections: pa.Table) -> tuple[Detected, ...]:
@@ -102,11 +104,11 @@ def judge(reviews: Sequence[Review], detections: Sequence[Detected]) -> Judgemen
 def _fit(words: Sequence[Review], there: Sequence[Detected]) -> Float64Array:
     """How well each word (rows) fits each detection of its photograph: the overlap, 2 for the very one."""
     boxes = corners_of(one.box for one in there)
-    judged = overlaps(corners_of(word.judged_box or word.place for word in words), boxes)
+    judged = overlaps(corners_of(word.reviewed_box or word.place for word in words), boxes)
     fit = np.maximum(judged, overlaps(corners_of(word.place for word in words), boxes))
     for i, word in enumerate(words):
         for j, one in enumerate(there):
-            if one.defect_class not in (word.judged_class, word.defect_class):
+            if one.defect_class not in (word.reviewed_class, word.defect_class):
                 fit[i, j] = 0.0
             elif (word.detection_id, word.detector_sha256) == (one.detection_id, one.detector_sha256):
                 fit[i, j] = 2.0 if judged[i, j] >= _UNMOVED else fit[i, j]

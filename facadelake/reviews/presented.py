@@ -19,7 +19,7 @@ from schemas.vocabulary import DefectClass, Verdict
 class Shown:
     """A place of a photograph where a defect is said to be, by the detector or by a person's last word.
 
-    ``judged_box`` and ``judged_class`` are the detector's, None where a person found it; ``verdict`` the last word.
+    ``reviewed_box`` and ``reviewed_class`` are the detector's, None where a person found it; ``verdict`` the last word.
     """
 
     subject: str
@@ -31,8 +31,8 @@ class Shown:
     detection_id: str | None = None
     defect_id: str | None = None
     detector_sha256: str | None = None
-    judged_box: Box | None = None
-    judged_class: DefectClass | None = None
+    reviewed_box: Box | None = None
+    reviewed_class: DefectClass | None = None
     verdict: Verdict | None = None
 
     @property
@@ -63,14 +63,14 @@ def shown_places(judgement: Judgement, defects: Mapping[str, str]) -> tuple[Show
             detection_id=one.detection_id,
             defect_id=defects.get(one.detection_id),
             detector_sha256=one.detector_sha256,
-            judged_box=one.box,
-            judged_class=one.defect_class,
+            reviewed_box=one.box,
+            reviewed_class=one.defect_class,
         )
         for one in judgement.unreviewed
     ]
     for standing in judgement.standing:
         word, now = standing.review, standing.detection
-        defect_class = word.defect_class or word.judged_class
+        defect_class = word.defect_class or word.reviewed_class
         assert defect_class is not None  # a word without a defect is about a judged class
         detection_id = word.detection_id if now is None else now.detection_id
         places.append(
@@ -84,8 +84,8 @@ def shown_places(judgement: Judgement, defects: Mapping[str, str]) -> tuple[Show
                 detection_id=detection_id,
                 defect_id=defects.get(detection_id or "", word.defect_id),
                 detector_sha256=word.detector_sha256 if now is None else now.detector_sha256,
-                judged_box=word.judged_box,
-                judged_class=word.judged_class,
+                reviewed_box=word.reviewed_box,
+                reviewed_class=word.reviewed_class,
                 verdict=word.verdict,
             )
         )
@@ -103,15 +103,15 @@ def word_on(
     note: str | None = None,
 ) -> Review:
     """A word on a shown place; a corrected one says its new ``box`` and ``defect_class``."""
-    judged: dict[str, Any] = {"judged_box": place.judged_box, "judged_class": place.judged_class}
-    if verdict is Verdict.REJECTED and place.judged_box is None:  # what a person had found another one takes back
-        judged = {"judged_box": place.box, "judged_class": place.defect_class}
+    judged: dict[str, Any] = {"reviewed_box": place.reviewed_box, "reviewed_class": place.reviewed_class}
+    if verdict is Verdict.REJECTED and place.reviewed_box is None:  # what a person had found another one takes back
+        judged = {"reviewed_box": place.box, "reviewed_class": place.defect_class}
     there: dict[str, Any] = {"box": place.box, "defect_class": place.defect_class, "mask": place.mask}
     if verdict is Verdict.REJECTED:
         there = {}
     elif verdict is Verdict.CORRECTED:
         there = {"box": box or place.box, "defect_class": defect_class or place.defect_class, "mask": mask}
-    elif place.judged_box is None:
+    elif place.reviewed_box is None:
         verdict = Verdict.MISSED  # confirming what a person found leaves it a defect that the detector missed
     return Review(
         photo_id=place.photo_id,

@@ -20,8 +20,8 @@ _SIDES = ("x_px", "y_px", "width_px", "height_px")
 class Review:
     """A word on a place of a photograph, in its pixels.
 
-    ``subject`` names the place: of two words on one subject the later counts. ``judged_box`` and ``judged_class`` are
-    what the detector had there (None: it had nothing); ``box``, ``mask`` (WKT) and ``defect_class`` what the person
+    ``subject`` names the place: of two reviews of one subject the later counts. ``reviewed_box`` and
+    ``reviewed_class`` are what the detector had there (None: it had nothing); ``box``, ``mask`` (WKT) and ``defect_class`` what the person
     says is there (None: no defect).
     """
 
@@ -37,15 +37,15 @@ class Review:
     defect_class: DefectClass | None = None
     box: Box | None = None
     mask: str | None = None
-    judged_class: DefectClass | None = None
-    judged_box: Box | None = None
+    reviewed_class: DefectClass | None = None
+    reviewed_box: Box | None = None
     detector_sha256: str | None = None
     note: str | None = None
 
     @property
     def place(self) -> Box:
         """The box as the person drew it, else as it was judged."""
-        place = self.box or self.judged_box
+        place = self.box or self.reviewed_box
         assert place is not None  # importers refuse a word without a place
         return place
 
@@ -69,9 +69,9 @@ def reviews_of(table: pa.Table) -> tuple[Review, ...]:
             **{name: row[name] for name in _PLAIN},
             verdict=Verdict(row["verdict"]),
             defect_class=_class(row["defect_class"]),
-            judged_class=_class(row["judged_class"]),
+            reviewed_class=_class(row["reviewed_class"]),
             box=box_of_row(row),
-            judged_box=box_of_row(row, "judged_box"),
+            reviewed_box=box_of_row(row, "reviewed_box"),
         )
         for row in rows
     )
@@ -86,9 +86,9 @@ def table_of_reviews(reviews: Sequence[Review], *, building_id: str, campaign_id
             **{name: getattr(review, name) for name in _PLAIN},
             "verdict": str(review.verdict),
             "defect_class": None if review.defect_class is None else str(review.defect_class),
-            "judged_class": None if review.judged_class is None else str(review.judged_class),
+            "reviewed_class": None if review.reviewed_class is None else str(review.reviewed_class),
             **_columns(review.box, "box"),
-            **_columns(review.judged_box, "judged_box"),
+            **_columns(review.reviewed_box, "reviewed_box"),
         }
         for review in reviews
     ]

@@ -22,7 +22,7 @@ COCO_FILE, CSV_FILE, PHOTOGRAPHS_FILE = "detections.coco.json", "defects.csv", "
 OURS = "facadelake"  # key of a COCO file's info that holds what we need of it
 COLUMNS = (
     "campaign_id", "run_id", "defect_id", "detection_id", "defect_class", "severity", "facade", "storey",
-    "element_name", "sightings", "score", "photo_id", "box_x_px", "box_y_px", "box_width_px", "box_height_px",
+    "element_name", "photo_count", "score", "photo_id", "box_x_px", "box_y_px", "box_width_px", "box_height_px",
     "last_word", "verdict", "corrected_class", "note",
 )  # fmt: skip
 
@@ -77,9 +77,9 @@ def coco_task(task: Task, sizes: Mapping[str, tuple[int, int]], *, photographs_u
                     "detection_id": place.detection_id,
                     "defect_id": place.defect_id,
                     "detector_sha256": place.detector_sha256,
-                    "judged_box": None if place.judged_box is None else _numbers(place.judged_box),
-                    "judged_class": place.judged_class,
-                    "last_word": place.verdict,
+                    "reviewed_box": None if place.reviewed_box is None else _numbers(place.reviewed_box),
+                    "reviewed_class": place.reviewed_class,
+                    "verdict": place.verdict,
                 },
             }
             for number, place in enumerate(task.shown, start=1)
@@ -165,14 +165,18 @@ def write_task(
     return paths
 
 
+# Attributes of task files that were written before schema version 2 and may still be with a reviewer.
+_EARLIER_NAMES = {"judged_box": "reviewed_box", "judged_class": "reviewed_class", "last_word": "verdict"}
+
+
 def _numbers(box: Box) -> list[float]:
     return [round(value, 2) for value in (box.x_px, box.y_px, box.width_px, box.height_px)]
 
 
 def _shown(entry: Mapping[str, Any], photo_id: str, defect_class: DefectClass) -> Shown:
-    about = entry["attributes"]
+    about = {_EARLIER_NAMES.get(name, name): value for name, value in entry["attributes"].items()}
     sides = ("x_px", "y_px", "width_px", "height_px")
-    judged = about["judged_box"]
+    judged = about["reviewed_box"]
     box = box_of_row({f"box_{side}": value for side, value in zip(sides, entry["bbox"], strict=True)})
     if box is None:
         raise ValueError("bbox")
@@ -187,9 +191,9 @@ def _shown(entry: Mapping[str, Any], photo_id: str, defect_class: DefectClass) -
         detection_id=about["detection_id"],
         defect_id=about["defect_id"],
         detector_sha256=about["detector_sha256"],
-        judged_box=None if judged is None else Box(**dict(zip(sides, judged, strict=True))),
-        judged_class=None if about["judged_class"] is None else DefectClass(about["judged_class"]),
-        verdict=None if about["last_word"] is None else Verdict(about["last_word"]),
+        reviewed_box=None if judged is None else Box(**dict(zip(sides, judged, strict=True))),
+        reviewed_class=None if about["reviewed_class"] is None else DefectClass(about["reviewed_class"]),
+        verdict=None if about["verdict"] is None else Verdict(about["verdict"]),
     )
 
 

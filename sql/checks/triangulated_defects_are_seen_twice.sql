@@ -1,7 +1,7 @@
 -- table: defects
 -- grain: defect
--- meaning: a triangulated position has two sightings or more, and a deviation its sigma
-SELECT defect_id, position_from, sightings, deviation_from_model_m, deviation_sigma_m
+-- meaning: a triangulated position has two photo_count or more, and a deviation its sigma
+SELECT defect_id, position_method, photo_count, deviation_from_model_m, deviation_sigma_m
 FROM defects
-WHERE (position_from = 'triangulated' AND sightings < 2)
+WHERE (position_method = 'triangulated' AND photo_count < 2)
    OR (deviation_from_model_m IS NOT NULL AND coalesce(deviation_sigma_m, 0) <= 0)

@@ -9,7 +9,7 @@ SELECT
     outcome,
     coalesce(defect_class, source_class) AS class,
     count(*) AS detections
-FROM detection_fates
+FROM detection_outcomes
 WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)
   AND ($campaign_id::VARCHAR IS NULL OR campaign_id = $campaign_id)
 GROUP BY ALL

@@ -11,7 +11,7 @@ SELECT
     round(deviation_from_model_m, 3) AS deviation_from_model_m,
     round(deviation_sigma_m, 3) AS deviation_sigma_m,
     round(abs(deviation_from_model_m) / deviation_sigma_m, 1) AS sigmas,
-    sightings,
+    photo_count,
     ifc_class,
     element_name,
     element_guid,

@@ -1,5 +1,5 @@
--- grain: pair of sightings
--- meaning: why the sightings of a defect are one, and why their neighbours are not: distances, overlap, appearance
+-- grain: pair of observations
+-- meaning: why the observations of a defect were merged, and why neighbouring ones were not: distance, overlap, appearance
 -- $building_id: the building; left out, all of them
 -- $campaign_id: the campaign; left out, all of them
 -- $defect_id: the defect's id, or its number on the elevations; left out, all of them
@@ -10,8 +10,8 @@ SELECT
     m.other_defect_id,
     m.merge_decision,
     m.merge_reason,
-    round(m.apart_m, 3) AS apart_m,
-    round(m.apart_sigma, 2) AS apart_sigma,
+    round(m.separation_m, 3) AS separation_m,
+    round(m.mahalanobis_distance, 2) AS mahalanobis_distance,
     round(m.overlap_share, 2) AS overlap_share,
     round(m.appearance_score, 2) AS appearance_score,
     a.photo_id,
@@ -35,4 +35,4 @@ WHERE ($building_id::VARCHAR IS NULL OR m.building_id = $building_id)
           ltrim(regexp_extract(m.other_defect_id, '[0-9]+$'), '0')
       )
   )
-ORDER BY m.building_id, m.campaign_id, m.defect_id, m.merge_decision DESC, m.apart_sigma, m.detection_id
+ORDER BY m.building_id, m.campaign_id, m.defect_id, m.merge_decision DESC, m.mahalanobis_distance, m.detection_id

@@ -14,7 +14,7 @@ SELECT
     round(greatest(width_m, height_m), 3) AS extent_m,
     round(area_m2, 4) AS area_m2,
     crack_width_mm,
-    sightings,
+    photo_count,
     score,
     ifc_class,
     element_name,

@@ -117,7 +117,7 @@ def test_a_photograph_is_shown_beside_the_model(small: SmallPortfolio, first_run
 
 def test_pictures_are_drawn_from_the_lake_by_name(small: SmallPortfolio, first_run: str, tmp_path: Path) -> None:
     place = ("--portfolio", str(small.registry), "--lake", str(small.lake))
-    seen = next(row for row in rows(small, "defects") if row["sightings"] > 1)
+    seen = next(row for row in rows(small, "defects") if row["photo_count"] > 1)
     photo = Path(seen["best_photo_id"])
     done = run(
         "pictures", "small", CAMPAIGN, "--defect", seen["defect_id"], "--photo", photo.name, "--output", str(tmp_path),

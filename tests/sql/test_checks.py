@@ -10,7 +10,7 @@ import shapely
 
 from facadelake.core.checkout import source_path
 from facadelake.core.duckdb_engine import open_duckdb
-from facadelake.core.sql_files import statements
+from facadelake.core.sql_files import read_statements
 from facadelake.core.tables import table_of_rows
 from facadelake.lake.checks import CHECKED, across_tables
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, rows
@@ -50,7 +50,7 @@ COUNTEREXAMPLES = {
     "covariances_of_observations": _set("observations", covariance_site=[1e-4] * 9),
     "covariances_of_poses": _set("poses", sigma_up_m=0.02),
     "counts_of_the_campaign": _set("campaigns", defects_total=99),
-    "defects_are_seen_as_often_as_they_say": _set("defects", sightings=7),
+    "defects_are_seen_as_often_as_they_say": _set("defects", photo_count=7),
     "detections_are_in_known_photographs": _set("detections", photo_id="closerange/elsewhere.jpg"),
     "detections_refused_have_a_reason": _set("detections", detection_outcome="bad_box"),
     "elements_of_defects": _set("defects", element_guid="0" * 22),
@@ -75,14 +75,14 @@ COUNTEREXAMPLES = {
     "run_ends_after_it_began": lambda made: made["runs"][0].update(
         started_at=made["runs"][0]["finished_at"].replace(year=2030)
     ),
-    "triangulated_defects_are_seen_twice": _set("defects", sightings=1),
+    "triangulated_defects_are_seen_twice": _set("defects", photo_count=1),
     "unlocalised_photographs_register_nothing": _set("observations", observation_outcome="unlocalised"),
 }
 
 
 def test_each_sql_check_has_a_counterexample_and_one_header() -> None:
-    assert {check.name for check in statements(source_path("sql/checks"))} == COUNTEREXAMPLES.keys()
-    assert {check.table for check in statements(source_path("sql/checks"))} <= set(CHECKED)
+    assert {check.name for check in read_statements(source_path("sql/checks"))} == COUNTEREXAMPLES.keys()
+    assert {check.table for check in read_statements(source_path("sql/checks"))} <= set(CHECKED)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def connection() -> Iterator[duckdb.DuckDBPyConnection]:
     opened.close()
 
 
-CHECKS = {check.name: check.sql for check in statements(source_path("sql/checks"))}
+CHECKS = {check.name: check.sql for check in read_statements(source_path("sql/checks"))}
 
 
 def _found(connection: duckdb.DuckDBPyConnection, name: str, made: dict[str, list[dict[str, Any]]]) -> int:
@@ -118,7 +118,7 @@ def _failures(made: dict[str, list[dict[str, Any]]]) -> dict[str, int]:
 def test_the_small_campaign_fails_no_check_and_a_changed_one_that_check_alone() -> None:
     assert _failures(rows()) == {}
     made = rows()
-    made["defects"][0].update(sightings=7)
+    made["defects"][0].update(photo_count=7)
     assert _failures(made) == {"sql:defects_are_seen_as_often_as_they_say": 1}
 
 
@@ -213,7 +213,7 @@ def _merge(first: str, second: str, decision: str, **defects: str) -> dict[str, 
     reason = "geography" if decision == "joined" else "no_overlap"
     defect = {"defect_id": "defect-0000", "other_defect_id": "defect-0000"} | defects
     return {"detection_id": first, "other_detection_id": second, "merge_decision": decision, "merge_reason": reason,
-            "apart_m": 0.01, "apart_sigma": 0.5, **defect}  # fmt: skip
+            "separation_m": 0.01, "mahalanobis_distance": 0.5, **defect}  # fmt: skip
 
 
 def test_pairs_that_say_something_else_than_the_tables(connection: duckdb.DuckDBPyConnection) -> None:

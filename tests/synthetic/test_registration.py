@@ -186,7 +186,7 @@ def test_relief_that_the_model_does_not_know_is_triangulated_and_kept_as_a_devia
     assert 0.02 < np.mean(alone) < 0.08  # m: the surface is 4 cm off, and rays meet it up to 60 degrees flat
     assert 0.001 < error.mean() < 0.006  # m
     assert np.percentile(error, 95) < 0.012  # m
-    assert {row["position_from"] for row in rows} == {"triangulated"}
+    assert {row["position_method"] for row in rows} == {"triangulated"}
     off = np.array([own[row["defect_id"]].off_m for row in rows])
     stated = np.array([row["deviation_from_model_m"] for row in rows])
     sigma = np.array([row["deviation_sigma_m"] for row in rows])
@@ -303,7 +303,7 @@ def test_one_pose_that_is_grossly_wrong_does_not_move_the_others_defects() -> No
     posed = exact(shots) | {shots[2].name: shots[2].stated(np.array([0.45, 0.0, -0.4]))}
     result = merged(walls, found, posed)
     own = truths(result, found)
-    seen_well = [row for row in result.defects.to_pylist() if row["sightings"] >= 4]
+    seen_well = [row for row in result.defects.to_pylist() if row["photo_count"] >= 4]
     assert {own[row["defect_id"]].name for row in seen_well} == {defect.name for defect in defects}
     assert len(seen_well) == len(defects)
     for row in seen_well:

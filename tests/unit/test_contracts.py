@@ -40,7 +40,12 @@ PLANTED = [
         ]
     ),
     ("Inside the domain: every package in its layer", "facadelake.somewhere", "import numpy", "somewhere"),
-    ("No circles inside packages", "facadelake.core.frames", "import facadelake.core.pose_table", "No cycles are allowed in facadelake.core."),
+    (
+        "No circles inside packages",
+        "facadelake.core.frames",
+        "import facadelake.core.pose_table",
+        "No cycles are allowed in facadelake.core.",
+    ),
     (
         "No circles inside packages",
         "facadelake.registration.rays",

@@ -62,7 +62,7 @@ def against_words(
             # Each run names its defects anew.
             defects[f"{word.run_id} {word.defect_id}" if word.defect_id else word.subject].append(word)
         else:
-            by_old, by_new = (found_at(boxes.get(word.photo_id, ()), word.place, word.judged_class) for boxes in both)
+            by_old, by_new = (found_at(boxes.get(word.photo_id, ()), word.place, word.reviewed_class) for boxes in both)
             rejected.append(Place(words=(word,), by_old=by_old, by_new=by_new))
     found = []
     for words in defects.values():

@@ -53,8 +53,8 @@ class Adjusted:
     ``covariance`` (n, 6, 6): each photograph's centre (m, site) and attitude (rad, about the camera's axes).
     ``xyz_site_m`` (t, 3): the tie points, with ``point_covariance_m2`` (t, 3, 3), which holds for given cameras.
     ``marked_site_m`` (p, 3): the marked points as adjusted. ``gps_offset_m`` (f, 3) and its sigma: what must be added
-    to a flight's cameras to give their GPS. ``datum_covariance_m2`` (3, 3): of the mean camera. ``tie_inflation``: by
-    what the tie points' variance was raised for their dependence.
+    to a flight's cameras to give their GPS. ``datum_covariance_m2`` (3, 3): of the mean camera.
+    ``tie_variance_factor``: factor on the variance of image points for their correlation.
     """
 
     problem: Problem
@@ -66,7 +66,7 @@ class Adjusted:
     gps_offset_m: Float64Array
     gps_offset_sigma_m: Float64Array
     datum_covariance_m2: Float64Array
-    tie_inflation: float
+    tie_variance_factor: float
     lens_sigma: Float64Array
     focal_height_correlation: float
     held_terms: tuple[str, ...]
@@ -303,7 +303,7 @@ def _described(problem: Problem, nodes: Nodes, ties: Ties, solution: Solution, f
         gps_offset_m=state.gps_offset_m,
         gps_offset_sigma_m=sigma[layout.offset : layout.yaw].reshape(-1, 3),
         datum_covariance_m2=centres.mean(axis=(0, 2)),
-        tie_inflation=inflation,
+        tie_variance_factor=inflation,
         lens_sigma=sigma[layout.lens : layout.offset].reshape(-1, len(LENS_TERMS)),
         focal_height_correlation=_focal_height_correlation(covariance, layout, photos),
         held_terms=tuple(held),

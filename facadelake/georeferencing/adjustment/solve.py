@@ -121,10 +121,10 @@ def _taken(
     return after, float(share * np.abs(photos).max()), True
 
 
-def covariance_of(problem: Problem, solution: Solution, tie_inflation: float) -> tuple[Reduced, Float64Array]:
-    """Covariance (g, g) of the kept unknowns, zero for those held; ``tie_inflation`` multiplies the tie points'
+def covariance_of(problem: Problem, solution: Solution, tie_variance_factor: float) -> tuple[Reduced, Float64Array]:
+    """Covariance (g, g) of the kept unknowns, zero for those held; ``tie_variance_factor`` multiplies the tie points'
     variance. Also the reduced system it is the inverse of."""
-    system = reduce(problem, solution.state, solution.tie_sigma_px * float(np.sqrt(tie_inflation)))
+    system = reduce(problem, solution.state, solution.tie_sigma_px * float(np.sqrt(tie_variance_factor)))
     free = np.flatnonzero(~held(problem))
     matrix, scale = _scaled(system, free)
     try:

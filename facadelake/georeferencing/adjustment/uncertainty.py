@@ -49,10 +49,12 @@ class Uncertainty:
         return out
 
 
-def uncertainty_of(problem: Problem, solution: Solution, ties: int, tie_inflation: float) -> Uncertainty:
-    """The covariance of a solved problem; its first ``ties`` nodes are tie points, whose variance ``tie_inflation``
-    multiplies."""
-    system, formal = covariance_of(problem, solution, tie_inflation)
+def uncertainty_of(problem: Problem, solution: Solution, ties: int, tie_variance_factor: float) -> Uncertainty:
+    """The covariance of a solved problem.
+
+    Its first ``ties`` nodes are tie points, whose variance is multiplied by ``tie_variance_factor``.
+    """
+    system, formal = covariance_of(problem, solution, tie_variance_factor)
     moves = _moves_without_regions(problem, solution, ties)
     away = moves - moves.mean(axis=0)
     spread = (len(moves) - 1) / len(moves) * (away.T @ away) if len(moves) else np.zeros_like(formal)

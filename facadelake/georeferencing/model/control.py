@@ -152,7 +152,8 @@ def _placed_from(
         if not observed.observed
     )
     remark = (
-        f"found by the model's edges: {by_edges}; score {shift.score:.2f}, best other shift {shift.competing_score:.2f}"
+        f"found by the model's edges: {by_edges}; score {shift.score:.2f}, "
+        f"best other shift {shift.edge_score_runner_up:.2f}"
     )
     return ModelPlacement(
         site_from_sfm=moved,

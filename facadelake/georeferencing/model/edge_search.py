@@ -50,7 +50,7 @@ _BOOTSTRAPS = 200
 class ShiftFound:
     """``shift_site_m`` (3,) is to be added to the cameras' centres; ``sigma_m`` one sigma along the free directions.
 
-    ``score`` (0 to 1) is how well the edges are met there, ``competing_score`` the best elsewhere, at
+    ``score`` (0 to 1) is how well the edges are met there, ``edge_score_runner_up`` the best elsewhere, at
     ``competing_shift_site_m`` (3,); ``gap_sigmas`` is by how many standard errors, over the building's features, the
     best is better.
     """
@@ -58,7 +58,7 @@ class ShiftFound:
     shift_site_m: Float64Array
     sigma_m: float
     score: float
-    competing_score: float
+    edge_score_runner_up: float
     competing_shift_site_m: Float64Array
     gap_sigmas: float
     features: int
@@ -125,7 +125,7 @@ def find_shift(
         shift_site_m=shift @ free,
         sigma_m=sigma,
         score=best.score,
-        competing_score=rival.score,
+        edge_score_runner_up=rival.score,
         competing_shift_site_m=rival.shift @ free,
         gap_sigmas=gap,
         features=features,

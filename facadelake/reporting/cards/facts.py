@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 
 from facadelake.reporting.inspection import Inspection
-from schemas.vocabulary import CrackWidthOutcome, MergeDecision, PositionFrom
+from schemas.vocabulary import CrackWidthOutcome, MergeDecision, PositionMethod
 
 Fact = tuple[str, str]
 Row = Mapping[str, Any]
@@ -84,12 +84,12 @@ def _place(row: Row, inspection: Inspection) -> list[Fact]:
     ]
     if None not in sigmas:
         facts.append(("one sigma", f"{', '.join(f'{1000 * sigma:.1f}' for sigma in sigmas)} mm (east, north, up)"))
-    if row["position_from"] is not None:
+    if row["position_method"] is not None:
         facts.append(
             (
                 "position from",
                 "the model's surface"
-                if row["position_from"] == PositionFrom.SURFACE
+                if row["position_method"] == PositionMethod.SURFACE
                 else "its sightings' rays (triangulated)",
             )
         )
@@ -103,8 +103,8 @@ def _place(row: Row, inspection: Inspection) -> list[Fact]:
 
 
 def _seen(row: Row) -> str:
-    text = f"in {row['sightings']} photograph{'' if row['sightings'] == 1 else 's'}"
-    if row["spread_m"] is not None and row["sightings"] > 1:
+    text = f"in {row['photo_count']} photograph{'' if row['photo_count'] == 1 else 's'}"
+    if row["spread_m"] is not None and row["photo_count"] > 1:
         text += f", at most {100 * row['spread_m']:.1f} cm from the position"
     return text
 
@@ -116,7 +116,7 @@ def _merged(defect_id: str, merges: Sequence[Row]) -> list[Fact]:
     if own:
         reasons = Counter(row["merge_reason"].replace("_", " ") for row in own)
         text = ", ".join(f"{count} pair{'' if count == 1 else 's'} by {word}" for word, count in reasons.most_common())
-        text += f"; at most {max(row['apart_sigma'] for row in own):.1f} sigma apart"
+        text += f"; at most {max(row['mahalanobis_distance'] for row in own):.1f} sigma apart"
         scores = [row["appearance_score"] for row in own if row["appearance_score"] is not None]
         if scores:
             text += f", likeness {min(scores):.2f} to {max(scores):.2f}"
@@ -127,8 +127,8 @@ def _merged(defect_id: str, merges: Sequence[Row]) -> list[Fact]:
         if row["merge_decision"] == MergeDecision.APART and row["defect_id"] != row["other_defect_id"]
     ]
     if apart:
-        nearest = min(apart, key=lambda row: row["apart_m"])
+        nearest = min(apart, key=lambda row: row["separation_m"])
         other = nearest["other_defect_id"] if nearest["defect_id"] == defect_id else nearest["defect_id"]
         reason = nearest["merge_reason"].replace("_", " ")
-        facts.append(("kept apart", f"from {other}, {100 * nearest['apart_m']:.0f} cm away: {reason}"))
+        facts.append(("kept apart", f"from {other}, {100 * nearest['separation_m']:.0f} cm away: {reason}"))
     return facts

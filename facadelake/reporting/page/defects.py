@@ -136,7 +136,7 @@ def _defect_row(row: Mapping[str, Any], label: str, crop: Path | None, card: Pat
         row["storey"],
         row["facade"],
         element,
-        f"{row['sightings']} photograph{'s' if row['sightings'] != 1 else ''}",
+        f"{row['photo_count']} photograph{'s' if row['photo_count'] != 1 else ''}",
         row["best_photo_id"],
         f"{row['lat_deg']:.7f}, {row['lon_deg']:.7f}; {row['height_map_m']:.2f} m",
     ]

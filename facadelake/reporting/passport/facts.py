@@ -198,17 +198,17 @@ def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
             limit=length_text(_MODEL_AWAY_M),
             verdict=Verdict.GOOD if row["model_residual_m"] <= _MODEL_AWAY_M else Verdict.LOOK,
         )
-    if row["shift_score"] is not None:
-        rival = row["competing_score"]
+    if row["edge_score"] is not None:
+        rival = row["edge_score_runner_up"]
         features = row["edge_features"]
         yield Fact(
             name="edges of the model",
             value=("" if features is None else f"{features} met; ")
-            + f"score {row['shift_score']:.2f} here"
+            + f"score {row['edge_score']:.2f} here"
             + ("" if rival is None else f", {rival:.2f} at the best other place"),
             meaning="sills, storey lines and corners found in the photographs; alike windows could hold it a bay aside",
             limit="better than any other place",
-            verdict=Verdict.GOOD if rival is None or row["shift_score"] > rival else Verdict.LOOK,
+            verdict=Verdict.GOOD if rival is None or row["edge_score"] > rival else Verdict.LOOK,
         )
     sigmas = _camera_sigmas(poses)
     if len(sigmas):
@@ -220,7 +220,7 @@ def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
     if row["tie_sigma_px"] is not None:
         yield Fact(
             name="tie points",
-            value=f"{row['tie_sigma_px']:.2f} px, variance raised {row['tie_inflation']:.1f} times",
+            value=f"{row['tie_sigma_px']:.2f} px, variance raised {row['tie_variance_factor']:.1f} times",
             meaning="one sigma of a point in a photograph; raised because neighbouring points err together",
             limit=f"{_TIE_SIGMA_PX:g} px",
             verdict=Verdict.GOOD if row["tie_sigma_px"] <= _TIE_SIGMA_PX else Verdict.LOOK,

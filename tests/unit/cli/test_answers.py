@@ -31,6 +31,8 @@ def test_a_wide_answer_is_told_row_after_row_and_cuts_nothing(tmp_path: Path) ->
 
 def test_coordinates_keep_a_millimetre(tmp_path: Path) -> None:
     commit(tmp_path, defects=1)
-    told = _answer(tmp_path, "SELECT 8.408103795217519::DOUBLE AS lon_deg, 0.12345678::DOUBLE AS apart_m", width=100)
+    told = _answer(
+        tmp_path, "SELECT 8.408103795217519::DOUBLE AS lon_deg, 0.12345678::DOUBLE AS separation_m", width=100
+    )
     assert "8.40810380" in told
     assert "0.123457" in told

@@ -172,7 +172,7 @@ def test_defects_have_their_place_their_element_and_a_stable_name(wall, inspecte
     expected = [[-2.0, 0, 4.5], [-1.8, 0, 4.5], [1.0, 0, 4.5], [0.0, 0, 1.0]]
     # Boxes are drawn about the points' images here, not about what is 10 cm wide there: 0.5 mm.
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3)  # m
-    assert [row["sightings"] for row in rows] == [3, 3, 3, 3]
+    assert [row["photo_count"] for row in rows] == [3, 3, 3, 3]
     assert [row["storey"] for row in rows] == ["First floor"] * 3 + ["Ground floor"]
     assert {row["facade"] for row in rows} == {"S"}
     assert rows[0]["element_name"] == "high wall"

@@ -164,7 +164,7 @@ def test_the_height_is_found_from_any_start_within_gps(house: _Scene, start_m: f
     np.testing.assert_allclose(found.shift_site_m, [0, 0, -start_m], rtol=0, atol=0.03)  # m; a pixel is 0.05 m
     assert found.gap_sigmas > 2.0
     assert 0.0 < found.sigma_m < 0.05
-    assert found.score > found.competing_score
+    assert found.score > found.edge_score_runner_up
 
 
 def test_the_shift_along_a_facade_is_found_with_the_height(house: _Scene) -> None:

@@ -106,7 +106,7 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
              "georeference_level": "LoGeoRef 50", "points_used": sightings, "points_total": sightings, "scale": 1.0,
              "residual_mean_m": 0.5, "residual_rmse_m": 0.6, "residual_max_m": 0.9, "check_points": 1,
              "check_residual_mean_m": 0.05, "check_residual_max_m": 0.05, "sigma_east_m": 0.2, "sigma_north_m": 0.2,
-             "sigma_up_m": 0.4, "tie_sigma_px": 0.5, "tie_inflation": 1.5, "remarks": "synthetic"}
+             "sigma_up_m": 0.4, "tie_sigma_px": 0.5, "tie_variance_factor": 1.5, "remarks": "synthetic"}
         ],
         "georeference_points": [
             {"point_name": "C1", "point_kind": "check", "x_site_m": 2.0, "y_site_m": 0.0, "z_site_m": 5.0,
@@ -134,16 +134,16 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
         "defects": [
             {"defect_id": f"defect-{d:04d}", "defect_class": classes[d % 3], "severity": "minor",
              "severity_rule": "extent_v1", **_position(d), **_patch(d), **size, "spread_m": 0.02,
-             "position_from": "triangulated" if sightings > 1 else "surface",
+             "position_method": "triangulated" if sightings > 1 else "surface",
              **({"deviation_from_model_m": 0.02 - 0.05 * d, "deviation_sigma_m": 0.008} if sightings > 1 else {}),
-             "sightings": sightings, "score": 0.9, "best_photo_id": photos[0], "ifc_class": "IfcWall",
+             "photo_count": sightings, "score": 0.9, "best_photo_id": photos[0], "ifc_class": "IfcWall",
              "material": "brick", **place}
             for d in range(defects)
         ],
         "merges": [
             {"detection_id": found[0][2], "other_detection_id": found[1][2], "defect_id": "defect-0000",
              "other_defect_id": "defect-0000", "merge_decision": "joined", "merge_reason": "geography",
-             "apart_m": 0.01, "apart_sigma": 0.5}
+             "separation_m": 0.01, "mahalanobis_distance": 0.5}
         ] if len(found) > 1 else [],
         "integrity_views": [
             {"photo_id": photo, "integrity_outcome": "compared", "ssim": 0.9, "compared_share": 0.8,

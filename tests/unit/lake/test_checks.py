@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import SchemaError
-from facadelake.core.sql_files import statements
+from facadelake.core.sql_files import read_statements
 from facadelake.core.tables import stage_schema
 from facadelake.lake.checks import CHECKED, CHECKS, failure_text, failures, validate
 from schemas.tables import RUN_KEYS, TABLES
@@ -55,7 +55,7 @@ def test_results_of_a_good_campaign_are_silent_and_a_row_per_expectation_of_ever
     assert set(checks["table_name"].to_pylist()) == set(CHECKED)
     keys = checks.select([name for name in TABLES["checks"].key if name not in RUN_KEYS]).to_pylist()
     assert len({tuple(key.values()) for key in keys}) == len(keys) > 200
-    assert sum(key["expectation"].startswith("sql:") for key in keys) == len(statements(CHECKS))
+    assert sum(key["expectation"].startswith("sql:") for key in keys) == len(read_statements(CHECKS))
     assert all(checks["passed"].to_pylist()), failure_text(checks)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from facadelake.core.duckdb_engine import extension_file
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.core.sql_files import read_statement
+from facadelake.core.sql_files import read_statement_file
 from facadelake.core.sql_guard import refuse_unless_plain_select
 from facadelake.lake.questions import ask
 from facadelake.lake.read import query, sealed
@@ -35,7 +35,7 @@ def test_select_with_parameters_spatial_functions_and_views(lake: Path) -> None:
     assert rows["lon"].to_pylist() == rows["lon_deg"].to_pylist()
     assert len(rows) == 3
     assert rows.schema.field("geometry").metadata is None
-    assert query(lake, "SELECT count(*) AS n FROM sightings")["n"].to_pylist() == [9]
+    assert query(lake, "SELECT count(*) AS n FROM defect_observations")["n"].to_pylist() == [9]
     assert "defects" in query(lake, "SHOW TABLES")["name"].to_pylist()
     assert "defect_id" in query(lake, "DESCRIBE defects")["column_name"].to_pylist()
     assert query(lake, "SELECT max(n) AS n FROM (SELECT count(*) AS n FROM lake.main.defects)")["n"].to_pylist() == [5]
@@ -151,4 +151,4 @@ def test_data_file_gone_is_the_stores_error(tmp_path: Path) -> None:
 def test_statement_without_a_header(tmp_path: Path) -> None:
     (tmp_path / "x.sql").write_text("-- grain: row\nSELECT 1")
     with pytest.raises(StoreError, match=r"x.sql has no meaning in its header"):
-        read_statement(tmp_path / "x.sql")
+        read_statement_file(tmp_path / "x.sql")

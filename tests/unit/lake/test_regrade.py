@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.lake import regrading as regrade_module
+from facadelake.lake import transaction as transaction_module
 from facadelake.lake.commit import Committed
 from facadelake.lake.connect import writing
 from facadelake.lake.questions import ask
@@ -124,7 +124,7 @@ def test_what_a_person_graded_stays(tmp_path: Path, first: Committed) -> None:
 def test_failure_leaves_the_grades_as_they_were(
     tmp_path: Path, first: Committed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(regrade_module, "quoted", lambda text: "no text")
+    monkeypatch.setattr(transaction_module, "sql_string", lambda text: "no text")
     with pytest.raises(StoreError, match=r"(?s)regrading tower in the lake .* no grade was changed"):
         regrade(tmp_path, **EVERY)
     assert grades(tmp_path) == OLD

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import InputDataError, SchemaError, StoreError
-from facadelake.lake import reviews as reviews_module
+from facadelake.lake import transaction as transaction_module
 from facadelake.lake.commit import Committed
 from facadelake.lake.connect import locked
 from facadelake.lake.questions import ask
@@ -25,8 +25,9 @@ def word(subject: str, verdict: str = "confirmed", *, hours: int = 0, **changes:
     photo = subject.split("#")[0]
     return {
         **HERE, "run_id": "run-1", "review_id": "", "subject": subject, "photo_id": photo, "detection_id": subject,
-        "verdict": verdict, "defect_class": "crack", "judged_class": "crack", "detector_sha256": "d" * 64,
-        "judged_box_x_px": 10.0, "judged_box_y_px": 20.0, "judged_box_width_px": 300.0, "judged_box_height_px": 150.0,
+        "verdict": verdict, "defect_class": "crack", "reviewed_class": "crack", "detector_sha256": "d" * 64,
+        "reviewed_box_x_px": 10.0, "reviewed_box_y_px": 20.0, "reviewed_box_width_px": 300.0,
+        "reviewed_box_height_px": 150.0,
         "reviewer": "A. Mason", "reviewed_at": THEN + timedelta(hours=hours), **changes,
     }  # fmt: skip
 
@@ -60,7 +61,7 @@ def test_the_last_word_counts_and_the_same_is_not_written_twice(tmp_path: Path, 
     later = words(word("closerange/p0.jpg#0", hours=1), word("closerange/p1.jpg#0", hours=1))
     assert append_reviews(tmp_path, later, **HERE) == Added(added=1, unchanged=1, version=first.version + 2)
     assert append_reviews(tmp_path, later, **HERE) == Added(added=0, unchanged=2, version=None)
-    standing = query(tmp_path, "SELECT subject, verdict, review_id FROM standing_reviews ORDER BY subject").to_pylist()
+    standing = query(tmp_path, "SELECT subject, verdict, review_id FROM current_reviews ORDER BY subject").to_pylist()
     assert [(row["verdict"], row["review_id"][-2:]) for row in standing] == [("confirmed", "01"), ("confirmed", "03")]
     assert len(read_table(tmp_path, "reviews")) == 3
 
@@ -79,16 +80,16 @@ def test_which_model_found_a_defect_and_what_was_said_of_it(tmp_path: Path, firs
     append_reviews(tmp_path, TWO, **HERE)
     (found,) = ask(tmp_path, "models_of_defects", {**HERE, "defect_id": "defect-0000"}).to_pylist()
     assert (found["detector"], found["detector_sha256"]) == ("coco:boxes.json", "d" * 64)
-    assert (found["sightings"], found["confirmed"], found["rejected"]) == (2, 1, 1)
+    assert (found["detections"], found["confirmed"], found["rejected"]) == (2, 1, 1)
     assert len(ask(tmp_path, "models_of_defects", HERE)) == 3
 
 
 def test_a_word_on_another_box_of_that_name_is_none_on_this_one(tmp_path: Path, first: Committed) -> None:
     """A run on other poses looks at other tiles, and the same model's boxes are numbered otherwise."""
-    then = word("closerange/p0.jpg@then", detection_id="closerange/p0.jpg#0", judged_box_x_px=900.0)
+    then = word("closerange/p0.jpg@then", detection_id="closerange/p0.jpg#0", reviewed_box_x_px=900.0)
     append_reviews(tmp_path, words(word("closerange/p0.jpg#0"), then), **HERE)
     (found,) = ask(tmp_path, "models_of_defects", {**HERE, "defect_id": "defect-0000"}).to_pylist()
-    assert (found["sightings"], found["confirmed"], found["rejected"]) == (2, 1, 0)
+    assert (found["detections"], found["confirmed"], found["rejected"]) == (2, 1, 0)
 
 
 def test_campaign_that_is_not_there_makes_no_lake(tmp_path: Path) -> None:
@@ -112,7 +113,7 @@ def test_failure_and_a_held_lock_write_nothing(
 ) -> None:
     with locked(tmp_path), pytest.raises(StoreError, match="being written by another process"):
         append_reviews(tmp_path, TWO, **HERE, lock_timeout_s=0.0)
-    monkeypatch.setattr(reviews_module, "quoted", lambda text: "no text")
+    monkeypatch.setattr(transaction_module, "sql_string", lambda text: "no text")
     with pytest.raises(StoreError, match=r"(?s)writing reviews of tower 2026-04 .* no review was written"):
         append_reviews(tmp_path, TWO, **HERE)
     assert len(read_table(tmp_path, "reviews")) == 0

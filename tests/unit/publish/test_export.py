@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from facadelake.core.errors import InputDataError
-from facadelake.publish.releases import export
+from facadelake.publish.export import export_table as export
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, lake_tables
 
 TABLES = lake_tables()

@@ -131,7 +131,7 @@ def defect_row(defect_id: str, x_m: float, z_m: float, **others: object) -> dict
         "defect_id": defect_id, "defect_class": "crack", "severity": "none", "severity_rule": "size-1", "x_site_m": x_m,
         "y_site_m": 0.0, "z_site_m": z_m, "lon_deg": 8.4, "lat_deg": 48.9, "height_ellipsoidal_m": 180.0 + z_m,
         "east_map_m": 0.0, "north_map_m": 0.0, "height_map_m": 180.0 + z_m, "normal_x": 0.0, "normal_y": -1.0,
-        "normal_z": 0.0, "width_m": 0.4, "height_m": 0.2, "area_m2": 0.08, "spread_m": 0.0, "sightings": 1,
+        "normal_z": 0.0, "width_m": 0.4, "height_m": 0.2, "area_m2": 0.08, "spread_m": 0.0, "photo_count": 1,
         "score": 1.0, "best_photo_id": "a.png", "element_guid": "wall", "ifc_class": "IfcWall",
         "element_name": NASTY_NAME, "storey": "Ground <floor>", "facade": "S", "geometry": b"", **others,
     }  # fmt: skip
@@ -174,7 +174,7 @@ def inspection_of(painted: Painted, defects: list[dict[str, object]], sightings:
         "control": "gcp", "method": f"control points {NASTY_NAME} $x$", "map_crs": "EPSG:25832",
         "vertical_datum": "ellipsoidal", "georeference_level": "50", "points_used": 3, "points_total": 4,
         "check_points": 1, "check_residual_mean_m": 0.02, "check_residual_max_m": 0.02, "sigma_east_m": 0.01,
-        "sigma_north_m": 0.011, "sigma_up_m": 0.02, "tie_sigma_px": 0.4, "tie_inflation": 2.0, "scale": 1.0,
+        "sigma_north_m": 0.011, "sigma_up_m": 0.02, "tie_sigma_px": 0.4, "tie_variance_factor": 2.0, "scale": 1.0,
         "residual_mean_m": 0.011, "residual_rmse_m": 0.0123, "residual_max_m": 0.02,
         "remarks": NASTY_NAME,
     }  # fmt: skip

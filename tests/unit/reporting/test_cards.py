@@ -241,10 +241,11 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
     assert "None" not in " ".join(bare.values())
     pairs = [
         {"detection_id": "a", "other_detection_id": "b", "defect_id": "D1", "other_defect_id": "D1",
-         "merge_decision": "joined", "merge_reason": "geography_and_image", "apart_m": 0.02, "apart_sigma": 1.24,
+         "merge_decision": "joined", "merge_reason": "geography_and_image", "separation_m": 0.02,
+         "mahalanobis_distance": 1.24,
          "overlap_share": 0.8, "appearance_score": 0.71},
         {"detection_id": "a", "other_detection_id": "c", "defect_id": "D1", "other_defect_id": "D9",
-         "merge_decision": "apart", "merge_reason": "looks_different", "apart_m": 0.2, "apart_sigma": 2.0,
+         "merge_decision": "apart", "merge_reason": "looks_different", "separation_m": 0.2, "mahalanobis_distance": 2.0,
          "overlap_share": None, "appearance_score": None},
     ]  # fmt: skip
     merges = merges_by_defect(table_of_rows("merges", pairs))
@@ -252,7 +253,7 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
     assert len(merges["D9"]) == 1
     measured = {"deviation_from_model_m": -0.034, "deviation_sigma_m": 0.005, "crack_width_mm": 0.4, "length_m": 1.5}
     sigmas = {"sigma_east_m": 0.01, "sigma_north_m": 0.02, "sigma_up_m": 0.03}
-    rich = {**row, **measured, **sigmas, "position_from": "triangulated"}
+    rich = {**row, **measured, **sigmas, "position_method": "triangulated"}
     told = dict(card_facts(rich, inspection, merges["D1"]))
     assert told["deviation"] == "34 mm behind the model's surface (± 5 mm)"
     assert told["joined"] == "1 pair by geography and image; at most 1.2 sigma apart, likeness 0.71 to 0.71"

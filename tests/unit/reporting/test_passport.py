@@ -26,8 +26,8 @@ CENTIMETRES: dict[str, Any] = {
     "residual_mean_m": 0.005, "residual_max_m": 0.01, "check_points": 6, "check_residual_mean_m": 0.019,
     "check_residual_max_m": 0.04, "sigma_east_m": 0.009, "sigma_north_m": 0.010, "sigma_up_m": 0.009,
     "gps_offset_east_m": 1.25, "gps_offset_north_m": -0.84, "gps_offset_up_m": 1.95, "gps_offset_sigma_m": 0.1,
-    "tie_sigma_px": 0.32, "tie_inflation": 2.5, "model_residual_m": 0.034, "doming_m": -0.012,
-    "doming_sigma_m": 0.008, "edge_features": None, "shift_score": None, "competing_score": None, "remarks": "",
+    "tie_sigma_px": 0.32, "tie_variance_factor": 2.5, "model_residual_m": 0.034, "doming_m": -0.012,
+    "doming_sigma_m": 0.008, "edge_features": None, "edge_score": None, "edge_score_runner_up": None, "remarks": "",
 }  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def test_a_good_passport_says_so() -> None:
         ({"doming_m": 0.03, "doming_sigma_m": 0.01}, "bend of the block"),
         ({"model_residual_m": 0.11}, "distance to the model"),
         ({"tie_sigma_px": 1.1}, "tie points"),
-        ({"edge_features": 40, "shift_score": 0.2, "competing_score": 0.21}, "edges of the model"),
+        ({"edge_features": 40, "edge_score": 0.2, "edge_score_runner_up": 0.21}, "edges of the model"),
     ],
 )
 def test_what_is_to_be_looked_at_is_named(changes: dict[str, Any], fact: str) -> None:
@@ -74,7 +74,7 @@ def test_what_is_not_wrong_is_not_blamed() -> None:
         {"doming_m": None, "doming_sigma_m": None},
         {"control": "campaign", "points_used": 500, "points_total": 900, "reference_campaign": "2026-04"},
         {"control": "model", "points_used": 500, "points_total": 900, "residual_mean_m": 0.05},
-        {"edge_features": 40, "shift_score": 0.3, "competing_score": None},
+        {"edge_features": 40, "edge_score": 0.3, "edge_score_runner_up": None},
     ):
         assert judged(**changes)[0] is Verdict.GOOD, changes
 

@@ -75,11 +75,11 @@ def test_kept_moved_deleted_and_drawn_boxes(corrected: Path) -> None:
     assert (by_verdict[Verdict.CONFIRMED].box, by_verdict[Verdict.CONFIRMED].defect_class) == (box(100, 100), CRACK)
     changed = by_verdict[Verdict.CORRECTED]
     assert (changed.box, changed.defect_class) == (box(390, 95, 130, 60), MOISTURE)
-    assert (changed.judged_box, changed.judged_class, changed.detection_id) == (box(400, 100), SPALLING, "p0.jpg#2")
+    assert (changed.reviewed_box, changed.reviewed_class, changed.detection_id) == (box(400, 100), SPALLING, "p0.jpg#2")
     gone = by_verdict[Verdict.REJECTED]
-    assert (gone.box, gone.defect_class, gone.judged_box, gone.judged_class) == (None, None, box(100, 500), CRACK)
+    assert (gone.box, gone.defect_class, gone.reviewed_box, gone.reviewed_class) == (None, None, box(100, 500), CRACK)
     new = by_verdict[Verdict.MISSED]
-    assert (new.box, new.defect_class, new.judged_box, new.detection_id) == (box(900, 900, 50, 20), CRACK, None, None)
+    assert (new.box, new.defect_class, new.reviewed_box, new.detection_id) == (box(900, 900, 50, 20), CRACK, None, None)
     assert {word.photo_id for word in words.reviews} == {"p0.jpg"}
 
 
@@ -187,7 +187,7 @@ def test_rejected_place_drawn_again_is_confirmed_and_left_away_stays(tmp_path: P
 def test_filled_in_table(tmp_path: Path) -> None:
     defects = [
         {"defect_id": place.defect_id, "defect_class": place.defect_class, "severity": "minor", "facade": "S",
-         "storey": None, "element_name": None, "sightings": 1, "score": 0.9, "best_photo_id": place.photo_id}
+         "storey": None, "element_name": None, "photo_count": 1, "score": 0.9, "best_photo_id": place.photo_id}
         for place in SHOWN
     ]  # fmt: skip
     text = defects_csv(task(), defects, {place.defect_id or "": [place] for place in SHOWN})
@@ -248,7 +248,7 @@ def test_missed_defect_that_is_confirmed_stays_missed_and_can_be_taken_back(tmp_
     (place,) = shown_places(judge((missed,), ()), {})
     assert word_on(place, Verdict.CONFIRMED, SAID).verdict is Verdict.MISSED
     back = word_on(place, Verdict.REJECTED, SAID)
-    assert (back.subject, back.box, back.judged_box) == (missed.subject, None, box(9, 9, 50, 20))
+    assert (back.subject, back.box, back.reviewed_box) == (missed.subject, None, box(9, 9, 50, 20))
     assert latest((missed, back)) == (back,)
     (rejected,) = shown_places(judge((missed, back), ()), {})
     assert not rejected.stands

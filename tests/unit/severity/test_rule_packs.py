@@ -8,7 +8,7 @@ import pytest
 from facadelake.core.checkout import source_path
 from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
-from facadelake.core.sql_files import read_statement, statements
+from facadelake.core.sql_files import read_statement_file, read_statements
 from facadelake.core.tables import check_table
 from facadelake.severity.rule_packs import RULES, grade, rule_file, rule_packs, severities
 from tests.unit.lake.small_campaign import stage_tables
@@ -175,13 +175,14 @@ def test_fisp_errs_towards_the_worse_word(values: dict[str, object], word: str) 
 
 def test_every_pack_tells_what_it_is_and_the_lake_ranks_its_words() -> None:
     assert {"extent_v1", "paper_crack_width_v1", "bre251_v1", "concrete_03_v1", "nyc_fisp_v1"} <= set(rule_packs())
-    (view,) = (view for view in statements(source_path("sql/views")) if view.name == "severities")
+    (view,) = (view for view in read_statements(source_path("sql/views")) if view.name == "severities")
     ranked: dict[str, list[str]] = {}
     for pack, word, _ in open_duckdb().execute(f"{view.sql} ORDER BY severity_rule, severity_rank").fetchall():
         ranked.setdefault(pack, []).append(word)
     assert ranked == {pack: list(severities(rule_file(pack))) for pack in rule_packs()}
     for pack in rule_packs():
-        assert read_statement(RULES / f"{pack}.sql").meaning
+        (statement,) = read_statement_file(RULES / f"{pack}.sql")
+        assert statement.meaning
 
 
 def test_graded_stage_table_fits_the_schema() -> None:

@@ -119,7 +119,7 @@ def tables(made: Made) -> dict[str, pa.Table]:
     defects = [
         {
             "defect_id": name, "defect_class": "crack", "severity": "low", "severity_rule": "test",
-            **_place(xyz), "width_m": 0.2, "height_m": 0.2, "area_m2": 0.04, "spread_m": 0.0, "sightings": 1,
+            **_place(xyz), "width_m": 0.2, "height_m": 0.2, "area_m2": 0.04, "spread_m": 0.0, "photo_count": 1,
             "score": 1.0, "best_photo_id": "a", "element_guid": "wall", "ifc_class": "IfcWall", "facade": "S",
             "geometry": b"",
             "covariance_site": made.covariance_m2[name].ravel().tolist() if name in made.covariance_m2 else None,

@@ -1,7 +1,10 @@
--- table: defects
--- grain: defect
--- meaning: a patch is a polygon in 3D about its defect's position, but for its spread and its stand off the model
-SELECT defect_id, lon_deg, lat_deg, height_ellipsoidal_m, patch_size_m, gap_m
+-- {table}: defects | observations
+-- {key}: defect_id | detection_id
+-- {allowed_m}: 0.1 + spread_m + coalesce(abs(deviation_from_model_m), 0) | 0.02
+-- table: {table}
+-- grain: row
+-- meaning: a patch is a polygon in 3D around the position in its row, but for its spread and its deviation from the model
+SELECT {key}, lon_deg, lat_deg, height_ellipsoidal_m, patch_size_m, gap_m
 FROM (
     SELECT
         *,
@@ -15,14 +18,14 @@ FROM (
         ) AS gap_m
     FROM (
         SELECT
-            defect_id, lon_deg, lat_deg, height_ellipsoidal_m, 0.1 + spread_m + coalesce(abs(deviation_from_model_m), 0) AS allowed_m,
+            {key}, lon_deg, lat_deg, height_ellipsoidal_m, {allowed_m} AS allowed_m,
             -- Metres in a degree, to 1 %: this judges distances of centimetres.
             111320 * cos(radians(lat_deg)) AS east_m, 111320 AS north_m,
             ST_GeometryType(shape) AS kind, ST_NPoints(shape) AS corners,
             ST_XMin(shape) AS lon_low, ST_XMax(shape) AS lon_high,
             ST_YMin(shape) AS lat_low, ST_YMax(shape) AS lat_high,
             ST_ZMin(shape) AS up_low, ST_ZMax(shape) AS up_high
-        FROM (SELECT *, ST_GeomFromWKB(patch) AS shape FROM defects WHERE patch IS NOT NULL)
+        FROM (SELECT *, ST_GeomFromWKB(patch) AS shape FROM {table} WHERE patch IS NOT NULL)
     )
 )
 WHERE kind NOT IN ('POLYGON', 'MULTIPOLYGON')

@@ -1,8 +1,10 @@
--- table: defects
--- grain: defect
+-- {table}: defects | observations
+-- {key}: defect_id | detection_id
+-- table: {table}
+-- grain: row
 -- meaning: a covariance is 3 x 3, symmetric and positive, its diagonal the squares of the sigmas
-SELECT defect_id, sigma_east_m, sigma_north_m, sigma_up_m, covariance_site
-FROM defects
+SELECT {key}, sigma_east_m, sigma_north_m, sigma_up_m, covariance_site
+FROM {table}
 WHERE covariance_site IS NOT NULL
   AND (
       len(covariance_site) <> 9
