@@ -21,8 +21,8 @@ class Review:
     """A word on a place of a photograph, in its pixels.
 
     ``subject`` names the place: of two reviews of one subject the later counts. ``reviewed_box`` and
-    ``reviewed_class`` are what the detector had there (None: it had nothing); ``box``, ``mask`` (WKT) and ``defect_class`` what the person
-    says is there (None: no defect).
+    ``reviewed_class`` are what the detector had there (None: nothing); ``box``, ``mask`` (WKT) and
+    ``defect_class`` what the reviewer found there (None: no defect).
     """
 
     photo_id: str
