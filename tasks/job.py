@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from datetime import datetime
 from pathlib import Path
 
-from facadelake.core.cache import StageCache
+from facadelake.core.cache import StageCache, open_stage_cache
 from facadelake.registry import Building
 from schemas.vocabulary import ControlKind
 
@@ -33,7 +33,7 @@ class InspectionJob:
     @property
     def cache(self) -> StageCache:
         """Where stage results are kept."""
-        return StageCache(root=self.lake / "cache")
+        return open_stage_cache(self.lake)
 
 
 @dataclass(frozen=True, kw_only=True)

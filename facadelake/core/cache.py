@@ -60,6 +60,12 @@ class Pruned:
     removed: tuple[CacheEntry, ...]
     needed: tuple[CacheEntry, ...]
     in_use: tuple[CacheEntry, ...]
+    leftovers: tuple[Path, ...]
+
+
+def open_stage_cache(lake: Path) -> StageCache:
+    """The cache of the lake in folder ``lake``; nothing is made before its first entry."""
+    return StageCache(root=lake / "cache")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +150,8 @@ class StageCache:
             max_size_bytes: size that the cache may keep; None: no limit.
             dry_run: tell what would go and leave it.
 
-        Entries that were used within the last day, or are locked by a run, stay.
+        Entries that were used within the last day, or are locked by a run, stay. Folders of interrupted runs go with
+        the same age, but an interrupted reconstruction that could go on only where ``older_than_s`` asks for it.
         """
         entries = sorted(self.entries(), key=lambda entry: entry.used_at_s)
         kept_bytes = sum(entry.size_bytes for entry in entries)
@@ -162,7 +169,18 @@ class StageCache:
             else:
                 removed.append(entry)
                 kept_bytes -= entry.size_bytes
-        return Pruned(removed=tuple(removed), needed=tuple(held), in_use=tuple(in_use))
+        leftovers = [path for path in self.leftovers() if self._is_abandoned(path, older_than_s)]
+        if not dry_run:
+            for path in leftovers:
+                shutil.rmtree(path, ignore_errors=True)
+        return Pruned(removed=tuple(removed), needed=tuple(held), in_use=tuple(in_use), leftovers=tuple(leftovers))
+
+    @staticmethod
+    def _is_abandoned(path: Path, older_than_s: float | None) -> bool:
+        age_s = time.time() - path.stat().st_mtime
+        if path.name.startswith(".work-"):
+            return older_than_s is not None and age_s > max(IN_USE_S, older_than_s)
+        return age_s > IN_USE_S
 
 
 def find_damage(folder: Path) -> str:

@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from facadelake.building import BuildingModel
 from facadelake.campaigns import committed_model, committed_tables, register_on_committed_poses
-from facadelake.core.cache import StageCache
+from facadelake.core.cache import open_stage_cache
 from facadelake.core.code_version import code_version
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.hashing import file_sha256, key_of
@@ -185,7 +185,7 @@ def _found(
         table = detect_photographs(photos, root, model, class_names=classes, view_of=view_of, workers=workers)
         write_table("detections", table, folder)
 
-    return read_table("detections", StageCache(root=lake / "cache").entry("compare", key, make).folder)
+    return read_table("detections", open_stage_cache(lake).entry("compare", key, make).folder)
 
 
 def _sheets(folder: Path, done: Sequence[_Done], comparison: Comparison) -> tuple[Path, ...]:
