@@ -62,8 +62,8 @@ def evaluate_detector(
 
     Nothing is tuned: the card's threshold is used as it is. Judge on sites that the model never learned from.
     """
-    from cli.terminal.bars import ProgressBars
     from cli.terminal.detectors import show_answer, write_pictures
+    from cli.terminal.run import ProgressBars
     from facadelake.core.progress import listening
     from facadelake.evaluation.detectors import Question, evaluate_looker, looker_of, model_file, write_results
 

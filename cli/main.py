@@ -143,7 +143,7 @@ def regrade(
 
     Grades of persons stay. Running it again changes nothing. A new inspection grades by the registry's rule pack.
     """
-    from cli.terminal.grades import show_regrading
+    from cli.terminal.listings import show_regrading
     from facadelake.campaigns import preview_grades, registered_rules, regrade_campaigns
 
     registered = registered_rules(portfolio, building)
@@ -186,7 +186,7 @@ def serve_prefect(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Run Prefect's server and the registry's schedules until Ctrl-C; the page shows runs, tables and pictures."""
-    from cli.serve import serve_schedules
+    from cli.prefect_server import serve_schedules
 
     serve_schedules(console, portfolio_at(portfolio), portfolio=portfolio, lake=lake, port=port)
 

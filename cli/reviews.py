@@ -139,7 +139,7 @@ def training_set(
 
     A building is wholly in one split, so that no wall is both learned from and judged by.
     """
-    from cli.terminal.training import show_training_set
+    from cli.terminal.reviews import show_training_set
     from facadelake.reviews.training import make_training_set
 
     registered = [portfolio_at(portfolio).building(one) for one in dict.fromkeys(buildings)]
@@ -179,7 +179,7 @@ def compare_models(
     Against reviews it tells which confirmed defects the new one loses and which rejected ones it drops. Nothing that is
     committed changes; what a model found is cached, so that running it again is quick.
     """
-    from cli.terminal.comparison import show_comparison
+    from cli.terminal.reviews import show_comparison
     from facadelake.detection import default_model
     from facadelake.evaluation.model_comparison import compare_models as compare
 

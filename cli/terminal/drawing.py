@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from cli.terminal.bars import ProgressBars
-from cli.terminal.stopping import stoppable
+from cli.terminal.run import ProgressBars, stoppable
 from facadelake.core.progress import listening
 
 if TYPE_CHECKING:

@@ -1,22 +1,122 @@
-"""Run flows from the terminal: bars, quiet logs, errors as they are."""
+"""Flows run from the terminal: progress bars, quiet logs, Ctrl-C, errors as they are."""
 
 from __future__ import annotations
 
 import logging
 import os
+import signal
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
-from cli.prefect_session import prepare
-from cli.terminal.bars import ProgressBars
-from cli.terminal.stopping import stoppable
+from cli.prefect_server import prepare
 from facadelake.core.progress import listening
 
 if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult
+
+
+class ProgressBars:
+    """A listener of facadelake.core.progress that draws with rich; a context manager."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._waiting: TaskID | None = None
+        self._bars = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+
+    def __enter__(self) -> ProgressBars:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bars.stop()
+
+    def wait(self, label: str) -> None:
+        """A bar of unknown length that goes when the first work begins or the first line is said."""
+        self._waiting = self._bars.add_task(label, total=None)
+
+    def _arrive(self) -> None:
+        if self._waiting is not None:
+            self._bars.remove_task(self._waiting)
+            self._waiting = None
+
+    def begin(self, label: str, total: int | None) -> int:
+        """A new bar."""
+        self._arrive()
+        return self._bars.add_task(label, total=total)
+
+    def advance(self, handle: int, steps: int) -> None:
+        """The bar grows."""
+        self._bars.advance(TaskID(handle), steps)
+
+    def end(self, handle: int) -> None:
+        """The bar goes."""
+        self._bars.remove_task(TaskID(handle))
+
+    def say(self, line: str) -> None:
+        """A line that stays, above the bars."""
+        self._arrive()
+        self._console.print(line, highlight=False)
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last: the terminal was closed
+STOPPED = 130  # what shells give for a program ended by SIGINT
+
+
+@contextmanager
+def stoppable(console: Console) -> Iterator[None]:
+    """Inside the block SIGINT, SIGTERM and SIGHUP end the program with a line of what to do next, in silence else.
+
+    Ctrl-C in a terminal reaches Prefect's temporary server too; what then goes wrong between the two must neither
+    hide the interrupt nor print tracebacks.
+    """
+    stopped = False
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        nonlocal stopped
+        stopped = True
+        logging.disable(logging.CRITICAL)
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, stop) for number in SIGNALS}
+    try:
+        yield
+    except BaseException:
+        if stopped:
+            console.print("stopped; finished stages are kept, run the same command to go on")
+            raise SystemExit(STOPPED) from None
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class _BarsLog(logging.Handler):

@@ -19,5 +19,4 @@ from .regrading import preview as preview
 from .regrading import regrade as regrade
 from .reviews import Added as Added
 from .reviews import append_reviews as append_reviews
-from .stage_keys import RunKeys as RunKeys
 from .stage_keys import read_stage_keys as read_stage_keys

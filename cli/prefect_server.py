@@ -1,4 +1,4 @@
-"""Prefect's server and the registry's schedules on this machine, until Ctrl-C."""
+"""Prefect's server: found, started with the registry's schedules, or temporary for one run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cli.prefect_session import ADDRESS_FILE, prefect_home, prepare
 from facadelake.core.errors import StoreError
 from facadelake.registry import Portfolio
 
@@ -87,3 +86,43 @@ def _serve(console: Console, registered: Portfolio, portfolio: Path, lake: Path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Prefect's runner forgets a coroutine when it is stopped
         serve(*deployments, print_starting_message=False)
+
+
+ADDRESS_FILE = "api_url"
+
+
+def prefect_home(lake: Path) -> Path:
+    """Prefect's own database and settings, kept beside the lake's tables."""
+    return lake.resolve() / "prefect"
+
+
+def running_server(lake: Path) -> str | None:
+    """Address of the server that ``facadelake serve-prefect`` runs for this lake, if it answers."""
+    file = prefect_home(lake) / ADDRESS_FILE
+    if not file.is_file():
+        return None
+    url = file.read_text().strip()
+    try:
+        with urllib.request.urlopen(f"{url}/health", timeout=2) as answer:
+            return url if answer.status == 200 else None
+    except OSError:
+        return None
+
+
+def prepare(lake: Path) -> None:
+    """Set Prefect's environment where the person has not: home in the lake, a quiet console, logs to its page."""
+    home = prefect_home(lake)
+    home.mkdir(parents=True, exist_ok=True)
+    defaults = {
+        "PREFECT_HOME": str(home),
+        "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "ERROR",
+        "PREFECT_LOGGING_EXTRA_LOGGERS": "facadelake",
+        "PREFECT_SERVER_LOGGING_LEVEL": "CRITICAL",
+        "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "180",
+    }
+    if "PREFECT_API_URL" not in os.environ:
+        url = running_server(lake)
+        if url:
+            defaults["PREFECT_API_URL"] = url
+    for name, value in defaults.items():
+        os.environ.setdefault(name, value)
