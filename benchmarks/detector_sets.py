@@ -16,7 +16,7 @@ from benchmarks.published_poses import write_published
 from facadelake.building import read_registered_model, target_elements
 from facadelake.building.surface import Surface, horizontal_distance
 from facadelake.core.camera import PosedCamera
-from facadelake.core.pose_table import posed_cameras
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.detection import Box, crosswalk_with
 from facadelake.evaluation.detectors.labels.labels import (
     Gathering,
@@ -134,7 +134,7 @@ def castle_facade(work: Path) -> LabelledSet:
     placed = place_imported(read_poses(path), photos, place=place, surface=surface, placement_sigma_max_m=0.5)
     is_target = np.append(target_elements(model.elements), False)  # the last answers for a miss
     images = []
-    for photo_id, posed in sorted(posed_cameras(placed.poses).items()):
+    for photo_id, posed in sorted(read_posed_cameras(placed.poses).items()):
         if "multiview" not in photo_id:
             continue
         target, area, gsd = seen_area(posed, surface, is_target)

@@ -24,7 +24,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import stage_schema, table_of_rows
+from facadelake.core.tables import get_stage_schema, table_from_rows
 from facadelake.deduplication import MergeResult, merge_observations
 from schemas.vocabulary import DefectClass, DetectionOutcome, ObservationOutcome
 
@@ -93,7 +93,7 @@ def _names(letter: str, numbers: NDArray[np.int64]) -> pa.Array:
 
 
 def _table(name: str, count: int, values: dict[str, pa.Array | Float64Array]) -> pa.Table:
-    schema = stage_schema(name)
+    schema = get_stage_schema(name)
     return pa.table(
         [pa.array(values[f.name]).cast(f.type) if f.name in values else pa.nulls(count, f.type) for f in schema],
         schema=pa.schema([pa.field(f.name, f.type) for f in schema]),
@@ -170,7 +170,7 @@ def _wall(length_m: float) -> BuildingModel:
         vertices_site_m=corners,
         triangles=np.array([[0, 1, 2], [0, 2, 3]]),
         element_of_triangle=np.array([0, 1]),
-        elements=table_of_rows("elements", rows),
+        elements=table_from_rows("elements", rows),
     )
 
 

@@ -61,11 +61,11 @@ class Cost:
 
 def camera_errors_m(centres: dict[str, Any], truth: dict[str, Any]) -> dict[str, float]:
     """Distances of the centres to the true ones after the similarity that fits them best."""
-    from facadelake.core.frames import similarity_between
+    from facadelake.core.frames import estimate_similarity
 
     names = sorted(centres.keys() & truth.keys())
     found, true = np.array([centres[name] for name in names]), np.array([truth[name] for name in names])
-    error = np.linalg.norm(similarity_between(found, true).apply(found) - true, axis=1)
+    error = np.linalg.norm(estimate_similarity(found, true).apply(found) - true, axis=1)
     return {"localised": len(names), "mean_m": float(error.mean()), "max_m": float(error.max())}
 
 

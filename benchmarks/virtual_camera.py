@@ -32,7 +32,7 @@ from facadelake.building import BuildingModel, read_registered_model
 from facadelake.building.surface import Surface
 from facadelake.building.surface.virtual_view import write_scene
 from facadelake.core.camera import Camera, PosedCamera
-from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.lake import read_tables
 from facadelake.registration import registration_settings
 from facadelake.registration.cast import cast
@@ -130,7 +130,7 @@ def measure(building_id: str, campaign: str, lake: Path, portfolio: Path) -> Non
     building = read_portfolio(portfolio).building(building_id)
     model, settings = read_registered_model(building), registration_settings(building)
     tables = read_tables(lake, ["poses", "detections"], building_id=building_id, campaign_id=campaign)
-    cameras, covariances = posed_cameras(tables["poses"]), pose_covariances(tables["poses"])
+    cameras, covariances = read_posed_cameras(tables["poses"]), read_pose_covariances(tables["poses"])
     found = tables["detections"].filter(pc.equal(tables["detections"].column("detection_outcome"), "accepted"))
     found = found.filter(pc.is_in(found.column("photo_id"), pa.array(list(cameras))))
     photo, _ = sorted(Counter(found.column("photo_id").to_pylist()).items(), key=lambda pair: pair[1])[-1]

@@ -1,4 +1,4 @@
-"""Commands that judge detectors: figures on labelled photographs, and a model's page. The lake is not touched."""
+"""Commands that evaluate and describe detectors. The lake is not used."""
 
 from __future__ import annotations
 
@@ -22,54 +22,56 @@ def evaluate_detector(
     ] = "default",
     data: Annotated[
         list[Path] | None,
-        typer.Option(help="Labelled photographs: a COCO file, or a folder in COCO, YOLO or VOC form; may be repeated."),
+        typer.Option(help="Labelled photographs: a COCO file, or a folder in COCO, YOLO or VOC format. Repeatable."),
     ] = None,
-    form: Annotated[Form, typer.Option("--format", help="How --data is written.")] = Form.AUTO,
+    form: Annotated[Form, typer.Option("--format", help="Format of --data.")] = Form.AUTO,
     classes: Annotated[
-        str | None, typer.Option(help="Names of YOLO's class numbers, such as crack,spalling, where no file says them.")
+        str | None,
+        typer.Option(help="Class names of YOLO's class numbers, such as crack,spalling, where no file lists them."),
     ] = None,
     sites: Annotated[
         Path | None,
-        typer.Option(
-            help="Which photograph shows which site: CSV (image, site, split), or YAML (training/data/sites.yaml)."
-        ),
+        typer.Option(help="Site of each photograph: CSV (image, site, split), or YAML (training/data/sites.yaml)."),
     ] = None,
-    split: Annotated[str | None, typer.Option(help="Judge on this split alone, such as test.")] = None,
+    split: Annotated[str | None, typer.Option(help="Evaluate on this split only, such as test.")] = None,
     labelled: Annotated[
         list[DefectClass] | None,
-        typer.Option(help="The data has labels of this class alone, whatever it lists; may be repeated."),
+        typer.Option(help="The data are labelled for this class only, whatever they list. Repeatable."),
     ] = None,
     negatives: Annotated[
-        list[Path] | None, typer.Option(help="Folder of photographs without defects: false alarms; may be repeated.")
+        list[Path] | None,
+        typer.Option(help="Folder of photographs without defects, for the false alarm rate. Repeatable."),
     ] = None,
     scale: Annotated[
         Path | None,
-        typer.Option(help="CSV: image and gsd_mm (mm a pixel) or area_m2 (of facade in it), for rates."),
+        typer.Option(
+            help="CSV: image and gsd_mm (mm per pixel) or area_m2 (of facade in the image), for rates per m2."
+        ),
     ] = None,
     image_labels: Annotated[
         list[Path] | None,
-        typer.Option(help="Photographs labelled as a whole, in folders named by class (spalling, intact): AUROC."),
+        typer.Option(help="Photographs labelled as a whole, in folders named by class (spalling, intact), for AUROC."),
     ] = None,
-    threshold: Annotated[float | None, typer.Option(min=0, max=1, help="Instead of the card's.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON, with stable keys.")] = False,
+    threshold: Annotated[float | None, typer.Option(min=0, max=1, help="Score threshold; default: the card's.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON with stable keys.")] = False,
     plots: Annotated[
         Path | None,
-        typer.Option(help="Folder for pictures: curves, reliability, sites, worst false alarms and misses."),
+        typer.Option(help="Folder for plots: curves, reliability, sites, worst false alarms and misses."),
     ] = None,
     write_card: Annotated[bool, typer.Option("--write-card", help="Write the figures into the model's card.")] = False,
 ) -> None:
-    """Judge a detector: average precision, false alarms per m2, calibration, sites, confusions, the worst pictures.
+    """Evaluate a detector: average precision, false alarms per m2, calibration, sites, confusions, the worst images.
 
-    Nothing is tuned: the card's threshold is used as it is. Judge on sites that the model never learned from.
+    Nothing is tuned: the card's threshold is used. Evaluate on sites that the model was not trained on.
     """
     from cli.terminal.detectors import show_answer, write_pictures
     from cli.terminal.run import ProgressBars
-    from facadelake.core.progress import listening
+    from facadelake.core.progress import listen_to_progress
     from facadelake.evaluation.detectors import Question, evaluate_looker, looker_of, model_file, write_results
 
     path = model_file(model)
     if write_card and (path.suffix.lower() != ".onnx" or threshold is not None):
-        raise InputDataError("--write-card is for ONNX models at their card's own threshold: leave --threshold out")
+        raise InputDataError("--write-card is for ONNX models at the threshold of their card; omit --threshold")
     question = Question(
         data=tuple(data or ()),
         form=form,
@@ -83,8 +85,8 @@ def evaluate_detector(
     )
     looker, crosswalk = looker_of(path, threshold)
     if plots is not None:
-        plots.mkdir(parents=True, exist_ok=True)  # before the work, so that a place that takes nothing costs none
-    with ProgressBars(problems) as bars, listening(bars):
+        plots.mkdir(parents=True, exist_ok=True)  # first, so that a folder that cannot be written fails at once
+    with ProgressBars(problems) as bars, listen_to_progress(bars):
         answer = evaluate_looker(looker, crosswalk, question)
     figures = None if answer.boxes is None else answer.boxes.figures
     for written in write_pictures(answer, plots) if plots is not None else ():
@@ -103,14 +105,14 @@ def evaluate_detector(
 
 def describe_detector(
     model: Annotated[str, typer.Option(help="'default' or an ONNX model with its card.")] = "default",
-    output: Annotated[Path | None, typer.Option(help="File to write; left out, it is printed.")] = None,
+    output: Annotated[Path | None, typer.Option(help="File to write; default: print.")] = None,
 ) -> None:
-    """Write a model's page in Markdown from its card: terms, training data, figures by class and site, false alarms."""
+    """Write the Markdown page of a model from its card: terms, training data, figures by class and site."""
     from facadelake.evaluation.detectors import model_file, page_of
 
     path = model_file(model)
     if path.suffix.lower() != ".onnx":
-        raise InputDataError(f"{path} is no ONNX model; only a model with a card has a page")
+        raise InputDataError(f"{path} is not an ONNX model; only a model with a card can be described")
     text = page_of(path)
     if output is None:
         sys.stdout.write(text)

@@ -1,4 +1,4 @@
-"""The command line: ``facadelake``. Heavy libraries are imported by the command that needs them."""
+"""The command line ``facadelake``: its commands in groups, errors as messages."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from typing import Annotated
 
 import typer
 
-from cli import detectors as judging
-from cli import results as looking
-from cli import reviews as improving
+from cli import cache, detectors, results, reviews
 from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
@@ -21,8 +19,8 @@ from cli.options import (
     LakePath,
     PortfolioPath,
     console,
-    portfolio_at,
     problems,
+    read_portfolio_at,
 )
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import FacadelakeError
@@ -37,12 +35,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Photographs of a building in, versioned tables of its facade defects out.\n\n"
     "Begin with [bold]facadelake demo[/bold], which makes a building, two campaigns of photographs, and inspects both. "
-    "Then look with [bold]facadelake defects demo[/bold] or ask with [bold]facadelake sql[/bold].",
+    "Then list defects with [bold]facadelake defects demo[/bold] or query with [bold]facadelake sql[/bold].",
 )
 
 
-class Georeference(StrEnum):
-    """What places the campaign on the globe."""
+class ControlOption(StrEnum):
+    """The control that georeferences a campaign."""
 
     AUTO = "auto"
     GCP = "gcp"
@@ -56,14 +54,14 @@ def inspect(
     building: BuildingId,
     campaign: CampaignId = "latest",
     georeference: Annotated[
-        Georeference,
+        ControlOption,
         typer.Option(
-            help="Control: control points (gcp), the frame of an earlier campaign (campaign), the building model's "
-            "faces and edges (model), GPS tags alone (gps: metres, and said so). auto takes the best there is: an "
-            "earlier campaign that is placed to centimetres, control points, the model, GPS; a campaign that cannot "
-            "be placed well enough is refused with what to bring."
+            help="Control: control points (gcp), the frame of an earlier campaign (campaign), faces and edges of the "
+            "building model (model), GPS tags alone (gps: accurate to metres). auto selects the best available: an "
+            "earlier campaign placed to centimetres, control points, the model, GPS. A campaign that cannot be placed "
+            "accurately enough is refused; the message says what to supply."
         ),
-    ] = Georeference.AUTO,
+    ] = ControlOption.AUTO,
     detections: Annotated[
         str | None,
         typer.Option(help="Instead of the registry's detections: the name of one of its alternatives, or a COCO file."),
@@ -71,8 +69,8 @@ def inspect(
     poses: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of finding them: camera poses of another program, a poses.csv or a folder with COLMAP's text "
-            "files (docs/poses-csv.md)."
+            help="Import camera poses of another program instead of computing them: a poses.csv, or a folder with "
+            "COLMAP's text files (docs/poses-csv.md)."
         ),
     ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
@@ -80,15 +78,15 @@ def inspect(
 ) -> None:
     """Inspect one campaign of a building, from photographs to tables, pictures and GIS files.
 
-    Running it again is safe: finished stages come from the cache, unchanged inputs make no second copy. After Ctrl-C
-    run it again; it goes on after the last finished stage.
+    Running it again is safe: finished stages are taken from the cache, and unchanged inputs make no new version. After
+    Ctrl-C run it again; it continues after the last finished stage.
     """
     from cli.terminal.inspection import show_inspection
     from cli.terminal.run import inspect_in_terminal
     from facadelake.campaigns import plan_inspection
 
     plan_inspection(  # before Prefect takes its time
-        portfolio_at(portfolio).building(building),
+        read_portfolio_at(portfolio).building(building),
         campaign,
         georeference=georeference,
         detections=detections,
@@ -113,7 +111,7 @@ def demo(
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
-    """Make the demo building with two campaigns of photographs, inspect both, and say where to look."""
+    """Generate the demo building with two campaigns of photographs, inspect both, and list the results."""
     from cli.terminal.inspection import show_inspection, show_where_to_look
     from cli.terminal.run import make_demo_in_terminal
 
@@ -123,10 +121,10 @@ def demo(
     show_where_to_look(console, lake, results)
 
 
-app.command()(looking.campaigns)
-app.command()(looking.defects)
-app.command()(looking.sql)
-app.command()(looking.export)
+app.command()(results.campaigns)
+app.command()(results.defects)
+app.command()(results.sql)
+app.command()(results.export)
 
 
 @app.command()
@@ -139,9 +137,10 @@ def regrade(
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
-    """Grade the defects of committed campaigns by another rule pack, as a new version, and publish it.
+    """Grade the defects of committed campaigns by another rule pack; this makes a new version and publishes it.
 
-    Grades of persons stay. Running it again changes nothing. A new inspection grades by the registry's rule pack.
+    Grades given by a person are kept. Running it again changes nothing. A new inspection grades by the rule pack of the
+    portfolio.
     """
     from cli.terminal.listings import show_regrading
     from facadelake.campaigns import preview_grades, registered_rules, regrade_campaigns
@@ -153,26 +152,27 @@ def regrade(
         show_regrading(console, *regrade_campaigns(lake, building, campaign, rules), registered)
 
 
-app.command()(looking.view)
-app.command()(looking.pictures)
-app.command()(looking.evaluate)
-app.command()(judging.evaluate_detector)
-app.command()(judging.describe_detector)
-app.add_typer(improving.review, name="review")
-app.command()(improving.training_set)
-app.command()(improving.compare_models)
-app.command()(improving.promote_model)
+app.command()(results.view)
+app.command()(results.pictures)
+app.command()(results.evaluate)
+app.command()(detectors.evaluate_detector)
+app.command()(detectors.describe_detector)
+app.add_typer(reviews.review, name="review")
+app.add_typer(cache.cache, name="cache")
+app.command()(reviews.training_set)
+app.command()(reviews.compare_models)
+app.command()(reviews.promote_model)
 
 
 @app.command()
 def doctor(portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: LakePath = DEFAULT_LAKE) -> None:
-    """Check this machine: libraries, rendering, extensions, disk, models; says what is missing and how to get it."""
+    """Check this machine: libraries, rendering, extensions, disk, models. Lists what is missing and how to get it."""
     from cli.terminal.answers import show_checks
     from facadelake.doctor import Status, run_checks
     from facadelake.registry import DEFAULT_MODEL, OnnxDetectorSetting
 
-    detectors = [building.detector for building in portfolio_at(portfolio).buildings]
-    models = {d.model for d in detectors if isinstance(d, OnnxDetectorSetting)} - {DEFAULT_MODEL}
+    settings = [building.detector for building in read_read_portfolio_at(portfolio).buildings]
+    models = {d.model for d in settings if isinstance(d, OnnxDetectorSetting)} - {DEFAULT_MODEL}
     checks = run_checks(lake, [Path(model) for model in sorted(models)])
     show_checks(console, checks)
     if any(check.status is Status.MISSING for check in checks):
@@ -185,20 +185,20 @@ def serve_prefect(
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
-    """Run Prefect's server and the registry's schedules until Ctrl-C; the page shows runs, tables and pictures."""
+    """Run Prefect's server and the portfolio's schedules until Ctrl-C; its page shows runs, tables and pictures."""
     from cli.prefect_server import serve_schedules
 
-    serve_schedules(console, portfolio_at(portfolio), portfolio=portfolio, lake=lake, port=port)
+    serve_schedules(console, read_portfolio_at(portfolio), portfolio=portfolio, lake=lake, port=port)
 
 
-# What a user's path or disk is to blame for; anything else of the system is a fault of ours and shows where.
-_PLACE_TAKES_NOTHING = {
+# Caused by the path or the disk that the user named; any other OSError is a bug and shows its traceback.
+_NOT_WRITABLE = {
     errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST
 }  # fmt: skip
 
 
 def main() -> None:
-    """Entry point: errors as messages, never as tracebacks of ours."""
+    """Run the command line; an expected error is printed as a message, with exit status 1."""
     try:
         app()
     except FacadelakeError as error:
@@ -206,11 +206,9 @@ def main() -> None:
         problems.print(str(error), markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)
     except OSError as error:
-        if error.errno not in _PLACE_TAKES_NOTHING:
+        if error.errno not in _NOT_WRITABLE:
             raise
         problems.print("[bold red]the disk[/bold red]: ", end="")
-        words = (
-            f"{error.strerror}: {error.filename or 'a file that was being written'}; choose another place or make room"
-        )
-        problems.print(words, markup=False, highlight=False, soft_wrap=True)
+        message = f"{error.strerror}: {error.filename or 'a file being written'}; choose another folder or free space"
+        problems.print(message, markup=False, highlight=False, soft_wrap=True)
         sys.exit(1)

@@ -1,4 +1,4 @@
-"""What every command takes: where registry and lake are, which building and campaign; where answers are printed."""
+"""Options that commands share (portfolio, lake, building, campaign), and the consoles they print to."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ problems = Console(stderr=True)
 
 PortfolioPath = Annotated[
     Path,
-    typer.Option("--portfolio", envvar="FACADELAKE_PORTFOLIO", help="Registry: a YAML file, or a folder of them."),
+    typer.Option("--portfolio", envvar="FACADELAKE_PORTFOLIO", help="Portfolio: a YAML file, or a folder of them."),
 ]
 LakePath = Annotated[
-    Path, typer.Option("--lake", envvar="FACADELAKE_LAKE", help="Folder of the lake; made if it is not there.")
+    Path, typer.Option("--lake", envvar="FACADELAKE_LAKE", help="Folder of the lake; created if it does not exist.")
 ]
 AnyPortfolioPath = Annotated[
-    Path, typer.Option("--portfolio", help="Taken as by every command; a question to the lake needs no registry.")
+    Path, typer.Option("--portfolio", help="Accepted as by every command; a query of the lake needs no portfolio.")
 ]
-BuildingId = Annotated[str, typer.Argument(help="Id of the building in the registry.")]
-CampaignId = Annotated[str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' for the newest.")]
+BuildingId = Annotated[str, typer.Argument(help="Id of the building in the portfolio.")]
+CampaignId = Annotated[str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' is the newest.")]
 DEFAULT_PORTFOLIO = CHECKOUT / "data" / "portfolio.yaml"
 DEFAULT_LAKE = CHECKOUT / "lake"
 
 
-def portfolio_at(path: Path) -> Portfolio:
-    """The registry at ``path``."""
+def read_portfolio_at(path: Path) -> Portfolio:
+    """The portfolio at ``path``."""
     from facadelake.registry import read_portfolio
 
     return read_portfolio(path)

@@ -1,4 +1,4 @@
-"""Commands that look at what is committed: listings, SQL, files, pictures, figures. Nothing in the lake changes."""
+"""Commands that read committed campaigns: listings, SQL, files, pictures, figures. The lake is not changed."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from cli.options import (
     LakePath,
     PortfolioPath,
     console,
-    portfolio_at,
     problems,
+    read_portfolio_at,
 )
 from facadelake.core.errors import InputDataError
 
@@ -29,22 +29,22 @@ def campaigns(
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
-    """List what is registered and what the lake holds, with each campaign's version."""
+    """List the registered campaigns and those in the lake, each with its version."""
     from cli.terminal.listings import show_campaigns
 
-    show_campaigns(console, portfolio_at(portfolio), lake, building)
+    show_campaigns(console, read_portfolio_at(portfolio), lake, building)
 
 
 def defects(
     building: BuildingId,
     campaign: Annotated[str | None, typer.Argument(help="Only this campaign.")] = None,
     defect_class: Annotated[str | None, typer.Option("--class", help="Only crack, spalling or moisture.")] = None,
-    limit: Annotated[int, typer.Option(min=1, help="At most so many rows.")] = 40,
-    as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    limit: Annotated[int, typer.Option(min=1, help="Maximum number of rows.")] = 40,
+    as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
-    """Show the defects of a building: what, where, how large, how often seen."""
+    """List the defects of a building: class, severity, place, size, number of photographs."""
     from cli.terminal.listings import require_known, show_defects
 
     require_known(lake, portfolio, building)
@@ -60,11 +60,11 @@ def sql(
     ] = None,
     list_questions: Annotated[bool, typer.Option("--list", help="List the stored questions.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
-    as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
     portfolio: AnyPortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
-    """Ask the lake in SQL; nothing can be changed that way.
+    """Query the lake in SQL. Queries are read-only.
 
     Example: facadelake sql "SELECT facade, count(*) AS n FROM defects GROUP BY facade ORDER BY n DESC"
     """
@@ -78,10 +78,12 @@ def sql(
 
 def export(
     building: BuildingId,
-    file: Annotated[Path, typer.Argument(help="File to write; its suffix chooses: .gpkg .parquet .geojson .csv")],
+    file: Annotated[
+        Path, typer.Argument(help="File to write; its suffix selects the format: .gpkg .parquet .geojson .csv")
+    ],
     campaign: Annotated[str | None, typer.Option(help="Only this campaign.")] = None,
-    table: Annotated[str, typer.Option(help="Which table.")] = "defects",
-    as_of: Annotated[int | None, typer.Option(help="As the lake was at this version.")] = None,
+    table: Annotated[str, typer.Option(help="Table to export.")] = "defects",
+    as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
@@ -105,27 +107,29 @@ def export(
 def view(
     building: BuildingId,
     campaign: CampaignId,
-    photo: Annotated[str, typer.Argument(help="Which photograph: its id, or its file's name.")],
+    photo: Annotated[str, typer.Argument(help="Photograph, by its photo_id or its file name.")],
     output: Annotated[
-        Path | None, typer.Option(help="Picture to write (.png); view_<photo>.png here if left out.")
+        Path | None, typer.Option(help="Picture to write (.png); default: view_<photo>.png in this folder.")
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(min=0.01, max=1.0, help="Size of the panels to the photograph's; 1000 pixels wide if left out."),
+        typer.Option(
+            min=0.01, max=1.0, help="Size of the panels relative to the photograph; default: 1000 pixels wide."
+        ),
     ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
-    """Show a photograph beside the virtual view of the model, with depth and elements: is the pose right?
+    """Draw a photograph beside the virtual view of the model, with depth and elements, to check its pose.
 
-    The images are written beside the picture as a NumPy archive, .npz.
+    The images are also written as a NumPy archive (.npz) beside the picture.
     """
     from facadelake.reporting import view_photograph
 
     shown = view_photograph(
-        portfolio_at(portfolio).building(building), campaign, photo, lake=lake, output=output, scale=scale
+        read_portfolio_at(portfolio).building(building), campaign, photo, lake=lake, output=output, scale=scale
     )
-    console.print(f"{shown.photo_id} drawn to {shown.path}, its images to {shown.path.with_suffix('.npz')}")
+    console.print(f"{shown.photo_id} written to {shown.path}, its images to {shown.path.with_suffix('.npz')}")
 
 
 def pictures(
@@ -133,31 +137,31 @@ def pictures(
     campaign: CampaignId = "latest",
     defect: Annotated[
         list[str] | None,
-        typer.Option(help="A card of this defect: its id, or the number on the elevations. Repeatable."),
+        typer.Option(help="Draw a card of this defect, by its id or its number on the elevations. Repeatable."),
     ] = None,
     facade: Annotated[
-        list[str] | None, typer.Option(help="The elevation of this facade, such as south or SE. Repeatable.")
+        list[str] | None, typer.Option(help="Draw the elevation of this facade, such as south or SE. Repeatable.")
     ] = None,
     photo: Annotated[
-        list[str] | None, typer.Option(help="This photograph with model edges, boxes and points. Repeatable.")
+        list[str] | None, typer.Option(help="Draw this photograph with model edges, boxes and points. Repeatable.")
     ] = None,
-    all_of_them: Annotated[bool, typer.Option("--all", help="Every defect, facade and photograph.")] = False,
+    all_of_them: Annotated[bool, typer.Option("--all", help="Draw every defect, facade and photograph.")] = False,
     output: Annotated[
-        Path | None, typer.Option(help="Folder to write to; without it, one below the lake's 'pictures'.")
+        Path | None, typer.Option(help="Folder to write to; default: one in the lake's 'pictures'.")
     ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Draw pictures of a committed campaign: cards of defects, elevations of facades, overlays of photographs.
 
-    Without a name it draws what the report shows: the worst defects, all facades, a few photographs, the distribution.
-    Running it again is safe: files are written over.
+    Without --defect, --facade or --photo it draws what the report shows: the worst defects, all facades, a few
+    photographs, the distribution. Running it again overwrites the files.
     """
     from cli.terminal.drawing import default_folder, draw_in_terminal
     from facadelake.campaigns import resolved_campaign
     from facadelake.reporting import draw_pictures
 
-    registered = portfolio_at(portfolio).building(building)
+    registered = read_portfolio_at(portfolio).building(building)
     chosen = resolved_campaign(registered, campaign)
     draw_in_terminal(
         console,
@@ -181,11 +185,11 @@ def evaluate(
     detections: Annotated[
         str | None,
         typer.Option(
-            help="Judge another detections file (a name of the registry's alternatives, or a path) on the committed "
-            "poses; the lake is not changed."
+            help="Evaluate another detections file on the committed poses: a name among the portfolio's alternatives, or "
+            "a path. The lake is not changed."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON, with stable keys.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON with stable keys.")] = False,
     plots: Annotated[
         Path | None, typer.Option(help="Folder for pictures: distribution, vectors, deviation, sigmas, views.")
     ] = None,
@@ -197,7 +201,7 @@ def evaluate(
     from facadelake.evaluation.campaigns import compare_campaign, figures_of
 
     compared = compare_campaign(
-        portfolio_at(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections
+        read_portfolio_at(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections
     )
     if plots is not None:
         from facadelake.evaluation.campaigns import write_plots

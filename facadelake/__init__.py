@@ -1,5 +1,5 @@
 """Facadelake: photographs of a building in, versioned tables of its facade defects out."""
 
-from facadelake.core.environment import silence
+from facadelake.core.environment import set_environment_defaults
 
-silence()
+set_environment_defaults()

@@ -17,7 +17,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from facadelake.core.errors import ModelError
-from facadelake.core.system_libraries import LIBRARIES, Library, install_command, is_present
+from facadelake.core.system_libraries import LIBRARIES, Library, format_install_command, is_present
 from facadelake.detection import default_model
 
 GIB = 1024**3
@@ -83,14 +83,14 @@ PROBES = (
     Probe(
         name="rendering without a display (EGL)",
         code=RENDER_CODE,
-        remedy=install_command(["libegl1", "libegl-mesa0", "libgl1", "libgl1-mesa-dri"]),
+        remedy=format_install_command(["libegl1", "libegl-mesa0", "libgl1", "libgl1-mesa-dri"]),
     ),
     Probe(name="DuckDB extensions", code=EXTENSIONS_CODE),
     Probe(name="pycolmap", code="import pycolmap; print('pycolmap', pycolmap.__version__)"),
     Probe(
         name="Open3D",
         code="import open3d; print('Open3D', open3d.__version__)",
-        remedy=install_command(["libusb-1.0-0", "libgl1", "libgomp1"]),
+        remedy=format_install_command(["libusb-1.0-0", "libgl1", "libgomp1"]),
     ),
     Probe(name="ONNX Runtime", code="import onnxruntime; print('ONNX Runtime', onnxruntime.__version__)"),
     Probe(name="IfcOpenShell", code="import ifcopenshell.geom; print('IfcOpenShell', ifcopenshell.version)"),
@@ -99,14 +99,14 @@ PROBES = (
 
 def run_checks(lake: Path, model_files: Sequence[Path]) -> list[Check]:
     """Look at everything Facadelake needs here, in a few seconds; nothing is changed and nothing is raised."""
-    with ThreadPoolExecutor(max_workers=core_count()) as pool:
+    with ThreadPoolExecutor(max_workers=count_cores()) as pool:
         probed = list(pool.map(check_probe, PROBES))
     libraries = [check_library(library) for library in LIBRARIES]
     here = [check_python(), *libraries, *probed, check_memory(), check_cores()]
     return [*here, check_disk(lake), check_writable(lake), *check_models(model_files)]
 
 
-def core_count() -> int:
+def count_cores() -> int:
     """Processor cores this process may use."""
     return len(os.sched_getaffinity(0))
 
@@ -124,7 +124,7 @@ def check_library(library: Library) -> Check:
     if is_present(library):
         return Check(name=library.file, status=Status.OK, found=f"for {library.needed_by}")
     found = f"not found; needed by {library.needed_by}"
-    remedy = install_command([library.package])
+    remedy = format_install_command([library.package])
     return Check(name=library.file, status=Status.MISSING, found=found, remedy=remedy)
 
 
@@ -144,18 +144,18 @@ def check_probe(probe: Probe) -> Check:
         found = f"no answer within {PROBE_LIMIT_S:.0f} s"
         return Check(name=probe.name, status=Status.MISSING, found=found, remedy=probe.remedy)
     if done.returncode == 0:
-        return Check(name=probe.name, status=Status.OK, found=last_line(done.stdout))
-    found = last_line(done.stderr) or f"the process ended with status {done.returncode}"
+        return Check(name=probe.name, status=Status.OK, found=get_last_line(done.stdout))
+    found = get_last_line(done.stderr) or f"the process ended with status {done.returncode}"
     return Check(name=probe.name, status=Status.MISSING, found=found, remedy=probe.remedy)
 
 
-def last_line(text: str) -> str:
+def get_last_line(text: str) -> str:
     """The last line that is not blank, '' if there is none."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return lines[-1] if lines else ""
 
 
-def nearest_folder(path: Path) -> Path:
+def find_nearest_folder(path: Path) -> Path:
     """The path itself, or the nearest folder above it that exists."""
     resolved = path.expanduser().resolve()
     return next(folder for folder in (resolved, *resolved.parents) if folder.is_dir())
@@ -163,7 +163,7 @@ def nearest_folder(path: Path) -> Path:
 
 def check_disk(lake: Path) -> Check:
     """Space free where the lake is, or will be."""
-    free_gib = shutil.disk_usage(nearest_folder(lake)).free / GIB
+    free_gib = shutil.disk_usage(find_nearest_folder(lake)).free / GIB
     enough = free_gib >= DISK_WANTED_GIB
     return Check(
         name="disk space for the lake",
@@ -175,7 +175,7 @@ def check_disk(lake: Path) -> Check:
 
 def check_writable(lake: Path) -> Check:
     """Whether a file can be made where the lake is, or will be."""
-    folder = nearest_folder(lake)
+    folder = find_nearest_folder(lake)
     try:
         with tempfile.TemporaryFile(dir=folder):
             return Check(name="lake can be written", status=Status.OK, found=f"{folder} takes files")
@@ -200,7 +200,7 @@ def check_memory() -> Check:
 
 def check_cores() -> Check:
     """Processor cores; one core works, slowly."""
-    cores = core_count()
+    cores = count_cores()
     remedy = "" if cores > 1 else "two cores or more: reconstruction takes its time on one"
     status = Status.OK if cores > 1 else Status.WARNING
     return Check(name="processor cores", status=status, found=str(cores), remedy=remedy)

@@ -11,7 +11,7 @@ from uuid import uuid4
 from prefect import flow
 
 from facadelake.campaigns import AUTO, LATEST, plan_inspection, regrading_replaced
-from facadelake.core.code_version import code_version
+from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import FacadelakeError
 from facadelake.registry import CocoDetector, read_portfolio
 from schemas.vocabulary import SurfaceKind
@@ -82,7 +82,7 @@ def inspect_building(
         campaign_id=campaign,
         run_id=f"{started_at:%Y%m%dT%H%M%SZ}-{uuid4().hex[:8]}",
         started_at=started_at,
-        code_sha256=code_version(__name__).sha256,
+        code_sha256=compute_code_version(__name__).sha256,
         lake=Path(lake).resolve(),
         control=plan.control,
         detections=detections,

@@ -92,7 +92,7 @@ def install(packages):
     if not shutil.which("apt-get"):
         stop(f"apt-get is not here; install what Debian calls {' '.join(packages)} and run make again.")
     if os.geteuid() != 0:
-        stop(f"run this once, then make again:\n\n    {install_command(packages)}\n")
+        stop(f"run this once, then make again:\n\n    {format_install_command(packages)}\n")
     print(f"setup: installing {' '.join(packages)}", flush=True)
     for arguments in (["update", "-q"], ["install", "-q", "-y", "--no-install-recommends", *packages]):
         done = subprocess.run(
@@ -137,7 +137,7 @@ if __name__ == "__main__":
     check_python()
     sys.path.insert(0, str(REPOSITORY))
     # Only now: these lines need Python 3.11.
-    from facadelake.core.system_libraries import LIBRARIES, install_command, is_present
+    from facadelake.core.system_libraries import LIBRARIES, format_install_command, is_present
 
     wanted = missing_packages()
     if wanted:

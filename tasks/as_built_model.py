@@ -7,7 +7,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.building import read_building
-from facadelake.core.pose_table import posed_cameras
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import read_table
 from facadelake.sfm import build_as_built_model, read_reconstruction
 from tasks.job import InspectionJob, StageResult
@@ -19,7 +19,7 @@ def as_built_model(job: InspectionJob, place: StageResult, block: StageResult, p
     """The building with the campaign's own surface, cut into facade planes."""
 
     def make(folder: Path) -> Counts:
-        posed = posed_cameras(read_table("poses", placed.folder))
+        posed = read_posed_cameras(read_table("poses", placed.folder))
         model = build_as_built_model(read_building(place.folder), read_reconstruction(block.folder), posed)
         model.save(folder)
         return {"facade planes": len(model.elements), "triangles": len(model.triangles)}

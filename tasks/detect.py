@@ -8,7 +8,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.building import read_building
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.detection import chosen_detector, chosen_fingerprint, detect_photographs, threads_of
 from facadelake.photos import find_masks
@@ -41,7 +41,7 @@ def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: 
     inputs = {
         "detector": chosen_fingerprint(setting),
         "score_threshold": setting.score_threshold,
-        "masks": {photo_id: [mask.name, file_sha256(mask)] for photo_id, mask in masks.items()},
+        "masks": {photo_id: [mask.name, hash_file(mask)] for photo_id, mask in masks.items()},
     }
     reads = {"model": model, "photos": photos, "placed": placed}
     return run_stage(job, "detect", reads=reads, inputs=inputs, make=make)

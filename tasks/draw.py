@@ -8,7 +8,7 @@ from prefect import task
 
 from facadelake.building import read_building
 from facadelake.building.surface import Surface
-from facadelake.core.pose_table import posed_cameras
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import read_table
 from facadelake.reporting import Inspection, PictureSettings
 from facadelake.reporting.page import write_report
@@ -31,7 +31,7 @@ def draw(job: InspectionJob, results: StageResults, checks: StageResult) -> Stag
             campaign_id=job.campaign_id,
             photographs_root=job.building.photographs_of(job.campaign_id),
             building=building,
-            posed=posed_cameras(tables["poses"]),
+            posed=read_posed_cameras(tables["poses"]),
             photos=tables["photos"],
             poses=tables["poses"],
             georeference=tables["georeference"],

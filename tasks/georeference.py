@@ -7,7 +7,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.building import read_building
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing import Control, SiteFrame, build_poses_table, georeference_reconstruction
 from facadelake.georeferencing.campaign import REFERENCE, earlier_references, read_reference
@@ -73,9 +73,9 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
     inputs = {
         "named": [building.id, job.campaign_id],  # in the reference, by which later campaigns name it
         "control": job.control,
-        "control_points": file_sha256(gcp_file) if gcp_file else None,
-        "check_points": file_sha256(check_file) if check_file else None,
-        "references": [file_sha256(path) for path in references],
+        "control_points": hash_file(gcp_file) if gcp_file else None,
+        "check_points": hash_file(check_file) if check_file else None,
+        "references": [hash_file(path) for path in references],
         "model_sigma_m": tolerances.model_sigma_m,
         "placement_sigma_max_m": tolerances.placement_sigma_max_m,
     }

@@ -8,7 +8,7 @@ from prefect import task
 
 from facadelake.building import read_building
 from facadelake.building.surface import Surface
-from facadelake.core.hashing import files_sha256
+from facadelake.core.hashing import hash_files
 from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp import read_control_points
@@ -51,9 +51,9 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
         return {"localised": placed.localised, "not localised": len(placed.poses) - placed.localised}
 
     inputs = {
-        "poses": files_sha256(pose_files(path)),
+        "poses": hash_files(pose_files(path)),
         "name": path.name,
-        "surveyed": files_sha256(surveyed),
+        "surveyed": hash_files(surveyed),
         "placement_sigma_max_m": limit_m,
     }
     return run_stage(job, "import-poses", reads={"model": model, "photos": photos}, inputs=inputs, make=make)

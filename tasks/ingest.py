@@ -9,7 +9,7 @@ from prefect import task
 
 from facadelake.building import read_building
 from facadelake.building.surface import horizontal_distance
-from facadelake.core.hashing import files_sha256
+from facadelake.core.hashing import hash_files
 from facadelake.core.tables import write_table
 from facadelake.photos import find_photographs, ingest_photographs
 from tasks.job import InspectionJob, StageResult
@@ -34,7 +34,7 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
 
     inputs = {
         "photographs": [str(path.relative_to(root)) for path in paths],
-        "bytes": files_sha256(paths),
+        "bytes": hash_files(paths),
         "close_range_below_m": close_range_below_m,
     }
     return run_stage(job, "ingest", reads={"model": model}, inputs=inputs, make=make)

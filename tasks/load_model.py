@@ -7,8 +7,8 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.building import read_registered_model
-from facadelake.core.hashing import file_sha256
-from facadelake.core.progress import stage_progress
+from facadelake.core.hashing import hash_file
+from facadelake.core.progress import report_progress
 from facadelake.registry import files_beside
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -21,16 +21,16 @@ def load_model(job: InspectionJob) -> StageResult:
     path, offset = building.model_path(), building.offset_path()
 
     def make(folder: Path) -> Counts:
-        with stage_progress(f"Reading {path.name}"):
+        with report_progress(f"Reading {path.name}"):
             model = read_registered_model(building)
         model.save(folder)
         return {"elements": len(model.elements), "triangles": len(model.triangles)}
 
     inputs = {
-        "model": file_sha256(path),
-        **{f"beside {file.name}": file_sha256(file) for file in files_beside(path)},
+        "model": hash_file(path),
+        **{f"beside {file.name}": hash_file(file) for file in files_beside(path)},
         "kind": building.surface_kind,
-        "offset": file_sha256(offset) if offset else None,
+        "offset": hash_file(offset) if offset else None,
         **building.model_dump(mode="json", include={"crs", "storeys", "model_building"}),
     }
     return run_stage(job, "load-model", reads={}, inputs=inputs, make=make)

@@ -7,7 +7,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.building import read_building
-from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.deduplication import Photographs, merge_observations, merge_settings
 from facadelake.severity import grade, rule_file
@@ -33,7 +33,7 @@ def merge_duplicates(
     def make(folder: Path) -> Counts:
         passport = read_table("georeference", placed.folder).to_pylist()[0]
         poses = read_table("poses", placed.folder)
-        posed = posed_cameras(poses)
+        posed = read_posed_cameras(poses)
         merged = merge_observations(
             read_table("observations", observations.folder),
             read_table("detections", detections.folder),
@@ -41,7 +41,7 @@ def merge_duplicates(
             posed,
             prefix=f"{job.building.id}-{job.campaign_id}",
             settings=merge_settings(passport),
-            covariances=pose_covariances(poses),
+            covariances=read_pose_covariances(poses),
             photographs=Photographs(root=job.building.photographs_of(job.campaign_id), posed=posed),
         )
         write_table("observations", merged.observations, folder)

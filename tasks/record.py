@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import pyarrow as pa
 
 from facadelake.building import SURFACE_FILE, read_building
-from facadelake.core.hashing import file_sha256, key_of
+from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.tables import read_table
 from facadelake.detection import model_file
 from facadelake.lake import BuildingRecord, RunRecord, build_campaign_tables
@@ -35,7 +35,7 @@ def stage_tables(results: StageResults) -> dict[str, pa.Table]:
 
 def fingerprint(results: StageResults) -> str:
     """Hash over all inputs and settings of the campaign."""
-    return key_of({"stages": [stage.key for stage in results.stages()]})
+    return compute_key({"stages": [stage.key for stage in results.stages()]})
 
 
 def whole_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRecord, dict[str, pa.Table]]:
@@ -48,7 +48,7 @@ def whole_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRecord
     record = BuildingRecord(
         building_name=job.building.name,
         model_uri=job.building.model,
-        model_sha256=file_sha256(model_path),
+        model_sha256=hash_file(model_path),
         surface_kind=kind,
         map_crs=building.map_crs,
         vertical_datum=building.vertical_datum,
@@ -66,7 +66,7 @@ def _run_record(job: InspectionJob, results: StageResults, detections: pa.Table)
     detectors = detections.column("detector_sha256").unique().to_pylist()
     setting = job.building.detector
     if not detectors and isinstance(setting, OnnxDetectorSetting):  # it looked and found nothing
-        detectors = [file_sha256(model_file(setting))]
+        detectors = [hash_file(model_file(setting))]
     fresh = [stage for stage in results.stages() if not stage.hit]
     settings = {
         "control": job.control or "auto",

@@ -9,7 +9,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.building import read_building
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.photos import find_masks
 from facadelake.registration import register_detections, registration_settings
@@ -44,7 +44,7 @@ def register(
         return Counter(table.column("observation_outcome").to_pylist())
 
     inputs = {
-        "masks": {photo_id: [mask.name, file_sha256(mask)] for photo_id, mask in masks.items()},
+        "masks": {photo_id: [mask.name, hash_file(mask)] for photo_id, mask in masks.items()},
         "settings": asdict(settings),
     }
     reads = {"model": model, "placed": placed, "detections": detections, "block": block}

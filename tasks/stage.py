@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from facadelake.core.cache import DIAGNOSTICS
-from facadelake.core.code_version import code_version
-from facadelake.core.hashing import key_of
+from facadelake.core.code_version import compute_code_version
+from facadelake.core.hashing import compute_key
 from facadelake.core.metering import Meter
 from tasks.job import InspectionJob, StageResult, StageResults
 
@@ -37,10 +37,10 @@ def run_stage(
     what it counted.
     """
     _check_reads(stage, reads, make)
-    key = key_of(
+    key = compute_key(
         {
             "stage": stage,
-            "code": code_version(make.__module__).sha256,
+            "code": compute_code_version(make.__module__).sha256,
             "reads": {name: result.content_sha256 if result else None for name, result in reads.items()},
             "inputs": dict(inputs),
         }

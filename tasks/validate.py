@@ -7,7 +7,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.core.errors import SchemaError
-from facadelake.core.progress import stage_progress
+from facadelake.core.progress import report_progress
 from facadelake.core.tables import read_table, write_table
 from facadelake.lake import failure_text, failures, validate
 from tasks.job import InspectionJob, StageResult, StageResults
@@ -20,7 +20,7 @@ def validate_tables(job: InspectionJob, results: StageResults) -> StageResult:
     """Table ``checks``: all expectations of schemas/ and sql/checks; a failed one ends the run before the commit."""
 
     def make(folder: Path) -> Counts:
-        with stage_progress("Checking the tables"):
+        with report_progress("Checking the tables"):
             _, tables = whole_campaign(job, results)
             checks = validate(tables)
         write_table("checks", checks, folder)

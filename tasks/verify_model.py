@@ -14,7 +14,7 @@ from facadelake.building.surface import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import read_similarity
-from facadelake.core.pose_table import posed_cameras
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.integrity import integrity_views, nothing_to_compare
 from facadelake.sfm import as_built_mesh, read_mesh
@@ -31,7 +31,7 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult | No
     """Table ``integrity_views``; without a ``block`` (poses were imported) there is nothing to compare."""
 
     def make(folder: Path) -> Counts:
-        posed = posed_cameras(read_table("poses", placed.folder))
+        posed = read_posed_cameras(read_table("poses", placed.folder))
         building = read_building(model.folder)
         if building.surface_kind is SurfaceKind.AS_BUILT:
             table = nothing_to_compare(posed, NOTHING_INDEPENDENT, IntegrityOutcome.NO_MODEL)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.detection import ModelCard, card_path
 from facadelake.detection.card import CardInput, CardOutput, Layout, Resize, ScoreCalibration, card_text
 from facadelake.detection.inference import OnnxDetector
@@ -87,7 +87,7 @@ def main() -> None:
     for one in (*np.arange(0.2, 0.91, 0.1), threshold):
         print(f"score {one:.2f}: F1 {told.f1(one):.3f}, false boxes a quiet picture {told.alarms(one):.2f}")
     card = card.model_copy(update={"score_calibration": line, "score_threshold": round(threshold, 2)})
-    card = card.model_copy(update={"metrics": {"model_sha256": file_sha256(options.model)}})
+    card = card.model_copy(update={"metrics": {"model_sha256": hash_file(options.model)}})
     card_path(options.model).write_text(card_text(card), encoding="utf-8")
     print(f"{card_path(options.model)}: slope {line.slope}, intercept {line.intercept}, threshold {threshold:.2f}")
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from cli.terminal.run import ProgressBars, stoppable
-from facadelake.core.progress import listening
+from facadelake.core.progress import listen_to_progress
 
 if TYPE_CHECKING:
     from facadelake.reporting import Drawn
@@ -36,7 +36,7 @@ def draw_in_terminal(console: Console, draw: Callable[[], Drawn]) -> None:
     log = logging.getLogger("facadelake")
     log.addHandler(kept)
     try:
-        with stoppable(console), ProgressBars(console) as bars, listening(bars):
+        with stoppable(console), ProgressBars(console) as bars, listen_to_progress(bars):
             drawn = draw()
     finally:
         log.removeHandler(kept)

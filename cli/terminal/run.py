@@ -25,7 +25,7 @@ from rich.progress import (
 )
 
 from cli.prefect_server import prepare
-from facadelake.core.progress import listening
+from facadelake.core.progress import listen_to_progress
 
 if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult
@@ -134,7 +134,7 @@ def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **para
     """Run the flow ``inspect_building`` in this process; its errors come out as they were raised."""
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # main() tells the error, once
     prepare(lake)
-    with stoppable(console), ProgressBars(console) as bars, listening(bars):
+    with stoppable(console), ProgressBars(console) as bars, listen_to_progress(bars):
         bars.wait("Starting Prefect")
         from flows.inspect_building import inspect_building
 
@@ -160,7 +160,7 @@ def make_demo_in_terminal(
     from facadelake.demo import generate_demo, load_recipe
 
     os.environ["FACADELAKE_DEMO"] = str(folder.resolve())  # the registry's paths of the demo are made of it
-    with stoppable(console), ProgressBars(console) as bars, listening(bars):
+    with stoppable(console), ProgressBars(console) as bars, listen_to_progress(bars):
         files = generate_demo(load_recipe(recipe), folder)
         bars.say(f"The demo building is in {folder}" + ("" if files.made else " (it was there already)"))
     return [

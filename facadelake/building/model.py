@@ -15,7 +15,7 @@ from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
 from facadelake.building.storeys import NamedFloor, StoreyLevel
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import ModelError
-from facadelake.core.geodesy import SiteOrigin, as_3d
+from facadelake.core.geodesy import SiteOrigin, promote_to_3d
 from facadelake.core.tables import read_table, write_table
 from schemas.vocabulary import SurfaceKind
 
@@ -85,7 +85,7 @@ class BuildingModel:
 
     def map_from_site(self, xyz_site_m: Float64Array) -> Float64Array:
         """Site points (n, 3) as east, north of ``map_crs`` and height of ``vertical_datum``, all in metres."""
-        units = [axis.unit_conversion_factor for axis in as_3d(self.height_crs).axis_info]
+        units = [axis.unit_conversion_factor for axis in promote_to_3d(self.height_crs).axis_info]
         metres: Float64Array = self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
         return metres
 

@@ -12,8 +12,8 @@ import pyarrow as pa
 
 from facadelake.building import BuildingModel, read_registered_model
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.core.hashing import file_sha256
-from facadelake.core.progress import stage_progress
+from facadelake.core.hashing import hash_file
+from facadelake.core.progress import report_progress
 from facadelake.lake import exists, read_tables
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
@@ -30,7 +30,7 @@ def committed_tables(building: Building, campaign_id: str, names: Sequence[str],
     """
     if not exists(lake):
         raise StoreError(f"there is no lake at {lake}; run 'facadelake inspect {building.id} {campaign_id}' first")
-    with stage_progress("Reading the lake"):
+    with report_progress("Reading the lake"):
         tables = read_tables(lake, ["buildings", *names], building_id=building.id, campaign_id=campaign_id)
     if not len(tables["buildings"]):
         raise StoreError(
@@ -51,7 +51,7 @@ def committed_model(building: Building, campaign_id: str, committed: Mapping[str
             f"the lake; its pictures are in the release that 'facadelake inspect {building.id} {campaign_id}' published"
         )
     path = building.model_path()
-    with stage_progress(f"Reading {path.name}"):
+    with report_progress(f"Reading {path.name}"):
         model = read_registered_model(building)
     names = ("origin_lon_deg", "origin_lat_deg", "origin_height_ellipsoidal_m")
     then = np.array([[committed[name] for name in names]], dtype=np.float64)
@@ -62,6 +62,6 @@ def committed_model(building: Building, campaign_id: str, committed: Mapping[str
             f"committed (limit {_SAME_PLACE_M} m), so nothing would fit; inspect the campaign again, or give the "
             "registry the model of then"
         )
-    if file_sha256(path) != committed["model_sha256"]:
+    if hash_file(path) != committed["model_sha256"]:
         log.warning("the model %s was changed since the campaign was committed; edges may not fit", path)
     return model

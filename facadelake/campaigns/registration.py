@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pyarrow as pa
 
 from facadelake.building import BuildingModel
-from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.deduplication import MergeResult, Photographs, merge_observations, merge_settings
 from facadelake.photos import find_masks
 from facadelake.registration import register_detections, registration_settings
@@ -33,7 +33,7 @@ def register_on_committed_poses(
         masks=find_masks(root),
         block=None,
     )
-    posed = posed_cameras(poses)
+    posed = read_posed_cameras(poses)
     return merge_observations(
         observations,
         detections,
@@ -41,6 +41,6 @@ def register_on_committed_poses(
         posed,
         prefix=f"{building.id}-{campaign_id}",
         settings=merge_settings(passport),
-        covariances=pose_covariances(poses),
+        covariances=read_pose_covariances(poses),
         photographs=Photographs(root=root, posed=posed),
     )

@@ -22,7 +22,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 
 log = logging.getLogger(__name__)
 
@@ -34,7 +34,7 @@ IN_USE_S = 86400.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cached:
+class CachedResult:
     """An entry's folder, the hash of its contents (diagnostics left out), and whether it was there before."""
 
     folder: Path
@@ -54,7 +54,7 @@ class CacheEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pruned:
+class PruneReport:
     """What pruning removed, and what it had to leave although a limit asked for it."""
 
     removed: tuple[CacheEntry, ...]
@@ -74,17 +74,17 @@ class StageCache:
 
     root: Path
 
-    def entry(self, stage: str, key: str, make: Callable[[Path], None]) -> Cached:
+    def entry(self, stage: str, key: str, make: Callable[[Path], None]) -> CachedResult:
         """The entry of ``key``, made by ``make(folder)`` where it is missing or damaged; no two processes make it."""
         folder = self.root / stage / key
         content = self._checked(folder)
         if content is not None:
-            return Cached(folder=folder, content_sha256=content, hit=True)
+            return CachedResult(folder=folder, content_sha256=content, hit=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{key}.lock"):
             content = self._checked(folder)
             if content is not None:
-                return Cached(folder=folder, content_sha256=content, hit=True)
+                return CachedResult(folder=folder, content_sha256=content, hit=True)
             _remove(folder)
             for part in folder.parent.glob(f".{key}.*.part"):  # of a killed run: we hold the lock, nobody writes it
                 shutil.rmtree(part, ignore_errors=True)
@@ -96,7 +96,7 @@ class StageCache:
                 part.rename(folder)
             finally:
                 shutil.rmtree(part, ignore_errors=True)
-        return Cached(folder=folder, content_sha256=content, hit=False)
+        return CachedResult(folder=folder, content_sha256=content, hit=False)
 
     def _checked(self, folder: Path) -> str | None:
         """The recorded hash of a whole entry, which counts as used now; None where there is none or it is damaged."""
@@ -108,7 +108,7 @@ class StageCache:
             return None
         with suppress(OSError):  # a cache on a read-only disk still answers
             os.utime(folder / MANIFEST)
-        return str(_manifest(folder)["content_sha256"])
+        return str(_read_manifest(folder)["content_sha256"])
 
     def entries(self) -> tuple[CacheEntry, ...]:
         """All whole-looking entries (their files are not read), by stage and key."""
@@ -141,7 +141,7 @@ class StageCache:
         older_than_s: float | None = None,
         max_size_bytes: int | None = None,
         dry_run: bool = False,
-    ) -> Pruned:
+    ) -> PruneReport:
         """Remove entries not used for ``older_than_s``, and the longest unused until ``max_size_bytes`` is kept.
 
         Args:
@@ -173,7 +173,7 @@ class StageCache:
         if not dry_run:
             for path in leftovers:
                 shutil.rmtree(path, ignore_errors=True)
-        return Pruned(removed=tuple(removed), needed=tuple(held), in_use=tuple(in_use), leftovers=tuple(leftovers))
+        return PruneReport(removed=tuple(removed), needed=tuple(held), in_use=tuple(in_use), leftovers=tuple(leftovers))
 
     @staticmethod
     def _is_abandoned(path: Path, older_than_s: float | None) -> bool:
@@ -186,10 +186,10 @@ class StageCache:
 def find_damage(folder: Path) -> str:
     """What is wrong with an entry by its manifest, '' where it is whole."""
     try:
-        recorded = _manifest(folder)["files"]
+        recorded = _read_manifest(folder)["files"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         return f"no readable {MANIFEST}: {error}"
-    found = _files(folder)
+    found = _list_files(folder)
     if found.keys() != recorded.keys():
         strange = sorted(found.keys() ^ recorded.keys())
         return f"{'added' if strange[0] in found else 'missing'}: {strange[0]}"
@@ -197,23 +197,23 @@ def find_damage(folder: Path) -> str:
         size, sha256 = recorded[name]
         if path.stat().st_size != size:
             return f"{name} has {path.stat().st_size} bytes, {size} were written"
-        if file_sha256(path) != sha256:
+        if hash_file(path) != sha256:
             return f"{name} was changed"
     return ""
 
 
-def _manifest(folder: Path) -> dict[str, Any]:
+def _read_manifest(folder: Path) -> dict[str, Any]:
     manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     return manifest
 
 
-def _files(folder: Path) -> dict[str, Path]:
+def _list_files(folder: Path) -> dict[str, Path]:
     paths = [path for path in sorted(folder.rglob("*")) if path.is_file() and path != folder / MANIFEST]
     return {path.relative_to(folder).as_posix(): path for path in paths}
 
 
 def _write_manifest(folder: Path, stage: str, key: str) -> str:
-    files = {name: (path.stat().st_size, file_sha256(path)) for name, path in _files(folder).items()}
+    files = {name: (path.stat().st_size, hash_file(path)) for name, path in _list_files(folder).items()}
     digest = hashlib.sha256()
     for name, (_, sha256) in files.items():
         if not name.startswith(f"{DIAGNOSTICS}/"):

@@ -29,7 +29,7 @@ from facadelake.core.checkout import CHECKOUT
 
 # Imported on the way to a result without a part in it: scheduling, locks, memory meters, the terminal.
 NOT_COMPUTING = frozenset({"filelock", "lazy-loader", "prefect", "psutil", "rich", "typer"})
-_SOURCE_PATH = "source_path"
+_LOCATE_SOURCE = "source_path"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,19 +44,19 @@ class CodeVersion:
     sha256: str
 
 
-def code_version(module: str, root: Path = CHECKOUT) -> CodeVersion:
+def compute_code_version(module: str, root: Path = CHECKOUT) -> CodeVersion:
     """The version of all code that ``module`` (dotted name) of the checkout ``root`` may run.
 
     Raises LookupError where the checkout has no such module.
     """
-    return _version_of(module, root.resolve())
+    return _compute_version(module, root.resolve())
 
 
 @cache
-def _version_of(module: str, root: Path) -> CodeVersion:
-    closure = _closure(module, root)
-    files = {str(path.relative_to(root)): _sha256(path) for path in sorted(closure.files)}
-    libraries = _versions(closure.packages)
+def _compute_version(module: str, root: Path) -> CodeVersion:
+    closure = _collect_closure(module, root)
+    files = {str(path.relative_to(root)): _hash_file(path) for path in sorted(closure.files)}
+    libraries = _read_library_versions(closure.packages)
     digest = hashlib.sha256(platform.python_version().encode())
     for name, value in [*files.items(), *libraries.items()]:
         digest.update(f"\0{name}\0{value}".encode())
@@ -69,8 +69,8 @@ class _Closure:
     packages: set[str] = field(default_factory=set)
 
 
-def _closure(module: str, root: Path) -> _Closure:
-    first = _file_of(module, root)
+def _collect_closure(module: str, root: Path) -> _Closure:
+    first = _find_module_file(module, root)
     if first is None:
         raise LookupError(f"the checkout {root} has no module {module}")
     closure = _Closure()
@@ -82,7 +82,7 @@ def _closure(module: str, root: Path) -> _Closure:
         closure.files.add(path)
         if path.suffix != ".py":
             continue
-        for used in _uses(path, root):
+        for used in _find_dependencies(path, root):
             if isinstance(used, Path):
                 waiting.append(used)
             else:
@@ -90,71 +90,71 @@ def _closure(module: str, root: Path) -> _Closure:
     return closure
 
 
-def _uses(path: Path, root: Path) -> Iterator[Path | str]:
+def _find_dependencies(path: Path, root: Path) -> Iterator[Path | str]:
     """Files of the checkout that a module uses, and top-level names of other packages that it imports."""
     tree = ast.parse(path.read_bytes(), filename=str(path))
-    yield from _packages_above(path, root)
-    for node in _running(tree):
+    yield from _find_packages_above(path, root)
+    for node in _walk_executed_nodes(tree):
         match node:
             case ast.Import(names=names):
                 for alias in names:
-                    yield from _of_module(alias.name, root)
+                    yield from _resolve_module(alias.name, root)
             case ast.ImportFrom(module=str(name), names=names, level=0):
                 for alias in names:
-                    yield from _of_name(name, alias.name, root)
+                    yield from _resolve_name(name, alias.name, root)
             case ast.ImportFrom():
                 raise ValueError(f"{path}: relative imports are not followed; write the full name of the module")
-            case ast.Call(func=ast.Name(id=name), args=[ast.Constant(value=str(relative))]) if name == _SOURCE_PATH:
-                yield from _files_below(root / relative)
-            case ast.Call(func=ast.Name(id=name)) if name == _SOURCE_PATH:
+            case ast.Call(func=ast.Name(id=name), args=[ast.Constant(value=str(relative))]) if name == _LOCATE_SOURCE:
+                yield from _list_files(root / relative)
+            case ast.Call(func=ast.Name(id=name)) if name == _LOCATE_SOURCE:
                 raise ValueError(f"{path}:{node.lineno}: source_path takes a literal, so that the cache's keys see it")
-            case ast.Constant(value=str(text)) if "." in text and (found := _file_of(text, root)):
+            case ast.Constant(value=str(text)) if "." in text and (found := _find_module_file(text, root)):
                 yield found
                 main = found.with_name("__main__.py")
                 if found.name == "__init__.py" and main.is_file():
                     yield main
 
 
-def _running(tree: ast.AST) -> Iterator[ast.AST]:
+def _walk_executed_nodes(tree: ast.AST) -> Iterator[ast.AST]:
     """All nodes but those under ``if TYPE_CHECKING``."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
             continue
         yield node
-        yield from _running(node)
+        yield from _walk_executed_nodes(node)
 
 
-def _of_module(name: str, root: Path) -> Iterator[Path | str]:
-    found = _file_of(name, root)
+def _resolve_module(name: str, root: Path) -> Iterator[Path | str]:
+    found = _find_module_file(name, root)
     if found is not None:
-        yield from _with_its_packages(found, root)
+        yield from _include_packages_above(found, root)
     elif not (root / name.partition(".")[0]).is_dir() and name.partition(".")[0] not in sys.stdlib_module_names:
         yield name.partition(".")[0]
 
 
-def _of_name(module: str, name: str, root: Path) -> Iterator[Path | str]:
+def _resolve_name(module: str, name: str, root: Path) -> Iterator[Path | str]:
     """What ``from module import name`` runs: the submodule ``name``, or the module that defines it."""
-    found = _file_of(module, root)
+    found = _find_module_file(module, root)
     if found is None:
-        yield from _of_module(module, root)
+        yield from _resolve_module(module, root)
         return
-    submodule = _file_of(f"{module}.{name}", root)
+    submodule = _find_module_file(f"{module}.{name}", root)
     if submodule is not None:
-        yield from _with_its_packages(submodule, root)
+        yield from _include_packages_above(submodule, root)
         return
-    defined_in = _names_of_face(found).get(name) if found.name == "__init__.py" else None
+    defined_in = _read_face(found).get(name) if found.name == "__init__.py" else None
     if defined_in is not None:
-        yield from _of_name(f"{module}.{defined_in}", name, root)
+        yield from _resolve_name(f"{module}.{defined_in}", name, root)
     else:
-        yield from _with_its_packages(found, root)
+        yield from _include_packages_above(found, root)
 
 
-def _with_its_packages(path: Path, root: Path) -> Iterator[Path]:
+def _include_packages_above(path: Path, root: Path) -> Iterator[Path]:
     yield path
-    yield from _packages_above(path, root)
+    yield from _find_packages_above(path, root)
 
 
-def _packages_above(path: Path, root: Path) -> Iterator[Path]:
+def _find_packages_above(path: Path, root: Path) -> Iterator[Path]:
     """The ``__init__`` files that run before a module, but for faces, which run nothing of their own."""
     folder = path.parent
     while folder != root:
@@ -172,14 +172,14 @@ def _is_face(init: Path) -> bool:
         for node in ast.parse(init.read_bytes()).body
         if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
     ]
-    return all(ast.unparse(node) in _OF_A_FACE for node in body)
+    return all(ast.unparse(node) in _FACE_STATEMENTS for node in body)
 
 
-_OF_A_FACE = ("import lazy_loader", "__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)")
+_FACE_STATEMENTS = ("import lazy_loader", "__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)")
 
 
 @cache
-def _names_of_face(init: Path) -> Mapping[str, str]:
+def _read_face(init: Path) -> Mapping[str, str]:
     """The names that a face hands on, each with the submodule it comes from."""
     stub = init.with_suffix(".pyi")
     if not stub.is_file():
@@ -192,32 +192,32 @@ def _names_of_face(init: Path) -> Mapping[str, str]:
     }
 
 
-def _file_of(module: str, root: Path) -> Path | None:
+def _find_module_file(module: str, root: Path) -> Path | None:
     if not all(part.isidentifier() for part in module.split(".")):
         return None
     path = root.joinpath(*module.split("."))
     return next((found for found in (path.with_suffix(".py"), path / "__init__.py") if found.is_file()), None)
 
 
-def _files_below(path: Path) -> Iterator[Path]:
+def _list_files(path: Path) -> Iterator[Path]:
     """The file itself, or all files of a folder."""
     if not path.exists():
         raise LookupError(f"{path} is named by source_path and does not exist")
     yield from sorted(found for found in path.rglob("*") if found.is_file()) if path.is_dir() else [path]
 
 
-def _sha256(path: Path) -> str:
+def _hash_file(path: Path) -> str:
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 @cache
-def _distributions() -> Mapping[str, list[str]]:
+def _map_packages_to_distributions() -> Mapping[str, list[str]]:
     return metadata.packages_distributions()
 
 
-def _versions(packages: set[str]) -> dict[str, str]:
+def _read_library_versions(packages: set[str]) -> dict[str, str]:
     """Versions of the distributions that hold the packages, but for those that compute nothing."""
-    names = {name for package in packages for name in _distributions().get(package, [])}
+    names = {name for package in packages for name in _map_packages_to_distributions().get(package, [])}
     found = {name.lower().replace("_", "-"): metadata.version(name) for name in sorted(names)}
     return {name: version for name, version in sorted(found.items()) if name not in NOT_COMPUTING}

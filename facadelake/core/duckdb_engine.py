@@ -20,7 +20,7 @@ SqlError = duckdb.Error
 
 
 @cache
-def extension_file(name: str) -> Path:
+def find_extension_file(name: str) -> Path:
     """The extension's file inside its wheel; DuckDB verifies its signature when it is loaded.
 
     Raises StoreError where the wheel is missing or was made for another DuckDB.
@@ -35,13 +35,13 @@ def extension_file(name: str) -> Path:
     return path
 
 
-def sql_string(text: str | Path) -> str:
+def quote_sql_string(text: str | Path) -> str:
     """The text as an SQL string."""
     return "'" + str(text).replace("'", "''") + "'"
 
 
 @contextmanager
-def store_errors(doing: str, remedy: str) -> Iterator[None]:
+def wrap_store_errors(doing: str, remedy: str) -> Iterator[None]:
     """DuckDB's, SQLite's and the disk's errors inside the block become StoreError."""
     try:
         yield
@@ -61,6 +61,6 @@ def open_duckdb(*extensions: str) -> duckdb.DuckDBPyConnection:
     )
     connection.execute("SET enable_progress_bar = false")  # first: on a busy machine even LOAD draws one
     for name in extensions:
-        connection.execute(f"LOAD {sql_string(extension_file(name))}")
+        connection.execute(f"LOAD {quote_sql_string(find_extension_file(name))}")
     connection.execute("SET TimeZone = 'UTC'")
     return connection

@@ -28,7 +28,7 @@ DEFAULTS: Mapping[str, str] = {
 }
 
 
-def silence() -> None:
+def set_environment_defaults() -> None:
     """Set each default of DEFAULTS that the environment does not set; child processes inherit them."""
     for name, value in DEFAULTS.items():
         os.environ.setdefault(name, value)

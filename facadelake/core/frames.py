@@ -82,7 +82,7 @@ def read_similarity(path: Path) -> Similarity:
     )
 
 
-def similarity_between(
+def estimate_similarity(
     xyz_source: Float64Array, xyz_target: Float64Array, weights: Float64Array | None = None
 ) -> Similarity:
     """Least-squares similarity that takes ``xyz_source`` (n, 3) onto ``xyz_target`` (n, 3); ``weights`` (n,) or equal.

@@ -67,7 +67,7 @@ class SiteOrigin:
         return transform(self.geo_from_site(xyz_site_m), GEO, map_crs)
 
 
-def as_3d(crs_text: str) -> pyproj.CRS:
+def promote_to_3d(crs_text: str) -> pyproj.CRS:
     """A CRS with a height: a compound CRS as it is, a horizontal one with ellipsoidal height.
 
     Raises GeoreferenceError for a CRS that PROJ does not know.
@@ -82,11 +82,11 @@ def as_3d(crs_text: str) -> pyproj.CRS:
 
 
 @lru_cache(maxsize=32)
-def _transformer(source: str, target: str) -> pyproj.Transformer:
+def _select_transformer(source: str, target: str) -> pyproj.Transformer:
     """The best transformation whose grids are at hand; ballpark ones are refused, for they change nothing silently."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # pyproj warns where the best is missing; below that is an error
-        group = TransformerGroup(as_3d(source), as_3d(target), always_xy=True, allow_ballpark=False)
+        group = TransformerGroup(promote_to_3d(source), promote_to_3d(target), always_xy=True, allow_ballpark=False)
     if not group.transformers:
         missing = sorted(
             {grid.short_name for op in group.unavailable_operations for grid in op.grids if not grid.available}
@@ -114,7 +114,7 @@ def transform(points: Float64Array, source: str, target: str) -> Float64Array:
     points = np.atleast_2d(np.asarray(points, dtype=np.float64))
     if len(points) == 0:
         return points.reshape(0, 3)
-    x, y, z = _transformer(source, target).transform(points[:, 0], points[:, 1], points[:, 2])
+    x, y, z = _select_transformer(source, target).transform(points[:, 0], points[:, 1], points[:, 2])
     out = np.column_stack([x, y, z])
     if not np.isfinite(out).all():
         bad = points[~np.isfinite(out).all(axis=1)][0]

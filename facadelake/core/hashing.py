@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 
-def file_sha256(path: Path) -> str:
+def hash_file(path: Path) -> str:
     """SHA-256 of a file's bytes, in hex."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def files_sha256(paths: Sequence[Path]) -> str:
+def hash_files(paths: Sequence[Path]) -> str:
     """One hash of several files' bytes, in the order given."""
-    return hashlib.sha256("".join(file_sha256(path) for path in paths).encode()).hexdigest()
+    return hashlib.sha256("".join(hash_file(path) for path in paths).encode()).hexdigest()
 
 
-def key_of(parts: Mapping[str, Any]) -> str:
+def compute_key(parts: Mapping[str, Any]) -> str:
     """A stable key of JSON-able values (hashes, settings), whatever their order."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:24]

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 
-def _parts(name: str) -> tuple[str, ...]:
+def _split_path(name: str) -> tuple[str, ...]:
     """Path parts from the last to the first, without drive, root and dots; case does not count."""
     parts = [part for part in name.replace("\\", "/").casefold().split("/") if part not in ("", ".")]
     return tuple(reversed(parts))
@@ -33,20 +33,20 @@ class PhotoNames:
         self._exact = set(photo_ids)
         self._by_file: dict[str, list[str]] = defaultdict(list)
         for photo_id in sorted(self._exact):
-            if parts := _parts(photo_id):
+            if parts := _split_path(photo_id):
                 self._by_file[parts[0]].append(photo_id)
 
     def match(self, name: str) -> NameMatch:
         """The photograph that ``name`` means."""
         if name in self._exact:
             return NameMatch(photo_id=name)
-        wanted = _parts(name)
+        wanted = _split_path(name)
         candidates = self._by_file.get(wanted[0], []) if wanted else []
-        fitting = [c for c in candidates if all(a == b for a, b in zip(_parts(c), wanted, strict=False))]
+        fitting = [c for c in candidates if all(a == b for a, b in zip(_split_path(c), wanted, strict=False))]
         # The longest common tail decides: "a/b/IMG.JPG" means b/IMG.JPG rather than IMG.JPG of the top folder.
-        longest = max((min(len(_parts(c)), len(wanted)) for c in fitting), default=0)
-        best = [c for c in fitting if min(len(_parts(c)), len(wanted)) == longest]
-        whole = [c for c in best if len(_parts(c)) == len(wanted)]
+        longest = max((min(len(_split_path(c)), len(wanted)) for c in fitting), default=0)
+        best = [c for c in fitting if min(len(_split_path(c)), len(wanted)) == longest]
+        whole = [c for c in best if len(_split_path(c)) == len(wanted)]
         if len(best) == 1 or len(whole) == 1:
             return NameMatch(photo_id=(whole or best)[0])
         if best:

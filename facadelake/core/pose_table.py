@@ -16,7 +16,7 @@ from schemas.vocabulary import PoseSource
 _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 
 
-def pose_columns(posed: PosedCamera) -> dict[str, float]:
+def columns_from_camera(posed: PosedCamera) -> dict[str, float]:
     """Centre, attitude and intrinsics of a camera as columns of table ``poses``."""
     qx, qy, qz, qw = Rotation.from_matrix(posed.site_from_cam.rotation).as_quat(canonical=True)
     x, y, z = posed.centre_site_m
@@ -32,7 +32,7 @@ def pose_columns(posed: PosedCamera) -> dict[str, float]:
     }
 
 
-def posed_cameras(poses: pa.Table) -> dict[str, PosedCamera]:
+def read_posed_cameras(poses: pa.Table) -> dict[str, PosedCamera]:
     """The measured cameras of table ``poses`` by photo_id.
 
     Photographs without a pose are left out, and those whose pose is but their own word (``prior``): what is seen in
@@ -41,11 +41,11 @@ def posed_cameras(poses: pa.Table) -> dict[str, PosedCamera]:
     out = {}
     for row in poses.to_pylist():
         if PoseSource(row["pose_source"]).measured:
-            out[row["photo_id"]] = _posed(row)
+            out[row["photo_id"]] = _posed_camera_from_row(row)
     return out
 
 
-def pose_covariances(poses: pa.Table) -> dict[str, Float64Array]:
+def read_pose_covariances(poses: pa.Table) -> dict[str, Float64Array]:
     """Covariances (6, 6) by photo_id of the measured cameras of table ``poses`` that have one.
 
     Order: centre (m, site), then attitude (rad) about the camera's own x, y, z: site_from_cam exp([turn]x).
@@ -57,7 +57,7 @@ def pose_covariances(poses: pa.Table) -> dict[str, Float64Array]:
     }
 
 
-def _posed(row: dict[str, Any]) -> PosedCamera:
+def _posed_camera_from_row(row: dict[str, Any]) -> PosedCamera:
     rotation = Rotation.from_quat([row["qx"], row["qy"], row["qz"], row["qw"]]).as_matrix()
     camera = Camera(
         width_px=row["image_width_px"],

@@ -1,6 +1,6 @@
 """Progress of long work, told to whoever listens (the command line draws bars; a server run logs).
 
-The domain calls ``track`` or ``stage_progress``; a front end installs a listener with ``listening``.
+The domain calls ``track`` or ``report_progress``; a front end installs a listener with ``listen_to_progress``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class ProgressListener(Protocol):
         """The piece of work ended, well or not."""
 
 
-class _Silence:
+class _NullListener:
     def begin(self, label: str, total: int | None) -> int:
         return 0
 
@@ -37,12 +37,12 @@ class _Silence:
         pass
 
 
-_SILENCE = _Silence()
-_listener: ContextVar[ProgressListener] = ContextVar("facadelake_progress", default=_SILENCE)
+_NULL_LISTENER = _NullListener()
+_listener: ContextVar[ProgressListener] = ContextVar("facadelake_progress", default=_NULL_LISTENER)
 
 
 @contextmanager
-def listening(listener: ProgressListener) -> Iterator[None]:
+def listen_to_progress(listener: ProgressListener) -> Iterator[None]:
     """All progress inside the block goes to ``listener``."""
     token = _listener.set(listener)
     try:
@@ -51,7 +51,7 @@ def listening(listener: ProgressListener) -> Iterator[None]:
         _listener.reset(token)
 
 
-class Step:
+class ProgressStep:
     """Handle of one piece of work: call ``advance`` as it goes."""
 
     def __init__(self, listener: ProgressListener, handle: int) -> None:
@@ -63,12 +63,12 @@ class Step:
 
 
 @contextmanager
-def stage_progress(label: str, total: int | None = None) -> Iterator[Step]:
+def report_progress(label: str, total: int | None = None) -> Iterator[ProgressStep]:
     """A piece of work of ``total`` steps; its bar ends with the block."""
     listener = _listener.get()
     handle = listener.begin(label, total)
     try:
-        yield Step(listener, handle)
+        yield ProgressStep(listener, handle)
     finally:
         listener.end(handle)
 
@@ -76,7 +76,7 @@ def stage_progress(label: str, total: int | None = None) -> Iterator[Step]:
 def track(items: Iterable[T], *, label: str, total: int | None = None) -> Iterator[T]:
     """The items, one progress step each."""
     count = total if total is not None else (len(items) if isinstance(items, Sized) else None)
-    with stage_progress(label, count) as step:
+    with report_progress(label, count) as step:
         for item in items:
             yield item
             step.advance()

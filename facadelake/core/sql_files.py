@@ -47,18 +47,19 @@ def read_statement_file(path: Path) -> tuple[SqlStatement, ...]:
     if len({len(values) for values in columns.values()}) > 1:
         raise StoreError(f"{path.name}: its placeholders {', '.join(columns)} have different numbers of values")
     if not columns:
-        return (_statement(path.stem, text, path.name),)
+        return (_build_statement(path.stem, text, path.name),)
     return tuple(
-        _statement(f"{path.stem}_{filled['{table}']}", _fill(text, filled), path.name) for filled in _rows(columns)
+        _build_statement(f"{path.stem}_{filled['{table}']}", _fill_template(text, filled), path.name)
+        for filled in _zip_placeholder_values(columns)
     )
 
 
-def _rows(columns: dict[str, list[str]]) -> Iterator[dict[str, str]]:
+def _zip_placeholder_values(columns: dict[str, list[str]]) -> Iterator[dict[str, str]]:
     for values in zip(*columns.values(), strict=True):
         yield dict(zip(columns, values, strict=True))
 
 
-def _fill(text: str, values: dict[str, str]) -> str:
+def _fill_template(text: str, values: dict[str, str]) -> str:
     lines = [line for line in text.splitlines(keepends=True) if not line.startswith("-- {")]
     filled = "".join(lines)
     for name, value in values.items():
@@ -76,7 +77,7 @@ def _read_header(text: str) -> dict[str, str]:
     return header
 
 
-def _statement(name: str, text: str, file: str) -> SqlStatement:
+def _build_statement(name: str, text: str, file: str) -> SqlStatement:
     header = _read_header(text)
     missing = [word for word in ("grain", "meaning") if word not in header]
     if missing:

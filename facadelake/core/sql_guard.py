@@ -15,10 +15,10 @@ import duckdb
 from facadelake.core.errors import InputDataError
 
 # Table functions that make rows out of their arguments alone.
-FUNCTIONS = frozenset({"range", "generate_series", "unnest"})
+ALLOWED_FUNCTIONS = frozenset({"range", "generate_series", "unnest"})
 
 
-def refuse_unless_plain_select(connection: duckdb.DuckDBPyConnection, sql: str, tables: frozenset[str]) -> None:
+def require_plain_select(connection: duckdb.DuckDBPyConnection, sql: str, tables: frozenset[str]) -> None:
     """Raise InputDataError unless ``sql`` is one SELECT over ``tables`` (lower-case names), by DuckDB's own parser."""
     row = connection.execute("SELECT json_serialize_sql(?::VARCHAR)", [sql]).fetchone()
     parsed: dict[str, Any] = json.loads(row[0]) if row else {}
@@ -26,21 +26,21 @@ def refuse_unless_plain_select(connection: duckdb.DuckDBPyConnection, sql: str, 
         message = str(parsed.get("error_message", "it cannot be parsed"))
         if parsed.get("error_type") == "not implemented":
             message = "it is no SELECT"
-        raise InputDataError(f"the lake only answers a SELECT and this was refused ({message}): {_short(sql)}")
+        raise InputDataError(f"the lake only answers a SELECT and this was refused ({message}): {_shorten(sql)}")
     if len(parsed["statements"]) != 1:
-        raise InputDataError(f"one statement at a time; this holds {len(parsed['statements'])}: {_short(sql)}")
-    nodes = list(_objects(parsed))
+        raise InputDataError(f"one statement at a time; this holds {len(parsed['statements'])}: {_shorten(sql)}")
+    nodes = list(_walk_objects(parsed))
     known = tables | {
-        str(entry["key"]).lower() for node in nodes for entry in _entries(node.get("cte_map"))
+        str(entry["key"]).lower() for node in nodes for entry in _read_cte_entries(node.get("cte_map"))
     }  # names given by WITH
     for node in nodes:
-        _judge(node, known)
+        _check_node(node, known)
 
 
-def _judge(node: dict[str, Any], known: frozenset[str]) -> None:
+def _check_node(node: dict[str, Any], known: frozenset[str]) -> None:
     if node.get("type") == "TABLE_FUNCTION":
         name = str(node["function"].get("function_name", "")).lower()
-        if name not in FUNCTIONS:
+        if name not in ALLOWED_FUNCTIONS:
             raise InputDataError(f"the table function {name} may not be used in a question; ask the tables and views")
     if node.get("type") in ("BASE_TABLE", "SHOW_REF") and node.get("table_name"):
         catalog, schema = str(node.get("catalog_name", "")), str(node.get("schema_name", ""))
@@ -53,20 +53,20 @@ def _judge(node: dict[str, Any], known: frozenset[str]) -> None:
             raise InputDataError(f"there is no table {full} in the lake; there are {', '.join(sorted(known))}")
 
 
-def _objects(value: Any) -> Iterator[dict[str, Any]]:
+def _walk_objects(value: Any) -> Iterator[dict[str, Any]]:
     if isinstance(value, dict):
         yield value
         for part in value.values():
-            yield from _objects(part)
+            yield from _walk_objects(part)
     elif isinstance(value, list):
         for part in value:
-            yield from _objects(part)
+            yield from _walk_objects(part)
 
 
-def _entries(cte_map: Any) -> list[dict[str, Any]]:
+def _read_cte_entries(cte_map: Any) -> list[dict[str, Any]]:
     return cte_map["map"] if isinstance(cte_map, dict) else []
 
 
-def _short(sql: str) -> str:
+def _shorten(sql: str) -> str:
     words = " ".join(sql.split())
     return words if len(words) <= 120 else words[:117] + "..."

@@ -47,6 +47,6 @@ def is_present(library: Library, root: Path = Path("/")) -> bool:
     return True
 
 
-def install_command(packages: Sequence[str]) -> str:
+def format_install_command(packages: Sequence[str]) -> str:
     """The one command that installs Debian or Ubuntu packages."""
     return f"sudo apt-get update && sudo apt-get install -y --no-install-recommends {' '.join(packages)}"

@@ -13,17 +13,17 @@ from facadelake.core.errors import SchemaError
 from schemas.tables import RUN_KEYS, TABLES
 
 
-def stage_schema(name: str) -> pa.Schema:
+def get_stage_schema(name: str) -> pa.Schema:
     """The Arrow schema of table ``name`` without building_id, campaign_id and run_id."""
     return pa.schema([field for field in TABLES[name].arrow if field.name not in RUN_KEYS])
 
 
-def table_of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+def table_from_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     """Rows as a table of kind ``name``; optional columns may be left out of a row.
 
     Raises SchemaError for a column the table does not have, a missing required one, or a value of another type.
     """
-    schema = stage_schema(name)
+    schema = get_stage_schema(name)
     for row in rows:
         unknown = row.keys() - set(schema.names)
         if unknown:
@@ -37,7 +37,7 @@ def table_of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
 
 def check_table(name: str, table: pa.Table) -> pa.Table:
     """The table itself, if it has exactly the columns and types of ``name`` and no empty value where none may be."""
-    schema = stage_schema(name)
+    schema = get_stage_schema(name)
     if not table.schema.equals(schema):
         raise SchemaError(
             f"table {name} has the columns {table.schema.to_string()}; schemas/ wants {schema.to_string()}"
@@ -61,7 +61,7 @@ def read_table(name: str, folder: Path) -> pa.Table:
     return check_table(name, pq.read_table(folder / f"{name}.parquet"))
 
 
-def with_run_keys(name: str, table: pa.Table, *, building_id: str, campaign_id: str, run_id: str) -> pa.Table:
+def add_run_keys(name: str, table: pa.Table, *, building_id: str, campaign_id: str, run_id: str) -> pa.Table:
     """The stage table with its three run keys in front, as the lake holds it."""
     keys = {"building_id": building_id, "campaign_id": campaign_id, "run_id": run_id}
     columns = [pa.array([value] * len(table), pa.string()) for value in keys.values()]

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
-from facadelake.core.tables import check_table, stage_schema
+from facadelake.core.tables import check_table, get_stage_schema
 from facadelake.deduplication.aggregate import commonest
 from facadelake.deduplication.gate import joined_pairs, measured, placing_m2
 from facadelake.deduplication.grouping import Grouping
@@ -50,7 +50,7 @@ def merges_table(
         "overlap_share": pa.array(pairs.overlap[kept]),
         "appearance_score": pa.array(np.clip(score, -1.0, 1.0), mask=np.isnan(score)),
     }
-    schema = stage_schema("merges")
+    schema = get_stage_schema("merges")
     return check_table("merges", pa.Table.from_arrays([values[field.name] for field in schema], schema=schema))
 
 

@@ -12,7 +12,7 @@ import shapely
 from facadelake.building import BuildingModel
 from facadelake.building.facades import COMPASS
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndices
-from facadelake.core.tables import check_table, stage_schema
+from facadelake.core.tables import check_table, get_stage_schema
 from facadelake.deduplication.aggregate import commonest, greatest, weighted_median
 from facadelake.deduplication.crack_width import crack_evidence
 from facadelake.deduplication.observations import CLASSES, Sightings, codes_of, column
@@ -101,7 +101,7 @@ def defects_table(
     }
     order = _stable_order(values, positions.xyz_site_m, classes, sightings.photo[best])
     names = pa.array([f"{prefix}-D{place:04d}" for place in range(1, groups + 1)], pa.string())
-    schema = stage_schema("defects")
+    schema = get_stage_schema("defects")
     made = [
         names
         if field.name == "defect_id"

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndices
-from facadelake.core.parallel import side_by_side
+from facadelake.core.parallel import map_blocks
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration import tangents_of
@@ -89,7 +89,7 @@ def pairs_of(sightings: Sightings, noise: Noise, settings: MergeSettings, *, wit
         pairs = measured(sightings, rows, placing, noise, settings)
         return pairs.take(pairs.sigmas <= within_sigmas)
 
-    found = [part for rows in _near(sightings, settings) for part in side_by_side(near, _parts(rows))]
+    found = [part for rows in _near(sightings, settings) for part in map_blocks(near, _parts(rows))]
     whole = joined_pairs(found)
     return whole.take(np.lexsort((whole.second, whole.first)))
 
@@ -98,7 +98,7 @@ def measured_again(sightings: Sightings, pairs: Pairs, noise: Noise, settings: M
     """The same pairs by another noise."""
     placing = placing_m2(sightings, noise)
     rows = np.column_stack([pairs.first, pairs.second])
-    parts = side_by_side(lambda part: measured(sightings, part, placing, noise, settings), _parts(rows))
+    parts = map_blocks(lambda part: measured(sightings, part, placing, noise, settings), _parts(rows))
     return joined_pairs(parts)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.arrays import Float64Array, RowIndices
-from facadelake.core.parallel import side_by_side
+from facadelake.core.parallel import map_blocks
 from facadelake.deduplication.gate import Noise, placing_m2
 from facadelake.deduplication.observations import Sightings
 from facadelake.registration import tangents_of
@@ -118,7 +118,7 @@ def triangulated(rays: Rays, planes: Planes, hold_m: float) -> Places:
         own = Planes(xyz_site_m=planes.xyz_site_m[groups], normal_site=planes.normal_site[groups])
         return _triangulated(rays.part(groups), own, hold_m)
 
-    found = side_by_side(part, parts)
+    found = map_blocks(part, parts)
     return Places(
         xyz_site_m=np.concatenate([f.xyz_site_m for f in found]),
         covariance_m2=np.concatenate([f.covariance_m2 for f in found]),

@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 from filelock import FileLock
 
-from facadelake.core.code_version import code_version
+from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import FacadelakeError
-from facadelake.core.hashing import key_of
-from facadelake.core.progress import stage_progress
+from facadelake.core.hashing import compute_key
+from facadelake.core.progress import report_progress
 from facadelake.demo.building.ifc_writer import write_ifc
 from facadelake.demo.building.placement import Placement, place_model
 from facadelake.demo.building.solids import ifc_solids
@@ -76,7 +76,7 @@ def generate_demo(recipe: DemoRecipe, out: Path) -> DemoFiles:
 
     It is made in a folder beside ``out`` that takes its place at the end, so a killed run leaves nothing half-written.
     """
-    key = key_of({"recipe": recipe.model_dump(mode="json"), "code": code_version(__name__).sha256})
+    key = compute_key({"recipe": recipe.model_dump(mode="json"), "code": compute_code_version(__name__).sha256})
     out = out.resolve()
     out.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(out.parent / f".{out.name}.lock"):
@@ -119,7 +119,7 @@ def _make(recipe: DemoRecipe, out: Path) -> None:
     homes = {d.id: home_of(world, spot_of(world, d, "present"), model_rays) for d in recipe.defects}
     photographs = sum(c.flight.orbit_count + sum(r.count for r in c.flight.close) for c in recipe.campaigns)
     total = photographs + len(recipe.campaigns) * 4
-    with stage_progress("Demo building: model, light and photographs", total) as step:
+    with report_progress("Demo building: model, light and photographs", total) as step:
         for index, campaign in enumerate(recipe.campaigns):
             folder = out / "campaigns" / campaign.id
             shots = plan_flight(world, campaign, placement.origin.geo_from_site)

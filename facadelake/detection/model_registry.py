@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import ModelError, StoreError
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.detection.card import card_path, card_text
 from facadelake.detection.inference.cards import find_card
 
@@ -72,10 +72,10 @@ def default_model(folder: Path = MODELS) -> Path:
             f"the default detector {path} does not exist; restore it, promote another with 'facadelake promote-model', "
             "or name a model's file in the registry"
         )
-    if known and file_sha256(path) != known[-1].sha256:
+    if known and hash_file(path) != known[-1].sha256:
         raise ModelError(
             f"the default detector {path} was changed since {known[-1].by} promoted it (hash "
-            f"{file_sha256(path)[:12]}, promoted {known[-1].sha256[:12]}); restore it, or promote it anew"
+            f"{hash_file(path)[:12]}, promoted {known[-1].sha256[:12]}); restore it, or promote it anew"
         )
     return path
 
@@ -89,7 +89,7 @@ def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | No
     cannot be written.
     """
     card = find_card(model)
-    sha256 = file_sha256(model)
+    sha256 = hash_file(model)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", card.name).strip("-.") or "model"
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -16,9 +16,9 @@ import pyarrow as pa
 from facadelake.core.arrays import Float64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Similarity, similarity_between
+from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust
 from facadelake.georeferencing.adjustment.evidence import Evidence
 from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
@@ -74,7 +74,7 @@ class Georeferenced:
 
     def table(self) -> pa.Table:
         """Table `georeference`, one row."""
-        return table_of_rows("georeference", [self.row])
+        return table_from_rows("georeference", [self.row])
 
     def reference(
         self,
@@ -242,7 +242,7 @@ def _described(
         held_out_m=held_out_m,
         remedy=_REMEDY,
     )
-    site_from_sfm = similarity_between(reconstruction.xyz_sfm[adjusted.ties.point], adjusted.xyz_site_m)
+    site_from_sfm = estimate_similarity(reconstruction.xyz_sfm[adjusted.ties.point], adjusted.xyz_site_m)
     ids = [photo.photo_id for photo in reconstruction.photos]
     covariance = adjusted.covariance.copy()
     covariance[:, :3, :3] += start.frame_covariance_m2

@@ -13,7 +13,7 @@ import shapely
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.adjustment.adjust import Adjusted, held_out_residuals
 from facadelake.georeferencing.adjustment.model_terms import SurfaceLike, walls_of
 from facadelake.georeferencing.gps.alignment import GpsPriors
@@ -42,7 +42,7 @@ class PassportPoint:
 def points_table(points: Sequence[PassportPoint], origin: SiteOrigin) -> pa.Table:
     """Table ``georeference_points``."""
     if not points:
-        return table_of_rows("georeference_points", [])
+        return table_from_rows("georeference_points", [])
     geo = origin.geo_from_site(np.array([point.xyz_site_m for point in points]))
     rows: list[dict[str, Any]] = []
     for point, (lon, lat, height) in zip(points, geo.tolist(), strict=True):
@@ -62,7 +62,7 @@ def points_table(points: Sequence[PassportPoint], origin: SiteOrigin) -> pa.Tabl
                 "geometry": shapely.to_wkb(shapely.Point(lon, lat, height), output_dimension=3, flavor="iso"),
             }
         )
-    return table_of_rows("georeference_points", rows)
+    return table_from_rows("georeference_points", rows)
 
 
 @dataclass(frozen=True, kw_only=True)

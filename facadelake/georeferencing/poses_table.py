@@ -14,8 +14,8 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.pose_table import pose_columns
-from facadelake.core.tables import table_of_rows
+from facadelake.core.pose_table import columns_from_camera
+from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.georeference import Georeferenced
 from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, rotation_of_attitude
 from facadelake.sfm import Reconstruction
@@ -59,14 +59,14 @@ def build_poses_table(
             rows.append(
                 said | {"pose_source": PoseSource.PRIOR} | placed_columns(prior.posed, prior.covariance, origin)
             )
-    return table_of_rows("poses", rows)
+    return table_from_rows("poses", rows)
 
 
 def placed_columns(posed: PosedCamera, covariance: Float64Array, origin: SiteOrigin) -> dict[str, Any]:
     """Centre in site and EPSG:4979, attitude, intrinsics, and the ``covariance`` (6, 6) with its sigmas, as columns."""
     lon, lat, height = origin.geo_from_site(posed.centre_site_m[None])[0].tolist()
     return {
-        **pose_columns(posed),
+        **columns_from_camera(posed),
         "lon_deg": lon,
         "lat_deg": lat,
         "height_ellipsoidal_m": height,

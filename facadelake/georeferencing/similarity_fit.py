@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Similarity, similarity_between
+from facadelake.core.frames import Similarity, estimate_similarity
 
 # Three points fix a similarity; a draw whose triangle is thinner than this (height over longest side) is not tried.
 _THINNEST_TRIANGLE = 0.02
@@ -35,13 +35,13 @@ def robust_similarity(source: Float64Array, target: Float64Array, sigma: Float64
     on a line, or fewer than 3 that agree. Source: Fischler and Bolles 1981; Umeyama 1991.
     """
     if len(source) < 3:
-        similarity_between(source, target)  # says what is missing
+        estimate_similarity(source, target)  # says what is missing
     best: BoolArray = np.zeros(len(source), dtype=bool)
     best_cost = np.inf
     for triple in _triples(len(source), seed):
         if _thin(source[triple]) or _thin(target[triple]):
             continue
-        distance = _normalised(source, target, sigma, similarity_between(source[triple], target[triple]))
+        distance = _normalised(source, target, sigma, estimate_similarity(source[triple], target[triple]))
         cost = float(np.minimum(distance, _OUTLIER_SIGMAS).sum())  # MSAC: inliers count by how well they fit
         if cost < best_cost:
             best, best_cost = distance < _OUTLIER_SIGMAS, cost
@@ -52,7 +52,7 @@ def robust_similarity(source: Float64Array, target: Float64Array, sigma: Float64
         )
     weight = 1.0 / (sigma**2).sum(axis=1)
     for _ in range(10):
-        fit = similarity_between(source[best], target[best], weight[best])
+        fit = estimate_similarity(source[best], target[best], weight[best])
         now = _normalised(source, target, sigma, fit) < _OUTLIER_SIGMAS
         if now.sum() < 3 or (now == best).all():
             break

@@ -13,7 +13,7 @@ from facadelake.building.surface import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.integrity.depth import DepthComparison, compare_depth
 from schemas.vocabulary import IntegrityOutcome
 
@@ -50,7 +50,7 @@ def integrity_views(
         built, _ = as_built.depth_image(camera, scale)
         seen = float(np.isfinite(model).mean())
         rows.append(_row(photo_id, seen, compare_depth(model, built), settings))
-    return table_of_rows("integrity_views", rows)
+    return table_from_rows("integrity_views", rows)
 
 
 def nothing_to_compare(
@@ -59,7 +59,7 @@ def nothing_to_compare(
     outcome: IntegrityOutcome = IntegrityOutcome.TOO_LITTLE_SURFACE,
 ) -> pa.Table:
     """Table ``integrity_views`` where model or as-built surface is missing: each view says why it was not compared."""
-    return table_of_rows(
+    return table_from_rows(
         "integrity_views",
         [
             {"photo_id": photo_id, "compared_share": 0.0, "integrity_outcome": str(outcome), "reason": reason}

@@ -11,7 +11,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.core.tables import table_of_rows, with_run_keys
+from facadelake.core.tables import add_run_keys, table_from_rows
 from schemas.vocabulary import PhotoOutcome, PoseSource
 
 
@@ -90,9 +90,9 @@ def build_campaign_tables(
 ) -> dict[str, pa.Table]:
     """The stages' tables and the rows of ``buildings``, ``campaigns`` and ``runs``, all without the run's keys."""
     return {
-        "buildings": table_of_rows("buildings", [building.row()]),
-        "campaigns": table_of_rows("campaigns", [campaign_row(photographs_uri, stage_tables)]),
-        "runs": table_of_rows("runs", [run.row()]),
+        "buildings": table_from_rows("buildings", [building.row()]),
+        "campaigns": table_from_rows("campaigns", [campaign_row(photographs_uri, stage_tables)]),
+        "runs": table_from_rows("runs", [run.row()]),
         **stage_tables,
     }
 
@@ -100,4 +100,4 @@ def build_campaign_tables(
 def lake_tables(tables: Mapping[str, pa.Table], run: RunRecord) -> dict[str, pa.Table]:
     """The tables with building_id, campaign_id and run_id in front, as the lake holds them."""
     keys = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
-    return {name: with_run_keys(name, table, **keys) for name, table in tables.items()}
+    return {name: add_run_keys(name, table, **keys) for name, table in tables.items()}

@@ -11,16 +11,16 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 import facadelake.core.environment
-from facadelake.core.checkout import source_path
+from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import SchemaError, StoreError
 from facadelake.core.sql_files import SqlStatement, read_statements
-from facadelake.core.tables import stage_schema, table_of_rows
+from facadelake.core.tables import get_stage_schema, table_from_rows
 from schemas.expectations import Expectation, expectations
 from schemas.tables import RUN_KEYS, TABLES
 
 CHECKED = tuple(name for name in TABLES if name != "checks")
-CHECKS = source_path("sql/checks")
+CHECKS = locate_source("sql/checks")
 EXAMPLES = 5  # unexpected values or rows kept in a result's detail
 
 
@@ -35,12 +35,12 @@ def validate(tables: Mapping[str, pa.Table]) -> pa.Table:
         if name not in tables:
             raise SchemaError(f"table {name} is missing from the campaign; the checks need all of {', '.join(CHECKED)}")
         stage[name] = tables[name].drop_columns([key for key in RUN_KEYS if key in tables[name].column_names])
-        if not stage[name].schema.equals(stage_schema(name)):
+        if not stage[name].schema.equals(get_stage_schema(name)):
             raise SchemaError(
                 f"table {name} has the columns {stage[name].schema.to_string()}; "
-                f"schemas/ wants {stage_schema(name).to_string()}"
+                f"schemas/ wants {get_stage_schema(name).to_string()}"
             )
-    return table_of_rows("checks", [*_each_table(stage), *across_tables(stage)])
+    return table_from_rows("checks", [*_each_table(stage), *across_tables(stage)])
 
 
 def failures(checks: pa.Table) -> pa.Table:
@@ -58,7 +58,7 @@ def failure_text(checks: pa.Table) -> str:
 
 
 def _each_table(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
-    facadelake.core.environment.silence()
+    facadelake.core.environment.set_environment_defaults()
     # Great Expectations takes seconds to import; only a run that validates pays for it.
     import great_expectations as gx
     from great_expectations.data_context.types.base import ProgressBarsConfig

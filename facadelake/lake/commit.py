@@ -10,7 +10,7 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from facadelake.core.duckdb_engine import store_errors
+from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import SchemaError
 from facadelake.lake.connect import LOCK_TIMEOUT_S
 from facadelake.lake.migrate import open_to_write
@@ -61,7 +61,7 @@ def commit_campaign(
     """
     run = _checked_run(building_id, campaign_id, run_id, tables, inputs_sha256)
     doing = f"committing {building_id} {campaign_id} to the lake {lake}"
-    with open_to_write(lake, lock_timeout_s) as connection, store_errors(doing, _REMEDY):
+    with open_to_write(lake, lock_timeout_s) as connection, wrap_store_errors(doing, _REMEDY):
         known = _version_of_same_run(connection, run)
         if known is not None:
             logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)

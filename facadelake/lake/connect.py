@@ -14,7 +14,7 @@ from pathlib import Path
 import duckdb
 from filelock import FileLock, Timeout
 
-from facadelake.core.duckdb_engine import open_duckdb, sql_string, store_errors
+from facadelake.core.duckdb_engine import open_duckdb, quote_sql_string, wrap_store_errors
 from facadelake.core.errors import StoreError
 
 CATALOG = "catalog.sqlite"
@@ -27,10 +27,10 @@ LAKE_EXTENSIONS = ("sqlite_scanner", "ducklake")  # GEOMETRY is DuckDB's own; sp
 
 
 def _attach(connection: duckdb.DuckDBPyConnection, folder: Path, options: str) -> None:
-    catalog = sql_string(f"ducklake:sqlite:{folder / CATALOG}")
+    catalog = quote_sql_string(f"ducklake:sqlite:{folder / CATALOG}")
     # The catalog remembers an absolute data path; overriding it keeps a moved folder readable.
     connection.execute(
-        f"ATTACH {catalog} AS lake (DATA_PATH {sql_string(f'{folder / DATA}/')}, OVERRIDE_DATA_PATH true, "
+        f"ATTACH {catalog} AS lake (DATA_PATH {quote_sql_string(f'{folder / DATA}/')}, OVERRIDE_DATA_PATH true, "
         f"DATA_INLINING_ROW_LIMIT 0, META_BUSY_TIMEOUT {BUSY_TIMEOUT_MS}{options})"
     )
     connection.execute("USE lake")
@@ -59,11 +59,11 @@ def reading(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.DuckDB
         raise StoreError(f"there is no lake in {folder} (no {CATALOG}); inspect a campaign first, or name another lake")
     snapshot = "" if as_of is None else f", SNAPSHOT_VERSION {int(as_of)}"
     version = "" if as_of is None else f" at version {as_of}"
-    with store_errors(f"opening the lake {folder}{version}", _OPENING):
+    with wrap_store_errors(f"opening the lake {folder}{version}", _OPENING):
         recover(folder)
         connection = open_duckdb(*LAKE_EXTENSIONS)
     with closing(connection):
-        with store_errors(f"opening the lake {folder}{version}", _OPENING):
+        with wrap_store_errors(f"opening the lake {folder}{version}", _OPENING):
             _attach(connection, folder, f", READ_ONLY{snapshot}")
         yield connection
 
@@ -74,7 +74,7 @@ def locked(folder: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]
 
     Raises StoreError when another process holds it longer than ``timeout_s`` seconds.
     """
-    with store_errors(f"making the lake's folder {folder}", "choose a folder that you may write to"):
+    with wrap_store_errors(f"making the lake's folder {folder}", "choose a folder that you may write to"):
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / LOCK)
         try:
@@ -94,10 +94,10 @@ def locked(folder: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]
 def writing(folder: Path) -> Iterator[duckdb.DuckDBPyConnection]:
     """A connection that may write the lake ``folder``, which is made if need be; hold ``locked`` around it."""
     folder = folder.resolve()
-    with store_errors(f"opening the lake {folder} for writing", "check the folder's rights and free space"):
+    with wrap_store_errors(f"opening the lake {folder} for writing", "check the folder's rights and free space"):
         (folder / DATA).mkdir(parents=True, exist_ok=True)
         connection = open_duckdb(*LAKE_EXTENSIONS)
     with closing(connection):
-        with store_errors(f"opening the lake {folder} for writing", "check the folder's rights and free space"):
+        with wrap_store_errors(f"opening the lake {folder} for writing", "check the folder's rights and free space"):
             _attach(connection, folder, "")
         yield connection

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import duckdb
 
-from facadelake.core.checkout import source_path
-from facadelake.core.duckdb_engine import store_errors
+from facadelake.core.checkout import locate_source
+from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import StoreError
 from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, writing
 from facadelake.lake.transaction import transaction
 
-MIGRATIONS = source_path("sql/migrations")
+MIGRATIONS = locate_source("sql/migrations")
 # The one table that is not a migration's: it says which of them were applied.
 LEDGER = """CREATE TABLE IF NOT EXISTS migrations (
     number BIGINT NOT NULL, name VARCHAR NOT NULL, applied_at TIMESTAMP WITH TIME ZONE NOT NULL)"""
@@ -73,13 +73,13 @@ def migrate(connection: duckdb.DuckDBPyConnection, folder: Path = MIGRATIONS) ->
     Each migration is one transaction, so that a failure leaves the lake at the version before it.
     """
     steps = migrations(folder)
-    with store_errors("reading the lake's schema version", "check that the lake's files are whole"):
+    with wrap_store_errors("reading the lake's schema version", "check that the lake's files are whole"):
         found = schema_version(connection)
     refuse_newer(found, len(steps))
     for step in steps[found:]:
         logger.info("lake migration %s", step.name)
         doing, remedy = f"migration {step.name} of the lake", "the lake stays as it was; check free space"
-        with store_errors(doing, remedy), transaction(connection):
+        with wrap_store_errors(doing, remedy), transaction(connection):
             connection.execute(LEDGER)
             connection.execute(step.sql)
             connection.execute("INSERT INTO migrations VALUES (?, ?, now())", [step.number, step.name])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.core.checkout import source_path
+from facadelake.core.checkout import locate_source
 from facadelake.core.errors import InputDataError
 from facadelake.core.sql_files import SqlStatement, read_statements
 from facadelake.lake.read import Value, query
@@ -15,7 +15,7 @@ from facadelake.lake.read import Value, query
 
 def list_questions() -> tuple[SqlStatement, ...]:
     """The named questions, each with its grain, meaning and parameters."""
-    return read_statements(source_path("sql/questions"))
+    return read_statements(locate_source("sql/questions"))
 
 
 def ask(lake: Path, name: str, parameters: Mapping[str, Value] | None = None, *, as_of: int | None = None) -> pa.Table:

@@ -9,18 +9,18 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from facadelake.core.checkout import source_path
-from facadelake.core.duckdb_engine import extension_file, sql_string, store_errors
+from facadelake.core.checkout import locate_source
+from facadelake.core.duckdb_engine import find_extension_file, quote_sql_string, wrap_store_errors
 from facadelake.core.errors import InputDataError, SchemaError, StoreError
 from facadelake.core.sql_files import read_statements
-from facadelake.core.sql_guard import refuse_unless_plain_select
+from facadelake.core.sql_guard import require_plain_select
 from facadelake.lake.connect import DATA, reading
 from facadelake.lake.migrate import refuse_newer, schema_version
 from schemas.column import Kind
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 
-VIEWS = source_path("sql/views")
-EARLIER = source_path("sql/earlier")
+VIEWS = locate_source("sql/views")
+EARLIER = locate_source("sql/earlier")
 Value = str | int | float | bool | None
 
 
@@ -30,7 +30,7 @@ def bring_up_to_date(connection: duckdb.DuckDBPyConnection, lake: Path) -> None:
     Views of ``sql/earlier/<schema version>/`` take the tables' names in this connection; the lake is not written.
     Raises StoreError for a lake that a newer Facadelake has written.
     """
-    with store_errors(f"reading the lake {lake}", "check that its files are whole"):
+    with wrap_store_errors(f"reading the lake {lake}", "check that its files are whole"):
         found = schema_version(connection)
         refuse_newer(found, SCHEMA_VERSION)
         newest: dict[str, str] = {}
@@ -78,7 +78,9 @@ def read_tables(
     found = {}
     with reading(lake, as_of=as_of) as connection:
         bring_up_to_date(connection, lake)
-        with store_errors(f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole"):
+        with wrap_store_errors(
+            f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole"
+        ):
             connection.execute("BEGIN")  # one transaction sees one version
             for name in names:
                 kind = LAKE_TABLES[name]
@@ -98,7 +100,7 @@ def versions(lake: Path) -> pa.Table:
     regrading or a review made the version), regraded_by and reviewed_by (null where they did not); the oldest first."""
     with reading(lake) as connection:
         bring_up_to_date(connection, lake)
-        with store_errors(f"reading the versions of the lake {lake}", "check that the lake's files are whole"):
+        with wrap_store_errors(f"reading the versions of the lake {lake}", "check that the lake's files are whole"):
             view = next(view for view in read_statements(VIEWS) if view.name == "versions")
             rows = connection.execute(f"SELECT * FROM ({view.sql}) ORDER BY version, campaign_id").to_arrow_table()
     return rows.cast(
@@ -124,7 +126,7 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
     """
     with sealed(lake, as_of) as connection:
         views = {view.name for view in read_statements(VIEWS)}
-        refuse_unless_plain_select(connection, sql, frozenset(LAKE_TABLES) | views)
+        require_plain_select(connection, sql, frozenset(LAKE_TABLES) | views)
         try:
             rows = connection.execute(sql, dict(parameters) if parameters else None).to_arrow_table()
         except (duckdb.IOException, duckdb.InternalException, duckdb.FatalException) as error:
@@ -140,11 +142,11 @@ def sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]
     """A reading connection with the views, that can open no file but the lake's own and cannot be reconfigured."""
     with reading(lake, as_of=as_of) as connection:
         bring_up_to_date(connection, lake)
-        with store_errors(f"preparing the lake {lake} for questions", "check that its files are whole"):
-            connection.execute(f"LOAD {sql_string(extension_file('spatial'))}")
+        with wrap_store_errors(f"preparing the lake {lake} for questions", "check that its files are whole"):
+            connection.execute(f"LOAD {quote_sql_string(find_extension_file('spatial'))}")
             for view in read_statements(VIEWS):
                 connection.execute(f"CREATE TEMP VIEW {view.name} AS {view.sql}")
-            data = sql_string(f"{lake.resolve() / DATA}/")
+            data = quote_sql_string(f"{lake.resolve() / DATA}/")
             connection.execute(f"SET allowed_directories = [{data}]")
             connection.execute("SET enable_external_access = false")
             connection.execute("SET lock_configuration = true")

@@ -15,7 +15,7 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.core.duckdb_engine import store_errors
+from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import InputDataError
 from facadelake.lake.connect import LOCK_TIMEOUT_S
 from facadelake.lake.migrate import open_to_write
@@ -79,7 +79,7 @@ def regrade(
         return expected
     with open_to_write(lake, lock_timeout_s) as connection:
         found, changed = _judged(lake, building_id, campaign_id, rule_file)
-        with store_errors(f"regrading {building_id} in the lake {lake}", _REMEDY):
+        with wrap_store_errors(f"regrading {building_id} in the lake {lake}", _REMEDY):
             version = _write(connection, found, changed)
     logger.info("%s regraded by %s as version %d", building_id, found.rules, version)
     return Regrading(

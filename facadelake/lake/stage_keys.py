@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from facadelake.core.duckdb_engine import store_errors
+from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.lake.connect import exists, reading
 from facadelake.lake.migrate import schema_version
 
@@ -36,7 +36,7 @@ def read_stage_keys(lake: Path) -> tuple[RunKeys, ...]:
         return ()
     with (
         reading(lake) as connection,
-        store_errors(f"reading the runs of the lake {lake}", "check that the lake's files are whole"),
+        wrap_store_errors(f"reading the runs of the lake {lake}", "check that the lake's files are whole"),
     ):
         if schema_version(connection) < _SINCE_SCHEMA:
             return ()

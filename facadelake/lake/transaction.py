@@ -11,7 +11,7 @@ from typing import Any
 import duckdb
 import pyarrow as pa
 
-from facadelake.core.duckdb_engine import sql_string
+from facadelake.core.duckdb_engine import quote_sql_string
 from facadelake.core.errors import StoreError
 from schemas.column import Kind
 from schemas.tables import Table
@@ -37,8 +37,8 @@ def version_of_lake(connection: duckdb.DuckDBPyConnection, message: str, origin:
     with transaction(connection):
         yield
         connection.execute(
-            f"CALL lake.set_commit_message('facadelake', {sql_string(message)}, "
-            f"extra_info => {sql_string(json.dumps(dict(origin)))})"
+            f"CALL lake.set_commit_message('facadelake', {quote_sql_string(message)}, "
+            f"extra_info => {quote_sql_string(json.dumps(dict(origin)))})"
         )
 
 

@@ -13,8 +13,8 @@ import pyarrow as pa
 import shapely
 
 from facadelake.core.arrays import BoolArray, UInt8Image
-from facadelake.core.progress import stage_progress
-from facadelake.core.tables import table_of_rows
+from facadelake.core.progress import report_progress
+from facadelake.core.tables import table_from_rows
 from facadelake.detection.inference import read_photograph
 from facadelake.measurement.blur import UNKNOWN, Blur, blur_of, coded_grey, linear
 from facadelake.measurement.crack import CrackMeasure, measure_crack
@@ -43,7 +43,7 @@ def measure_detections(detections: pa.Table, root: Path) -> pa.Table:
         accepted = row["detection_outcome"] == DetectionOutcome.ACCEPTED
         if accepted and row["defect_class"] == DefectClass.CRACK:
             cracks[row["photo_id"]].append(row)
-    with stage_progress("Measuring cracks", sum(map(len, cracks.values()))) as step:
+    with report_progress("Measuring cracks", sum(map(len, cracks.values()))) as step:
         for photo_id in sorted(cracks):
             image = read_photograph(root / photo_id)
             if image is None:
@@ -54,7 +54,7 @@ def measure_detections(detections: pa.Table, root: Path) -> pa.Table:
                 step.advance()
     counts = Counter(row["crack_width_outcome"] for row in rows if row["crack_width_outcome"] is not None)
     _log.info("%d cracks: %s", sum(counts.values()), ", ".join(f"{n} {name}" for name, n in sorted(counts.items())))
-    return table_of_rows("detections", rows)
+    return table_from_rows("detections", rows)
 
 
 def measured_in(image: UInt8Image, row: Row, blur: Blur) -> CrackMeasure:

@@ -15,7 +15,7 @@ from PIL import Image
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.photos.clock import is_set
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.photos.files import find_photographs
@@ -173,4 +173,4 @@ def ingest_photographs(
             f"none of the {len(rows)} photographs in {root} can be used; the first, {rows[0]['photo_id']}: "
             f"{rows[0]['reason']}"
         )
-    return table_of_rows("photos", rows)
+    return table_from_rows("photos", rows)

@@ -20,8 +20,8 @@ from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.progress import stage_progress
-from facadelake.core.tables import table_of_rows
+from facadelake.core.progress import report_progress
+from facadelake.core.tables import table_from_rows
 from facadelake.registration.exclusion_mask import masked_shares
 from facadelake.registration.occlusion import Occluders, OcclusionSettings
 from facadelake.registration.tie_points import TiePoints
@@ -93,7 +93,7 @@ def exclude(
             placement_sigma_m=scene.placement_sigma_m,
             settings=settings.occlusion,
         )
-    with stage_progress("Looking for what stands before the building", len(by_photo)) as step:
+    with report_progress("Looking for what stands before the building", len(by_photo)) as step:
         for photo_id, mine in sorted(by_photo.items()):
             boxes = np.array([box_of[row["detection_id"]] for row in mine], dtype=np.float64)
             if photo_id in scene.masks:
@@ -102,7 +102,7 @@ def exclude(
                 _occlude(photo_id, mine, boxes, occluders, settings.occlusion.share_min)
             step.advance()
     _log.info("%s", Counter(str(row["observation_outcome"]) for row in rows))
-    return table_of_rows("observations", rows)
+    return table_from_rows("observations", rows)
 
 
 def _off_building(rows: list[Row], elements: pa.Table) -> None:

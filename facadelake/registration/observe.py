@@ -18,8 +18,8 @@ from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.progress import stage_progress
-from facadelake.core.tables import table_of_rows
+from facadelake.core.progress import report_progress
+from facadelake.core.tables import table_from_rows
 from facadelake.registration.attribution import Attribution
 from facadelake.registration.cast import Casts, cast
 from facadelake.registration.columns import Places
@@ -51,7 +51,7 @@ def observe(
     """Table ``observations``: one row an accepted detection, with its outcome; ``defect_id`` is left to ``merge``.
 
     ``posed`` holds the localised photographs by photo_id, ``covariances`` their poses' (6, 6) as
-    ``facadelake.core.pose_table.pose_covariances`` gives them; a pose without one is taken for exact. A surface that
+    ``facadelake.core.pose_table.read_pose_covariances`` gives them; a pose without one is taken for exact. A surface that
     was measured stands off the building by its own ``surface_sigma_m`` instead of ``settings.model_sigma_m``.
     """
     if building.surface_sigma_m is not None:
@@ -67,7 +67,7 @@ def observe(
             rows.append(_row(row, verdict, 0.0))
     on_photo.sort(key=lambda row: (row["photo_id"], row["detection_id"]))
     places = Places(building, Attribution(building, settings.model_sigma_m))
-    with stage_progress("Registering detections", len(on_photo)) as step:
+    with report_progress("Registering detections", len(on_photo)) as step:
         for start in range(0, len(on_photo), settings.detections_per_cast):
             casts = cast(on_photo[start : start + settings.detections_per_cast], posed, surface, settings)
             rows.extend(_placed(casts, judged(casts, settings), places, settings, covariances))
@@ -77,7 +77,7 @@ def observe(
         str(outcome): sum(row["observation_outcome"] == outcome for row in rows) for outcome in ObservationOutcome
     }
     _log.info("%d detections on the surface: %s", len(rows), counts)
-    return table_of_rows("observations", rows)
+    return table_from_rows("observations", rows)
 
 
 def judged(casts: Casts, settings: RegisterSettings) -> list[Verdict]:

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
-from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.registration.observe import observe
 from facadelake.registration.settings import RegisterSettings
@@ -44,8 +44,8 @@ def register_detections(
             (poses were imported, or the campaign is read from the lake), so that masks and geometry alone exclude.
         exclusion: limits of masks and occluders.
     """
-    posed, surface = posed_cameras(poses), Surface(building)
-    table = observe(detections, posed, building, surface, settings=settings, covariances=pose_covariances(poses))
+    posed, surface = read_posed_cameras(poses), Surface(building)
+    table = observe(detections, posed, building, surface, settings=settings, covariances=read_pose_covariances(poses))
     scene = Scene(
         points=tie_points(_tracks(block), posed) if block else None,
         masks=masks,

@@ -17,7 +17,7 @@ from facadelake.building.surface import Surface
 from facadelake.core.arrays import BoolArray
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.pose_table import posed_cameras
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.detection import View
 from facadelake.registration.exclusion_mask import read_mask
 from schemas.vocabulary import SurfaceKind
@@ -64,7 +64,7 @@ def target_view(posed: PosedCamera, surface: Surface, elements: pa.Table, mask: 
 
 def views_on_building(building: BuildingModel, poses: pa.Table, masks: Mapping[str, Path]) -> Callable[[str], View]:
     """What is known of each photograph, by its photo_id, from table ``poses`` and the user's masks."""
-    posed, surface = posed_cameras(poses), Surface(building)
+    posed, surface = read_posed_cameras(poses), Surface(building)
 
     def view_of(photo_id: str) -> View:
         if photo_id not in posed:

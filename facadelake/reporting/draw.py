@@ -10,8 +10,8 @@ from pathlib import Path, PurePosixPath
 from facadelake.building.surface import Surface
 from facadelake.campaigns import committed_model, committed_tables
 from facadelake.core.errors import InputDataError
-from facadelake.core.pose_table import posed_cameras
-from facadelake.core.tables import stage_schema
+from facadelake.core.pose_table import read_posed_cameras
+from facadelake.core.tables import get_stage_schema
 from facadelake.registry import Building
 from facadelake.reporting.cards.cards import defect_cards
 from facadelake.reporting.distribution import distribution_of, distribution_title, draw_distribution, write_distribution
@@ -190,13 +190,13 @@ def draw_pictures(
 
 def _inspection(building: Building, campaign_id: str, lake: Path) -> Inspection:
     held = committed_tables(building, campaign_id, _TABLES, lake=lake)
-    tables = {name: held[name].select(stage_schema(name).names) for name in _TABLES}
+    tables = {name: held[name].select(get_stage_schema(name).names) for name in _TABLES}
     return Inspection(
         building_name=building.name,
         campaign_id=campaign_id,
         photographs_root=building.photographs_of(campaign_id),
         building=committed_model(building, campaign_id, held["buildings"].to_pylist()[0]),
-        posed=posed_cameras(tables["poses"]),
+        posed=read_posed_cameras(tables["poses"]),
         placement_sigma_max_m=building.tolerances.placement_sigma_max_m,
         **tables,
     )

@@ -21,8 +21,8 @@ from facadelake.campaigns import committed_model, committed_tables, resolved_cam
 from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
-from facadelake.core.pose_table import posed_cameras
-from facadelake.core.progress import stage_progress
+from facadelake.core.pose_table import read_posed_cameras
+from facadelake.core.progress import report_progress
 from facadelake.registry import Building
 from facadelake.reporting.drawing.palette import OTHER_COLOUR, plain
 from facadelake.reporting.drawing.photograph import read_photograph
@@ -178,7 +178,7 @@ def view_photograph(
     tables = committed_tables(building, campaign, ["poses"], lake=lake)
     photo_id = _one_of([row["photo_id"] for row in tables["poses"].to_pylist()], photo, building.id, campaign)
     row = next(row for row in tables["poses"].to_pylist() if row["photo_id"] == photo_id)
-    posed = posed_cameras(tables["poses"]).get(photo_id)
+    posed = read_posed_cameras(tables["poses"]).get(photo_id)
     if posed is None:
         raise InputDataError(
             f"{photo_id} has no measured pose in {building.id} {campaign} ({row['reason'] or row['pose_source']}), "
@@ -187,7 +187,7 @@ def view_photograph(
     model = committed_model(building, campaign, tables["buildings"].to_pylist()[0])
     surface = Surface(model)
     scale = scale if scale is not None else min(1.0, _USUAL_WIDTH_PX / posed.camera.width_px)
-    with stage_progress("Casting rays and rendering"):
+    with report_progress("Casting rays and rendering"):
         images = render_view_images(posed, surface, model.elements, scale)
         virtual = virtual_photograph(model, posed, scale=scale).colour
     photograph = _reduced(building.photographs_of(campaign) / photo_id, posed, images.depth_m.shape)

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.core.checkout import source_path
+from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import SqlError, open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
-from facadelake.core.sql_guard import refuse_unless_plain_select
+from facadelake.core.sql_guard import require_plain_select
 from schemas.tables import TABLES
 
-RULES = source_path("data/severity")
+RULES = locate_source("data/severity")
 GRADES = ("severity", "severity_rule", "graded_by")
 BY_RULES = "rules"  # graded_by: a proposal; a person's grade has the person's name
 _SEVERITIES = re.compile(r"^-- severities: (.+)$", re.MULTILINE)
@@ -52,7 +52,7 @@ def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
     words = _words_of(rule, rule_file.name)
     given = defects.drop_columns([name for name in GRADES if name in defects.column_names])
     with closing(open_duckdb()) as connection:
-        refuse_unless_plain_select(connection, rule, frozenset({"defects"}))
+        require_plain_select(connection, rule, frozenset({"defects"}))
         connection.register("defects", given)
         connection.execute("SET enable_external_access = false")
         try:

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.core.arrays import Float64Array
-from facadelake.core.code_version import code_version
+from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.hashing import key_of
+from facadelake.core.hashing import compute_key
 from facadelake.photos import FULL_FRAME_DIAGONAL_MM
 from facadelake.sfm.pairing import choose_pairs, poorly_placed, viewing_directions
 from facadelake.sfm.settings import ReconstructionSettings
@@ -59,8 +59,8 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
         "pairs": choose_pairs(xyz_m, direction, close_range, settings, half_view_deg=half_view_deg),
         "sought": np.flatnonzero(poorly_placed(xyz_m, sigma_m, settings)).tolist(),
     }
-    code = code_version("facadelake.sfm.worker.__main__").sha256
-    key = key_of({"job": job, "photos": [row["sha256"] for row in rows], "code": code})
+    code = compute_code_version("facadelake.sfm.worker.__main__").sha256
+    key = compute_key({"job": job, "photos": [row["sha256"] for row in rows], "code": code})
     with work_folder(folder.parent, key) as work:
         here = {"photographs_root": str(photographs_root), "cores": settings.cores, "work": str(work)}
         run_worker(job | here, folder)

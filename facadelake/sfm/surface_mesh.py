@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.errors import InputDataError
-from facadelake.core.progress import stage_progress
+from facadelake.core.progress import report_progress
 from facadelake.sfm.free_space import Crossings, cross
 from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
 
@@ -57,7 +57,7 @@ def mesh_of(
 
     Of more than ``most_points`` well-observed tie points that many are drawn by ``seed``.
     """
-    with stage_progress("Meshing the tie points", 4) as step:
+    with report_progress("Meshing the tie points", 4) as step:
         point, photo = _sightings(reconstruction, seed, most_points)
         kept, vertex = np.unique(point, return_inverse=True)
         if len(kept) < _LEAST_POINTS:

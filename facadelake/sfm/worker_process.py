@@ -15,7 +15,7 @@ from typing import Any
 
 from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.errors import FacadelakeError, InputDataError
-from facadelake.core.progress import Step, stage_progress
+from facadelake.core.progress import ProgressStep, report_progress
 
 logger = logging.getLogger(__name__)
 
@@ -62,12 +62,12 @@ def _follow(process: subprocess.Popen[bytes]) -> str:
     assert process.stdout is not None  # asked for above
     problem = ""
     with ExitStack() as bars:
-        step: Step | None = None
+        step: ProgressStep | None = None
         for event in _events(process.stdout):
             match event.get("event"):
                 case "begin":
                     bars.close()
-                    step = bars.enter_context(stage_progress(str(event["label"]), event["total"]))
+                    step = bars.enter_context(report_progress(str(event["label"]), event["total"]))
                 case "advance" if step is not None:
                     step.advance(int(event["steps"]))
                 case "note":

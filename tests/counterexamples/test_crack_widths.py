@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.measurement.campaign import measure_detections
 
 Sides = tuple[float, float, float, float]
@@ -27,7 +27,7 @@ def row(number: int, photo: str, sides: Sides, mask: str | None = None) -> dict[
 
 
 def measured(root: Path, *rows: dict[str, Any]) -> list[dict[str, Any]]:
-    return list(measure_detections(table_of_rows("detections", list(rows)), root).to_pylist())
+    return list(measure_detections(table_from_rows("detections", list(rows)), root).to_pylist())
 
 
 @pytest.fixture

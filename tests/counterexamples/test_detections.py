@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import InputDataError, ModelError
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.detection.campaign import OnnxDetector
 from facadelake.detection.card import ModelCard
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.inference.detector import load_detector
 from tests.unit.detection.onnx_models import answer, card, save_model
 
-PHOTOS = table_of_rows(
+PHOTOS = table_from_rows(
     "photos",
     [
         {

@@ -18,7 +18,7 @@ from onnx import helper
 from PIL import Image
 
 from facadelake.core.errors import ModelError
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.detection.campaign import detect_photographs
 from facadelake.detection.card import ModelCard, parse_card
 from facadelake.detection.inference.detector import OnnxDetector
@@ -100,7 +100,7 @@ def test_a_list_shorter_than_its_classes_fails_with_the_remedy(tmp_path: Path) -
 
 
 def rows_of(folder: Path, names: list[str]) -> pa.Table:
-    return table_of_rows(
+    return table_from_rows(
         "photos",
         [
             {

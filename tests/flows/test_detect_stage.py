@@ -14,8 +14,8 @@ import yaml
 
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.core.pose_table import pose_columns
-from facadelake.core.tables import read_table, table_of_rows, write_table
+from facadelake.core.pose_table import columns_from_camera
+from facadelake.core.tables import read_table, table_from_rows, write_table
 from facadelake.registration.target_view import WITHOUT_POSE
 from facadelake.registry import Building
 from tasks.detect import detect
@@ -80,10 +80,18 @@ def test_a_model_looks_where_the_building_is(
     building_of([Wall()]).save(model.folder)
     names = ("lost.png", "masked.png", "torn.png", "wall.png")
     said = {"bytes": 1, "photo_outcome": "accepted", "prior_source": "none", "prior_height_datum": "unknown"}
-    write_table("photos", table_of_rows("photos", [{"photo_id": n, "sha256": n, **said} for n in names]), photos.folder)
-    pose = {"pose_source": "sfm", "image_width_px": 800, "image_height_px": 600, "tie_points": 9, **pose_columns(POSED)}
+    write_table(
+        "photos", table_from_rows("photos", [{"photo_id": n, "sha256": n, **said} for n in names]), photos.folder
+    )
+    pose = {
+        "pose_source": "sfm",
+        "image_width_px": 800,
+        "image_height_px": 600,
+        "tie_points": 9,
+        **columns_from_camera(POSED),
+    }
     known = [name for name in names if name != "lost.png"]
-    write_table("poses", table_of_rows("poses", [{"photo_id": n, **pose} for n in known]), placed.folder)
+    write_table("poses", table_from_rows("poses", [{"photo_id": n, **pose} for n in known]), placed.folder)
 
     made = detect.fn(job, model, photos, placed)
     rows: dict[str, list[dict[str, Any]]] = {}

@@ -15,7 +15,7 @@ import yaml
 from benchmarks.published_poses import write_published
 from facadelake.building.model import read_building
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.pose_table import posed_cameras
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.detection.tiling.plan import SCALES_APART
 from facadelake.lake.read import read_table
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
@@ -75,7 +75,7 @@ def test_no_tile_of_sky_is_looked_at_and_all_of_the_building_is(looked_at: tuple
     (folder,) = (path for path in (lake / "cache" / "load-model").iterdir() if path.is_dir())
     building = read_building(folder)
     surface = Surface(building)
-    posed = posed_cameras(read_table(lake, "poses"))
+    posed = read_posed_cameras(read_table(lake, "poses"))
     cracks = [row for row in read_table(lake, "detections").to_pylist() if row["source_class"] == "crack"]
     beside = 0
     for photo_id, camera in posed.items():

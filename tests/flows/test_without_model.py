@@ -13,8 +13,8 @@ from facadelake.building.model import read_building
 from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.core.pose_table import pose_columns
-from facadelake.core.tables import read_table, table_of_rows, write_table
+from facadelake.core.pose_table import columns_from_camera
+from facadelake.core.tables import read_table, table_from_rows, write_table
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
 from tasks.as_built_model import as_built_model
@@ -105,14 +105,14 @@ def test_a_building_without_model_gets_its_place_then_its_surface_and_is_compare
          "prior_height_datum": "unknown", "prior_lon_deg": PLACE[0], "prior_lat_deg": PLACE[1]}
         for name in posed
     ]  # fmt: skip
-    write_table("photos", table_of_rows("photos", rows), photos.folder)
+    write_table("photos", table_from_rows("photos", rows), photos.folder)
     save_block(block.folder, posed)
     poses = [
         {"photo_id": name, "pose_source": "sfm", "image_width_px": 1600, "image_height_px": 1200, "tie_points": 600}
-        | pose_columns(camera)
+        | columns_from_camera(camera)
         for name, camera in posed.items()
     ]
-    write_table("poses", table_of_rows("poses", poses), placed.folder)
+    write_table("poses", table_from_rows("poses", poses), placed.folder)
 
     place = place_building.fn(job, photos)
     before = read_building(place.folder)

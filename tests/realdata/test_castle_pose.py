@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from facadelake.core.frames import similarity_between
+from facadelake.core.frames import estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import read_control_points
@@ -82,7 +82,7 @@ def test_every_camera_is_placed_and_the_block_keeps_its_shape(block: Block) -> N
     assert sorted(photo.photo_id for photo in block.reconstruction.photos) == sorted(NAMES)
     assert block.reconstruction.unlocalised == ()
     assert len({photo.camera for photo in block.reconstruction.photos}) == 1  # one camera took them all
-    fit = similarity_between(block.reconstruction.centres_sfm, block.centres_site_m)
+    fit = estimate_similarity(block.reconstruction.centres_sfm, block.centres_site_m)
     off = np.linalg.norm(fit.apply(block.reconstruction.centres_sfm) - block.centres_site_m, axis=1)
     assert 0.001 < off.mean() < 0.15  # m
     assert 0.1 < block.reconstruction.mean_reprojection_error_px < 1.2  # px of the photograph as stored

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Similarity, similarity_between
+from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.matching import match_reference
 from facadelake.georeferencing.campaign.reference import ReferencePoints, read_reference, reference_of
@@ -43,7 +43,7 @@ class Half:
     def by_truth(self) -> Similarity:
         """site_from_sfm by the published centres."""
         centres = np.array([posed.centre_site_m for posed in self.published])
-        return similarity_between(self.reconstruction.centres_sfm, centres)
+        return estimate_similarity(self.reconstruction.centres_sfm, centres)
 
     def place(self, row: int) -> np.ndarray | None:
         """Where the published cameras see tie point ``row``, from its sightings alone."""

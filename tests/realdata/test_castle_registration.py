@@ -18,7 +18,7 @@ from benchmarks.published_poses import write_published
 from facadelake.building.ifc.load import load_building
 from facadelake.building.model import BuildingModel, ModelSettings
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.pose_table import pose_covariances, posed_cameras
+from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.deduplication.merge import merge_observations
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.detection.coco.import_detections import import_coco
@@ -57,7 +57,7 @@ class Castle:
         )
 
     def figures(self, placed: PlacedByImport, boxes: str) -> Figures:
-        posed, covariances = posed_cameras(placed.poses), pose_covariances(placed.poses)
+        posed, covariances = read_posed_cameras(placed.poses), read_pose_covariances(placed.poses)
         found = import_coco(self.root / boxes, self.photos, class_names={})
         seen = observe(found, posed, self.model, self.surface, settings=RegisterSettings(), covariances=covariances)
         merged = merge_observations(
@@ -111,9 +111,9 @@ def test_the_same_cameras_as_colmap_text(castle: Castle, tmp_path: Path) -> None
             lines.append(f"{i} {w:.12f} {x:.12f} {y:.12f} {z:.12f} {shift} 1 {row['image']}\n\n")
     (tmp_path / "images.txt").write_text("".join(lines))
     (tmp_path / "georeference.txt").write_text("crs: EPSG:25832\noffset: 456000 5421000 100\n")
-    colmap = posed_cameras(castle.placed(tmp_path).poses)
+    colmap = read_posed_cameras(castle.placed(tmp_path).poses)
     (tmp_path / "csv").mkdir()
-    table = posed_cameras(
+    table = read_posed_cameras(
         castle.placed(write_published(castle.root / "truth", tmp_path / "csv" / "poses.csv", noise=None)).poses
     )
     assert len(colmap) == len(table) == 29

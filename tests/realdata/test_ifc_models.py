@@ -20,7 +20,7 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.deduplication.merge import MergeResult, merge_observations
 from facadelake.registration.observe import observe
 from facadelake.registration.settings import RegisterSettings
@@ -53,7 +53,7 @@ class Castle:
         coco = json.loads((self.folder / file).read_text())
         photo = {image["id"]: image["file_name"] for image in coco["images"]}
         kind = {category["id"]: category["name"] for category in coco["categories"]}
-        detections = table_of_rows(
+        detections = table_from_rows(
             "detections",
             [
                 {

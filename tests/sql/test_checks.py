@@ -8,10 +8,10 @@ import duckdb
 import pytest
 import shapely
 
-from facadelake.core.checkout import source_path
+from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.sql_files import read_statements
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.lake.checks import CHECKED, across_tables
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, rows
 
@@ -81,8 +81,8 @@ COUNTEREXAMPLES = {
 
 
 def test_each_sql_check_has_a_counterexample_and_one_header() -> None:
-    assert {check.name for check in read_statements(source_path("sql/checks"))} == COUNTEREXAMPLES.keys()
-    assert {check.table for check in read_statements(source_path("sql/checks"))} <= set(CHECKED)
+    assert {check.name for check in read_statements(locate_source("sql/checks"))} == COUNTEREXAMPLES.keys()
+    assert {check.table for check in read_statements(locate_source("sql/checks"))} <= set(CHECKED)
 
 
 @pytest.fixture(scope="module")
@@ -93,13 +93,13 @@ def connection() -> Iterator[duckdb.DuckDBPyConnection]:
     opened.close()
 
 
-CHECKS = {check.name: check.sql for check in read_statements(source_path("sql/checks"))}
+CHECKS = {check.name: check.sql for check in read_statements(locate_source("sql/checks"))}
 
 
 def _found(connection: duckdb.DuckDBPyConnection, name: str, made: dict[str, list[dict[str, Any]]]) -> int:
     """Rows that one check finds."""
     for table in CHECKED:
-        connection.register(table, table_of_rows(table, made[table]))
+        connection.register(table, table_from_rows(table, made[table]))
     return len(connection.execute(CHECKS[name]).fetchall())
 
 
@@ -111,7 +111,7 @@ def test_sql_check_finds_its_counterexample(connection: duckdb.DuckDBPyConnectio
 
 
 def _failures(made: dict[str, list[dict[str, Any]]]) -> dict[str, int]:
-    results = across_tables({table: table_of_rows(table, made[table]) for table in CHECKED})
+    results = across_tables({table: table_from_rows(table, made[table]) for table in CHECKED})
     return {row["expectation"]: row["unexpected"] for row in results if not row["passed"]}
 
 

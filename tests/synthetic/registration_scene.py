@@ -18,7 +18,7 @@ from facadelake.building.model import BuildingModel
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 
 Array = np.ndarray
 FOCAL, WIDTH, HEIGHT = 3000.0, 4000, 3000
@@ -209,7 +209,7 @@ def detections(
                  "box_height_px": size[1], "mask": f"POLYGON (({ring}))" if looks.masks else None,
                  "detector": "coco:scene", "detector_sha256": "0"}
             )  # fmt: skip
-    return Found(table=table_of_rows("detections", rows), truth=truth)
+    return Found(table=table_from_rows("detections", rows), truth=truth)
 
 
 def building_of(walls: Sequence[Wall]) -> BuildingModel:
@@ -232,7 +232,7 @@ def building_of(walls: Sequence[Wall]) -> BuildingModel:
     return BuildingModel(
         origin=SiteOrigin(lon_deg=11.57, lat_deg=48.14, height_ellipsoidal_m=560.0), map_crs="EPSG:25832",
         vertical_datum="ellipsoidal", georeference_level="50", remarks="", vertices_site_m=np.vstack(vertices),
-        triangles=np.array(triangles), element_of_triangle=np.array(owner), elements=table_of_rows("elements", rows),
+        triangles=np.array(triangles), element_of_triangle=np.array(owner), elements=table_from_rows("elements", rows),
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from facadelake.core.camera import Camera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, Sighting
 from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
@@ -159,7 +159,7 @@ class Scene:
         lost = {"photo_id": "lost.jpg", "sha256": "x", "bytes": 1, "role": "multiview", "photo_outcome": "accepted",
                 "image_width_px": 4000, "image_height_px": 3000, "prior_source": "none",
                 "prior_height_datum": "unknown"}  # fmt: skip
-        return table_of_rows("photos", [*rows, lost])
+        return table_from_rows("photos", [*rows, lost])
 
     def control(self, count: int = 6, survey_m: float = 0.01, mark_px: float = 0.5) -> ControlPoints:
         """Control points on the walls, marked in up to five photographs each."""

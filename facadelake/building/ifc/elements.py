@@ -27,7 +27,7 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.progress import track
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,7 @@ def elements_table(
             "geometry": shapely.to_wkb(outline),
         }
         rows.append(said | seen)
-    return table_of_rows("elements", rows)
+    return table_from_rows("elements", rows)
 
 
 def facades_of(surface: Surface, element_of_triangle: Int64Array, elements: int) -> list[FacadeOf]:

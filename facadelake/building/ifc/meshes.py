@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from facadelake.building.ifc.structure import building_of
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import ModelError
-from facadelake.core.progress import stage_progress
+from facadelake.core.progress import report_progress
 
 _log = logging.getLogger(__name__)
 _AT_ONCE = 500  # elements an iterator is given: it holds all its shapes until it goes
@@ -95,7 +95,7 @@ def meshes_of(
     settings.set("mesher-linear-deflection", deflection_m)
     settings.set("mesher-angular-deflection", 0.35)
     meshes: list[ElementMesh] = []
-    with stage_progress("Meshing elements", len(wanted)) as step:
+    with report_progress("Meshing elements", len(wanted)) as step:
         for start in range(0, len(wanted), _AT_ONCE):
             for mesh in _shapes(model, settings, workers, wanted[start : start + _AT_ONCE]):
                 if len(mesh.triangles):

@@ -23,7 +23,7 @@ from facadelake.building.surface.footprint import in_lon_lat, outline_of
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 
 SURFACE_CLASS = "Surface"  # stands where an IFC's class would: such an element is a part of a surface, no component
 _NEIGHBOURS = 16
@@ -122,7 +122,7 @@ def elements_of_planes(
                 "geometry": shapely.to_wkb(in_lon_lat(outline_of(corners), low, origin)),
             }
         )
-    return table_of_rows("elements", rows)
+    return table_from_rows("elements", rows)
 
 
 def _outward(surface: Surface, centres: Float64Array) -> tuple[Float64Array, BoolArray]:

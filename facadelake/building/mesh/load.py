@@ -20,8 +20,8 @@ from facadelake.building.storeys import NamedFloor, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import SiteOrigin, as_3d
-from facadelake.core.tables import table_of_rows
+from facadelake.core.geodesy import SiteOrigin, promote_to_3d
+from facadelake.core.tables import table_from_rows
 from schemas.vocabulary import SurfaceKind
 
 _REGISTRY = "registry"
@@ -139,7 +139,7 @@ def _datum(settings: BareSettings, offset: MeshOffset | None) -> tuple[str, str]
 
 
 def _placement(offset: MeshOffset, horizontal: str) -> MapPlacement:
-    unit_m = float(as_3d(horizontal).axis_info[0].unit_conversion_factor)
+    unit_m = float(promote_to_3d(horizontal).axis_info[0].unit_conversion_factor)
     if abs(unit_m - 1.0) > 1e-9:
         raise GeoreferenceError(
             f"an offset file beside {horizontal}, which counts in {unit_m:.6f} m: whether the offset is in metres or "
@@ -193,7 +193,7 @@ def _place(origin: SiteOrigin, georeference: Georeference, settings: BareSetting
         vertices_site_m=np.zeros((0, 3)),
         triangles=np.zeros((0, 3), dtype=np.int64),
         element_of_triangle=np.zeros(0, dtype=np.int64),
-        elements=table_of_rows("elements", []),
+        elements=table_from_rows("elements", []),
     )
     return replace(bare, storeys=_levels(bare, settings.storeys))
 

@@ -17,7 +17,7 @@ import numpy as np
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import as_3d
+from facadelake.core.geodesy import promote_to_3d
 
 _SCALE_LIMIT = 0.1  # a grid factor beyond 1 +- this is a wrong unit, not a projection
 _UNITS_2X3 = {"METRE": 1.0, "METER": 1.0, "METRES": 1.0, "METERS": 1.0, "M": 1.0, "MILLIMETRE": 0.001, "MM": 0.001,
@@ -114,7 +114,7 @@ def placements_of(model: ifcopenshell.file, operation: Operation, map_crs: str) 
     """
     project_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
     stated_m = _map_unit_m(model)
-    crs_m = float(as_3d(map_crs).axis_info[0].unit_conversion_factor)
+    crs_m = float(promote_to_3d(map_crs).axis_info[0].unit_conversion_factor)
     unit_readings = [(stated_m, "")] if stated_m else [(project_m, "")]
     if not stated_m and abs(crs_m - project_m) > 1e-9:
         unit_readings.append((crs_m, f"MapUnit is not given; the unit of {map_crs} was taken"))

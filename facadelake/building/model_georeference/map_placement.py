@@ -8,7 +8,7 @@ import numpy as np
 
 from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
 from facadelake.core.arrays import Float64Array
-from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
+from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
 
 _ARM_M = 50.0  # half the base over which the map's stretch and turn are measured
 
@@ -119,4 +119,4 @@ def standing_at(grid: GridAt, *, anchor_ifc_m: Float64Array, x_axis_deg: float) 
 
 def _with_height(map_crs: str, vertical_datum: str) -> tuple[str, Float64Array]:
     whole = map_crs if vertical_datum == ELLIPSOIDAL else f"{map_crs}+{vertical_datum.removeprefix('EPSG:')}"
-    return whole, np.array([axis.unit_conversion_factor for axis in as_3d(whole).axis_info])
+    return whole, np.array([axis.unit_conversion_factor for axis in promote_to_3d(whole).axis_info])

@@ -13,10 +13,10 @@ import pyarrow as pa
 import shapely
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.progress import track
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import Box, clip_box, describe
 from facadelake.detection.coco.file import CocoAnnotation, CocoFile, CocoImage, number, read_coco
 from facadelake.detection.coco.mask import box_about, mask_of
@@ -60,7 +60,7 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
     _refuse_normalised_boxes(coco)
     places = _places(coco, photos)
     _refuse_if_nothing_fits(coco, places, len(photos))
-    sha256 = file_sha256(file)
+    sha256 = hash_file(file)
     used: Counter[str] = Counter()
     rows: list[dict[str, Any]] = []
     for annotation in track(coco.annotations, label="Reading boxes"):
@@ -94,7 +94,7 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
         )
     outcomes = Counter(row["detection_outcome"] for row in rows)
     _log.info("%s: %d boxes, %s", file.name, len(rows), ", ".join(f"{n} {name}" for name, n in outcomes.items()))
-    return table_of_rows("detections", rows)
+    return table_from_rows("detections", rows)
 
 
 def _places(coco: CocoFile, photos: pa.Table) -> Mapping[int | str, _Place]:

@@ -13,7 +13,7 @@ from shapely import MultiPolygon, Polygon
 
 from facadelake.core.arrays import Float32Array, Int64Array, UInt8Image
 from facadelake.core.errors import InputDataError, ModelError
-from facadelake.core.hashing import file_sha256, key_of
+from facadelake.core.hashing import compute_key, hash_file
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard, calibrated, score_for
 from facadelake.detection.inference.cards import find_card
@@ -55,7 +55,7 @@ class OnnxDetector:
         self.card = card
         self.name = card.name
         self._session = ModelSession(model, threads=threads)
-        self.sha256 = file_sha256(model)
+        self.sha256 = hash_file(model)
         self._session.check_input(card.input)
         self._reader = READERS[card.output.layout]
         self._threshold = score_for(card.score_threshold, card.score_calibration)
@@ -190,7 +190,7 @@ def detector_fingerprint(file: Path, class_names: Mapping[str, str], card: Path 
     """
     if not file.is_file():
         raise InputDataError(f"detector {file} does not exist; correct the detector's path in the registry")
-    parts: dict[str, object] = {"class_names": dict(class_names), "name": file.name, "file": file_sha256(file)}
+    parts: dict[str, object] = {"class_names": dict(class_names), "name": file.name, "file": hash_file(file)}
     if file.suffix.lower() == ".onnx":
         parts["card"] = find_card(file, card).model_dump(mode="json", exclude=_REMARKS)
-    return key_of(parts)
+    return compute_key(parts)

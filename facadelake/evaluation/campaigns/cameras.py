@@ -13,7 +13,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.photo_names import PhotoNames
-from facadelake.core.pose_table import posed_cameras
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.evaluation.campaigns.truth import Truth
 
 
@@ -41,7 +41,7 @@ def found_and_true(
             f"{folder / 'cameras.csv'}, column image: none of its {len(known.cameras)} photographs is in the campaign "
             f"({next(iter(known.cameras))} against {next(iter(photo_ids), 'none')}); give this campaign's truth"
         )
-    localised = posed_cameras(poses)
+    localised = read_posed_cameras(poses)
     columns = ["photo_id", "x_site_m", "y_site_m", "z_site_m", "covariance"]
     rows = [
         row

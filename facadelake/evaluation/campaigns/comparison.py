@@ -14,7 +14,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.pose_table import posed_cameras
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.evaluation.campaigns.cameras import ComparedCameras, found_and_true
 from facadelake.evaluation.campaigns.samples import PositionSamples, Row, position_samples
 from facadelake.evaluation.campaigns.truth import Truth, read_truth
@@ -95,7 +95,7 @@ def compare(
     points = sorted(known.checkpoints)
     geo = np.array([known.checkpoints[name].geo for name in points]).reshape(-1, 3)
     campaign = _Campaign(
-        cameras=posed_cameras(poses),
+        cameras=read_posed_cameras(poses),
         detections={row["detection_id"]: row for row in detections.to_pylist()},
         registered=[
             row for row in observations.to_pylist() if row["observation_outcome"] == ObservationOutcome.REGISTERED

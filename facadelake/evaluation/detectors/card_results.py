@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from facadelake.core.errors import ModelError, StoreError
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.detection import card_path, read_card
 from facadelake.evaluation.detectors.false_alarms import FalseAlarms
 from facadelake.evaluation.detectors.figures import ClassFigures, Figures
@@ -31,7 +31,7 @@ def write_results(
     hash are dropped, because they are not this model's. Raises ModelError where there is no card beside the model.
     """
     path = _card_beside(model)
-    sha256 = file_sha256(model)
+    sha256 = hash_file(model)
     head = {"model_sha256": sha256, "date": datetime.now(UTC).date().isoformat(), "command": command}
     entries = [] if figures is None else _entries(figures, head)
     entries += [_image_level(one, head) for one in image_level]

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.detection import ModelCard
 from facadelake.detection.inference import find_card
 from facadelake.evaluation.detectors.card_results import evaluations
@@ -19,7 +19,7 @@ from facadelake.evaluation.detectors.card_results import evaluations
 def page_of(model: Path) -> str:
     """The page in Markdown. Raises ModelError where the model has no card."""
     card = find_card(model)
-    sha256 = file_sha256(model)
+    sha256 = hash_file(model)
     about = model.with_suffix(".about.md")
     own = [one for one in evaluations(card.metrics) if one.get("model_sha256") == sha256]
     parts = [

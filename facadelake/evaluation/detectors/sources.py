@@ -7,7 +7,7 @@ from pathlib import Path
 
 from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.detection import Box, ModelCard
 from facadelake.detection.coco import CocoAnnotation, number, read_coco
 from facadelake.detection.inference import Found, OnnxDetector, find_card
@@ -79,7 +79,7 @@ class FileLooker:
     def __init__(self, file: Path, threshold: float = 0.0) -> None:
         """Read ``file``. Raises InputDataError where it cannot be used."""
         coco = read_coco(file)
-        self.name, self.sha256, self.threshold = file.name, file_sha256(file), threshold
+        self.name, self.sha256, self.threshold = file.name, hash_file(file), threshold
         self._found: dict[str, list[Found]] = {}
         self.unusable = 0
         for annotation in coco.annotations:

@@ -16,9 +16,9 @@ import pyarrow as pa
 from facadelake.building import BuildingModel
 from facadelake.campaigns import committed_model, committed_tables, register_on_committed_poses
 from facadelake.core.cache import open_stage_cache
-from facadelake.core.code_version import code_version
+from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import FacadelakeError, InputDataError
-from facadelake.core.hashing import file_sha256, key_of
+from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.detection import View, detect_photographs
 from facadelake.detection.inference import OnnxDetector, load_detector
@@ -127,10 +127,10 @@ def _compared(
             "photographs": sorted(photos.column("sha256").to_pylist()),
             "run": run_id,
             "views": model is not None,
-            "masks": {photo_id: file_sha256(mask) for photo_id, mask in masks.items()},
-            "code": code_version(__name__).sha256,
+            "masks": {photo_id: hash_file(mask) for photo_id, mask in masks.items()},
+            "code": compute_code_version(__name__).sha256,
         }
-        found.append(_found(lake, key_of(parts), photos, root, one, building.detector.classes, view_of))
+        found.append(_found(lake, compute_key(parts), photos, root, one, building.detector.classes, view_of))
     old, new = (detected(table) for table in found)
     changes = changes_between(old, new)
     wall: tuple[WallDefect, ...] = ()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from facadelake.core.errors import InputDataError, ModelError
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.detection import LIST, MODELS, Promotion, default_model, promote, promotions
 from facadelake.detection.inference import find_card, load_detector
 from facadelake.evaluation.detectors.card_results import evaluations
@@ -97,7 +97,7 @@ def promote_model(
     for name, text in (("--by", by), ("--why", why)):
         if not text.strip():
             raise InputDataError(f"{name} is empty; a promotion says who decided it and why")
-    new_sha256 = file_sha256(new)
+    new_sha256 = hash_file(new)
     old_sha256 = _default_sha256(models)
     known = promotions(models)
     if known and known[-1].sha256 == new_sha256:
@@ -124,7 +124,7 @@ def promote_model(
 def _default_sha256(models: Path) -> str | None:
     """The default detector's hash, None where there is none yet."""
     try:
-        return file_sha256(default_model(models))
+        return hash_file(default_model(models))
     except ModelError as error:
         log.warning("%s", error)
         return None

@@ -14,7 +14,7 @@ import numpy as np
 from facadelake.core.arrays import Float64Array, RowIndices, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Similarity, similarity_between
+from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.consistency import (
     agreeing_when_bent,
@@ -192,7 +192,7 @@ def _placement(
     if best is None:
         return None, 0
     agrees = agreeing_when_bent(target, best.residual, best.agrees, tolerance)
-    fit = similarity_between(source[agrees], target[agrees], 1.0 / tolerance[agrees] ** 2)
+    fit = estimate_similarity(source[agrees], target[agrees], 1.0 / tolerance[agrees] ** 2)
     best = SharedSimilarity(target_from_source=fit, agrees=agrees, residual=target - fit.apply(source))
     left, where = ~agrees, target[agrees]
     for attempt in range(1, 4):
@@ -227,7 +227,7 @@ def _match(
         *(reference.campaign_id, len(a), len(pairs), runner_up, far, places_agreeing, places),
     )
     _refuse_look_alike(len(a), far, places_agreeing, places, reference)
-    site_from_sfm = similarity_between(source[kept], target[kept], 1.0 / np.trace(both[kept], axis1=1, axis2=2))
+    site_from_sfm = estimate_similarity(source[kept], target[kept], 1.0 / np.trace(both[kept], axis1=1, axis2=2))
     return ReferenceMatch(
         site_from_sfm=site_from_sfm,
         point=later.row[a[kept]],

@@ -13,7 +13,7 @@ import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Similarity, similarity_between
+from facadelake.core.frames import Similarity, estimate_similarity
 
 # Shares of the ordered pairs to draw from, one after the other (PROSAC: Chum and Matas 2005), and triples of each.
 _SHARES = (0.05, 0.15, 0.4, 1.0)
@@ -127,7 +127,7 @@ def _refined(
             break
         agrees = now
         try:
-            fit = similarity_between(source[agrees], target[agrees], 1.0 / tolerance[agrees] ** 2)
+            fit = estimate_similarity(source[agrees], target[agrees], 1.0 / tolerance[agrees] ** 2)
         except GeoreferenceError:  # what agrees lies on one line
             return None
     residual = target - fit.apply(source)

@@ -20,7 +20,7 @@ from pyproj.exceptions import CRSError
 
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
+from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
 
 _UTM = re.compile(r"^WGS\s*84\s+UTM\s+(\d{1,2})\s*([NS])$", re.IGNORECASE)
 
@@ -88,7 +88,7 @@ def _header(path: Path, number: int, line: str) -> str:
     utm = _UTM.match(line)
     text = f"EPSG:{32600 + int(utm[1]) + (100 if utm[2].upper() == 'S' else 0)}" if utm else line
     try:
-        as_3d(text)
+        promote_to_3d(text)
     except GeoreferenceError as error:
         raise InputDataError(
             f"{path}, line {number}: '{line}' is no CRS; write an EPSG code (EPSG:25832), a PROJ string "

@@ -15,7 +15,7 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.photo_names import PhotoNames
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.gcp.control_points import ControlPoints
 from facadelake.georeferencing.imported.checks import SurfaceLike, refuse_impossible
 from facadelake.georeferencing.imported.evidence import Evidence, evidence_of
@@ -91,7 +91,7 @@ def place_imported(
         else:
             reason = reasons.get(photo_id, f"{found.source} has no pose of it")
             rows.append(said | {"pose_source": PoseSource.UNLOCALISED, "reason": reason})
-    poses = table_of_rows("poses", rows)
+    poses = table_from_rows("poses", rows)
     evidence = evidence_of(posed, accepted, surveyed, place)
     return PlacedByImport(
         poses=poses,
@@ -192,7 +192,7 @@ def _passport(
         held_out_m=evidence.held_out_m,
         remedy="import better poses, or leave them out and have the photographs placed by control points or the model",
     )
-    return table_of_rows(
+    return table_from_rows(
         "georeference",
         [
             {

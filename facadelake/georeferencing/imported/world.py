@@ -10,7 +10,7 @@ import numpy as np
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.core.geodesy import GEO, SiteOrigin, as_3d, transform
+from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
 from facadelake.georeferencing.gcp.control_points import control_crs_3d, has_own_heights
 from facadelake.georeferencing.site_frame import SiteFrame
 
@@ -86,7 +86,7 @@ class PoseWorld:
 
         So the convergence of meridians and the earth's curvature are in it.
         """
-        crs = as_3d(self.crs_of(place))
+        crs = promote_to_3d(self.crs_of(place))
         if crs.is_geographic:
             raise GeoreferenceError(
                 f"rotations cannot refer to the axes of {self.crs}, which are degrees; write north: true"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from facadelake.building.facades.directions import Facades, directions_of, facades_in, names_of, turn_deg
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 
 
 def facing(azimuth_deg, up=0.0):
@@ -76,5 +76,5 @@ def test_the_facades_of_a_table_of_elements():
         known | {"element_guid": "b", "facade": "E"},  # written before facades had azimuths
         known | {"element_guid": "c", "facade": "around"},
     ]
-    facades = facades_in(table_of_rows("elements", rows))
+    facades = facades_in(table_from_rows("elements", rows))
     assert dict(zip(facades.names, facades.azimuths_deg, strict=True)) == {"N-350": 350.4, "E": 90.0}

@@ -8,7 +8,7 @@ from facadelake.building.surface.view_images import read_view_images, render_vie
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 
 # Looks along +y from the origin.
 POSED = PosedCamera(
@@ -24,7 +24,7 @@ def sheet(x, y, z):
 @pytest.fixture
 def elements():
     kinds = (("wall", "IfcWall", "Ground floor"), ("bench", "IfcFurniture", None))
-    return table_of_rows(
+    return table_from_rows(
         "elements",
         [
             {

@@ -21,7 +21,7 @@ from facadelake.building.surface.virtual_view import (
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from tests.unit.building.conftest import Box, Ifc
 
 NEAR, FAR = 2.0, 80.0
@@ -59,7 +59,7 @@ def building(vertices, triangles, owner):
     return BuildingModel(
         origin=SiteOrigin(lon_deg=8.4, lat_deg=48.9, height_ellipsoidal_m=180.0), map_crs="EPSG:25832",
         vertical_datum="ellipsoidal", georeference_level="50", remarks="", vertices_site_m=vertices,
-        triangles=triangles, element_of_triangle=owner, elements=table_of_rows("elements", rows),
+        triangles=triangles, element_of_triangle=owner, elements=table_from_rows("elements", rows),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.core.cache import DIAGNOSTICS, IN_USE_S, MANIFEST, Cached, StageCache
+from facadelake.core.cache import DIAGNOSTICS, IN_USE_S, MANIFEST, CachedResult, StageCache
 
 
 def make_two_files(folder: Path) -> None:
@@ -22,11 +22,11 @@ def cache(tmp_path: Path) -> StageCache:
     return StageCache(root=tmp_path / "cache")
 
 
-def entry(cache: StageCache, key: str = "k1", stage: str = "merge") -> Cached:
+def entry(cache: StageCache, key: str = "k1", stage: str = "merge") -> CachedResult:
     return cache.entry(stage, key, make_two_files)
 
 
-def age(cached: Cached, days: float) -> None:
+def age(cached: CachedResult, days: float) -> None:
     then = time.time() - days * 86400
     os.utime(cached.folder / MANIFEST, (then, then))
 

@@ -10,7 +10,7 @@ import pytest
 
 from facadelake.core import code_version as module
 from facadelake.core.checkout import CHECKOUT
-from facadelake.core.code_version import code_version
+from facadelake.core.code_version import compute_code_version
 
 FOLDERS = ("cli", "facadelake", "flows", "tasks", "schemas", "sql", "data")
 STAGES = (
@@ -73,9 +73,9 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def sha256(stage: str, root: Path) -> str:
-    for cached in (module._version_of, module._is_face, module._names_of_face):
+    for cached in (module._compute_version, module._is_face, module._read_face):
         cached.cache_clear()
-    return code_version(f"tasks.{stage}", root).sha256
+    return compute_code_version(f"tasks.{stage}", root).sha256
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_every_stage_is_here() -> None:
 
 
 def test_a_copy_has_the_keys_of_the_checkout(before: dict[str, str]) -> None:
-    assert before == {stage: code_version(f"tasks.{stage}").sha256 for stage in STAGES}
+    assert before == {stage: compute_code_version(f"tasks.{stage}").sha256 for stage in STAGES}
     assert len(set(before.values())) == len(STAGES)
 
 
@@ -172,9 +172,9 @@ def test_versions_of_the_computing_libraries_count(
 
 def test_the_flow_covers_every_stage() -> None:
     """``runs.code_sha256``: what any stage runs, the flow runs."""
-    flow = code_version("flows.inspect_building").files
+    flow = compute_code_version("flows.inspect_building").files
     for stage in STAGES:
-        assert code_version(f"tasks.{stage}").files.keys() <= flow.keys(), stage
+        assert compute_code_version(f"tasks.{stage}").files.keys() <= flow.keys(), stage
     assert "facadelake/evaluation/campaigns/comparison.py" not in flow
 
 
@@ -189,10 +189,10 @@ def test_a_name_of_a_face_is_followed_to_its_module_alone(tmp_path: Path) -> Non
         "typed.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from house import roof\n",
     }.items():  # fmt: skip
         (tmp_path / name).write_text(text)
-    assert set(code_version("use", tmp_path).files) == {"use.py", "house/walls.py"}
-    assert set(code_version("whole", tmp_path).files) == {"whole.py", "house/roofs.py"}
-    assert set(code_version("late", tmp_path).files) == {"late.py", "house/roofs.py"}
-    assert set(code_version("typed", tmp_path).files) == {"typed.py"}
+    assert set(compute_code_version("use", tmp_path).files) == {"use.py", "house/walls.py"}
+    assert set(compute_code_version("whole", tmp_path).files) == {"whole.py", "house/roofs.py"}
+    assert set(compute_code_version("late", tmp_path).files) == {"late.py", "house/roofs.py"}
+    assert set(compute_code_version("typed", tmp_path).files) == {"typed.py"}
 
 
 def test_an_init_that_does_something_is_code(tmp_path: Path) -> None:
@@ -201,18 +201,23 @@ def test_an_init_that_does_something_is_code(tmp_path: Path) -> None:
     (tmp_path / "house" / "walls.py").write_text("wall = 1\n")
     (tmp_path / "settings.py").write_text("def switch_off(): ...\n")
     (tmp_path / "use.py").write_text("from house.walls import wall\n")
-    assert set(code_version("use", tmp_path).files) == {"use.py", "house/walls.py", "house/__init__.py", "settings.py"}
+    assert set(compute_code_version("use", tmp_path).files) == {
+        "use.py",
+        "house/walls.py",
+        "house/__init__.py",
+        "settings.py",
+    }
 
 
 def test_what_the_closure_cannot_follow_is_refused(tmp_path: Path) -> None:
     (tmp_path / "relative.py").write_text("from . import walls\n")
     with pytest.raises(ValueError, match="relative imports are not followed"):
-        code_version("relative", tmp_path)
+        compute_code_version("relative", tmp_path)
     (tmp_path / "computed.py").write_text("from facadelake.core.checkout import source_path\nsource_path(name)\n")
     with pytest.raises(ValueError, match=r"computed\.py:2: source_path takes a literal"):
-        code_version("computed", tmp_path)
+        compute_code_version("computed", tmp_path)
     with pytest.raises(LookupError, match="has no module nowhere"):
-        code_version("nowhere", tmp_path)
+        compute_code_version("nowhere", tmp_path)
 
 
 def test_only_one_module_knows_where_the_checkout_lies() -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.frames import Similarity, similarity_between
+from facadelake.core.frames import Similarity, estimate_similarity
 
 numbers = st.floats(-1e4, 1e4, allow_nan=False)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)
@@ -43,24 +43,24 @@ def test_apply_against_numbers_done_by_hand() -> None:
 @given(similarities)
 def test_similarity_between_finds_it_again(transform: Similarity) -> None:
     source = np.random.default_rng(1).normal(size=(6, 3)) * 10
-    found = similarity_between(source, transform.apply(source), np.arange(1.0, 7.0))
+    found = estimate_similarity(source, transform.apply(source), np.arange(1.0, 7.0))
     np.testing.assert_allclose(found.rotation, transform.rotation, rtol=0, atol=1e-7)
     assert found.scale == pytest.approx(transform.scale, rel=1e-7)
 
 
 def test_similarity_between_never_mirrors() -> None:
     source = np.random.default_rng(2).normal(size=(8, 3))
-    found = similarity_between(source, source * [1, 1, -1])
+    found = estimate_similarity(source, source * [1, 1, -1])
     assert np.linalg.det(found.rotation) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_what_a_similarity_refuses() -> None:
     points = np.random.default_rng(3).normal(size=(5, 3))
     with pytest.raises(GeoreferenceError, match="3 or more point pairs, 2 were given"):
-        similarity_between(points[:2], points[:2])
+        estimate_similarity(points[:2], points[:2])
     line = np.outer(np.arange(5.0), [1, 2, 3])
     with pytest.raises(GeoreferenceError, match="lie on one line"):
-        similarity_between(line, points)
+        estimate_similarity(line, points)
     with pytest.raises(GeoreferenceError, match="not a proper rotation"):
         Similarity(rotation=np.diag([1.0, 1, -1]), translation=np.zeros(3))
     with pytest.raises(GeoreferenceError, match=r"scale is 0\.0"):

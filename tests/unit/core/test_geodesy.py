@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import ECEF, GEO, SiteOrigin, as_3d, transform
+from facadelake.core.geodesy import ECEF, GEO, SiteOrigin, promote_to_3d, transform
 
 A, F = 6378137.0, 1 / 298.257223563  # WGS 84
 E2 = F * (2 - F)
@@ -95,7 +95,7 @@ def test_a_missing_grid_is_refused_not_guessed() -> None:
 
 def test_an_unknown_crs_is_named() -> None:
     with pytest.raises(GeoreferenceError, match="CRS 'EPSG:999999' is not known to PROJ"):
-        as_3d("EPSG:999999")
+        promote_to_3d("EPSG:999999")
 
 
 def test_no_points_are_no_points() -> None:

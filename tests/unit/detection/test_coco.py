@@ -10,15 +10,15 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.hashing import file_sha256
-from facadelake.core.tables import table_of_rows
+from facadelake.core.hashing import hash_file
+from facadelake.core.tables import table_from_rows
 from facadelake.detection.coco.import_detections import import_coco
 
 WIDTH, HEIGHT = 640, 480
 
 
 def photos_table(*photo_ids: str, outcome: str = "accepted") -> pa.Table:
-    return table_of_rows(
+    return table_from_rows(
         "photos",
         [
             {
@@ -75,7 +75,7 @@ def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
         "mask": None,
         **dict.fromkeys(name for name in first if name.startswith("crack_")),  # nothing is measured here
         "detector": "coco:boxes.json",
-        "detector_sha256": file_sha256(path),
+        "detector_sha256": hash_file(path),
     }
     assert second["score"] == 1.0  # a person's box
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image as PillowImage
 
-from facadelake.core.tables import stage_schema, table_of_rows
+from facadelake.core.tables import get_stage_schema, table_from_rows
 from facadelake.detection.campaign import OnnxDetector, View, detect_photographs
 from facadelake.detection.card import ModelCard
 from tests.unit.detection.onnx_models import answer, card, save_model
@@ -32,7 +32,7 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
     PillowImage.new("RGB", (192, 80)).save(root / "near" / "turned.jpg", exif=exif)
     accepted = ("near/wide.jpg", "near/torn.jpg", "near/turned.jpg")
     outcomes = {**dict.fromkeys(accepted, "accepted"), "no.jpg": "unreadable"}
-    photos = table_of_rows(
+    photos = table_from_rows(
         "photos",
         [
             {
@@ -47,7 +47,7 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
     with caplog.at_level(logging.WARNING):
         table = detect_photographs(photos, root, detector)
     assert "near/torn.jpg cannot be read" in caplog.text
-    assert table.schema.equals(stage_schema("detections"))
+    assert table.schema.equals(get_stage_schema("detections"))
     rows = table.to_pylist()
     assert [row["photo_id"] for row in rows] == ["near/wide.jpg"] * 4 + ["near/turned.jpg"] * 4
     assert len({row["detection_id"] for row in rows}) == 8
@@ -72,7 +72,7 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
 def test_nothing_is_looked_for_where_the_building_is_not(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "sky.jpg"), np.zeros((80, 192, 3), dtype=np.uint8))
     row = {"photo_id": "sky.jpg", "sha256": "0", "bytes": 1, "photo_outcome": "accepted"}
-    photos = table_of_rows("photos", [{**row, "prior_source": "none", "prior_height_datum": "unknown"}])
+    photos = table_from_rows("photos", [{**row, "prior_source": "none", "prior_height_datum": "unknown"}])
     detector = OnnxDetector(save_model(tmp_path / "fixed.onnx", answer("yolov8", [CRACK])), ModelCard(**card("yolov8")))
     nowhere = View(gsd_mm=1.0, target=np.zeros((8, 19), dtype=bool))
     assert len(detect_photographs(photos, tmp_path, detector)) == 1

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from facadelake.core.errors import ModelError
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.detection.card import read_card
 from facadelake.detection.configured import model_file, resolve_default_model
 from facadelake.detection.model_registry import LIST, SHIPPED, default_model, promote, promotions
@@ -30,12 +30,12 @@ def test_shipped_model_is_the_default_until_another_is_promoted(tmp_path: Path) 
     assert default_model(shelf) == shipped
     new = _model(tmp_path, "second try", 0.2)
     given = {"by": "A. Mason", "why": "fewer joints", "evidence": "7 of 7", "folder": shelf}
-    done = promote(new, replaces=file_sha256(shipped), **given)
+    done = promote(new, replaces=hash_file(shipped), **given)
     held = default_model(shelf)
-    assert held.name == done.file == f"second-try-{file_sha256(new)[:12]}.onnx"
-    assert file_sha256(held) == file_sha256(new)
+    assert held.name == done.file == f"second-try-{hash_file(new)[:12]}.onnx"
+    assert hash_file(held) == hash_file(new)
     assert read_card(held.with_suffix(".card.yaml")).name == "second try"
-    assert (done.by, done.why, done.replaces) == ("A. Mason", "fewer joints", file_sha256(shipped))
+    assert (done.by, done.why, done.replaces) == ("A. Mason", "fewer joints", hash_file(shipped))
     assert shipped.is_file()
 
 
@@ -45,9 +45,9 @@ def test_again_changes_nothing_and_back_is_one_more_entry(tmp_path: Path) -> Non
     first = promote(old, replaces=None, **given)
     promote(new, replaces=first.sha256, **given)
     assert promote(new, replaces=first.sha256, **given) == promotions(shelf)[-1]
-    promote(old, replaces=file_sha256(new), **given)
-    assert [entry.sha256 for entry in promotions(shelf)] == [first.sha256, file_sha256(new), first.sha256]
-    assert file_sha256(default_model(shelf)) == first.sha256
+    promote(old, replaces=hash_file(new), **given)
+    assert [entry.sha256 for entry in promotions(shelf)] == [first.sha256, hash_file(new), first.sha256]
+    assert hash_file(default_model(shelf)) == first.sha256
 
 
 def test_changed_model_and_damaged_list_are_refused(tmp_path: Path) -> None:
@@ -72,10 +72,10 @@ def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     shelf = tmp_path / "shelf"
     shipped, second, third = (_model(tmp_path, name, 0.1 * i) for i, name in enumerate(("first", "second", "third")))
     given = {"by": "A. Mason", "why": "a trial", "evidence": "", "folder": shelf}
-    promote(second, replaces=file_sha256(shipped), **given)
-    with pytest.raises(ModelError, match=rf"but the default is {file_sha256(second)[:12]} since A. Mason promoted it"):
-        promote(third, replaces=file_sha256(shipped), **given)
-    assert file_sha256(default_model(shelf)) == file_sha256(second)
+    promote(second, replaces=hash_file(shipped), **given)
+    with pytest.raises(ModelError, match=rf"but the default is {hash_file(second)[:12]} since A. Mason promoted it"):
+        promote(third, replaces=hash_file(shipped), **given)
+    assert hash_file(default_model(shelf)) == hash_file(second)
 
 
 def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

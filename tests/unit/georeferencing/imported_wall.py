@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.site_frame import SiteFrame
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def wall() -> Surface:
 
 def photos(names: list[str] | None = None, **columns: Any) -> pa.Table:
     """Table ``photos``; ``columns`` go over what every row says."""
-    return table_of_rows(
+    return table_from_rows(
         "photos",
         [
             {

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.pose_table import posed_cameras
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, Sighting
 from facadelake.georeferencing.imported.placement import SIGMA_POSITION_M, PlacedByImport, place_imported
 from facadelake.georeferencing.imported.read import read_poses
@@ -22,7 +22,7 @@ def placed(path: Path, of: pa.Table | None = None, limit_m: float = 0.5) -> Plac
 
 def test_every_photograph_has_its_pose(tmp_path: Path) -> None:
     found = placed(geo_csv(tmp_path))
-    cameras = posed_cameras(found.poses)
+    cameras = read_posed_cameras(found.poses)
     assert sorted(cameras) == NAMES and found.localised == 4
     for name, centre in zip(NAMES, CENTRES, strict=True):
         np.testing.assert_allclose(cameras[name].centre_site_m, centre, rtol=0, atol=1e-4)  # m

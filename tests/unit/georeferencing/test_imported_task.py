@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from facadelake.building.model import BuildingModel
-from facadelake.core.tables import read_table, table_of_rows, write_table
+from facadelake.core.tables import read_table, table_from_rows, write_table
 from facadelake.registry import read_portfolio
 from tasks.import_poses import import_poses
 from tasks.job import InspectionJob, StageResult
@@ -55,7 +55,7 @@ def stages(tmp_path: Path) -> tuple[InspectionJob, StageResult, StageResult]:
         vertices_site_m=surface.vertices_site_m,
         triangles=surface.triangles,
         element_of_triangle=surface.triangles[:, 0] * 0,
-        elements=table_of_rows("elements", [element]),
+        elements=table_from_rows("elements", [element]),
     ).save(model.folder)
     write_table("photos", photos(), ingested.folder)
     return job, model, ingested
@@ -81,7 +81,7 @@ def test_masks_that_change_places_register_anew_and_nothing_detected_is_no_error
     """Two masks of the same bytes, each of the other photograph: the same bytes in the same order of paths."""
     job, model, ingested = stages
     found = stage(tmp_path / "detections", "detections")
-    write_table("detections", table_of_rows("detections", []), found.folder)
+    write_table("detections", table_from_rows("detections", []), found.folder)
     folder = tmp_path / "2026-04"
     (folder / "masks").mkdir(parents=True)
     for name in ("a.jpg", "b.jpg", "a_mask.png", "masks/b.png"):

@@ -12,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 import shapely
 
-from facadelake.core.tables import table_of_rows, with_run_keys
+from facadelake.core.tables import add_run_keys, table_from_rows
 from facadelake.lake.commit import Committed, commit_campaign
 from schemas.tables import TABLES
 
@@ -159,7 +159,7 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
 def stage_tables(**settings: Any) -> dict[str, pa.Table]:
     """The small campaign as stage tables; settings as of ``rows``."""
     made = rows(**settings)
-    return {name: table_of_rows(name, made[name]) for name in TABLES}
+    return {name: table_from_rows(name, made[name]) for name in TABLES}
 
 
 def lake_tables(
@@ -167,7 +167,7 @@ def lake_tables(
 ) -> Mapping[str, pa.Table]:
     """The small campaign with its run keys."""
     keys = {"building_id": building_id, "campaign_id": campaign_id, "run_id": run_id}
-    return {name: with_run_keys(name, table, **keys) for name, table in stage_tables(**settings).items()}
+    return {name: add_run_keys(name, table, **keys) for name, table in stage_tables(**settings).items()}
 
 
 def commit(

@@ -10,7 +10,7 @@ import pytest
 
 from facadelake.core.errors import SchemaError
 from facadelake.core.sql_files import read_statements
-from facadelake.core.tables import stage_schema
+from facadelake.core.tables import get_stage_schema
 from facadelake.lake.checks import CHECKED, CHECKS, failure_text, failures, validate
 from schemas.tables import RUN_KEYS, TABLES
 from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_tables
@@ -18,7 +18,7 @@ from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_
 
 def loose(name: str, made: list[dict[str, Any]]) -> pa.Table:
     """A table of the right types that may be empty where it must not be: what validation has to find."""
-    return pa.Table.from_pylist(made, schema=stage_schema(name))
+    return pa.Table.from_pylist(made, schema=get_stage_schema(name))
 
 
 @pytest.fixture(scope="module")

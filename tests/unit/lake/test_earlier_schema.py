@@ -12,7 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from facadelake.core.duckdb_engine import sql_string
+from facadelake.core.duckdb_engine import quote_sql_string
 from facadelake.lake.connect import reading
 from facadelake.lake.migrate import schema_version
 from facadelake.lake.questions import ask, list_questions
@@ -86,4 +86,4 @@ def test_a_commit_migrates_and_earlier_versions_stay_readable(lake: Path) -> Non
 def test_a_lake_of_schema_1_under_a_path_with_a_quote(lake: Path, tmp_path: Path) -> None:
     moved = tmp_path / "it's"
     lake.rename(moved)
-    assert sql_string(moved).count("''") == 1 and len(read_table(moved, "defects")) == 5
+    assert quote_sql_string(moved).count("''") == 1 and len(read_table(moved, "defects")) == 5

@@ -6,10 +6,10 @@ from pathlib import Path
 import duckdb
 import pytest
 
-from facadelake.core.duckdb_engine import extension_file
+from facadelake.core.duckdb_engine import find_extension_file
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.sql_files import read_statement_file
-from facadelake.core.sql_guard import refuse_unless_plain_select
+from facadelake.core.sql_guard import require_plain_select
 from facadelake.lake.questions import ask
 from facadelake.lake.read import query, sealed
 from schemas.tables import TABLES
@@ -89,9 +89,9 @@ def connection(lake: Path) -> Iterator[duckdb.DuckDBPyConnection]:
     ],
 )
 def test_anything_else_is_refused_by_the_guard(lake: Path, connection: duckdb.DuckDBPyConnection, sql: str) -> None:
-    text = sql.format(lake=lake, spatial=extension_file("spatial"))
+    text = sql.format(lake=lake, spatial=find_extension_file("spatial"))
     with pytest.raises(InputDataError) as refusal:
-        refuse_unless_plain_select(connection, text, frozenset(TABLES))
+        require_plain_select(connection, text, frozenset(TABLES))
     assert any(
         words in str(refusal.value)
         for words in ("only answers a SELECT", "one statement at a time", "may not be used", "there is no table")

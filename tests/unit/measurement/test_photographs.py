@@ -11,8 +11,8 @@ import pytest
 import shapely
 
 from benchmarks.drawn_cracks import draw_crack
-from facadelake.core.progress import listening
-from facadelake.core.tables import table_of_rows
+from facadelake.core.progress import listen_to_progress
+from facadelake.core.tables import table_from_rows
 from facadelake.measurement.campaign import measure_detections
 
 NUMBERS = ("crack_width_px", "crack_width_max_px", "crack_width_sigma_px", "crack_width_limit_px", "crack_length_px")
@@ -44,9 +44,9 @@ def rows_of(root: Path, *given: dict[str, Any]) -> list[dict[str, Any]]:
         "score": 1.0, "box_x_px": left, "box_y_px": top, "box_width_px": width, "box_height_px": height,
         "detector": "coco:x", "detector_sha256": "0",
     }  # fmt: skip
-    table = table_of_rows("detections", [{"detection_id": f"d{i}", **usual, **one} for i, one in enumerate(given)])
+    table = table_from_rows("detections", [{"detection_id": f"d{i}", **usual, **one} for i, one in enumerate(given)])
     bar = Bar()
-    with listening(bar):
+    with listen_to_progress(bar):
         rows: list[dict[str, Any]] = measure_detections(table, root).to_pylist()
     assert bar.done == bar.total > 0
     return rows

@@ -11,7 +11,7 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
 from facadelake.registration.exclusion_mask import masked_shares
 from facadelake.registration.occlusion import OcclusionSettings
@@ -56,7 +56,7 @@ def box_at(posed, xyz, size_px=40.0):
 
 def excluded(wall, made, scene, cameras=CAMERAS):
     """Rows by detection_id, as if every box had been registered whose photograph has a pose."""
-    observed = table_of_rows(
+    observed = table_from_rows(
         "observations",
         [
             {
@@ -242,7 +242,7 @@ def test_on_a_bench_it_is_off_target(wall, detections_of):
     kinds = ("IfcFurniture", "IfcWall")
     rows = [{**row, "ifc_class": kind} for row, kind in zip(wall.elements.to_pylist(), kinds, strict=True)]
     made = detections_of(*[(name, "p1", "crack", (900, 700, 40, 40)) for name in ("low", "high")])
-    found = excluded(replace(wall, elements=table_of_rows("elements", rows)), made, Scene())
+    found = excluded(replace(wall, elements=table_from_rows("elements", rows)), made, Scene())
     assert {name: row["observation_outcome"] for name, row in found.items()} == {
         "low": "off_target", "high": "registered",
     }  # fmt: skip

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.core.pose_table import pose_covariances
-from facadelake.core.tables import table_of_rows
+from facadelake.core.pose_table import read_pose_covariances
+from facadelake.core.tables import table_from_rows
 from facadelake.registration.observe import observe
 from facadelake.registration.settings import RegisterSettings
 from tests.unit.registration.wall_scene import CAMERA, looking
@@ -95,7 +95,7 @@ def test_covariances_come_from_the_poses_that_were_measured():
     common = {
         "image_width_px": CAMERA.width_px, "image_height_px": CAMERA.height_px, "tie_points": 9,
     }  # fmt: skip
-    poses = table_of_rows(
+    poses = table_from_rows(
         "poses",
         [
             {"photo_id": "a", "pose_source": "sfm", "covariance": values, **common},
@@ -103,7 +103,7 @@ def test_covariances_come_from_the_poses_that_were_measured():
             {"photo_id": "c", "pose_source": "resected", **common},
         ],
     )
-    found = pose_covariances(poses)
+    found = read_pose_covariances(poses)
     assert list(found) == ["a"]
     np.testing.assert_array_equal(found["a"], np.arange(36.0).reshape(6, 6) + 1)
 

@@ -8,7 +8,7 @@ import shapely
 
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.registration.observe import observe
 from facadelake.registration.patch import patches_in_site, patches_on_the_globe
 from facadelake.registration.settings import RegisterSettings
@@ -36,7 +36,7 @@ def building_of(wall: BuildingModel, *parts: tuple[str, str, str | None, np.ndar
         vertices_site_m=np.vstack([corners for *_, corners in parts]),
         triangles=(corner + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
         element_of_triangle=np.repeat([guids.index(guid) for guid, *_ in parts], 2),
-        elements=table_of_rows("elements", rows),
+        elements=table_from_rows("elements", rows),
     )
 
 
@@ -47,7 +47,7 @@ def masked(detections, *outlines_img):
         left, top, right, bottom = outline.bounds
         row |= {"mask": shapely.to_wkt(outline, rounding_precision=6), "box_x_px": left, "box_y_px": top}
         row |= {"box_width_px": right - left, "box_height_px": bottom - top}
-    return table_of_rows("detections", rows)
+    return table_from_rows("detections", rows)
 
 
 def seen_as(posed, corners_site):

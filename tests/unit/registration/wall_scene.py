@@ -11,7 +11,7 @@ from facadelake.building.model import BuildingModel
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 
 CAMERA = Camera(width_px=2000, height_px=1500, fx_px=1500, fy_px=1500, cx_px=1000, cy_px=750)
 
@@ -55,7 +55,7 @@ def wall() -> BuildingModel:
         vertices_site_m=np.vstack([low, high]),
         triangles=np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]),
         element_of_triangle=np.array([0, 0, 1, 1]),
-        elements=table_of_rows("elements", rows),
+        elements=table_from_rows("elements", rows),
     )
 
 
@@ -64,7 +64,7 @@ def detections_of() -> Callable[..., pa.Table]:
     """Makes table ``detections`` of (detection_id, photo_id, class, box) with optional changes to every row."""
 
     def make(*wanted: tuple[str, str, str, tuple[float, float, float, float]], **changes: object) -> pa.Table:
-        return table_of_rows(
+        return table_from_rows(
             "detections",
             [
                 {

@@ -15,7 +15,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import stage_schema, table_of_rows
+from facadelake.core.tables import get_stage_schema, table_from_rows
 from facadelake.reporting.inspection import Inspection
 
 WALL_WIDTH_M, WALL_HEIGHT_M, WALL_THICK_M = 8.0, 4.0, 0.3
@@ -76,7 +76,7 @@ def photograph(posed: PosedCamera, paint: Float64Array) -> Float64Array:
 def painted_wall(root: Path) -> Painted:
     """The wall, its cameras, and its photographs written into ``root``."""
     vertices, triangles = box(np.zeros(3), np.array([WALL_WIDTH_M, WALL_THICK_M, WALL_HEIGHT_M]))
-    elements = table_of_rows(
+    elements = table_from_rows(
         "elements",
         [
             {
@@ -199,21 +199,21 @@ def inspection_of(painted: Painted, defects: list[dict[str, object]], sightings:
         {"table_name": "defects", "expectation": "between", "column_name": "width_m", "passed": False, "unexpected": 2,
          "detail": NASTY_NAME},
     ]  # fmt: skip
-    empty: pa.Table = stage_schema("integrity_views").empty_table()
+    empty: pa.Table = get_stage_schema("integrity_views").empty_table()
     return Inspection(
         building_name=NASTY_NAME,
         campaign_id="2026-04",
         photographs_root=painted.root,
         building=painted.building,
         posed=painted.posed,
-        photos=table_of_rows("photos", photos),
-        poses=table_of_rows("poses", poses),
-        georeference=table_of_rows("georeference", [georeference]),
-        georeference_points=table_of_rows("georeference_points", points),
-        detections=table_of_rows("detections", detections),
-        observations=table_of_rows("observations", observations),
-        defects=table_of_rows("defects", defects),
-        merges=table_of_rows("merges", []),
+        photos=table_from_rows("photos", photos),
+        poses=table_from_rows("poses", poses),
+        georeference=table_from_rows("georeference", [georeference]),
+        georeference_points=table_from_rows("georeference_points", points),
+        detections=table_from_rows("detections", detections),
+        observations=table_from_rows("observations", observations),
+        defects=table_from_rows("defects", defects),
+        merges=table_from_rows("merges", []),
         integrity_views=empty,
-        checks=table_of_rows("checks", checks),
+        checks=table_from_rows("checks", checks),
     )

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.reporting.cards.card import bar_length_m, length_words
 from facadelake.reporting.cards.cards import defect_cards
 from facadelake.reporting.cards.crops import cut_out
@@ -33,7 +33,7 @@ SETTINGS = PictureSettings(cell_m=0.02)
 
 
 def mark_at(painted: Painted, x_m: float, z_m: float, **others: Any) -> Mark:
-    (mark,) = marks_of(table_of_rows("defects", [defect_row("D1", x_m, z_m, **others)]), painted.building.origin)
+    (mark,) = marks_of(table_from_rows("defects", [defect_row("D1", x_m, z_m, **others)]), painted.building.origin)
     return mark
 
 
@@ -197,8 +197,8 @@ def many_sightings(painted: Painted) -> Inspection:
                          "incidence_deg": 60.0})  # fmt: skip
     return replace(
         inspection,
-        detections=table_of_rows("detections", detections),
-        observations=table_of_rows("observations", observations),
+        detections=table_from_rows("detections", detections),
+        observations=table_from_rows("observations", observations),
     )
 
 
@@ -248,7 +248,7 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
          "merge_decision": "apart", "merge_reason": "looks_different", "separation_m": 0.2, "mahalanobis_distance": 2.0,
          "overlap_share": None, "appearance_score": None},
     ]  # fmt: skip
-    merges = merges_by_defect(table_of_rows("merges", pairs))
+    merges = merges_by_defect(table_from_rows("merges", pairs))
     assert len(merges["D1"]) == 2
     assert len(merges["D9"]) == 1
     measured = {"deviation_from_model_m": -0.034, "deviation_sigma_m": 0.005, "crack_width_mm": 0.4, "length_m": 1.5}

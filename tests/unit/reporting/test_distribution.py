@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.reporting.distribution import (
     NO_STOREY,
     distribution_of,
@@ -44,13 +44,13 @@ def test_every_defect_is_counted_once(spread: Inspection) -> None:
 def test_facades_stand_clockwise_and_those_without_a_direction_last(painted: Painted, spread: Inspection) -> None:
     element = painted.building.elements.to_pylist()[0]
     told = {"S": 180.0, "N-2": 350.0, "E": None, "level": None}
-    elements = table_of_rows(
+    elements = table_from_rows(
         "elements",
         [{**element, "element_guid": name, "facade": name, "facade_azimuth_deg": turn} for name, turn in told.items()],
     )
     rows = [{**row, "facade": "E"} if row["defect_id"] == "A0" else row for row in spread.defects.to_pylist()]
     building = replace(painted.building, elements=elements)
-    found = distribution_of(replace(spread, building=building, defects=table_of_rows("defects", rows)))
+    found = distribution_of(replace(spread, building=building, defects=table_from_rows("defects", rows)))
     assert found.facades == ("E", "S", "N-2", "level")  # E by its word alone
 
 
@@ -66,7 +66,7 @@ def test_the_table_has_a_line_for_each_number(spread: Inspection, tmp_path: Path
 
 def test_bars_are_as_long_as_their_numbers(spread: Inspection, tmp_path: Path) -> None:
     only = [row for row in spread.defects.to_pylist() if row["facade"] == "S"]
-    one = replace(spread, defects=table_of_rows("defects", only))
+    one = replace(spread, defects=table_from_rows("defects", only))
     path = draw_distribution(distribution_of(one), distribution_title(one), tmp_path / "d.png")
     picture = cv2.imread(str(path)).astype(int)[130:]  # below title and legend
     lengths = {}

@@ -9,7 +9,7 @@ import pytest
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.reporting.elevations.elevation import compose, facade_elevations
 from facadelake.reporting.elevations.facades import Facade, find_facades
 from facadelake.reporting.elevations.marks import marks_also_seen, marks_of, marks_per_facade
@@ -142,7 +142,7 @@ def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: P
         vertices_site_m=np.vstack([low, high]),
         triangles=arc,
         element_of_triangle=np.zeros(len(arc), dtype=np.int64),
-        elements=table_of_rows("elements", [element]),
+        elements=table_from_rows("elements", [element]),
     )
     camera = painted.posed["a.png"].camera
     posed = {str(x): looking(np.array([x, -9.0, 1.5]), np.array([4.0, 0.0, 2.0]), camera) for x in (-1.0, 4.0, 9.0)}
@@ -278,7 +278,7 @@ def test_storeys_begin_at_their_walls_feet(painted: Painted) -> None:
         vertices_site_m=np.vstack([vertices for vertices, _ in parts]),
         triangles=np.vstack([triangles + 8 * i for i, (_, triangles) in enumerate(parts)]),
         element_of_triangle=np.repeat(np.arange(7), 12),
-        elements=table_of_rows("elements", rows),
+        elements=table_from_rows("elements", rows),
     )
     levels = storey_levels(building)
     assert [level.name for level in levels] == ["Ground", "First"]

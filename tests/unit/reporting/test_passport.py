@@ -11,7 +11,7 @@ from matplotlib.collections import EllipseCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
-from facadelake.core.tables import stage_schema, table_of_rows
+from facadelake.core.tables import get_stage_schema, table_from_rows
 from facadelake.reporting.drawing.projected_model import draw_model
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.passport import passport
@@ -33,7 +33,7 @@ CENTIMETRES: dict[str, Any] = {
 
 def judged(**changes: Any) -> tuple[Verdict, str, dict[str, Verdict]]:
     row = CENTIMETRES | changes
-    facts = facts_of(row, stage_schema("poses").empty_table(), placement_sigma_max_m=0.5)
+    facts = facts_of(row, get_stage_schema("poses").empty_table(), placement_sigma_max_m=0.5)
     assert all(fact.value and fact.meaning for fact in facts)
     assert all(fact.limit for fact in facts if fact.verdict)  # what is judged says by what
     return *summary(row, facts), {fact.name: fact.verdict for fact in facts}
@@ -114,7 +114,7 @@ def test_ellipses_hold_95_of_100_cameras(painted: Painted) -> None:
     whole[:3, :3] = factor @ factor.T
     rows[0]["covariance"] = whole.ravel().tolist()
     rows[1]["covariance"] = None
-    inspection = replace(inspection, poses=table_of_rows("poses", rows))
+    inspection = replace(inspection, poses=table_from_rows("poses", rows))
     samples = np.random.default_rng(5).normal(size=(4000, 3)) @ factor.T
     for up in (NORTH, UP):
         axes, scales = drawn(inspection, up)
@@ -166,15 +166,15 @@ def test_the_report_tells_numbers_meanings_limits_and_points(painted: Painted, t
         assert words in text
     assert '<td class="n">-12</td><td class="n">+5</td><td class="n">-15</td>' in text
     assert NASTY_NAME not in text  # escaped
-    empty = replace(inspection, georeference=stage_schema("georeference").empty_table())
+    empty = replace(inspection, georeference=get_stage_schema("georeference").empty_table())
     assert "no passport" in passport(empty, tmp_path)[0].text
 
 
 def test_a_passport_without_points_or_cameras_is_drawn(painted: Painted, tmp_path: Path) -> None:
     inspection = replace(
         inspection_of(painted, [], []),
-        georeference_points=stage_schema("georeference_points").empty_table(),
-        poses=stage_schema("poses").empty_table(),
+        georeference_points=get_stage_schema("georeference_points").empty_table(),
+        poses=get_stage_schema("poses").empty_table(),
     )
     picture = cv2.imread(str(draw_passport(inspection, tmp_path / "passport.png")))
     assert min(picture.shape[:2]) > 1000

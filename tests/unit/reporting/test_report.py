@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.reporting.cards.crops import defect_crops
 from facadelake.reporting.drawing.palette import bgr_of, outcome_colour, short_ids
 from facadelake.reporting.inspection import PictureSettings
@@ -75,7 +75,7 @@ def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, 
     settings = replace(COARSE, report_cards=1, report_overlays=1)
     inspection = inspection_of(painted, defects, ["D1", "D2"])
     found = [{**row, "detector": "onnx:nano"} for row in inspection.detections.to_pylist()]
-    inspection = replace(inspection, detections=table_of_rows("detections", found))
+    inspection = replace(inspection, detections=table_from_rows("detections", found))
     path = write_report(inspection, painted.surface, tmp_path, settings)
     page = read(path)
     assert "Found by onnx:nano. A model misses defects" in page.text
@@ -136,7 +136,7 @@ def test_boxes_have_the_colour_of_their_outcome_where_they_are(painted: Painted,
     inspection = inspection_of(painted, [defect_row("D1", 2.5, 1.5)], ["D1"])
     rows = [{**row, "observation_outcome": outcome, "defect_id": None} for row in inspection.observations.to_pylist()]
     inspection = replace(
-        inspection, observations=table_of_rows("observations", rows), defects=table_of_rows("defects", [])
+        inspection, observations=table_from_rows("observations", rows), defects=table_from_rows("defects", [])
     )
     whole = PictureSettings(overlay_width_px=1000)
     paths = photo_overlays(inspection, painted.surface, ["a.png"], tmp_path, whole)
@@ -159,10 +159,10 @@ def test_telling_photographs_show_outcomes_first_and_then_defects(painted: Paint
     rows.append({**rows[0], "detection_id": "x", "photo_id": "b.png", "observation_outcome": "masked",
                  "defect_id": None})  # fmt: skip
     rows.append({**rows[0], "detection_id": "y", "photo_id": "b.png"})
-    both = replace(inspection, observations=table_of_rows("observations", rows))
+    both = replace(inspection, observations=table_from_rows("observations", rows))
     assert telling_photographs(both, 1) == ["b.png"]  # two outcomes, one defect
     assert telling_photographs(both, 5) == ["b.png", "a.png"]
-    again = replace(inspection, observations=table_of_rows("observations", [*rows[:3], rows[4]]))
+    again = replace(inspection, observations=table_from_rows("observations", [*rows[:3], rows[4]]))
     assert telling_photographs(again, 5) == ["a.png"]  # b.png adds nothing
     assert telling_photographs(replace(both, posed={}), 5) == []
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import Box
 from facadelake.reviews.match_reviews import Detected, Judgement, detected, judge
 from facadelake.reviews.presented import Said, Shown, shown_places
@@ -23,7 +23,7 @@ def box(x: float, y: float, width: float = 100.0, height: float = 40.0) -> Box:
 
 def rows(*found: tuple[str, str, Box], model: str = OLD_MODEL, first: int = 1, score: float = 0.9) -> pa.Table:
     """Detections (photo_id, class, box) as table ``detections``; ids count on from ``first`` as an ONNX run's do."""
-    return table_of_rows(
+    return table_from_rows(
         "detections",
         [
             {

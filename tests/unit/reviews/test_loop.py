@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from cli.main import app
 from cli.options import console
 from facadelake.core.errors import InputDataError, ModelError
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.detection.model_registry import default_model, promotions
 from facadelake.evaluation.model_comparison.compare import compare_models
 from facadelake.evaluation.model_comparison.promote import promote_model
@@ -65,7 +65,7 @@ def model(folder: Path, name: str, centre_and_size: tuple[float, float, float, f
     path = save_model(folder / f"{name}.onnx", answer, shape=(1, 3, 600, 800))
     content = card("yolov8")
     content |= {"name": name, "input": {**content["input"], "width_px": 800, "height_px": 600}}
-    content["metrics"] = {"evaluations": [{"model_sha256": file_sha256(path), "data": "held-out walls", "ap50": 0.5}]}
+    content["metrics"] = {"evaluations": [{"model_sha256": hash_file(path), "data": "held-out walls", "ap50": 0.5}]}
     path.with_suffix(".card.yaml").write_text(yaml.safe_dump(content))
     return path
 
@@ -124,12 +124,12 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
         promote_model(blind, **settings, lost_max=0, confirmed_min=1)
     assert promotions(shelf) == ()
     entry, told = promote_model(blind, **settings, lost_max=1, confirmed_min=1)
-    assert (entry.by, entry.replaces) == ("A. Mason", file_sha256(finds))
+    assert (entry.by, entry.replaces) == ("A. Mason", hash_file(finds))
     assert "1 of 1 confirmed defects lost (allowed 1)" in told
-    assert file_sha256(default_model(shelf)) == file_sha256(blind)
+    assert hash_file(default_model(shelf)) == hash_file(blind)
     assert promote_model(blind, **settings, lost_max=0, confirmed_min=1)[0] == entry
     back, _ = promote_model(finds, **settings, lost_max=0, confirmed_min=1)
-    assert (back.replaces, len(promotions(shelf))) == (file_sha256(blind), 2)
+    assert (back.replaces, len(promotions(shelf))) == (hash_file(blind), 2)
 
 
 def test_command_line_exports_imports_and_lists(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 from pycocotools.coco import COCO
 
 from facadelake.core.errors import InputDataError
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import Box
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.crosswalk import crosswalk_with
@@ -138,7 +138,7 @@ def test_evaluation_reads_the_same_boxes_and_sites(sets: Path, form: LabelForm) 
 def test_import_takes_it_as_detections(sets: Path) -> None:
     file = sets / "coco" / "annotations" / "instances_test.json"
     images = json.loads(file.read_text())["images"]
-    photos = table_of_rows(
+    photos = table_from_rows(
         "photos",
         [
             {"photo_id": image["file_name"], "sha256": "0" * 64, "bytes": 1, "photo_outcome": "accepted",

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from facadelake.core.tables import stage_schema
+from facadelake.core.tables import get_stage_schema
 from schemas.column import Kind
 from schemas.columns import COLUMNS
 from schemas.document import document
@@ -45,5 +45,5 @@ def test_expectations_cover_every_plain_column_that_promises_something() -> None
 def test_expectations_ask_for_the_stage_tables_columns() -> None:
     for table in TABLES.values():
         first = expectations(table)[0]
-        plain = [name for name in stage_schema(table.name).names if name not in table.geometry_columns]
+        plain = [name for name in get_stage_schema(table.name).names if name not in table.geometry_columns]
         assert first.settings == {"column_list": plain}

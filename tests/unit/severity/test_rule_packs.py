@@ -5,7 +5,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from facadelake.core.checkout import source_path
+from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement_file, read_statements
@@ -175,7 +175,7 @@ def test_fisp_errs_towards_the_worse_word(values: dict[str, object], word: str) 
 
 def test_every_pack_tells_what_it_is_and_the_lake_ranks_its_words() -> None:
     assert {"extent_v1", "paper_crack_width_v1", "bre251_v1", "concrete_03_v1", "nyc_fisp_v1"} <= set(rule_packs())
-    (view,) = (view for view in read_statements(source_path("sql/views")) if view.name == "severities")
+    (view,) = (view for view in read_statements(locate_source("sql/views")) if view.name == "severities")
     ranked: dict[str, list[str]] = {}
     for pack, word, _ in open_duckdb().execute(f"{view.sql} ORDER BY severity_rule, severity_rank").fetchall():
         ranked.setdefault(pack, []).append(word)

@@ -16,8 +16,8 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import FacadelakeError, InputDataError
-from facadelake.core.frames import similarity_between
-from facadelake.core.progress import listening
+from facadelake.core.frames import estimate_similarity
+from facadelake.core.progress import listen_to_progress
 from facadelake.sfm import worker_process as runner
 from facadelake.sfm.reconstruction import read_descriptors, read_reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
@@ -132,7 +132,7 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
             runner.subprocess, "Popen", lambda command, **how: real([*worker, command[-1], label, str(after)], **how)
         )
         part = folder / "part"
-        with listening(heard):
+        with listen_to_progress(heard):
             try:
                 reconstruct(photos, tmp_path / "images", part, SETTINGS)
             finally:
@@ -177,7 +177,7 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
     assert len(block.photos) == PHOTOS
     assert read_descriptors(folder / "part").shape == (len(block.xyz_sfm), 128)
     truth = np.array([centre(int(photo.photo_id[0])) for photo in block.photos])
-    placed = similarity_between(block.centres_sfm, truth).apply(block.centres_sfm)
+    placed = estimate_similarity(block.centres_sfm, truth).apply(block.centres_sfm)
     error_m = np.linalg.norm(placed - truth, axis=1).mean()
     assert 0.0005 < error_m < 0.05  # of 5 m, in photographs of 640 px
 

@@ -10,7 +10,7 @@ import pytest
 
 from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.errors import FacadelakeError, InputDataError
-from facadelake.core.progress import listening
+from facadelake.core.progress import listen_to_progress
 from facadelake.sfm import worker_process as runner
 
 SCRIPT = """
@@ -65,7 +65,7 @@ EVENTS = [
 @pytest.mark.usefixtures("scripted")
 def test_progress_reaches_the_listener_and_bars_end(tmp_path: Path) -> None:
     heard = Heard()
-    with listening(heard):
+    with listen_to_progress(heard):
         runner.run_worker({"events": EVENTS, "end": 0}, tmp_path / "out")
     assert heard.said == [
         ("Finding features", 4), ("advance", 4), ("end", 1), ("Comparing", 9), ("advance", 2), ("end", 4),

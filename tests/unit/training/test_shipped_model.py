@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.core.hashing import file_sha256
+from facadelake.core.hashing import hash_file
 from facadelake.detection.inference.detector import OnnxDetector, load_detector
 from facadelake.detection.model_registry import MODELS, SHIPPED
 from facadelake.detection.tiling.tiled_detection import detect_image
@@ -48,7 +48,7 @@ def _cracked(seed: int) -> tuple[np.ndarray, tuple[float, float, float, float]]:
 
 def test_it_is_small_and_its_card_names_its_hash() -> None:
     assert MODEL.stat().st_size <= 15_000_000
-    assert file_sha256(MODEL) in MODEL.with_suffix(".card.yaml").read_text(encoding="utf-8")
+    assert hash_file(MODEL) in MODEL.with_suffix(".card.yaml").read_text(encoding="utf-8")
 
 
 def test_its_card_says_what_it_learned_from(detector: OnnxDetector) -> None:

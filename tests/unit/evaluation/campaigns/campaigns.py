@@ -13,7 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 
 Array = NDArray[np.float64]
 CRS = "EPSG:25832"
@@ -133,7 +133,7 @@ def tables(made: Made) -> dict[str, pa.Table]:
         "observations": observations,
         "defects": defects,
     }
-    return {name: table_of_rows(name, content) for name, content in rows.items()}
+    return {name: table_from_rows(name, content) for name, content in rows.items()}
 
 
 def write_truth(folder: Path, made: Made) -> Path:

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.core.tables import table_of_rows
+from facadelake.core.tables import table_from_rows
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluation.campaigns.evaluate import evaluate
 
@@ -44,13 +44,13 @@ def test_published_cameras(shared_data: Path, boxes: str, shown: int) -> None:
              "qw": qw, "qx": qx, "qy": qy, "qz": qz, "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0,
              **{k: float(row[k]) for k in ("fx_px", "fy_px", "cx_px", "cy_px")}}
         )  # fmt: skip
-    photo_table = table_of_rows("photos", photos)
+    photo_table = table_from_rows("photos", photos)
     figures = evaluate(
         photos=photo_table,
-        poses=table_of_rows("poses", poses),
+        poses=table_from_rows("poses", poses),
         detections=import_coco(castle / boxes, photo_table, class_names={}),
-        observations=table_of_rows("observations", []),
-        defects=table_of_rows("defects", []),
+        observations=table_from_rows("observations", []),
+        defects=table_from_rows("defects", []),
         truth=castle / "truth",
         origin=ORIGIN,
         map_crs="EPSG:25832",
