@@ -7,7 +7,7 @@ The closure is read off the source (``ast``), never listed by hand:
   it, or nothing but a docstring. A name taken from a face is followed to the module that defines it, so that one name
   of a package does not stand for all of it;
 - a string that is the name of a module of the checkout, such as the worker's in ``[python, "-m", "facadelake.x"]``;
-- files and folders named by ``source_path("...")``;
+- files and folders named by ``locate_source("...")``;
 - distributions of the third-party packages imported on the way, with their versions, and Python's.
 
 Source is hashed byte by byte: a changed comment makes results anew, a changed rule can never hide.
@@ -29,7 +29,7 @@ from facadelake.core.checkout import CHECKOUT
 
 # Imported on the way to a result without a part in it: scheduling, locks, memory meters, the terminal.
 NOT_COMPUTING = frozenset({"filelock", "lazy-loader", "prefect", "psutil", "rich", "typer"})
-_LOCATE_SOURCE = "source_path"
+_LOCATE_SOURCE = "locate_source"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +107,9 @@ def _find_dependencies(path: Path, root: Path) -> Iterator[Path | str]:
             case ast.Call(func=ast.Name(id=name), args=[ast.Constant(value=str(relative))]) if name == _LOCATE_SOURCE:
                 yield from _list_files(root / relative)
             case ast.Call(func=ast.Name(id=name)) if name == _LOCATE_SOURCE:
-                raise ValueError(f"{path}:{node.lineno}: source_path takes a literal, so that the cache's keys see it")
+                raise ValueError(
+                    f"{path}:{node.lineno}: locate_source takes a literal, so that the cache's keys see it"
+                )
             case ast.Constant(value=str(text)) if "." in text and (found := _find_module_file(text, root)):
                 yield found
                 main = found.with_name("__main__.py")
@@ -202,7 +204,7 @@ def _find_module_file(module: str, root: Path) -> Path | None:
 def _list_files(path: Path) -> Iterator[Path]:
     """The file itself, or all files of a folder."""
     if not path.exists():
-        raise LookupError(f"{path} is named by source_path and does not exist")
+        raise LookupError(f"{path} is named by locate_source and does not exist")
     yield from sorted(found for found in path.rglob("*") if found.is_file()) if path.is_dir() else [path]
 
 

@@ -24,7 +24,7 @@ def bootstrap(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
     library = libraries.Library(file="libno-such.so.1", package="libno-such1", needed_by="a test")
     monkeypatch.setattr(module, "LIBRARIES", [library], raising=False)
     monkeypatch.setattr(module, "is_present", libraries.is_present, raising=False)
-    monkeypatch.setattr(module, "install_command", libraries.format_install_command, raising=False)
+    monkeypatch.setattr(module, "format_install_command", libraries.format_install_command, raising=False)
     monkeypatch.setattr(module, "UV", tmp_path / "ours" / "uv")
     monkeypatch.setenv("PATH", str(tmp_path))
     return module

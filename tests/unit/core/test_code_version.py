@@ -213,8 +213,8 @@ def test_what_the_closure_cannot_follow_is_refused(tmp_path: Path) -> None:
     (tmp_path / "relative.py").write_text("from . import walls\n")
     with pytest.raises(ValueError, match="relative imports are not followed"):
         compute_code_version("relative", tmp_path)
-    (tmp_path / "computed.py").write_text("from facadelake.core.checkout import source_path\nsource_path(name)\n")
-    with pytest.raises(ValueError, match=r"computed\.py:2: source_path takes a literal"):
+    (tmp_path / "computed.py").write_text("from facadelake.core.checkout import locate_source\nlocate_source(name)\n")
+    with pytest.raises(ValueError, match=r"computed\.py:2: locate_source takes a literal"):
         compute_code_version("computed", tmp_path)
     with pytest.raises(LookupError, match="has no module nowhere"):
         compute_code_version("nowhere", tmp_path)
