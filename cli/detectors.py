@@ -27,7 +27,7 @@ def evaluate_detector(
     form: Annotated[Form, typer.Option("--format", help="Format of --data.")] = Form.AUTO,
     classes: Annotated[
         str | None,
-        typer.Option(help="Class names of YOLO's class numbers, such as crack,spalling, where no file lists them."),
+        typer.Option(help="Class names by YOLO's class number, such as crack,spalling, if no file has them."),
     ] = None,
     sites: Annotated[
         Path | None,
@@ -40,13 +40,11 @@ def evaluate_detector(
     ] = None,
     negatives: Annotated[
         list[Path] | None,
-        typer.Option(help="Folder of photographs without defects, for the false alarm rate. Repeatable."),
+        typer.Option(help="Folder of photographs without defects, for false alarm rates. Repeatable."),
     ] = None,
     scale: Annotated[
         Path | None,
-        typer.Option(
-            help="CSV: image and gsd_mm (mm per pixel) or area_m2 (of facade in the image), for rates per m2."
-        ),
+        typer.Option(help="CSV: image and gsd_mm (mm per pixel) or area_m2 (of facade in it), for rates per m2."),
     ] = None,
     image_labels: Annotated[
         list[Path] | None,

@@ -171,7 +171,7 @@ def doctor(portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: LakePath = DEFAUL
     from facadelake.doctor import Status, run_checks
     from facadelake.registry import DEFAULT_MODEL, OnnxDetectorSetting
 
-    settings = [building.detector for building in read_read_portfolio_at(portfolio).buildings]
+    settings = [building.detector for building in read_portfolio_at(portfolio).buildings]
     models = {d.model for d in settings if isinstance(d, OnnxDetectorSetting)} - {DEFAULT_MODEL}
     checks = run_checks(lake, [Path(model) for model in sorted(models)])
     show_checks(console, checks)

@@ -1,4 +1,4 @@
-"""Prefect's server: found, started with the registry's schedules, or temporary for one run."""
+"""Prefect's server: a running one is used, one is started for the schedules, else a temporary one per run."""
 
 from __future__ import annotations
 
@@ -18,11 +18,21 @@ from facadelake.registry import Portfolio
 START_LIMIT_S = 180
 
 
-def serve_schedules(console: Console, portfolio_read: Portfolio, *, portfolio: Path, lake: Path, port: int) -> None:
-    """Start the server, tell ``facadelake inspect`` of it, and run what is due by the registry."""
-    prepare(lake)
+def serve_schedules(console: Console, registered: Portfolio, *, portfolio: Path, lake: Path, port: int) -> None:
+    """Start the server, publish its address for ``facadelake inspect``, and run the portfolio's schedules.
+
+    Args:
+        console: where the address and the schedules are printed.
+        registered: the portfolio as read.
+        portfolio: path of the portfolio, for the runs.
+        lake: folder of the lake.
+        port: port of the server on this machine.
+
+    Raises StoreError where the server does not start.
+    """
+    configure_prefect(lake)
     url = f"http://127.0.0.1:{port}/api"
-    home = prefect_home(lake)
+    home = get_prefect_home(lake)
     with (home / "server.log").open("ab") as log:
         server = subprocess.Popen(
             [sys.executable, "-m", "prefect", "server", "start", "--host", "127.0.0.1", "--port", str(port)],
@@ -36,7 +46,7 @@ def serve_schedules(console: Console, portfolio_read: Portfolio, *, portfolio: P
         (home / ADDRESS_FILE).write_text(url)
         os.environ["PREFECT_API_URL"] = url
         console.print(f"Prefect's page: http://127.0.0.1:{port}   (stop with Ctrl-C; log: {home / 'server.log'})")
-        _serve(console, portfolio_read, portfolio, lake)
+        _serve(console, registered, portfolio, lake)
     finally:
         (home / ADDRESS_FILE).unlink(missing_ok=True)
         server.terminate()
@@ -48,7 +58,7 @@ def _wait_until_healthy(server: subprocess.Popen[bytes], url: str, log: Path) ->
     while time.monotonic() < deadline:
         if server.poll() is not None:
             raise StoreError(
-                f"Prefect's server ended at once (code {server.returncode}); is the port taken? Try --port. Log: {log}"
+                f"Prefect's server exited with status {server.returncode}; if the port is in use, choose another with --port. Log: {log}"
             )
         try:
             with urllib.request.urlopen(f"{url}/health", timeout=2) as answer:
@@ -84,21 +94,21 @@ def _serve(console: Console, registered: Portfolio, portfolio: Path, lake: Path)
         due = f"{schedule.cron} {schedule.timezone}" if schedule else "by hand only"
         console.print(f"  {building.id}: {due}", highlight=False)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Prefect's runner forgets a coroutine when it is stopped
+        warnings.simplefilter("ignore")  # Prefect's runner does not await a coroutine when it is stopped
         serve(*deployments, print_starting_message=False)
 
 
 ADDRESS_FILE = "api_url"
 
 
-def prefect_home(lake: Path) -> Path:
-    """Prefect's own database and settings, kept beside the lake's tables."""
+def get_prefect_home(lake: Path) -> Path:
+    """Folder of Prefect's database and settings, in the lake."""
     return lake.resolve() / "prefect"
 
 
-def running_server(lake: Path) -> str | None:
-    """Address of the server that ``facadelake serve-prefect`` runs for this lake, if it answers."""
-    file = prefect_home(lake) / ADDRESS_FILE
+def find_running_server(lake: Path) -> str | None:
+    """Address of the server of ``facadelake serve-prefect`` for this lake, None where none answers."""
+    file = get_prefect_home(lake) / ADDRESS_FILE
     if not file.is_file():
         return None
     url = file.read_text().strip()
@@ -109,9 +119,9 @@ def running_server(lake: Path) -> str | None:
         return None
 
 
-def prepare(lake: Path) -> None:
-    """Set Prefect's environment where the person has not: home in the lake, a quiet console, logs to its page."""
-    home = prefect_home(lake)
+def configure_prefect(lake: Path) -> None:
+    """Set environment variables of Prefect that the user has not set: home in the lake, quiet console, logs."""
+    home = get_prefect_home(lake)
     home.mkdir(parents=True, exist_ok=True)
     defaults = {
         "PREFECT_HOME": str(home),
@@ -121,7 +131,7 @@ def prepare(lake: Path) -> None:
         "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "180",
     }
     if "PREFECT_API_URL" not in os.environ:
-        url = running_server(lake)
+        url = find_running_server(lake)
         if url:
             defaults["PREFECT_API_URL"] = url
     for name, value in defaults.items():

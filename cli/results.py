@@ -68,19 +68,17 @@ def sql(
 
     Example: facadelake sql "SELECT facade, count(*) AS n FROM defects GROUP BY facade ORDER BY n DESC"
     """
-    from cli.terminal.answers import ask, show_questions
+    from cli.terminal.answers import print_answer, show_questions
 
     if list_questions or question is None:
         show_questions(console)
         return
-    ask(console, lake, question, parameter or [], as_of=as_of, as_json=as_json)
+    print_answer(console, lake, question, parameter or [], as_of=as_of, as_json=as_json)
 
 
 def export(
     building: BuildingId,
-    file: Annotated[
-        Path, typer.Argument(help="File to write; its suffix selects the format: .gpkg .parquet .geojson .csv")
-    ],
+    file: Annotated[Path, typer.Argument(help="File to write; the suffix is the format: .gpkg .parquet .geojson .csv")],
     campaign: Annotated[str | None, typer.Option(help="Only this campaign.")] = None,
     table: Annotated[str, typer.Option(help="Table to export.")] = "defects",
     as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
@@ -113,9 +111,7 @@ def view(
     ] = None,
     scale: Annotated[
         float | None,
-        typer.Option(
-            min=0.01, max=1.0, help="Size of the panels relative to the photograph; default: 1000 pixels wide."
-        ),
+        typer.Option(min=0.01, max=1.0, help="Scale of the panels to the photograph; default: 1000 pixels wide."),
     ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
@@ -157,7 +153,7 @@ def pictures(
     Without --defect, --facade or --photo it draws what the report shows: the worst defects, all facades, a few
     photographs, the distribution. Running it again overwrites the files.
     """
-    from cli.terminal.drawing import default_folder, draw_in_terminal
+    from cli.terminal.drawing import draw_in_terminal, get_default_folder
     from facadelake.campaigns import resolved_campaign
     from facadelake.reporting import draw_pictures
 
@@ -169,7 +165,7 @@ def pictures(
             registered,
             chosen,
             lake=lake,
-            folder=output or default_folder(lake, building, chosen),
+            folder=output or get_default_folder(lake, building, chosen),
             defects=tuple(defect or ()),
             facades=tuple(facade or ()),
             photos=tuple(photo or ()),
@@ -185,8 +181,8 @@ def evaluate(
     detections: Annotated[
         str | None,
         typer.Option(
-            help="Evaluate another detections file on the committed poses: a name among the portfolio's alternatives, or "
-            "a path. The lake is not changed."
+            help="Evaluate another detections file on the committed poses: one of the portfolio's alternatives, or a "
+            "path. The lake is not changed."
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON with stable keys.")] = False,

@@ -19,7 +19,7 @@ from cli.options import (
     read_portfolio_at,
 )
 from facadelake.core.errors import InputDataError
-from facadelake.reviews.training import LabelForm, Pictures
+from facadelake.reviews.training import PictureMode, TrainingLabelFormat
 
 review = typer.Typer(
     no_args_is_help=True,
@@ -102,28 +102,30 @@ def list_reviews(
     """List the current reviews of a building's detections, and reviews whose detection no longer exists."""
     from cli.terminal.reviews import show_reviews
     from facadelake.lake import read_table
-    from facadelake.reviews import reviewed_campaign
+    from facadelake.reviews import read_reviewed_campaign
 
     registered = read_portfolio_at(portfolio).building(building)
     held = read_table(lake, "campaigns", building_id=building).column("campaign_id").to_pylist()
     chosen = [campaign] if campaign else sorted(held)
     if not chosen:
         raise InputDataError(f"the lake {lake} holds no campaign of '{building}'; inspect one first")
-    show_reviews(console, [reviewed_campaign(registered, one, lake=lake) for one in chosen], lines=lines)
+    show_reviews(console, [read_reviewed_campaign(registered, one, lake=lake) for one in chosen], lines=lines)
 
 
 def training_set(
     buildings: Annotated[list[str], typer.Argument(help="Ids of the buildings whose reviewed campaigns are used.")],
     *,
     out: Annotated[Path, typer.Option(help="Folder to create; it must not exist.")],
-    form: Annotated[LabelForm, typer.Option("--format", help="Format of the labels.")] = LabelForm.COCO,
+    form: Annotated[
+        TrainingLabelFormat, typer.Option("--format", help="Format of the labels.")
+    ] = TrainingLabelFormat.COCO,
     pictures: Annotated[
-        Pictures,
+        PictureMode,
         typer.Option(
             help="tiles around the reviewed places, with unreviewed detections masked; or whole photographs, copied or "
             "linked, in which every detection was reviewed."
         ),
-    ] = Pictures.TILES,
+    ] = PictureMode.TILES,
     tile_px: Annotated[int, typer.Option(min=64, max=8192, help="Side of a tile.")] = 640,
     split: Annotated[
         list[str] | None,
@@ -174,8 +176,8 @@ def compare_models(
 ) -> None:
     """Compare two models on committed campaigns: detections and defects that stay, appear and vanish.
 
-    With reviews it reports which confirmed defects the new model loses and which rejected detections it drops. Committed
-    data are not changed; the detections are cached, so that running it again is quick.
+    With reviews it reports which confirmed defects the new model loses and which rejected detections it drops.
+    Committed data are not changed; the detections are cached, so that running it again is quick.
     """
     from cli.terminal.reviews import show_comparison
     from facadelake.detection import default_model
@@ -202,12 +204,10 @@ def promote_model(
     by: Annotated[str, typer.Option(help="Name of the person who decides.")],
     why: Annotated[str, typer.Option(help="Reason, for the record.")],
     max_lost: Annotated[int, typer.Option(min=0, help="Number of confirmed defects that may be lost.")] = 0,
-    min_confirmed: Annotated[
-        int, typer.Option(min=0, help="Number of confirmed defects that the comparison must cover.")
-    ] = 10,
+    min_confirmed: Annotated[int, typer.Option(min=0, help="Confirmed defects that the comparison must cover.")] = 10,
     report: Annotated[
         Path | None,
-        typer.Option(help="The comparison.json; default: the one of the default model and NEW in the lake."),
+        typer.Option(help="The comparison.json; default: of the default model and NEW, in the lake."),
     ] = None,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:

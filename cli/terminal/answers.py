@@ -1,4 +1,4 @@
-"""Answers in the terminal: SQL, the figures of an evaluation, the doctor's checks."""
+"""Results in the terminal: SQL, the figures of an evaluation, the doctor's checks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rich.table import Table as RichTable
 
 from facadelake.core.errors import InputDataError
 
-_READABLE = 24  # a longer text may be wrapped in a cell
+_CELL_WIDTH = 24  # longer text may wrap in its cell
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 def show_questions(console: Console) -> None:
-    """The stored questions with what they answer and take."""
+    """Print the stored questions with their meaning and parameters."""
     from facadelake.lake import list_questions
 
     table = RichTable(title="Stored questions: facadelake sql NAME [name=value ...]", title_justify="left")
-    for column in ("name", "answers", "parameters"):
+    for column in ("name", "meaning", "parameters"):
         table.add_column(column)
     for question in list_questions():
         table.add_row(
@@ -39,10 +39,10 @@ def show_questions(console: Console) -> None:
     console.print(table)
 
 
-def ask(
+def print_answer(
     console: Console, lake: Path, question: str, parameters: Sequence[str], *, as_of: int | None, as_json: bool
 ) -> None:
-    """Answer a stored question or a SELECT statement."""
+    """Print the rows of a stored question or a SELECT statement."""
     from facadelake.lake import ask as ask_stored
     from facadelake.lake import list_questions, query
 
@@ -64,10 +64,10 @@ def ask(
     if as_json:
         sys.stdout.write(json.dumps(answer.to_pylist(), default=str, indent=2) + "\n")
     else:
-        _show(console, answer)
+        _print_rows(console, answer)
 
 
-def _cell(name: str, value: Any) -> str:
+def _format_cell(name: str, value: Any) -> str:
     if isinstance(value, float) and name.endswith(("lon_deg", "lat_deg")):
         return f"{value:.8f}"  # a millimetre
     if isinstance(value, float):
@@ -77,12 +77,12 @@ def _cell(name: str, value: Any) -> str:
     return "" if value is None else escape(str(value))
 
 
-def _show(console: Console, answer: pa.Table) -> None:
-    """A table, or, where the terminal is too narrow for its columns, row after row with a line for each column."""
-    rows = [{name: _cell(name, value) for name, value in row.items()} for row in answer.to_pylist()]
+def _print_rows(console: Console, answer: pa.Table) -> None:
+    """Print a table, or one line per column of each row where the terminal is too narrow."""
+    rows = [{name: _format_cell(name, value) for name, value in row.items()} for row in answer.to_pylist()]
     count = f"{len(rows)} row{'s' if len(rows) != 1 else ''}"
     needed = sum(
-        3 + min(_READABLE, max(len(text) for text in (name, *(row[name] for row in rows))))
+        3 + min(_CELL_WIDTH, max(len(text) for text in (name, *(row[name] for row in rows))))
         for name in answer.column_names
     )
     if not rows or needed + 1 <= console.width:
@@ -107,7 +107,7 @@ def _show(console: Console, answer: pa.Table) -> None:
 
 
 def show_figures(console: Console, figures: Figures) -> None:
-    """The figures of an evaluation, a line each, and the paper's Table 2 beside ours."""
+    """Print the figures of an evaluation, and the paper's Table 2 beside ours."""
     from facadelake.evaluation.campaigns import PAPER_REMARK
 
     table = RichTable(title="Against truth (no alignment after the run)", title_justify="left")
@@ -130,7 +130,7 @@ def show_figures(console: Console, figures: Figures) -> None:
 
 
 def show_checks(console: Console, checks: Sequence[Check]) -> None:
-    """The doctor's findings, and how to mend what is missing."""
+    """Print the doctor's findings and the remedies."""
     colours = {"ok": "green", "warning": "yellow", "missing": "red"}
     table = RichTable(title="This machine", title_justify="left")
     for column in ("what", "state", "found", "how to get it"):

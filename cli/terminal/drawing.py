@@ -1,4 +1,4 @@
-"""Drawing pictures from the terminal: bars while it goes on, then which files were written and what was missing."""
+"""Drawing pictures from the terminal: progress bars, then the files written and what was missing."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from cli.terminal.run import ProgressBars, stoppable
+from cli.terminal.run import ProgressBars, handle_interrupts
 from facadelake.core.progress import listen_to_progress
 
 if TYPE_CHECKING:
     from facadelake.reporting import Drawn
 
-_TOLD = 5  # of many alike, so many are named
+_MOST_LISTED = 5
 
 
-class _Kept(logging.Handler):
-    """Warnings, kept until the bars are gone."""
+class _DeferredWarnings(logging.Handler):
+    """Collects warnings until the bars are removed."""
 
     def __init__(self) -> None:
         super().__init__(level=logging.WARNING)
@@ -31,35 +31,37 @@ class _Kept(logging.Handler):
 
 
 def draw_in_terminal(console: Console, draw: Callable[[], Drawn]) -> None:
-    """Run ``draw`` under bars and tell what came of it."""
-    kept = _Kept()
+    """Run ``draw`` with progress bars and print the files it wrote."""
+    warnings = _DeferredWarnings()
     log = logging.getLogger("facadelake")
-    log.addHandler(kept)
+    log.addHandler(warnings)
     try:
-        with stoppable(console), ProgressBars(console) as bars, listen_to_progress(bars):
+        with handle_interrupts(console), ProgressBars(console) as bars, listen_to_progress(bars):
             drawn = draw()
     finally:
-        log.removeHandler(kept)
-    for line in _some(list(kept.lines), "warnings"):
+        log.removeHandler(warnings)
+    for line in _shorten(list(warnings.lines), "warnings"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     if drawn.missing:
-        names = ", ".join(_some(list(drawn.missing), "photographs"))
+        names = ", ".join(_shorten(list(drawn.missing), "photographs"))
         console.print(
-            f"{len(drawn.missing)} photographs are not there or cannot be read, the pictures do without them: {names}",
+            f"{len(drawn.missing)} photographs are missing or cannot be read and were left out: {names}",
             highlight=False, markup=False, soft_wrap=True,
         )  # fmt: skip
     counts = Counter(path.parent for path in drawn.paths)
     for folder, count in sorted(counts.items()):
         console.print(f"{count} in {folder}", highlight=False, markup=False, soft_wrap=True)
-    if len(drawn.paths) <= _TOLD:
+    if len(drawn.paths) <= _MOST_LISTED:
         for path in drawn.paths:
             console.print(f"  {path.name}", highlight=False, markup=False)
 
 
-def _some(lines: list[str], what: str) -> list[str]:
-    return lines if len(lines) <= _TOLD else [*lines[:_TOLD], f"and {len(lines) - _TOLD} more {what}"]
+def _shorten(lines: list[str], what: str) -> list[str]:
+    return (
+        lines if len(lines) <= _MOST_LISTED else [*lines[:_MOST_LISTED], f"and {len(lines) - _MOST_LISTED} more {what}"]
+    )
 
 
-def default_folder(lake: Path, building: str, campaign: str) -> Path:
-    """Where pictures go that are asked for without a folder: beside the lake's published files."""
+def get_default_folder(lake: Path, building: str, campaign: str) -> Path:
+    """The folder of pictures drawn without ``--output``, beside the lake's published files."""
     return lake / "pictures" / building / campaign

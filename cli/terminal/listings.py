@@ -1,4 +1,4 @@
-"""Listings of what is registered, what the lake holds, and what a regrading changes."""
+"""Listings in the terminal: registered and committed campaigns, defects, changes of a regrading."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from facadelake.lake import Regrading, exists, read_table, versions
 from facadelake.registry import Portfolio, read_portfolio
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
 
-ROOMY_COLUMNS = 120  # a narrower terminal is not shown where a defect is; 'facadelake sql' and 'export' tell
+WIDE_COLUMNS = 120  # a narrower terminal shows no coordinates; 'facadelake sql' and 'export' have them
 
 
 def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str | None) -> None:
-    """One line for each campaign that is registered or in the lake."""
+    """Print one line for each campaign that is registered or in the lake."""
     if only is not None:
         portfolio.building(only)
     held = read_table(lake, "campaigns", building_id=only).to_pylist() if exists(lake) else []
@@ -54,16 +54,16 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
 
 
 def require_known(lake: Path, portfolio: Path, building: str) -> None:
-    """Raise for a building that neither the lake nor the registry knows, with the ids that the registry has.
+    """Raise InputDataError for a building that is neither in the lake nor in the portfolio, listing the known ids.
 
-    What the lake holds can be asked for, even when the registry no longer names it.
+    A building in the lake can be queried even if the portfolio no longer has it.
     """
     if not exists(lake) or not len(read_table(lake, "campaigns", building_id=building)):
         read_portfolio(portfolio).building(building)
 
 
-def _crack_mm(row: Mapping[str, Any]) -> str:
-    """A crack's mean width, or the bound it lies below; nothing where neither is known."""
+def _format_crack_width(row: Mapping[str, Any]) -> str:
+    """The mean width of a crack, or its upper bound; empty where neither is known."""
     width, limit = row["crack_width_mm"], row["crack_width_limit_mm"]
     if width is not None:
         return f"{width:.1f}"
@@ -79,7 +79,7 @@ def show_defects(
     limit: int,
     as_of: int | None,
 ) -> None:
-    """A table of defects, the most severe classes first by size."""
+    """Print a table of defects, the largest first."""
     if defect_class is not None and defect_class not in set(DefectClass):
         raise InputDataError(f"there is no class '{defect_class}'; allowed are {', '.join(DefectClass)}")
     rows = read_table(lake, "defects", building_id=building, campaign_id=campaign, as_of=as_of).to_pylist()
@@ -92,18 +92,18 @@ def show_defects(
     chosen = [row for row in rows if defect_class in (None, row["defect_class"])]
     chosen.sort(key=lambda row: -max(row["width_m"], row["height_m"]))
     table = RichTable(title=f"{len(chosen)} defects of {building}, the largest first", title_justify="left")
-    roomy = console.width >= ROOMY_COLUMNS
-    for name in ("defect", "class", "severity", "facade", "storey", "size cm", "seen"):
-        table.add_column(name, justify="right" if name in ("size cm", "seen") else "left", no_wrap=True)
-    if roomy:
+    wide = console.width >= WIDE_COLUMNS
+    for name in ("defect", "class", "severity", "facade", "storey", "size cm", "photos"):
+        table.add_column(name, justify="right" if name in ("size cm", "photos") else "left", no_wrap=True)
+    if wide:
         table.add_column("crack mm", justify="right", no_wrap=True)
         table.add_column("element")
         table.add_column("lon, lat, ellipsoidal height", no_wrap=True)
     for row in chosen[:limit]:
         cells = [row["defect_id"], row["defect_class"], row["severity"], row["facade"], row["storey"] or ""]
         cells += [f"{row['width_m'] * 100:.0f} x {row['height_m'] * 100:.0f}", str(row["photo_count"])]
-        if roomy:
-            cells.append(_crack_mm(row))
+        if wide:
+            cells.append(_format_crack_width(row))
             cells.append(escape(row["element_name"] or row["ifc_class"]))
             cells.append(f"{row['lon_deg']:.7f}, {row['lat_deg']:.7f}, {row['height_ellipsoidal_m']:.2f}")
         table.add_row(*cells)
@@ -113,24 +113,24 @@ def show_defects(
 
 
 def show_regrading(console: Console, found: Regrading, releases: Sequence[Path], registered: str | None) -> None:
-    """A line for each step from one grade to another, then what stays, the version and where its files are.
+    """Print a line for each change of grade, the number of unchanged defects, the version and its files.
 
-    ``registered``: the rule pack that the registry names for the building, None where it is not registered.
+    ``registered``: the rule pack of the building in the portfolio, None where it is not registered.
     """
     if found.steps:
         table = RichTable(title=f"{found.building_id} graded by {found.rules}", title_justify="left")
         for name in ("campaign", "from", "to", "defects"):
             table.add_column(name, justify="right" if name == "defects" else "left")
         for step in found.steps:
-            (word, rule), (new_word, _) = step.before, step.after
-            table.add_row(step.campaign_id, f"{word} ({rule})", new_word, str(step.defects))
+            (grade, rule), (new_grade, _) = step.before, step.after
+            table.add_row(step.campaign_id, f"{grade} ({rule})", new_grade, str(step.defects))
         console.print(table)
     else:
-        console.print(f"nothing changed: every defect of {found.building_id} has its grade by {found.rules} already")
+        console.print(f"nothing changed: every defect of {found.building_id} already has its grade by {found.rules}")
     if found.unchanged and found.steps:
-        console.print(f"{found.unchanged} more have this grade already")
+        console.print(f"{found.unchanged} more already have this grade")
     if found.by_persons:
-        console.print(f"{found.by_persons} were graded by a person and stay as they are")
+        console.print(f"{found.by_persons} were graded by a person and are kept")
     if found.version is None:
         if found.steps:
             console.print("dry run: nothing was written")
@@ -140,7 +140,7 @@ def show_regrading(console: Console, found: Regrading, releases: Sequence[Path],
         console.print(f"files {release}", soft_wrap=True, highlight=False)
     if registered not in (None, found.rules):
         console.print(
-            f"the registry grades {found.building_id} by {registered}: a new inspection of changed inputs will, too; "
-            f"set severity_rules: {found.rules} there to keep this",
+            f"the portfolio grades {found.building_id} by {registered}, and so will a new inspection of changed inputs; "
+            f"set severity_rules: {found.rules} there to keep these grades",
             soft_wrap=True,
         )

@@ -11,18 +11,18 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.evaluation.model_comparison import REPORT, CampaignComparison, Change, Compared
-from facadelake.reviews import Imported, Review, ReviewedCampaign, Task
+from facadelake.reviews import Review, ReviewedCampaign, ReviewImport, ReviewTask
 from facadelake.reviews.training import MANIFEST, Split, TrainingSet
 from schemas.vocabulary import Verdict
 
 _MOST = 10
 
 
-def show_task(console: Console, task: Task, files: Sequence[Path]) -> None:
+def show_task(console: Console, task: ReviewTask, files: Sequence[Path]) -> None:
     """Where the task is and how it comes back."""
     coco, table, photographs = files
     console.print(
-        f"{len(task.shown)} boxes on {len(task.photographs)} photographs of {task.building_id} {task.campaign_id}"
+        f"{len(task.items)} boxes on {len(task.photographs)} photographs of {task.building_id} {task.campaign_id}"
     )
     for path, use in (
         (coco, "open in CVAT or Label Studio (COCO) with the photographs"),
@@ -37,16 +37,16 @@ def show_task(console: Console, task: Task, files: Sequence[Path]) -> None:
     )
 
 
-def show_import(console: Console, done: Imported) -> None:
+def show_import(console: Console, done: ReviewImport) -> None:
     """How many words of each verdict, what could not be used, and what they meet."""
-    counts = Counter(str(review.verdict) for review in done.words.reviews)
+    counts = Counter(str(review.verdict) for review in done.parsed.reviews)
     console.print(", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict]))
     if done.added.version is None:
         console.print("nothing new: every word stands in the lake already")
     else:
         console.print(f"{done.added.added} words added in lake version {done.added.version}", end="")
         console.print(f", {done.added.unchanged} stood there already" if done.added.unchanged else "")
-    _some(console, f"{len(done.words.remarks)} entries were not used:", done.words.remarks)
+    _some(console, f"{len(done.parsed.remarks)} entries were not used:", done.parsed.remarks)
     _unmatched(console, done.unmatched)
 
 
@@ -58,14 +58,12 @@ def show_reviews(console: Console, campaigns: Sequence[ReviewedCampaign], *, lin
     for name in (*Verdict, "not reviewed", "without detection now"):
         table.add_column(str(name), justify="right")
     for campaign in campaigns:
-        counts = Counter(one.review.verdict for one in campaign.judgement.standing)
-        numbers = [*(counts[verdict] for verdict in Verdict), len(campaign.judgement.unreviewed)]
-        table.add_row(
-            campaign.building_id, campaign.campaign_id, *map(str, [*numbers, len(campaign.judgement.unmatched)])
-        )
+        counts = Counter(one.review.verdict for one in campaign.status.current)
+        numbers = [*(counts[verdict] for verdict in Verdict), len(campaign.status.unreviewed)]
+        table.add_row(campaign.building_id, campaign.campaign_id, *map(str, [*numbers, len(campaign.status.unmatched)]))
     console.print(table)
     for campaign in campaigns if lines else ():
-        for one in campaign.judgement.standing:
+        for one in campaign.status.current:
             word = one.review
             met = "" if one.detection is None else f" = {one.detection.detection_id}"
             what = word.defect_class or f"no {word.reviewed_class}"
@@ -77,7 +75,7 @@ def show_reviews(console: Console, campaigns: Sequence[ReviewedCampaign], *, lin
                 highlight=False,
             )
     for campaign in campaigns if not lines else ():
-        _unmatched(console, campaign.judgement.unmatched)
+        _unmatched(console, campaign.status.unmatched)
 
 
 def _unmatched(console: Console, reviews: Sequence[Review]) -> None:
@@ -100,7 +98,7 @@ def show_training_set(console: Console, done: TrainingSet, placed: Mapping[str, 
     table = RichTable(title="Training set", title_justify="left")
     table.add_column("split")
     table.add_column("buildings")
-    counts = {split: done.counts(split) for split in Split}
+    counts = {split: done.count_by_class(split) for split in Split}
     for name in counts[Split.TRAIN]:
         table.add_column(name, justify="right")
     for split in Split:
@@ -148,7 +146,7 @@ def show_comparison(console: Console, done: Compared) -> None:
                 soft_wrap=True,
                 highlight=False,
             )
-    _words(console, comparison.words)
+    _words(console, comparison.parsed)
     for one in comparison.lost[:_MOST]:
         console.print(f"  lost: {one.defect} ({one.defect_class}), {one.photo_id}", soft_wrap=True, highlight=False)
     if len(comparison.lost) > _MOST:

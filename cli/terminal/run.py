@@ -24,7 +24,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from cli.prefect_server import prepare
+from cli.prefect_server import configure_prefect
 from facadelake.core.progress import listen_to_progress
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class ProgressBars:
-    """A listener of facadelake.core.progress that draws with rich; a context manager."""
+    """A listener of facadelake.core.progress that draws bars with rich; a context manager."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -60,43 +60,43 @@ class ProgressBars:
         self._bars.stop()
 
     def wait(self, label: str) -> None:
-        """A bar of unknown length that goes when the first work begins or the first line is said."""
+        """A bar of unknown length, removed when the first step begins or the first line is printed."""
         self._waiting = self._bars.add_task(label, total=None)
 
-    def _arrive(self) -> None:
+    def _end_waiting(self) -> None:
         if self._waiting is not None:
             self._bars.remove_task(self._waiting)
             self._waiting = None
 
     def begin(self, label: str, total: int | None) -> int:
         """A new bar."""
-        self._arrive()
+        self._end_waiting()
         return self._bars.add_task(label, total=total)
 
     def advance(self, handle: int, steps: int) -> None:
-        """The bar grows."""
+        """Advance the bar."""
         self._bars.advance(TaskID(handle), steps)
 
     def end(self, handle: int) -> None:
-        """The bar goes."""
+        """Remove the bar."""
         self._bars.remove_task(TaskID(handle))
 
-    def say(self, line: str) -> None:
-        """A line that stays, above the bars."""
-        self._arrive()
+    def print_line(self, line: str) -> None:
+        """Print a line above the bars; it stays."""
+        self._end_waiting()
         self._console.print(line, highlight=False)
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # the last: the terminal was closed
-STOPPED = 130  # what shells give for a program ended by SIGINT
+STOPPED = 130  # exit status of a program ended by SIGINT
 
 
 @contextmanager
-def stoppable(console: Console) -> Iterator[None]:
-    """Inside the block SIGINT, SIGTERM and SIGHUP end the program with a line of what to do next, in silence else.
+def handle_interrupts(console: Console) -> Iterator[None]:
+    """Inside the block SIGINT, SIGTERM and SIGHUP end the program with one line on how to continue.
 
-    Ctrl-C in a terminal reaches Prefect's temporary server too; what then goes wrong between the two must neither
-    hide the interrupt nor print tracebacks.
+    Ctrl-C in a terminal reaches Prefect's temporary server too; errors between the two must neither hide the
+    interrupt nor print tracebacks.
     """
     stopped = False
 
@@ -111,7 +111,7 @@ def stoppable(console: Console) -> Iterator[None]:
         yield
     except BaseException:
         if stopped:
-            console.print("stopped; finished stages are kept, run the same command to go on")
+            console.print("stopped; finished stages are kept, run the same command to continue")
             raise SystemExit(STOPPED) from None
         raise
     finally:
@@ -120,21 +120,21 @@ def stoppable(console: Console) -> Iterator[None]:
 
 
 class _BarsLog(logging.Handler):
-    """Facadelake's own log lines as lines above the bars."""
+    """Prints Facadelake's log lines above the bars."""
 
     def __init__(self, bars: ProgressBars) -> None:
         super().__init__(level=logging.INFO)
         self._bars = bars
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._bars.say(f"  {record.getMessage()}")
+        self._bars.print_line(f"  {record.getMessage()}")
 
 
 def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **parameters: Any) -> InspectionResult:
-    """Run the flow ``inspect_building`` in this process; its errors come out as they were raised."""
-    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # main() tells the error, once
-    prepare(lake)
-    with stoppable(console), ProgressBars(console) as bars, listen_to_progress(bars):
+    """Run the flow ``inspect_building`` in this process; its errors are raised unchanged."""
+    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # main() prints the error, once
+    configure_prefect(lake)
+    with handle_interrupts(console), ProgressBars(console) as bars, listen_to_progress(bars):
         bars.wait("Starting Prefect")
         from flows.inspect_building import inspect_building
 
@@ -144,7 +144,7 @@ def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **para
         log.setLevel(logging.INFO)
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # libraries' deprecations are ours to mend, not the person's to read
+                warnings.simplefilter("ignore")  # deprecation warnings of libraries are for developers
                 result: InspectionResult = inspect_building(
                     portfolio=str(portfolio.resolve()), lake=str(lake.resolve()), **parameters
                 )
@@ -156,13 +156,13 @@ def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **para
 def make_demo_in_terminal(
     console: Console, *, folder: Path, lake: Path, recipe: Path, portfolio: Path
 ) -> list[InspectionResult]:
-    """Make the demo building (once) and inspect its campaigns in order."""
+    """Generate the demo building (once) and inspect its campaigns in order."""
     from facadelake.demo import generate_demo, load_recipe
 
-    os.environ["FACADELAKE_DEMO"] = str(folder.resolve())  # the registry's paths of the demo are made of it
-    with stoppable(console), ProgressBars(console) as bars, listen_to_progress(bars):
+    os.environ["FACADELAKE_DEMO"] = str(folder.resolve())  # the demo's paths in the portfolio refer to it
+    with handle_interrupts(console), ProgressBars(console) as bars, listen_to_progress(bars):
         files = generate_demo(load_recipe(recipe), folder)
-        bars.say(f"The demo building is in {folder}" + ("" if files.made else " (it was there already)"))
+        bars.print_line(f"The demo building is in {folder}" + ("" if files.made else " (already there)"))
     return [
         inspect_in_terminal(
             console, building_id="demo", campaign_id=campaign.campaign_id, portfolio=portfolio, lake=lake

@@ -12,21 +12,21 @@ from facadelake.detection import Box
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pair:
-    """Box ``one`` of the first set and ``other`` of the second, by their places, and how far they overlap (0..1)."""
+class BoxPair:
+    """Box ``first`` of the first set and ``second`` of the second, by their places, and how far they overlap (0..1)."""
 
-    one: int
-    other: int
-    overlap: float
+    first: int
+    second: int
+    iou: float
 
 
-def corners_of(boxes: Iterable[Box]) -> Float64Array:
+def corners_from_boxes(boxes: Iterable[Box]) -> Float64Array:
     """Boxes as (n, 4): left, top, right, bottom, in their pixels."""
     rows = [(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px) for box in boxes]
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def overlaps(ones: Float64Array, others: Float64Array) -> Float64Array:
+def compute_iou(ones: Float64Array, others: Float64Array) -> Float64Array:
     """Intersection over union (n, m) of corners (n, 4) and (m, 4)."""
     low = np.maximum(ones[:, None, :2], others[None, :, :2])
     high = np.minimum(ones[:, None, 2:], others[None, :, 2:])
@@ -37,7 +37,7 @@ def overlaps(ones: Float64Array, others: Float64Array) -> Float64Array:
     return share
 
 
-def pairs_of(shares: Float64Array, least: float) -> tuple[Pair, ...]:
+def pair_greedily(shares: Float64Array, least: float) -> tuple[BoxPair, ...]:
     """Pairs of rows and columns of ``shares`` (n, m) from ``least`` on, the largest first, none of them twice."""
     rows, columns = np.nonzero(shares >= least)
     order = np.argsort(-shares[rows, columns], kind="stable")
@@ -49,10 +49,10 @@ def pairs_of(shares: Float64Array, least: float) -> tuple[Pair, ...]:
         if row not in taken_rows and column not in taken_columns:
             taken_rows.add(row)
             taken_columns.add(column)
-            found.append(Pair(one=row, other=column, overlap=float(shares[row, column])))
+            found.append(BoxPair(first=row, second=column, iou=float(shares[row, column])))
     return tuple(found)
 
 
-def matched(ones: Sequence[Box], others: Sequence[Box], least: float) -> tuple[Pair, ...]:
+def matched(ones: Sequence[Box], others: Sequence[Box], least: float) -> tuple[BoxPair, ...]:
     """Pairs of boxes that overlap by ``least`` or more."""
-    return pairs_of(overlaps(corners_of(ones), corners_of(others)), least)
+    return pair_greedily(compute_iou(corners_from_boxes(ones), corners_from_boxes(others)), least)

@@ -15,12 +15,12 @@ from facadelake.core.errors import InputDataError
 from facadelake.detection import crosswalk_with
 from facadelake.lake import Added, append_reviews, read_table
 from facadelake.registry import Building
-from facadelake.reviews.coco_import import Words, words_of_coco
-from facadelake.reviews.csv_import import words_of_csv
-from facadelake.reviews.match_reviews import Judgement, detected, judge
-from facadelake.reviews.presented import Said, Shown, shown_places
-from facadelake.reviews.review import Review, reviews_of, table_of_reviews
-from facadelake.reviews.task_files import Task, coco_task, defects_csv, read_task, write_task
+from facadelake.reviews.coco_import import ParsedReviews, read_coco_reviews
+from facadelake.reviews.csv_import import read_csv_reviews
+from facadelake.reviews.match_reviews import ReviewStatus, match_reviews, select_accepted_detections
+from facadelake.reviews.presented import ReviewItem, ReviewProvenance, list_review_items
+from facadelake.reviews.review import Review, reviews_from_table, table_from_reviews
+from facadelake.reviews.task_files import ReviewTask, build_coco_task, format_defects_csv, read_task, write_task
 from schemas.vocabulary import PhotoOutcome
 
 _TABLES = ("runs", "photos", "detections", "observations", "defects", "reviews")
@@ -38,24 +38,24 @@ class ReviewedCampaign:
     run_id: str
     tables: Mapping[str, pa.Table]
     sizes: Mapping[str, tuple[int, int]]
-    judgement: Judgement
-    places: tuple[Shown, ...]
+    status: ReviewStatus
+    items: tuple[ReviewItem, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Imported:
+class ReviewImport:
     """What became of a file of words: as they were read, as the lake took them, and words that now meet nothing."""
 
-    words: Words
+    parsed: ParsedReviews
     added: Added
     unmatched: tuple[Review, ...]
 
 
-def reviewed_campaign(building: Building, campaign_id: str, *, lake: Path) -> ReviewedCampaign:
+def read_reviewed_campaign(building: Building, campaign_id: str, *, lake: Path) -> ReviewedCampaign:
     """The campaign and what holds of its detections. Raises StoreError where the lake does not have it."""
     tables = committed_tables(building, campaign_id, _TABLES, lake=lake)
     seen_as = tables["observations"].select(["detection_id", "defect_id"]).to_pylist()
-    judgement = judge(reviews_of(tables["reviews"]), detected(tables["detections"]))
+    judgement = match_reviews(reviews_from_table(tables["reviews"]), select_accepted_detections(tables["detections"]))
     return ReviewedCampaign(
         building_id=building.id,
         campaign_id=campaign_id,
@@ -66,8 +66,10 @@ def reviewed_campaign(building: Building, campaign_id: str, *, lake: Path) -> Re
             for row in tables["photos"].to_pylist()
             if row["photo_outcome"] == PhotoOutcome.ACCEPTED
         },
-        judgement=judgement,
-        places=shown_places(judgement, {row["detection_id"]: row["defect_id"] for row in seen_as if row["defect_id"]}),
+        status=judgement,
+        items=list_review_items(
+            judgement, {row["detection_id"]: row["defect_id"] for row in seen_as if row["defect_id"]}
+        ),
     )
 
 
@@ -80,20 +82,20 @@ def export_task(
     photographs: Sequence[str],
     only_unreviewed: bool,
     score_min: float,
-) -> tuple[Task, tuple[Path, Path, Path]]:
+) -> tuple[ReviewTask, tuple[Path, Path, Path]]:
     """Write a task: the places shown on ``photographs`` (empty: on all), from ``score_min`` on.
 
     ``only_unreviewed`` keeps the photographs that have a detection nobody has spoken of. Returns the task and its
     files: COCO, CSV, list of photographs. Raises InputDataError where nothing is left to show.
     """
-    campaign = reviewed_campaign(building, campaign_id, lake=lake)
+    campaign = read_reviewed_campaign(building, campaign_id, lake=lake)
     unknown = sorted(set(photographs) - campaign.sizes.keys())
     if unknown:
         raise InputDataError(
             f"{building.id} {campaign_id} has no accepted photograph {', '.join(unknown)}; give the photo_id, such as "
             f"{next(iter(campaign.sizes), 'multiview/IMG_1.JPG')}"
         )
-    open_photographs = {one.photo_id for one in campaign.judgement.unreviewed if one.score >= score_min}
+    open_photographs = {one.photo_id for one in campaign.status.unreviewed if one.score >= score_min}
     chosen = [
         photo_id
         for photo_id in sorted(campaign.sizes)
@@ -106,25 +108,25 @@ def export_task(
         )
     shown = tuple(
         place
-        for place in campaign.places
-        if place.stands and place.photo_id in set(chosen) and place.score >= score_min
+        for place in campaign.items
+        if place.is_defect and place.photo_id in set(chosen) and place.score >= score_min
     )
-    task = Task(
+    task = ReviewTask(
         building_id=building.id,
         campaign_id=campaign_id,
         run_id=campaign.run_id,
         photographs=tuple(chosen),
-        shown=shown,
+        items=shown,
     )
     root = building.photographs_of(campaign_id)
-    sightings: dict[str, list[Shown]] = defaultdict(list)
+    sightings: dict[str, list[ReviewItem]] = defaultdict(list)
     for place in shown:
         if place.defect_id is not None:
             sightings[place.defect_id].append(place)
     files = write_task(
         folder,
-        coco_task(task, campaign.sizes, photographs_uri=str(root)),
-        defects_csv(task, campaign.tables["defects"].to_pylist(), sightings),
+        build_coco_task(task, campaign.sizes, photographs_uri=str(root)),
+        format_defects_csv(task, campaign.tables["defects"].to_pylist(), sightings),
         [root / photo_id for photo_id in chosen],
     )
     return task, files
@@ -132,7 +134,7 @@ def export_task(
 
 def import_reviews(
     building: Building, campaign_id: str, file: Path, *, lake: Path, reviewer: str, task: Path | None
-) -> Imported:
+) -> ReviewImport:
     """Read the words of a CSV or COCO file and add them to the lake.
 
     With the ``task`` that was exported, boxes deleted from a COCO file are rejected; without, only what the file holds
@@ -140,30 +142,30 @@ def import_reviews(
     """
     if not reviewer.strip():
         raise InputDataError("a review needs the name of who says it; give --reviewer")
-    campaign = reviewed_campaign(building, campaign_id, lake=lake)
-    shown = _task_of(task, campaign) if task else None
+    campaign = read_reviewed_campaign(building, campaign_id, lake=lake)
+    shown = _read_task_of_campaign(task, campaign) if task else None
     run_id = shown.run_id if shown else campaign.run_id
-    said = Said(reviewer=reviewer.strip(), reviewed_at=datetime.now(UTC), run_id=run_id)
+    said = ReviewProvenance(reviewer=reviewer.strip(), reviewed_at=datetime.now(UTC), run_id=run_id)
     crosswalk = crosswalk_with(building.detector.classes)
     kind = file.suffix.lower()
     if kind == ".csv":
-        words = words_of_csv(file, campaign.places, campaign.sizes, crosswalk, said)
+        words = read_csv_reviews(file, campaign.items, campaign.sizes, crosswalk, said)
     elif kind == ".json":
-        places = _places_of(shown, campaign) if shown else campaign.places
-        words = words_of_coco(file, places, campaign.sizes, crosswalk, said, deletions_count=shown is not None)
+        places = _select_items(shown, campaign) if shown else campaign.items
+        words = read_coco_reviews(file, places, campaign.sizes, crosswalk, said, deletions_count=shown is not None)
     else:
         raise InputDataError(f"{file} is neither a .csv nor a COCO .json; 'facadelake review export-task' writes both")
     if not words.reviews:
         told = "; ".join(words.remarks[:5]) or "no line has a verdict"
         raise InputDataError(f"{file} holds no word that can be used: {told}")
-    table = table_of_reviews(words.reviews, building_id=building.id, campaign_id=campaign_id)
+    table = table_from_reviews(words.reviews, building_id=building.id, campaign_id=campaign_id)
     added = append_reviews(lake, table, building_id=building.id, campaign_id=campaign_id)
-    reviews = reviews_of(read_table(lake, "reviews", building_id=building.id, campaign_id=campaign_id))
-    after = judge(reviews, detected(campaign.tables["detections"]))
-    return Imported(words=words, added=added, unmatched=after.unmatched)
+    reviews = reviews_from_table(read_table(lake, "reviews", building_id=building.id, campaign_id=campaign_id))
+    after = match_reviews(reviews, select_accepted_detections(campaign.tables["detections"]))
+    return ReviewImport(parsed=words, added=added, unmatched=after.unmatched)
 
 
-def _task_of(path: Path, campaign: ReviewedCampaign) -> Task:
+def _read_task_of_campaign(path: Path, campaign: ReviewedCampaign) -> ReviewTask:
     task = read_task(path)
     if (task.building_id, task.campaign_id) != (campaign.building_id, campaign.campaign_id):
         raise InputDataError(
@@ -173,7 +175,7 @@ def _task_of(path: Path, campaign: ReviewedCampaign) -> Task:
     return task
 
 
-def _places_of(task: Task, campaign: ReviewedCampaign) -> tuple[Shown, ...]:
+def _select_items(task: ReviewTask, campaign: ReviewedCampaign) -> tuple[ReviewItem, ...]:
     """What the task showed, and what it did not because it is rejected: a person may draw it again."""
-    shown = {place.subject for place in task.shown}
-    return (*task.shown, *(place for place in campaign.places if not place.stands and place.subject not in shown))
+    shown = {place.subject for place in task.items}
+    return (*task.items, *(place for place in campaign.items if not place.is_defect and place.subject not in shown))

@@ -18,21 +18,21 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
 from facadelake.detection import Box, Crosswalk, clip_box, describe
 from facadelake.detection.coco import CocoAnnotation, box_about, mask_of, number, polygons_of_text, read_coco
-from facadelake.reviews.box_matching import corners_of, overlaps, pairs_of
-from facadelake.reviews.presented import Said, Shown, word_on, word_on_missed
+from facadelake.reviews.box_matching import compute_iou, corners_from_boxes, pair_greedily
+from facadelake.reviews.presented import ReviewItem, ReviewProvenance, create_missed_review, create_review
 from facadelake.reviews.review import Review
 from facadelake.reviews.task_files import read_json
 from schemas.vocabulary import DefectClass, Verdict
 
 _log = logging.getLogger(__name__)
 
-_STILL = 0.3  # a box moved further than to this overlap is another one
-_UNCHANGED = 0.95  # a box, or mask, that still overlaps so far was left as it was (tools round)
+_SAME_BOX_IOU_MIN = 0.3  # a box moved further than to this overlap is another one
+_UNCHANGED_IOU_MIN = 0.95  # a box, or mask, that still overlaps so far was left as it was (tools round)
 _UNCHANGED_PX = 1.0  # and a small one whose sides moved by a pixel at most
 
 
 @dataclass(frozen=True, kw_only=True)
-class Words:
+class ParsedReviews:
     """Words that were understood, and remarks on what was not."""
 
     reviews: tuple[Review, ...]
@@ -40,7 +40,7 @@ class Words:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Drawn:
+class _DrawnBox:
     photo_id: str
     box: Box
     defect_class: DefectClass
@@ -48,15 +48,15 @@ class _Drawn:
     subject: str | None
 
 
-def words_of_coco(
+def read_coco_reviews(
     file: Path,
-    shown: Sequence[Shown],
+    shown: Sequence[ReviewItem],
     sizes: Mapping[str, tuple[int, int]],
     crosswalk: Crosswalk,
-    said: Said,
+    said: ReviewProvenance,
     *,
     deletions_count: bool,
-) -> Words:
+) -> ParsedReviews:
     """Words of a corrected file on ``shown``, on the photographs (``sizes``: width, height in px by photo_id) it names.
 
     A box left as it was is confirmed, a moved or renamed one corrected, a new one missed; one that is gone is rejected
@@ -85,8 +85,8 @@ def words_of_coco(
             f"{file}: none of its {len(coco.images)} images is a photograph of this campaign in its size "
             f"({remarks[0] if remarks else 'it has no images'}); name the campaign that was reviewed"
         )
-    subjects = [_subject(entry) for entry in read_json(file)["annotations"]]
-    drawn: dict[str, list[_Drawn]] = defaultdict(list)
+    subjects = [_get_subject(entry) for entry in read_json(file)["annotations"]]
+    drawn: dict[str, list[_DrawnBox]] = defaultdict(list)
     for annotation, subject in zip(coco.annotations, subjects, strict=True):
         on = matches.get(annotation.image_id)
         if on is None or on.photo_id is None:
@@ -95,7 +95,7 @@ def words_of_coco(
         if on.photo_id not in looked_at:
             continue
         source = coco.categories.get(annotation.category_id)
-        one = _drawn(annotation, on.photo_id, source, sizes[on.photo_id], crosswalk, subject)
+        one = _parse_annotation(annotation, on.photo_id, source, sizes[on.photo_id], crosswalk, subject)
         if isinstance(one, str):
             remarks.append(f"annotation {annotation.annotation_id} on {on.photo_id}: {one}")
         else:
@@ -103,60 +103,66 @@ def words_of_coco(
     reviews: list[Review] = []
     for photo_id in sorted(looked_at):
         ours = [place for place in shown if place.photo_id == photo_id]
-        reviews += _words_of_photograph(photo_id, ours, drawn[photo_id], said, deletions_count)
+        reviews += _review_photograph(photo_id, ours, drawn[photo_id], said, deletions_count)
     _log.info("%s: %d words on %d photographs, %d remarks", file.name, len(reviews), len(looked_at), len(remarks))
-    return Words(reviews=tuple(reviews), remarks=tuple(remarks))
+    return ParsedReviews(reviews=tuple(reviews), remarks=tuple(remarks))
 
 
-def _words_of_photograph(
-    photo_id: str, shown: Sequence[Shown], drawn: Sequence[_Drawn], said: Said, deletions_count: bool
+def _review_photograph(
+    photo_id: str,
+    shown: Sequence[ReviewItem],
+    drawn: Sequence[_DrawnBox],
+    said: ReviewProvenance,
+    deletions_count: bool,
 ) -> list[Review]:
-    fit = overlaps(corners_of(place.box for place in shown), corners_of(one.box for one in drawn))
+    fit = compute_iou(corners_from_boxes(place.box for place in shown), corners_from_boxes(one.box for one in drawn))
     for i, place in enumerate(shown):
         for j, one in enumerate(drawn):
             if one.subject is not None:
                 fit[i, j] = 2.0 if one.subject == place.subject else 0.0
-            elif place.stands and fit[i, j] >= _STILL and one.defect_class is place.defect_class:
+            elif place.is_defect and fit[i, j] >= _SAME_BOX_IOU_MIN and one.defect_class is place.defect_class:
                 fit[i, j] += 0.1  # of two boxes at one place each keeps its class
-    pairs = pairs_of(fit, _STILL)
-    kept = {pair.one: drawn[pair.other] for pair in pairs}
+    pairs = pair_greedily(fit, _SAME_BOX_IOU_MIN)
+    kept = {pair.first: drawn[pair.second] for pair in pairs}
     words = []
     for i, place in enumerate(shown):
         left = kept.get(i)
         if left is None:
-            words += [word_on(place, Verdict.REJECTED, said)] if deletions_count and place.stands else []
-        elif _unchanged(place, left):
-            words.append(word_on(place, Verdict.CONFIRMED, said))
+            words += [create_review(place, Verdict.REJECTED, said)] if deletions_count and place.is_defect else []
+        elif _is_unchanged(place, left):
+            words.append(create_review(place, Verdict.CONFIRMED, said))
         else:
-            corrected = word_on(
+            corrected = create_review(
                 place, Verdict.CORRECTED, said, box=left.box, defect_class=left.defect_class, mask=left.mask
             )
             words.append(corrected)
-    used = {pair.other for pair in pairs}
+    used = {pair.second for pair in pairs}
     new = [one for j, one in enumerate(drawn) if j not in used]
-    return words + [word_on_missed(photo_id, one.box, one.defect_class, said, mask=one.mask) for one in new]
+    return words + [create_missed_review(photo_id, one.box, one.defect_class, said, mask=one.mask) for one in new]
 
 
-def _unchanged(place: Shown, one: _Drawn) -> bool:
+def _is_unchanged(place: ReviewItem, one: _DrawnBox) -> bool:
     if one.defect_class is not place.defect_class:
         return False
     after = None if one.mask is None else polygons_of_text(one.mask)
     if after is not None:
         shown = None if place.mask is None else polygons_of_text(place.mask)
-        before = shapely.box(*corners_of([place.box])[0]) if shown is None else shown
-        return bool(before.intersection(after).area >= _UNCHANGED * before.union(after).area)
-    both = corners_of([place.box, one.box])
-    return bool(abs(both[0] - both[1]).max() <= _UNCHANGED_PX or overlaps(both[:1], both[1:])[0, 0] >= _UNCHANGED)
+        before = shapely.box(*corners_from_boxes([place.box])[0]) if shown is None else shown
+        return bool(before.intersection(after).area >= _UNCHANGED_IOU_MIN * before.union(after).area)
+    both = corners_from_boxes([place.box, one.box])
+    return bool(
+        abs(both[0] - both[1]).max() <= _UNCHANGED_PX or compute_iou(both[:1], both[1:])[0, 0] >= _UNCHANGED_IOU_MIN
+    )
 
 
-def _drawn(
+def _parse_annotation(
     annotation: CocoAnnotation,
     photo_id: str,
     source: str | None,
     size: tuple[int, int],
     crosswalk: Crosswalk,
     subject: str | None,
-) -> _Drawn | str:
+) -> _DrawnBox | str:
     """What a person drew, or why it cannot be used."""
     defect_class = None if source is None else crosswalk.defect_class(source)
     if defect_class is None:
@@ -177,10 +183,10 @@ def _drawn(
         return clipped.remark
     mask = mask_of(annotation.segmentation, clipped.inside, *size)
     outline = None if mask.outline is None else str(shapely.to_wkt(mask.outline, rounding_precision=2))
-    return _Drawn(photo_id=photo_id, box=clipped.inside, defect_class=defect_class, mask=outline, subject=subject)
+    return _DrawnBox(photo_id=photo_id, box=clipped.inside, defect_class=defect_class, mask=outline, subject=subject)
 
 
-def _subject(entry: Mapping[str, object]) -> str | None:
+def _get_subject(entry: Mapping[str, object]) -> str | None:
     attributes = entry.get("attributes")
     subject = attributes.get("subject") if isinstance(attributes, dict) else None
     return subject if isinstance(subject, str) and subject else None

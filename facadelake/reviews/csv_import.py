@@ -11,19 +11,23 @@ from pathlib import Path
 from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
 from facadelake.detection import Box, Crosswalk, clip_box
-from facadelake.reviews.coco_import import Words
-from facadelake.reviews.presented import Said, Shown, word_on, word_on_missed
+from facadelake.reviews.coco_import import ParsedReviews
+from facadelake.reviews.presented import ReviewItem, ReviewProvenance, create_missed_review, create_review
 from facadelake.reviews.review import Review
 from schemas.vocabulary import DefectClass, Verdict
 
 _SIDES = ("box_x_px", "box_y_px", "box_width_px", "box_height_px")
-_SHORT = {"yes": Verdict.CONFIRMED, "y": Verdict.CONFIRMED, "no": Verdict.REJECTED, "n": Verdict.REJECTED}
-_MOST_REMARKS = 1000
+_VERDICT_SYNONYMS = {"yes": Verdict.CONFIRMED, "y": Verdict.CONFIRMED, "no": Verdict.REJECTED, "n": Verdict.REJECTED}
+_REMARKS_MAX = 1000
 
 
-def words_of_csv(
-    file: Path, shown: Sequence[Shown], sizes: Mapping[str, tuple[int, int]], crosswalk: Crosswalk, said: Said
-) -> Words:
+def read_csv_reviews(
+    file: Path,
+    shown: Sequence[ReviewItem],
+    sizes: Mapping[str, tuple[int, int]],
+    crosswalk: Crosswalk,
+    said: ReviewProvenance,
+) -> ParsedReviews:
     """Words of a filled-in table on ``shown``; ``sizes`` (width, height in px) by photo_id.
 
     A line with a ``defect_id`` speaks of all its sightings, one with a ``detection_id`` of that one; ``missed`` needs a
@@ -31,8 +35,8 @@ def words_of_csv(
     without ``verdict`` was not looked at. A line that cannot be used is a remark, and the others count.
     Raises InputDataError for a file that is no table or lacks the columns.
     """
-    lines = _lines(file)
-    by_defect: dict[str, list[Shown]] = defaultdict(list)
+    lines = _read_lines(file)
+    by_defect: dict[str, list[ReviewItem]] = defaultdict(list)
     by_detection = {place.detection_id: place for place in shown if place.detection_id is not None}
     for place in shown:
         if place.defect_id is not None:
@@ -42,27 +46,27 @@ def words_of_csv(
     remarks: list[str] = []
     for number, line in lines:
         try:
-            word = _verdict(line)
+            word = _parse_verdict(line)
             if word is None:
                 continue
             if word is Verdict.MISSED:
-                reviews.append(_missed(line, names, sizes, crosswalk, said))
+                reviews.append(_review_missed(line, names, sizes, crosswalk, said))
                 continue
             run = line.get("run_id", "")
             if run and run != said.run_id:
                 raise _LineError(f"it is of the run {run}, the campaign's is {said.run_id} now; export the task anew")
-            places = _places(line, by_defect, by_detection)
-            reviews += [_said(place, word, line, crosswalk, said, alone=len(places) == 1) for place in places]
+            places = _select_items(line, by_defect, by_detection)
+            reviews += [_review_item(place, word, line, crosswalk, said, alone=len(places) == 1) for place in places]
         except _LineError as error:
             remarks.append(f"line {number}: {error}")
-    return Words(reviews=tuple(reviews), remarks=tuple(remarks[:_MOST_REMARKS]))
+    return ParsedReviews(reviews=tuple(reviews), remarks=tuple(remarks[:_REMARKS_MAX]))
 
 
 class _LineError(ValueError):
     """Why a line cannot be used, in words."""
 
 
-def _lines(file: Path) -> list[tuple[int, dict[str, str]]]:
+def _read_lines(file: Path) -> list[tuple[int, dict[str, str]]]:
     try:
         text = file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -83,20 +87,20 @@ def _lines(file: Path) -> list[tuple[int, dict[str, str]]]:
     ]
 
 
-def _verdict(line: Mapping[str, str]) -> Verdict | None:
+def _parse_verdict(line: Mapping[str, str]) -> Verdict | None:
     word = line["verdict"].casefold()
     if not word:
         return None
-    if word in _SHORT:
-        return _SHORT[word]
+    if word in _VERDICT_SYNONYMS:
+        return _VERDICT_SYNONYMS[word]
     if word not in set(Verdict):
         raise _LineError(f"verdict is '{line['verdict']}'; use {', '.join(Verdict)}, or leave it empty")
     return Verdict(word)
 
 
-def _places(
-    line: Mapping[str, str], by_defect: Mapping[str, Sequence[Shown]], by_detection: Mapping[str, Shown]
-) -> Sequence[Shown]:
+def _select_items(
+    line: Mapping[str, str], by_defect: Mapping[str, Sequence[ReviewItem]], by_detection: Mapping[str, ReviewItem]
+) -> Sequence[ReviewItem]:
     if detection_id := line.get("detection_id"):
         if detection_id not in by_detection:
             raise _LineError(f"there is no detection '{detection_id}' in the campaign")
@@ -106,55 +110,61 @@ def _places(
             raise _LineError(f"there is no defect '{defect_id}' in the campaign")
         places = by_defect[defect_id]
         # A box that was rejected by itself stays so, unless that is said of the whole defect.
-        return [place for place in places if place.stands] or places
+        return [place for place in places if place.is_defect] or places
     raise _LineError("it names neither a defect_id nor a detection_id")
 
 
-def _said(
-    place: Shown, verdict: Verdict, line: Mapping[str, str], crosswalk: Crosswalk, said: Said, *, alone: bool
+def _review_item(
+    place: ReviewItem,
+    verdict: Verdict,
+    line: Mapping[str, str],
+    crosswalk: Crosswalk,
+    said: ReviewProvenance,
+    *,
+    alone: bool,
 ) -> Review:
     note = line.get("note") or None
     if verdict is not Verdict.CORRECTED:
-        return word_on(place, verdict, said, note=note)
+        return create_review(place, verdict, said, note=note)
     name = line.get("corrected_class", "")
-    box = _box(line) if alone and line.get("detection_id") else None
+    box = _parse_box(line) if alone and line.get("detection_id") else None
     if not name and (box is None or box == place.box):
         raise _LineError("'corrected' needs 'corrected_class', or a detection_id with another box")
-    defect_class = _class(name, crosswalk) if name else place.defect_class
-    return word_on(
+    defect_class = _parse_class(name, crosswalk) if name else place.defect_class
+    return create_review(
         place, verdict, said, box=box, defect_class=defect_class, mask=None if box else place.mask, note=note
     )
 
 
-def _missed(
+def _review_missed(
     line: Mapping[str, str],
     names: PhotoNames,
     sizes: Mapping[str, tuple[int, int]],
     crosswalk: Crosswalk,
-    said: Said,
+    said: ReviewProvenance,
 ) -> Review:
     match = names.match(line.get("photo_id", ""))
     if match.photo_id is None:
         raise _LineError(f"'missed' needs a photograph: {match.reason}")
-    box = _box(line)
+    box = _parse_box(line)
     if box is None:
         raise _LineError(f"'missed' needs a box: {', '.join(_SIDES)}")
     width, height = sizes[match.photo_id]
     inside = clip_box(box, image_width_px=width, image_height_px=height)
     if inside.inside is None:
         raise _LineError(inside.remark)
-    defect_class = _class(line.get("corrected_class") or line.get("defect_class", ""), crosswalk)
-    return word_on_missed(match.photo_id, inside.inside, defect_class, said, note=line.get("note") or None)
+    defect_class = _parse_class(line.get("corrected_class") or line.get("defect_class", ""), crosswalk)
+    return create_missed_review(match.photo_id, inside.inside, defect_class, said, note=line.get("note") or None)
 
 
-def _class(name: str, crosswalk: Crosswalk) -> DefectClass:
+def _parse_class(name: str, crosswalk: Crosswalk) -> DefectClass:
     found = crosswalk.defect_class(name)
     if found is None:
         raise _LineError(crosswalk.why_unknown(name))
     return found
 
 
-def _box(line: Mapping[str, str]) -> Box | None:
+def _parse_box(line: Mapping[str, str]) -> Box | None:
     values = [line.get(side, "") for side in _SIDES]
     if not any(values):
         return None

@@ -10,13 +10,13 @@ from typing import Any
 import shapely
 
 from facadelake.detection import Box
-from facadelake.reviews.match_reviews import Judgement
-from facadelake.reviews.review import Review, subject_of
+from facadelake.reviews.match_reviews import ReviewStatus
+from facadelake.reviews.review import Review, make_subject
 from schemas.vocabulary import DefectClass, Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shown:
+class ReviewItem:
     """A place of a photograph where a defect is said to be, by the detector or by a person's last word.
 
     ``reviewed_box`` and ``reviewed_class`` are the detector's, None where a person found it; ``verdict`` the last word.
@@ -36,13 +36,13 @@ class Shown:
     verdict: Verdict | None = None
 
     @property
-    def stands(self) -> bool:
+    def is_defect(self) -> bool:
         """Whether nobody has said last that no defect is there."""
         return self.verdict is not Verdict.REJECTED
 
 
 @dataclass(frozen=True, kw_only=True)
-class Said:
+class ReviewProvenance:
     """Who says it, when, and of which run's results."""
 
     reviewer: str
@@ -50,11 +50,11 @@ class Said:
     run_id: str
 
 
-def shown_places(judgement: Judgement, defects: Mapping[str, str]) -> tuple[Shown, ...]:
+def list_review_items(judgement: ReviewStatus, defects: Mapping[str, str]) -> tuple[ReviewItem, ...]:
     """All places spoken of or detected, by photograph, rejected ones too. ``defects``: defect_id by detection_id."""
     places = [
-        Shown(
-            subject=subject_of(one.photo_id, one.box, one.defect_class),
+        ReviewItem(
+            subject=make_subject(one.photo_id, one.box, one.defect_class),
             photo_id=one.photo_id,
             defect_class=one.defect_class,
             box=one.box,
@@ -68,17 +68,17 @@ def shown_places(judgement: Judgement, defects: Mapping[str, str]) -> tuple[Show
         )
         for one in judgement.unreviewed
     ]
-    for standing in judgement.standing:
+    for standing in judgement.current:
         word, now = standing.review, standing.detection
         defect_class = word.defect_class or word.reviewed_class
         assert defect_class is not None  # a word without a defect is about a judged class
         detection_id = word.detection_id if now is None else now.detection_id
         places.append(
-            Shown(
+            ReviewItem(
                 subject=word.subject,
                 photo_id=word.photo_id,
                 defect_class=defect_class,
-                box=word.place,
+                box=word.effective_box,
                 mask=word.mask,
                 score=1.0,
                 detection_id=detection_id,
@@ -92,10 +92,10 @@ def shown_places(judgement: Judgement, defects: Mapping[str, str]) -> tuple[Show
     return tuple(sorted(places, key=lambda place: (place.photo_id, place.box.y_px, place.box.x_px)))
 
 
-def word_on(
-    place: Shown,
+def create_review(
+    place: ReviewItem,
     verdict: Verdict,
-    said: Said,
+    said: ReviewProvenance,
     *,
     box: Box | None = None,
     defect_class: DefectClass | None = None,
@@ -129,11 +129,11 @@ def word_on(
     )
 
 
-def word_on_missed(
+def create_missed_review(
     photo_id: str,
     box: Box,
     defect_class: DefectClass,
-    said: Said,
+    said: ReviewProvenance,
     *,
     mask: str | None = None,
     note: str | None = None,
@@ -141,7 +141,7 @@ def word_on_missed(
     """A defect that the detector did not find."""
     return Review(
         photo_id=photo_id,
-        subject=subject_of(photo_id, box, defect_class),
+        subject=make_subject(photo_id, box, defect_class),
         verdict=Verdict.MISSED,
         reviewer=said.reviewer,
         reviewed_at=said.reviewed_at,
@@ -153,7 +153,7 @@ def word_on_missed(
     )
 
 
-def polygons(mask: str | None) -> list[list[float]]:
+def polygons_from_wkt(mask: str | None) -> list[list[float]]:
     """COCO's segmentation of a mask in WKT; holes are filled, as COCO's polygons have none."""
     if mask is None:
         return []

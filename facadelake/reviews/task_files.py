@@ -14,12 +14,12 @@ import shapely
 
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.detection import Box
-from facadelake.reviews.presented import Shown, polygons
-from facadelake.reviews.review import box_of_row
+from facadelake.reviews.presented import ReviewItem, polygons_from_wkt
+from facadelake.reviews.review import box_from_row
 from schemas.vocabulary import DefectClass, Verdict
 
 COCO_FILE, CSV_FILE, PHOTOGRAPHS_FILE = "detections.coco.json", "defects.csv", "photographs.txt"
-OURS = "facadelake"  # key of a COCO file's info that holds what we need of it
+INFO_KEY = "facadelake"  # key of a COCO file's info that holds what we need of it
 COLUMNS = (
     "campaign_id", "run_id", "defect_id", "detection_id", "defect_class", "severity", "facade", "storey",
     "element_name", "photo_count", "score", "photo_id", "box_x_px", "box_y_px", "box_width_px", "box_height_px",
@@ -28,17 +28,17 @@ COLUMNS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class ReviewTask:
     """What was shown, as the task's COCO file tells: of which run, on which photographs, which places."""
 
     building_id: str
     campaign_id: str
     run_id: str
     photographs: tuple[str, ...]
-    shown: tuple[Shown, ...]
+    items: tuple[ReviewItem, ...]
 
 
-def coco_task(task: Task, sizes: Mapping[str, tuple[int, int]], *, photographs_uri: str) -> dict[str, Any]:
+def build_coco_task(task: ReviewTask, sizes: Mapping[str, tuple[int, int]], *, photographs_uri: str) -> dict[str, Any]:
     """The task as COCO: ``sizes`` are (width, height) in px by photo_id; file names are the photo_ids.
 
     What an annotation is about stands in its ``attributes``, which CVAT and Label Studio may drop: the way back does
@@ -50,7 +50,7 @@ def coco_task(task: Task, sizes: Mapping[str, tuple[int, int]], *, photographs_u
         "info": {
             "description": f"{task.building_id} {task.campaign_id}: correct the boxes, delete what is no defect, add "
             "what was missed",
-            OURS: {
+            INFO_KEY: {
                 "building_id": task.building_id,
                 "campaign_id": task.campaign_id,
                 "run_id": task.run_id,
@@ -67,40 +67,40 @@ def coco_task(task: Task, sizes: Mapping[str, tuple[int, int]], *, photographs_u
                 "id": number,
                 "image_id": images[place.photo_id],
                 "category_id": categories[place.defect_class],
-                "bbox": _numbers(place.box),
+                "bbox": _bbox_from_box(place.box),
                 "area": round(place.box.width_px * place.box.height_px, 2),
                 "iscrowd": 0,
-                "segmentation": polygons(place.mask),
+                "segmentation": polygons_from_wkt(place.mask),
                 "score": round(place.score, 4),
                 "attributes": {
                     "subject": place.subject,
                     "detection_id": place.detection_id,
                     "defect_id": place.defect_id,
                     "detector_sha256": place.detector_sha256,
-                    "reviewed_box": None if place.reviewed_box is None else _numbers(place.reviewed_box),
+                    "reviewed_box": None if place.reviewed_box is None else _bbox_from_box(place.reviewed_box),
                     "reviewed_class": place.reviewed_class,
                     "verdict": place.verdict,
                 },
             }
-            for number, place in enumerate(task.shown, start=1)
+            for number, place in enumerate(task.items, start=1)
         ],
     }
 
 
-def read_task(path: Path) -> Task:
-    """The task that ``coco_task`` wrote. Raises InputDataError for another file."""
+def read_task(path: Path) -> ReviewTask:
+    """The task that ``build_coco_task`` wrote. Raises InputDataError for another file."""
     content = read_json(path)
     try:
-        ours = content["info"][OURS]
+        ours = content["info"][INFO_KEY]
         names = {image["id"]: image["file_name"] for image in content["images"]}
         classes = {category["id"]: DefectClass(category["name"]) for category in content["categories"]}
-        return Task(
+        return ReviewTask(
             building_id=ours["building_id"],
             campaign_id=ours["campaign_id"],
             run_id=ours["run_id"],
             photographs=tuple(names.values()),
-            shown=tuple(
-                _shown(entry, names[entry["image_id"]], classes[entry["category_id"]])
+            items=tuple(
+                _item_from_annotation(entry, names[entry["image_id"]], classes[entry["category_id"]])
                 for entry in content["annotations"]
             ),
         )
@@ -119,7 +119,9 @@ def read_json(path: Path) -> Any:
         raise InputDataError(f"{path} cannot be read as JSON: {error}; correct the path or export it again") from error
 
 
-def defects_csv(task: Task, defects: Sequence[Mapping[str, Any]], sightings: Mapping[str, Sequence[Shown]]) -> str:
+def format_defects_csv(
+    task: ReviewTask, defects: Sequence[Mapping[str, Any]], sightings: Mapping[str, Sequence[ReviewItem]]
+) -> str:
     """One line for each defect, to fill in: ``verdict`` confirmed, rejected or corrected, left empty where not looked.
 
     ``defects`` are rows of that table; ``sightings`` the shown places of each, of which the best photograph's is named.
@@ -138,7 +140,7 @@ def defects_csv(task: Task, defects: Sequence[Mapping[str, Any]], sightings: Map
         cells = {name: row.get(name) for name in COLUMNS}
         cells |= {"run_id": task.run_id, "campaign_id": task.campaign_id, "photo_id": best.photo_id}
         cells |= {"score": f"{row['score']:.3f}", "detection_id": "", "last_word": ", ".join(words)}
-        cells |= dict(zip(COLUMNS[12:16], _numbers(best.box), strict=True))
+        cells |= dict(zip(COLUMNS[12:16], _bbox_from_box(best.box), strict=True))
         writer.writerow(cells)
     return out.getvalue()
 
@@ -169,24 +171,24 @@ def write_task(
 _EARLIER_NAMES = {"judged_box": "reviewed_box", "judged_class": "reviewed_class", "last_word": "verdict"}
 
 
-def _numbers(box: Box) -> list[float]:
+def _bbox_from_box(box: Box) -> list[float]:
     return [round(value, 2) for value in (box.x_px, box.y_px, box.width_px, box.height_px)]
 
 
-def _shown(entry: Mapping[str, Any], photo_id: str, defect_class: DefectClass) -> Shown:
+def _item_from_annotation(entry: Mapping[str, Any], photo_id: str, defect_class: DefectClass) -> ReviewItem:
     about = {_EARLIER_NAMES.get(name, name): value for name, value in entry["attributes"].items()}
     sides = ("x_px", "y_px", "width_px", "height_px")
     judged = about["reviewed_box"]
-    box = box_of_row({f"box_{side}": value for side, value in zip(sides, entry["bbox"], strict=True)})
+    box = box_from_row({f"box_{side}": value for side, value in zip(sides, entry["bbox"], strict=True)})
     if box is None:
         raise ValueError("bbox")
     rings = entry["segmentation"]
-    return Shown(
+    return ReviewItem(
         subject=about["subject"],
         photo_id=photo_id,
         defect_class=defect_class,
         box=box,
-        mask=_wkt(rings) if rings else None,
+        mask=_wkt_from_rings(rings) if rings else None,
         score=entry["score"],
         detection_id=about["detection_id"],
         defect_id=about["defect_id"],
@@ -197,6 +199,6 @@ def _shown(entry: Mapping[str, Any], photo_id: str, defect_class: DefectClass) -
     )
 
 
-def _wkt(rings: Sequence[Sequence[float]]) -> str:
+def _wkt_from_rings(rings: Sequence[Sequence[float]]) -> str:
     parts = [shapely.Polygon(list(zip(ring[::2], ring[1::2], strict=True))) for ring in rings]
     return str(shapely.to_wkt(parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts), rounding_precision=2))

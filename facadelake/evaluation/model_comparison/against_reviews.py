@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from facadelake.evaluation.model_comparison.changes import found_at
-from facadelake.reviews import Detected, Judgement, Review
+from facadelake.reviews import AcceptedDetection, Review, ReviewStatus
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,10 @@ class OnWords:
 
 
 def against_words(
-    judgement: Judgement, old: Sequence[Detected], new: Sequence[Detected], photographs: Collection[str]
+    judgement: ReviewStatus,
+    old: Sequence[AcceptedDetection],
+    new: Sequence[AcceptedDetection],
+    photographs: Collection[str],
 ) -> OnWords:
     """Meet the words on ``photographs`` with both models' boxes there.
 
@@ -54,7 +57,7 @@ def against_words(
     both = [_by_photo(boxes) for boxes in (old, new)]
     defects: dict[str, list[Review]] = defaultdict(list)
     rejected: list[Place] = []
-    for standing in judgement.standing:
+    for standing in judgement.current:
         word = standing.review
         if word.photo_id not in photographs:
             continue
@@ -62,20 +65,22 @@ def against_words(
             # Each run names its defects anew.
             defects[f"{word.run_id} {word.defect_id}" if word.defect_id else word.subject].append(word)
         else:
-            by_old, by_new = (found_at(boxes.get(word.photo_id, ()), word.place, word.reviewed_class) for boxes in both)
+            by_old, by_new = (
+                found_at(boxes.get(word.photo_id, ()), word.effective_box, word.reviewed_class) for boxes in both
+            )
             rejected.append(Place(words=(word,), by_old=by_old, by_new=by_new))
     found = []
     for words in defects.values():
         by_old, by_new = (
-            any(found_at(boxes.get(word.photo_id, ()), word.place, word.defect_class) for word in words)
+            any(found_at(boxes.get(word.photo_id, ()), word.effective_box, word.defect_class) for word in words)
             for boxes in both
         )
         found.append(Place(words=tuple(words), by_old=by_old, by_new=by_new))
     return OnWords(defects=tuple(found), rejected=tuple(rejected))
 
 
-def _by_photo(boxes: Sequence[Detected]) -> dict[str, list[Detected]]:
-    out: dict[str, list[Detected]] = defaultdict(list)
+def _by_photo(boxes: Sequence[AcceptedDetection]) -> dict[str, list[AcceptedDetection]]:
+    out: dict[str, list[AcceptedDetection]] = defaultdict(list)
     for one in boxes:
         out[one.photo_id].append(one)
     return out

@@ -11,7 +11,7 @@ import numpy as np
 
 from facadelake.core.arrays import Float64Array
 from facadelake.detection import Box
-from facadelake.reviews import Detected, corners_of, overlaps, pairs_of
+from facadelake.reviews import AcceptedDetection, compute_iou, corners_from_boxes, pair_greedily
 from schemas.vocabulary import DefectClass
 
 SAME_BOX = 0.3  # intersection over union from which two models' boxes are one: they draw differently
@@ -32,37 +32,37 @@ class Changed:
     """A box of the old model (None: it had none there), one of the new, or both."""
 
     change: Change
-    old: Detected | None
-    new: Detected | None
+    old: AcceptedDetection | None
+    new: AcceptedDetection | None
 
     @property
-    def shown(self) -> Detected:
+    def shown(self) -> AcceptedDetection:
         """The new model's box where it has one."""
         one = self.new or self.old
         assert one is not None
         return one
 
 
-def changes_between(old: Sequence[Detected], new: Sequence[Detected]) -> tuple[Changed, ...]:
+def changes_between(old: Sequence[AcceptedDetection], new: Sequence[AcceptedDetection]) -> tuple[Changed, ...]:
     """Every box of both models once, photograph by photograph.
 
     Boxes of one class that overlap by 0.3 stay, and so do boxes that the other model's boxes of that class cover by
     half together; of two classes at one place (overlap 0.5) the box is renamed.
     """
-    by_photo: dict[str, tuple[list[Detected], list[Detected]]] = defaultdict(lambda: ([], []))
+    by_photo: dict[str, tuple[list[AcceptedDetection], list[AcceptedDetection]]] = defaultdict(lambda: ([], []))
     for which, boxes in enumerate((old, new)):
         for one in boxes:
             by_photo[one.photo_id][which].append(one)
     return tuple(change for photo_id in sorted(by_photo) for change in _in_photograph(*by_photo[photo_id]))
 
 
-def found_at(boxes: Sequence[Detected], box: Box, defect_class: DefectClass | None) -> bool:
+def found_at(boxes: Sequence[AcceptedDetection], box: Box, defect_class: DefectClass | None) -> bool:
     """Whether some of a photograph's ``boxes``, of the class if one is given, tell of what lies in ``box``."""
     ours = [one.box for one in boxes if defect_class in (None, one.defect_class)]
     if not ours:
         return False
-    corners, place = corners_of(ours), corners_of([box])
-    return bool(overlaps(place, corners).max() >= SAME_BOX or covered_share(place[0], corners) >= COVERED)
+    corners, place = corners_from_boxes(ours), corners_from_boxes([box])
+    return bool(compute_iou(place, corners).max() >= SAME_BOX or covered_share(place[0], corners) >= COVERED)
 
 
 def covered_share(corners: Float64Array, others: Float64Array) -> float:
@@ -81,13 +81,13 @@ def covered_share(corners: Float64Array, others: Float64Array) -> float:
     return float((inside * np.diff(ys)[:, None] * np.diff(xs)[None, :]).sum()) / area if area > 0 else 0.0
 
 
-def _in_photograph(old: Sequence[Detected], new: Sequence[Detected]) -> list[Changed]:
-    shares = overlaps(corners_of(one.box for one in old), corners_of(one.box for one in new))
+def _in_photograph(old: Sequence[AcceptedDetection], new: Sequence[AcceptedDetection]) -> list[Changed]:
+    shares = compute_iou(corners_from_boxes(one.box for one in old), corners_from_boxes(one.box for one in new))
     same = np.array([[a.defect_class is b.defect_class for b in new] for a in old], dtype=bool).reshape(shares.shape)
-    pairs = pairs_of(np.where(same, shares, 0.0), SAME_BOX)
-    left_old = set(range(len(old))) - {pair.one for pair in pairs}
-    left_new = set(range(len(new))) - {pair.other for pair in pairs}
-    out = [Changed(change=Change.STAYS, old=old[pair.one], new=new[pair.other]) for pair in pairs]
+    pairs = pair_greedily(np.where(same, shares, 0.0), SAME_BOX)
+    left_old = set(range(len(old))) - {pair.first for pair in pairs}
+    left_new = set(range(len(new))) - {pair.second for pair in pairs}
+    out = [Changed(change=Change.STAYS, old=old[pair.first], new=new[pair.second]) for pair in pairs]
     parts_old = {i for i in left_old if found_at(new, old[i].box, old[i].defect_class)}
     parts_new = {j for j in left_new if found_at(old, new[j].box, new[j].defect_class)}
     out += [Changed(change=Change.STAYS, old=old[i], new=None) for i in sorted(parts_old)]
@@ -97,9 +97,9 @@ def _in_photograph(old: Sequence[Detected], new: Sequence[Detected]) -> list[Cha
     for i in left_old:
         for j in left_new:
             others[i, j] = shares[i, j]
-    renamed = pairs_of(others, COVERED)
-    out += [Changed(change=Change.RENAMED, old=old[pair.one], new=new[pair.other]) for pair in renamed]
-    gone = sorted(left_old - {pair.one for pair in renamed})
-    come = sorted(left_new - {pair.other for pair in renamed})
+    renamed = pair_greedily(others, COVERED)
+    out += [Changed(change=Change.RENAMED, old=old[pair.first], new=new[pair.second]) for pair in renamed]
+    gone = sorted(left_old - {pair.first for pair in renamed})
+    come = sorted(left_new - {pair.second for pair in renamed})
     out += [Changed(change=Change.VANISHES, old=old[i], new=None) for i in gone]
     return out + [Changed(change=Change.APPEARS, old=None, new=new[j]) for j in come]

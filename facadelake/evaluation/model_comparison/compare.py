@@ -38,7 +38,7 @@ from facadelake.evaluation.model_comparison.report import (
 from facadelake.photos import find_masks
 from facadelake.registration import views_on_building
 from facadelake.registry import Building, Portfolio
-from facadelake.reviews import Detected, detected, judge, reviews_of
+from facadelake.reviews import AcceptedDetection, match_reviews, reviews_from_table, select_accepted_detections
 from schemas.vocabulary import PhotoOutcome
 
 log = logging.getLogger("facadelake.flows")
@@ -111,7 +111,7 @@ def _compared(
 ) -> _Done:
     tables = committed_tables(building, campaign_id, _TABLES, lake=lake)
     root = building.photographs_of(campaign_id)
-    reviews = reviews_of(tables["reviews"])
+    reviews = reviews_from_table(tables["reviews"])
     chosen, total = _chosen(tables["photos"], {word.photo_id for word in reviews}, sample)
     photos = tables["photos"].filter(pa.compute.is_in(tables["photos"].column("photo_id"), pa.array(chosen)))
     model, remark = _model(building, campaign_id, tables)
@@ -131,13 +131,15 @@ def _compared(
             "code": compute_code_version(__name__).sha256,
         }
         found.append(_found(lake, compute_key(parts), photos, root, one, building.detector.classes, view_of))
-    old, new = (detected(table) for table in found)
+    old, new = (select_accepted_detections(table) for table in found)
     changes = changes_between(old, new)
     wall: tuple[WallDefect, ...] = ()
     if model is not None and changes:
         merged = register_on_committed_poses(building, campaign_id, model, joint_detections(changes, *found), tables)
         wall = wall_defects(merged.observations, merged.defects)
-    words = against_words(judge(reviews, detected(tables["detections"])), old, new, set(chosen))
+    words = against_words(
+        match_reviews(reviews, select_accepted_detections(tables["detections"])), old, new, set(chosen)
+    )
     report = CampaignComparison(
         building_id=building.id,
         campaign_id=campaign_id,
@@ -202,7 +204,7 @@ def _sheets(folder: Path, done: Sequence[_Done], comparison: Comparison) -> tupl
     crops = [
         Crop(
             photograph=one.root / word.photo_id,
-            box=word.place,
+            box=word.effective_box,
             title=f"{word.defect_class} by {word.reviewer}",
             below=f"{one.report.building_id} {Path(word.photo_id).name}",
         )
@@ -212,7 +214,7 @@ def _sheets(folder: Path, done: Sequence[_Done], comparison: Comparison) -> tupl
     return tuple(path for path in drawn if path is not None)
 
 
-def _shown(one: _Done, wanted: Change) -> list[tuple[_Done, Detected]]:
+def _shown(one: _Done, wanted: Change) -> list[tuple[_Done, AcceptedDetection]]:
     """The boxes that a sheet shows: one for each defect of the wall, else each box of the photographs."""
     boxes = [changed.shown for changed in one.changes if changed.change is wanted]
     if one.report.wall is None:
@@ -226,7 +228,7 @@ def _shown(one: _Done, wanted: Change) -> list[tuple[_Done, Detected]]:
     return [(one, box) for box in best]
 
 
-def _crop(one: _Done, box: Detected) -> Crop:
+def _crop(one: _Done, box: AcceptedDetection) -> Crop:
     return Crop(
         photograph=one.root / box.photo_id,
         box=box.box,

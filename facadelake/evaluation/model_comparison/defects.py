@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from facadelake.evaluation.model_comparison.changes import Change, Changed
-from facadelake.reviews import Detected
+from facadelake.reviews import AcceptedDetection
 from schemas.vocabulary import DefectClass
 
 _BOTH, _OLD, _NEW = "both:", "old:", "new:"
@@ -42,7 +42,7 @@ def joint_detections(changes: Sequence[Changed], old: pa.Table, new: pa.Table) -
     return pa.concat_tables([_marked(new, both, _BOTH), _marked(old, gone, _OLD), _marked(new, come, _NEW)])
 
 
-def _marked(table: pa.Table, boxes: Sequence[Detected | None], mark: str) -> pa.Table:
+def _marked(table: pa.Table, boxes: Sequence[AcceptedDetection | None], mark: str) -> pa.Table:
     """The rows of ``boxes`` with the mark before their ids."""
     ids = pa.array([one.detection_id for one in boxes if one is not None], pa.string())
     rows = table.take(pc.index_in(ids, table.column("detection_id").combine_chunks()))

@@ -100,8 +100,8 @@ def lost_defects(words: OnWords) -> tuple[LostDefect, ...]:
 
 
 def _lost(place: Place) -> LostDefect:
-    largest: Review = max(place.words, key=lambda word: word.place.width_px * word.place.height_px)
-    box = largest.place
+    largest: Review = max(place.words, key=lambda word: word.effective_box.width_px * word.effective_box.height_px)
+    box = largest.effective_box
     return LostDefect(
         defect=largest.defect_id or largest.subject,
         defect_class=str(largest.defect_class),

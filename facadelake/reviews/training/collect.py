@@ -9,10 +9,10 @@ from pathlib import Path
 from facadelake.core.errors import InputDataError
 from facadelake.lake import read_table, versions
 from facadelake.registry import Building
-from facadelake.reviews.campaign import reviewed_campaign
-from facadelake.reviews.training.forms import LabelForm, Pictures
-from facadelake.reviews.training.splits import Split, chosen_splits, split_of
-from facadelake.reviews.training.training_set import TERMS, Source, TrainingSet, write_training_set
+from facadelake.reviews.campaign import read_reviewed_campaign
+from facadelake.reviews.training.forms import PictureMode, TrainingLabelFormat
+from facadelake.reviews.training.splits import Split, choose_split, parse_splits
+from facadelake.reviews.training.training_set import TERMS, TrainingSet, TrainingSource, write_training_set
 
 
 def make_training_set(
@@ -20,8 +20,8 @@ def make_training_set(
     folder: Path,
     *,
     lake: Path,
-    form: LabelForm,
-    pictures: Pictures,
+    form: TrainingLabelFormat,
+    pictures: PictureMode,
     side_px: int,
     splits: tuple[str, ...],
     terms: str | None,
@@ -31,29 +31,29 @@ def make_training_set(
     Raises InputDataError where nothing was reviewed, or ``splits`` (BUILDING=SPLIT) name a building that is not among
     them.
     """
-    chosen = chosen_splits(splits)
+    chosen = parse_splits(splits)
     strange = sorted(chosen.keys() - {building.id for building in buildings})
     if strange:
         raise InputDataError(
             f"--split names {', '.join(strange)}, but the set is of {', '.join(b.id for b in buildings)}"
         )
-    placed = {building.id: split_of(building.id, chosen) for building in buildings}
+    placed = {building.id: choose_split(building.id, chosen) for building in buildings}
     newest = {(row["building_id"], row["campaign_id"]): row["version"] for row in versions(lake).to_pylist()}
     sources = []
     for building in buildings:
         held = read_table(lake, "reviews", building_id=building.id)
         for campaign_id in sorted(set(held.column("campaign_id").to_pylist())):
-            campaign = reviewed_campaign(building, campaign_id, lake=lake)
+            campaign = read_reviewed_campaign(building, campaign_id, lake=lake)
             rows = campaign.tables["detections"].select(["detector", "detector_sha256"]).to_pylist()
             sources.append(
-                Source(
+                TrainingSource(
                     building_id=building.id,
                     campaign_id=campaign_id,
                     run_id=campaign.run_id,
                     version=newest[building.id, campaign_id],
                     root=building.photographs_of(campaign_id),
                     split=placed[building.id],
-                    judgement=campaign.judgement,
+                    status=campaign.status,
                     detectors={row["detector"]: row["detector_sha256"] for row in rows},
                 )
             )

@@ -5,14 +5,14 @@ from __future__ import annotations
 from enum import StrEnum
 
 
-class LabelForm(StrEnum):
+class TrainingLabelFormat(StrEnum):
     """How labels are written."""
 
     COCO = "coco"
     YOLO = "yolo"
 
 
-class Pictures(StrEnum):
+class PictureMode(StrEnum):
     """What the set's pictures are: tiles about reviewed places, or whole photographs, copied or linked."""
 
     TILES = "tiles"

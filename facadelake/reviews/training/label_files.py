@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
-from facadelake.reviews.presented import polygons
-from facadelake.reviews.training.forms import LabelForm
-from facadelake.reviews.training.material import Labelled
+from facadelake.reviews.presented import polygons_from_wkt
+from facadelake.reviews.training.forms import TrainingLabelFormat
+from facadelake.reviews.training.material import TrainingBox
 from facadelake.reviews.training.splits import Split
 from schemas.vocabulary import DefectClass
 
@@ -20,7 +20,7 @@ CLASSES = tuple(DefectClass)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Picture:
+class TrainingPicture:
     """A picture of the set: ``name`` below ``images``, where it was taken from, and its defects (none: a negative).
 
     ``left_px``, ``top_px``: where its corner lies in the photograph.
@@ -35,31 +35,31 @@ class Picture:
     top_px: int
     width_px: int
     height_px: int
-    defects: tuple[Labelled, ...]
+    defects: tuple[TrainingBox, ...]
 
 
-def write_labels(form: LabelForm, folder: Path, pictures: Sequence[Picture]) -> None:
+def write_labels(form: TrainingLabelFormat, folder: Path, pictures: Sequence[TrainingPicture]) -> None:
     """Write the labels of all splits below ``folder``; a split without pictures has an empty file, or folder."""
     for split in Split:
         ours = [picture for picture in pictures if picture.split is split]
         (folder / "images" / split).mkdir(parents=True, exist_ok=True)
-        if form is LabelForm.COCO:
+        if form is TrainingLabelFormat.COCO:
             path = folder / "annotations" / f"instances_{split}.json"
             path.parent.mkdir(exist_ok=True)
-            path.write_text(json.dumps(_coco(ours)) + "\n", encoding="utf-8")
+            path.write_text(json.dumps(_build_coco(ours)) + "\n", encoding="utf-8")
         else:
             (folder / "labels" / split).mkdir(parents=True, exist_ok=True)
             for picture in ours:
                 path = (folder / "labels" / picture.name).with_suffix(".txt")
-                path.write_text("".join(_yolo_line(one, picture) for one in picture.defects), encoding="utf-8")
-    if form is LabelForm.YOLO:
+                path.write_text("".join(_format_yolo_line(one, picture) for one in picture.defects), encoding="utf-8")
+    if form is TrainingLabelFormat.YOLO:
         # No key 'path': trainers take the places from this file's folder then, and '.' from a folder of their own.
         places: dict[str, Any] = {str(split): f"images/{split}" for split in Split}
         content = {**places, "names": {i: str(name) for i, name in enumerate(CLASSES)}}
         (folder / "data.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
-def _coco(pictures: Sequence[Picture]) -> dict[str, Any]:
+def _build_coco(pictures: Sequence[TrainingPicture]) -> dict[str, Any]:
     labelled = [(number, one) for number, picture in enumerate(pictures, start=1) for one in picture.defects]
     return {
         "images": [
@@ -84,7 +84,7 @@ def _coco(pictures: Sequence[Picture]) -> dict[str, Any]:
                 "category_id": CLASSES.index(one.defect_class) + 1,
                 "bbox": [round(v, 2) for v in (one.box.x_px, one.box.y_px, one.box.width_px, one.box.height_px)],
                 "area": round(one.box.width_px * one.box.height_px if one.mask is None else one.mask.area, 2),
-                "segmentation": [] if one.mask is None else polygons(one.mask.wkt),
+                "segmentation": [] if one.mask is None else polygons_from_wkt(one.mask.wkt),
                 "iscrowd": 0,
             }
             for number, (image, one) in enumerate(labelled, start=1)
@@ -92,7 +92,7 @@ def _coco(pictures: Sequence[Picture]) -> dict[str, Any]:
     }
 
 
-def _yolo_line(one: Labelled, picture: Picture) -> str:
+def _format_yolo_line(one: TrainingBox, picture: TrainingPicture) -> str:
     box = one.box
     centre = ((box.x_px + box.width_px / 2) / picture.width_px, (box.y_px + box.height_px / 2) / picture.height_px)
     size = (box.width_px / picture.width_px, box.height_px / picture.height_px)

@@ -8,12 +8,12 @@ from typing import Any
 
 from facadelake.detection import Box
 from facadelake.detection.coco import polygons_of_text
-from facadelake.reviews.match_reviews import Judgement
+from facadelake.reviews.match_reviews import ReviewStatus
 from schemas.vocabulary import DefectClass
 
 
 @dataclass(frozen=True, kw_only=True)
-class Labelled:
+class TrainingBox:
     """A defect that a person confirmed, corrected or drew; ``mask`` is a shapely polygon or None."""
 
     box: Box
@@ -22,41 +22,41 @@ class Labelled:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Material:
+class ReviewedPhotograph:
     """A photograph as reviewed: ``defects``, ``rejected`` boxes, and boxes of detections that nobody looked at."""
 
     photo_id: str
-    defects: tuple[Labelled, ...]
+    defects: tuple[TrainingBox, ...]
     rejected: tuple[Box, ...]
-    unknown: tuple[Box, ...]
+    unreviewed: tuple[Box, ...]
 
 
 @dataclass
-class _Gathered:
-    defects: list[Labelled] = field(default_factory=list)
+class _PhotographBoxes:
+    defects: list[TrainingBox] = field(default_factory=list)
     rejected: list[Box] = field(default_factory=list)
-    unknown: list[Box] = field(default_factory=list)
+    unreviewed: list[Box] = field(default_factory=list)
 
 
-def material_of(judgement: Judgement) -> tuple[Material, ...]:
+def collect_reviewed_photographs(judgement: ReviewStatus) -> tuple[ReviewedPhotograph, ...]:
     """The photographs that someone has spoken of, in order."""
-    photographs: dict[str, _Gathered] = defaultdict(_Gathered)
-    for one in judgement.standing:
+    photographs: dict[str, _PhotographBoxes] = defaultdict(_PhotographBoxes)
+    for one in judgement.current:
         word, there = one.review, photographs[one.review.photo_id]
         if word.box is None or word.defect_class is None:
-            there.rejected.append(word.place)
+            there.rejected.append(word.effective_box)
             continue
         mask = None if word.mask is None else polygons_of_text(word.mask)
-        there.defects.append(Labelled(box=word.box, defect_class=word.defect_class, mask=mask))
+        there.defects.append(TrainingBox(box=word.box, defect_class=word.defect_class, mask=mask))
     for detection in judgement.unreviewed:
         if detection.photo_id in photographs:
-            photographs[detection.photo_id].unknown.append(detection.box)
+            photographs[detection.photo_id].unreviewed.append(detection.box)
     return tuple(
-        Material(
+        ReviewedPhotograph(
             photo_id=photo_id,
             defects=tuple(there.defects),
             rejected=tuple(there.rejected),
-            unknown=tuple(there.unknown),
+            unreviewed=tuple(there.unreviewed),
         )
         for photo_id, there in sorted(photographs.items())
     )

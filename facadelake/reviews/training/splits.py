@@ -19,7 +19,7 @@ class Split(StrEnum):
     TEST = "test"
 
 
-def split_of(building_id: str, chosen: Mapping[str, Split]) -> Split:
+def choose_split(building_id: str, chosen: Mapping[str, Split]) -> Split:
     """The building's split: the one ``chosen``, else by the hash of its id, which never changes as buildings join."""
     if building_id in chosen:
         return chosen[building_id]
@@ -29,7 +29,7 @@ def split_of(building_id: str, chosen: Mapping[str, Split]) -> Split:
     return Split.VAL if place < TEST_SHARE + VAL_SHARE else Split.TRAIN
 
 
-def chosen_splits(words: tuple[str, ...]) -> dict[str, Split]:
+def parse_splits(words: tuple[str, ...]) -> dict[str, Split]:
     """``castle=test`` and the like as splits by building. Raises InputDataError for anything else."""
     chosen: dict[str, Split] = {}
     for word in words:

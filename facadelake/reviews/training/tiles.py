@@ -13,16 +13,18 @@ from shapely import affinity
 from facadelake.core.arrays import UInt8Image
 from facadelake.detection import Box
 from facadelake.detection.coco import polygons_of
-from facadelake.reviews.training.material import Labelled, Material
+from facadelake.reviews.training.material import ReviewedPhotograph, TrainingBox
 
-_ROOM = 1.2  # a tile's side over its place's, so that what surrounds it is seen too
-_OFF_CENTRE = 0.7  # how far a place may lie off the tile's centre, of what keeps it whole: models learn where boxes lie
-_ENOUGH = 0.3  # a defect of which less is in the tile is hidden rather than labelled
-_GREY = 114  # what hides, as detectors' padding
+_CONTEXT_FACTOR = 1.2  # a tile's side over its place's, so that what surrounds it is seen too
+_SHIFT_SHARE_MAX = (
+    0.7  # how far a place may lie off the tile's centre, of what keeps it whole: models learn where boxes lie
+)
+_VISIBLE_SHARE_MIN = 0.3  # a defect of which less is in the tile is hidden rather than labelled
+_FILL_GREY = 114  # what hides, as detectors' padding
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tile:
+class TrainingTile:
     """A part of a photograph, whole pixels: its left, top, width, height, and what is seen in it.
 
     ``defects`` are in the tile's own pixels; ``hidden`` are rectangles (left, top, right, bottom) of the tile to be
@@ -33,73 +35,75 @@ class Tile:
     top_px: int
     width_px: int
     height_px: int
-    defects: tuple[Labelled, ...]
+    defects: tuple[TrainingBox, ...]
     hidden: tuple[tuple[int, int, int, int], ...]
     kept: tuple[tuple[int, int, int, int], ...]
 
 
-def tiles_of(material: Material, *, image_width_px: int, image_height_px: int, side_px: int) -> tuple[Tile, ...]:
+def place_tiles(
+    material: ReviewedPhotograph, *, image_width_px: int, image_height_px: int, side_px: int
+) -> tuple[TrainingTile, ...]:
     """Tiles of ``side_px`` (larger where a place needs it) that hold every reviewed place of the photograph once."""
     places = [one.box for one in material.defects] + list(material.rejected)
     frames: list[tuple[int, int, int, int]] = []
     for box in sorted(places, key=lambda box: (-box.width_px * box.height_px, box.y_px, box.x_px)):
-        if not any(_holds(frame, box) for frame in frames):
-            frames.append(_frame(material.photo_id, box, image_width_px, image_height_px, side_px))
-    return tuple(_tile(material, frame) for frame in frames)
+        if not any(_contains(frame, box) for frame in frames):
+            frames.append(_place_frame(material.photo_id, box, image_width_px, image_height_px, side_px))
+    return tuple(_build_tile(material, frame) for frame in frames)
 
 
-def picture_of(tile: Tile, image_bgr: UInt8Image) -> UInt8Image:
+def crop_tile(tile: TrainingTile, image_bgr: UInt8Image) -> UInt8Image:
     """The tile's pixels, with what nobody has judged in grey."""
     part = image_bgr[tile.top_px : tile.top_px + tile.height_px, tile.left_px : tile.left_px + tile.width_px].copy()
     cover = np.zeros(part.shape[:2], dtype=bool)
     for value, rectangles in ((True, tile.hidden), (False, tile.kept)):
         for left, top, right, bottom in rectangles:
             cover[top:bottom, left:right] = value
-    part[cover] = _GREY
+    part[cover] = _FILL_GREY
     return part
 
 
-def _frame(photo_id: str, box: Box, width: int, height: int, side_px: int) -> tuple[int, int, int, int]:
+def _place_frame(photo_id: str, box: Box, width: int, height: int, side_px: int) -> tuple[int, int, int, int]:
     """Left, top, width, height of a tile about ``box``; the same place always gets the same tile."""
     dice = hashlib.sha256(f"{photo_id} {box.x_px:.1f} {box.y_px:.1f}".encode()).digest()
-    side = max(side_px, round(_ROOM * max(box.width_px, box.height_px)))
+    side = max(side_px, round(_CONTEXT_FACTOR * max(box.width_px, box.height_px)))
     frame = []
     for first, extent, whole, byte in (
         (box.x_px, box.width_px, width, dice[0]),
         (box.y_px, box.height_px, height, dice[1]),
     ):
         size = min(side, whole)
-        off = _OFF_CENTRE * (byte / 255 - 0.5) * max(0.0, size - extent)
+        off = _SHIFT_SHARE_MAX * (byte / 255 - 0.5) * max(0.0, size - extent)
         frame.append((int(np.clip(round(first + extent / 2 - size / 2 + off), 0, whole - size)), size))
     (left, tile_width), (top, tile_height) = frame
     return left, top, tile_width, tile_height
 
 
-def _holds(frame: tuple[int, int, int, int], box: Box) -> bool:
+def _contains(frame: tuple[int, int, int, int], box: Box) -> bool:
     left, top, width, height = frame
     across = left <= box.x_px and box.x_px + box.width_px <= left + width
     return across and top <= box.y_px and box.y_px + box.height_px <= top + height
 
 
-def _tile(material: Material, frame: tuple[int, int, int, int]) -> Tile:
+def _build_tile(material: ReviewedPhotograph, frame: tuple[int, int, int, int]) -> TrainingTile:
     left, top, width, height = frame
     window = shapely.box(left, top, left + width, top + height)
     defects, kept, hidden = [], [], []
     for one in material.defects:
-        seen = _inside(one.box, frame)
+        seen = _clip_to_frame(one.box, frame)
         if seen is None:
             continue
-        if seen.width_px * seen.height_px < _ENOUGH * one.box.width_px * one.box.height_px:
-            hidden.append(_pixels(seen))
+        if seen.width_px * seen.height_px < _VISIBLE_SHARE_MIN * one.box.width_px * one.box.height_px:
+            hidden.append(_round_outwards(seen))
             continue
-        kept.append(_pixels(seen))
+        kept.append(_round_outwards(seen))
         if one.mask is None:
-            defects.append(Labelled(box=seen, defect_class=one.defect_class))
+            defects.append(TrainingBox(box=seen, defect_class=one.defect_class))
         elif (mask := polygons_of(affinity.translate(one.mask.intersection(window), -left, -top))) is not None:
-            defects.append(Labelled(box=seen, defect_class=one.defect_class, mask=mask))
-    kept += _seen(material.rejected, frame)
-    hidden += _seen(material.unknown, frame)
-    return Tile(
+            defects.append(TrainingBox(box=seen, defect_class=one.defect_class, mask=mask))
+    kept += _clip_boxes(material.rejected, frame)
+    hidden += _clip_boxes(material.unreviewed, frame)
+    return TrainingTile(
         left_px=left,
         top_px=top,
         width_px=width,
@@ -110,11 +114,11 @@ def _tile(material: Material, frame: tuple[int, int, int, int]) -> Tile:
     )
 
 
-def _seen(boxes: Sequence[Box], frame: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:
-    return [_pixels(seen) for box in boxes if (seen := _inside(box, frame)) is not None]
+def _clip_boxes(boxes: Sequence[Box], frame: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:
+    return [_round_outwards(seen) for box in boxes if (seen := _clip_to_frame(box, frame)) is not None]
 
 
-def _inside(box: Box, frame: tuple[int, int, int, int]) -> Box | None:
+def _clip_to_frame(box: Box, frame: tuple[int, int, int, int]) -> Box | None:
     """The box in the tile's pixels, cut to it; None where nothing of a pixel's size is left."""
     left, top, width, height = frame
     x, y = max(box.x_px - left, 0.0), max(box.y_px - top, 0.0)
@@ -124,7 +128,7 @@ def _inside(box: Box, frame: tuple[int, int, int, int]) -> Box | None:
     return Box(x_px=x, y_px=y, width_px=right - x, height_px=bottom - y)
 
 
-def _pixels(box: Box) -> tuple[int, int, int, int]:
+def _round_outwards(box: Box) -> tuple[int, int, int, int]:
     """The whole pixels that a box touches."""
     return (
         int(np.floor(box.x_px)),

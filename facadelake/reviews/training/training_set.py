@@ -20,12 +20,12 @@ from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.progress import track
 from facadelake.detection.inference import read_photograph, turned_by_exif
-from facadelake.reviews.match_reviews import Judgement
-from facadelake.reviews.training.forms import LabelForm, Pictures
-from facadelake.reviews.training.label_files import CLASSES, Picture, write_labels
-from facadelake.reviews.training.material import Labelled, Material, material_of
+from facadelake.reviews.match_reviews import ReviewStatus
+from facadelake.reviews.training.forms import PictureMode, TrainingLabelFormat
+from facadelake.reviews.training.label_files import CLASSES, TrainingPicture, write_labels
+from facadelake.reviews.training.material import ReviewedPhotograph, TrainingBox, collect_reviewed_photographs
 from facadelake.reviews.training.splits import Split
-from facadelake.reviews.training.tiles import picture_of, tiles_of
+from facadelake.reviews.training.tiles import crop_tile, place_tiles
 
 _log = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ _JPEG_QUALITY = 95
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class TrainingSource:
     """A reviewed campaign: its photographs' folder, its split, what holds of it, and what to say of it in the manifest.
 
     ``detectors``: hash by the name of each model or file whose detections were reviewed.
@@ -50,7 +50,7 @@ class Source:
     version: int
     root: Path
     split: Split
-    judgement: Judgement
+    status: ReviewStatus
     detectors: Mapping[str, str]
 
 
@@ -59,10 +59,10 @@ class TrainingSet:
     """What was written: pictures, and how many photographs were left out, by reason."""
 
     folder: Path
-    pictures: tuple[Picture, ...]
+    pictures: tuple[TrainingPicture, ...]
     left_out: Mapping[str, int]
 
-    def counts(self, split: Split) -> dict[str, int]:
+    def count_by_class(self, split: Split) -> dict[str, int]:
         """Pictures, those without a defect, and boxes of each class in a split."""
         ours = [picture for picture in self.pictures if picture.split is split]
         boxes = Counter(one.defect_class for picture in ours for one in picture.defects)
@@ -74,11 +74,11 @@ class TrainingSet:
 
 
 def write_training_set(
-    sources: Sequence[Source],
+    sources: Sequence[TrainingSource],
     folder: Path,
     *,
-    form: LabelForm,
-    pictures: Pictures,
+    form: TrainingLabelFormat,
+    pictures: PictureMode,
     side_px: int,
     terms: str = TERMS,
     version: str = "",
@@ -98,7 +98,7 @@ def write_training_set(
         part.mkdir(parents=True)
         for split in Split:
             (part / "images" / split).mkdir(parents=True)
-        made = [picture for source in sources for picture in _pictures(source, part, pictures, side_px, left_out)]
+        made = [picture for source in sources for picture in _write_pictures(source, part, pictures, side_px, left_out)]
         if not made:
             reasons = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "nothing was reviewed"
             raise InputDataError(
@@ -108,7 +108,7 @@ def write_training_set(
         write_labels(form, part, made)
         done = TrainingSet(folder=folder, pictures=tuple(made), left_out=dict(left_out))
         _write_sites(part / SITES, made)
-        manifest = _manifest(done, sources, form, pictures, side_px, terms, version)
+        manifest = _build_manifest(done, sources, form, pictures, side_px, terms, version)
         (part / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
         if folder.is_dir():
             folder.rmdir()
@@ -123,50 +123,54 @@ def write_training_set(
     return done
 
 
-def _pictures(source: Source, folder: Path, kind: Pictures, side_px: int, left_out: Counter[str]) -> Iterator[Picture]:
+def _write_pictures(
+    source: TrainingSource, folder: Path, kind: PictureMode, side_px: int, left_out: Counter[str]
+) -> Iterator[TrainingPicture]:
     label = f"{source.building_id} {source.campaign_id}"
-    for material in track(material_of(source.judgement), label=label):
+    for material in track(collect_reviewed_photographs(source.status), label=label):
         path = source.root / material.photo_id
-        if kind is not Pictures.TILES and material.unknown:
+        if kind is not PictureMode.TILES and material.unreviewed:
             left_out["photographs with detections that nobody has judged"] += 1
             continue
         image = read_photograph(path)
         if image is None:
             left_out["photographs that cannot be read"] += 1
             continue
-        if kind is not Pictures.TILES and turned_by_exif(path):  # most readers would turn it away from its labels
+        if kind is not PictureMode.TILES and turned_by_exif(path):  # most readers would turn it away from its labels
             left_out["photographs that EXIF turns (tiles can be made of them)"] += 1
             continue
-        if kind is Pictures.TILES:
-            yield from _tiles(source, material, image, folder, side_px)
+        if kind is PictureMode.TILES:
+            yield from _write_tiles(source, material, image, folder, side_px)
         else:
-            name = f"{source.split}/{_stem(source, material)}{path.suffix.lower()}"
+            name = f"{source.split}/{_make_stem(source, material)}{path.suffix.lower()}"
             place = folder / "images" / name
-            if kind is Pictures.LINK:
+            if kind is PictureMode.LINK:
                 place.symlink_to(path.resolve())
             else:
                 shutil.copyfile(path, place)
             height, width = image.shape[:2]
-            yield _picture(source, material.photo_id, name, (0, 0, width, height), material.defects)
+            yield _create_picture(source, material.photo_id, name, (0, 0, width, height), material.defects)
 
 
-def _tiles(source: Source, material: Material, image: UInt8Image, folder: Path, side_px: int) -> Iterator[Picture]:
+def _write_tiles(
+    source: TrainingSource, material: ReviewedPhotograph, image: UInt8Image, folder: Path, side_px: int
+) -> Iterator[TrainingPicture]:
     height, width = image.shape[:2]
-    for tile in tiles_of(material, image_width_px=width, image_height_px=height, side_px=side_px):
+    for tile in place_tiles(material, image_width_px=width, image_height_px=height, side_px=side_px):
         frame = (tile.left_px, tile.top_px, tile.width_px, tile.height_px)
-        name = f"{source.split}/{_stem(source, material)}_{'_'.join(map(str, frame))}.jpg"
-        done, data = cv2.imencode(".jpg", picture_of(tile, image), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        name = f"{source.split}/{_make_stem(source, material)}_{'_'.join(map(str, frame))}.jpg"
+        done, data = cv2.imencode(".jpg", crop_tile(tile, image), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         if not done:
             raise OSError(f"no JPEG could be made of {material.photo_id}")
         (folder / "images" / name).write_bytes(data.tobytes())
-        yield _picture(source, material.photo_id, name, frame, tile.defects)
+        yield _create_picture(source, material.photo_id, name, frame, tile.defects)
 
 
-def _picture(
-    source: Source, photo_id: str, name: str, frame: tuple[int, int, int, int], defects: tuple[Labelled, ...]
-) -> Picture:
+def _create_picture(
+    source: TrainingSource, photo_id: str, name: str, frame: tuple[int, int, int, int], defects: tuple[TrainingBox, ...]
+) -> TrainingPicture:
     left, top, width, height = frame
-    return Picture(
+    return TrainingPicture(
         name=name,
         split=source.split,
         building_id=source.building_id,
@@ -180,13 +184,13 @@ def _picture(
     )
 
 
-def _stem(source: Source, material: Material) -> str:
+def _make_stem(source: TrainingSource, material: ReviewedPhotograph) -> str:
     """A file name of its own for every photograph: two folders may hold one name."""
     own = hashlib.sha256(material.photo_id.encode()).hexdigest()[:6]
     return f"{source.building_id}_{source.campaign_id}_{Path(material.photo_id).stem}_{own}"
 
 
-def _write_sites(path: Path, pictures: Sequence[Picture]) -> None:
+def _write_sites(path: Path, pictures: Sequence[TrainingPicture]) -> None:
     """Which picture shows which building: what 'facadelake evaluate-detector' takes as sites."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
@@ -194,11 +198,11 @@ def _write_sites(path: Path, pictures: Sequence[Picture]) -> None:
         writer.writerows([f"images/{one.name}", one.building_id, str(one.split)] for one in pictures)
 
 
-def _manifest(
+def _build_manifest(
     done: TrainingSet,
-    sources: Sequence[Source],
-    form: LabelForm,
-    pictures: Pictures,
+    sources: Sequence[TrainingSource],
+    form: TrainingLabelFormat,
+    pictures: PictureMode,
     side_px: int,
     terms: str,
     version: str,
@@ -207,10 +211,10 @@ def _manifest(
         "facadelake": version,
         "form": str(form),
         "pictures": str(pictures),
-        "tile_side_px": side_px if pictures is Pictures.TILES else None,
+        "tile_side_px": side_px if pictures is PictureMode.TILES else None,
         "classes": [str(name) for name in CLASSES],
         "terms": terms,
-        "splits": {str(split): done.counts(split) for split in Split},
+        "splits": {str(split): done.count_by_class(split) for split in Split},
         "split_rule": "by building: chosen, else by the hash of its id",
         "left_out": dict(done.left_out),
         "campaigns": [
@@ -220,9 +224,9 @@ def _manifest(
                 "split": str(source.split),
                 "run_id": source.run_id,
                 "lake_version": source.version,
-                "words": dict(Counter(str(one.review.verdict) for one in source.judgement.standing)),
-                "reviewers": sorted({one.review.reviewer for one in source.judgement.standing}),
-                "not_reviewed": len(source.judgement.unreviewed),
+                "words": dict(Counter(str(one.review.verdict) for one in source.status.current)),
+                "reviewers": sorted({one.review.reviewer for one in source.status.current}),
+                "not_reviewed": len(source.status.unreviewed),
                 "detectors": dict(source.detectors),
             }
             for source in sources

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from cli.terminal.answers import ask
+from cli.terminal.answers import print_answer
 from tests.unit.lake.small_campaign import commit
 
 
 def _answer(lake: Path, question: str, *, width: int) -> str:
     console = Console(file=StringIO(), width=width)
-    ask(console, lake, question, (), as_of=None, as_json=False)
+    print_answer(console, lake, question, (), as_of=None, as_json=False)
     assert isinstance(console.file, StringIO)
     return console.file.getvalue()
 

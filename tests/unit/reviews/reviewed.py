@@ -7,12 +7,12 @@ import pyarrow as pa
 
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import Box
-from facadelake.reviews.match_reviews import Detected, Judgement, detected, judge
-from facadelake.reviews.presented import Said, Shown, shown_places
+from facadelake.reviews.match_reviews import AcceptedDetection, ReviewStatus, match_reviews, select_accepted_detections
+from facadelake.reviews.presented import ReviewItem, ReviewProvenance, list_review_items
 from schemas.vocabulary import DefectClass
 
 CRACK, SPALLING, MOISTURE = DefectClass.CRACK, DefectClass.SPALLING, DefectClass.MOISTURE
-SAID = Said(reviewer="A. Mason", reviewed_at=datetime(2026, 5, 1, 9, tzinfo=UTC), run_id="run-1")
+SAID = ReviewProvenance(reviewer="A. Mason", reviewed_at=datetime(2026, 5, 1, 9, tzinfo=UTC), run_id="run-1")
 OLD_MODEL, NEW_MODEL = "a" * 64, "b" * 64
 SIZES = {"p0.jpg": (1600, 1200), "p1.jpg": (1600, 1200)}
 
@@ -36,10 +36,10 @@ def rows(*found: tuple[str, str, Box], model: str = OLD_MODEL, first: int = 1, s
     )  # fmt: skip
 
 
-def seen(*found: tuple[str, str, Box], **settings: Any) -> tuple[Detected, ...]:
-    return detected(rows(*found, **settings))
+def seen(*found: tuple[str, str, Box], **settings: Any) -> tuple[AcceptedDetection, ...]:
+    return select_accepted_detections(rows(*found, **settings))
 
 
-def unreviewed(*found: tuple[str, str, Box]) -> tuple[Shown, ...]:
-    judgement: Judgement = judge((), seen(*found))
-    return shown_places(judgement, {one.detection_id: f"D{i}" for i, one in enumerate(seen(*found))})
+def unreviewed(*found: tuple[str, str, Box]) -> tuple[ReviewItem, ...]:
+    judgement: ReviewStatus = match_reviews((), seen(*found))
+    return list_review_items(judgement, {one.detection_id: f"D{i}" for i, one in enumerate(seen(*found))})

@@ -25,9 +25,9 @@ from facadelake.evaluation.model_comparison.report import (
     read_comparison,
     write_comparison,
 )
-from facadelake.reviews.box_matching import corners_of
-from facadelake.reviews.match_reviews import detected, judge
-from facadelake.reviews.presented import shown_places, word_on, word_on_missed
+from facadelake.reviews.box_matching import corners_from_boxes
+from facadelake.reviews.match_reviews import match_reviews, select_accepted_detections
+from facadelake.reviews.presented import create_missed_review, create_review, list_review_items
 from schemas.vocabulary import Verdict
 from tests.unit.reviews.reviewed import CRACK, NEW_MODEL, OLD_MODEL, SAID, box, rows, seen
 
@@ -46,7 +46,7 @@ NEW = rows(
     ("p2.jpg", "crack", box(50, 50)),  # appears, in another photograph
     model=NEW_MODEL,
 )
-CHANGES = changes_between(detected(OLD), detected(NEW))
+CHANGES = changes_between(select_accepted_detections(OLD), select_accepted_detections(NEW))
 
 
 def test_every_box_is_told_once() -> None:
@@ -73,8 +73,8 @@ def test_a_long_crack_in_many_short_parts_has_not_vanished() -> None:
 
 
 def test_share_that_others_cover_together_is_exact() -> None:
-    place = corners_of([box(0, 0, 100, 10)])[0]
-    others = corners_of([box(-5, -5, 25, 10), box(10, 0, 20, 10), box(90, 5, 50, 50), box(300, 0, 5, 5)])
+    place = corners_from_boxes([box(0, 0, 100, 10)])[0]
+    others = corners_from_boxes([box(-5, -5, 25, 10), box(10, 0, 20, 10), box(90, 5, 50, 50), box(300, 0, 5, 5)])
     counted = np.zeros((10, 100), dtype=bool)  # pixel by pixel
     counted[0:5, 0:20] = counted[:, 10:30] = counted[5:, 90:] = True
     assert covered_share(place, others) == pytest.approx(counted.mean(), abs=1e-12)
@@ -108,17 +108,23 @@ def test_both_models_are_merged_as_one_and_told_apart_by_sightings() -> None:
 
 def words(photographs: tuple[str, ...] = ("p0.jpg", "p1.jpg", "p2.jpg")) -> OnWords:
     """Both confirmed cracks are defects D1 and D4, the spalling is rejected, and one in p1 had been missed."""
-    places = shown_places(
-        judge((), detected(OLD)), {f"{photo}#{i}": f"D{i}" for photo, i in (("p0.jpg", 1), ("p1.jpg", 4))}
+    places = list_review_items(
+        match_reviews((), select_accepted_detections(OLD)),
+        {f"{photo}#{i}": f"D{i}" for photo, i in (("p0.jpg", 1), ("p1.jpg", 4))},
     )
     by_id = {place.detection_id: place for place in places}
     reviews = (
-        word_on(by_id["p0.jpg#1"], Verdict.CONFIRMED, SAID),
-        word_on(by_id["p1.jpg#4"], Verdict.CONFIRMED, SAID),
-        word_on(by_id["p0.jpg#3"], Verdict.REJECTED, SAID),
-        word_on_missed("p1.jpg", box(400, 405), CRACK, SAID),
+        create_review(by_id["p0.jpg#1"], Verdict.CONFIRMED, SAID),
+        create_review(by_id["p1.jpg#4"], Verdict.CONFIRMED, SAID),
+        create_review(by_id["p0.jpg#3"], Verdict.REJECTED, SAID),
+        create_missed_review("p1.jpg", box(400, 405), CRACK, SAID),
     )
-    return against_words(judge(reviews, detected(OLD)), detected(OLD), detected(NEW), photographs)
+    return against_words(
+        match_reviews(reviews, select_accepted_detections(OLD)),
+        select_accepted_detections(OLD),
+        select_accepted_detections(NEW),
+        photographs,
+    )
 
 
 def test_words_tell_losses_from_gains() -> None:
@@ -136,14 +142,14 @@ LATER = replace(SAID, run_id="run-2")
 
 def test_a_defect_seen_in_another_of_its_photographs_is_not_lost() -> None:
     found = (("p1.jpg", "crack", box(50, 50)), ("p2.jpg", "crack", box(50, 50)))
-    places = shown_places(judge((), seen(*found)), {"p1.jpg#1": "D1", "p2.jpg#2": "D1"})
-    judgement = judge([word_on(place, Verdict.CONFIRMED, SAID) for place in places], seen(*found))
-    one = against_words(judgement, seen(*found), detected(NEW), ("p1.jpg", "p2.jpg"))
+    places = list_review_items(match_reviews((), seen(*found)), {"p1.jpg#1": "D1", "p2.jpg#2": "D1"})
+    judgement = match_reviews([create_review(place, Verdict.CONFIRMED, SAID) for place in places], seen(*found))
+    one = against_words(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
     assert (len(one.defects), one.lost) == (1, ())
     # Another run's D1 is another defect: it does not hide that this one is lost.
-    reviews = [word_on(place, Verdict.CONFIRMED, said) for place, said in zip(places, (SAID, LATER), strict=True)]
-    judgement = judge(reviews, seen(*found))
-    two = against_words(judgement, seen(*found), detected(NEW), ("p1.jpg", "p2.jpg"))
+    reviews = [create_review(place, Verdict.CONFIRMED, said) for place, said in zip(places, (SAID, LATER), strict=True)]
+    judgement = match_reviews(reviews, seen(*found))
+    two = against_words(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
     assert (len(two.defects), len(two.lost)) == (2, 1)
 
 

@@ -19,9 +19,9 @@ from facadelake.detection.model_registry import default_model, promotions
 from facadelake.evaluation.model_comparison.compare import compare_models
 from facadelake.evaluation.model_comparison.promote import promote_model
 from facadelake.registry import Portfolio, read_portfolio
-from facadelake.reviews.campaign import export_task, import_reviews, reviewed_campaign
+from facadelake.reviews.campaign import export_task, import_reviews, read_reviewed_campaign
 from facadelake.reviews.training.collect import make_training_set
-from facadelake.reviews.training.forms import LabelForm, Pictures
+from facadelake.reviews.training.forms import PictureMode, TrainingLabelFormat
 from facadelake.reviews.training.splits import Split
 from tests.unit.detection.onnx_models import card, save_model
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit
@@ -88,19 +88,19 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     task, _ = export_task(
         building, CAMPAIGN, tmp_path / "task", lake=lake, photographs=(), only_unreviewed=True, score_min=0.0
     )
-    assert (len(task.shown), len(task.photographs)) == (6, 2)
+    assert (len(task.items), len(task.photographs)) == (6, 2)
     file = filled(tmp_path / "task", tmp_path / "filled.csv")
     done = import_reviews(building, CAMPAIGN, file, lake=lake, reviewer="A. Mason", task=None)
-    assert (done.added.added, done.unmatched, done.words.remarks) == (4, (), ())
-    campaign = reviewed_campaign(building, CAMPAIGN, lake=lake)
-    assert {one.defect_class for one in campaign.judgement.unreviewed} == {"moisture"}
+    assert (done.added.added, done.unmatched, done.parsed.remarks) == (4, (), ())
+    campaign = read_reviewed_campaign(building, CAMPAIGN, lake=lake)
+    assert {one.defect_class for one in campaign.status.unreviewed} == {"moisture"}
 
     made, placed = make_training_set(
-        [building], tmp_path / "set", lake=lake, form=LabelForm.YOLO, pictures=Pictures.TILES, side_px=640,
+        [building], tmp_path / "set", lake=lake, form=TrainingLabelFormat.YOLO, pictures=PictureMode.TILES, side_px=640,
         splits=(f"{BUILDING}=test",), terms=None,
     )  # fmt: skip
     assert placed == {BUILDING: Split.TEST}
-    assert made.counts(Split.TEST) == {"pictures": 2, "negatives": 0, "crack": 2, "spalling": 0, "moisture": 0}
+    assert made.count_by_class(Split.TEST) == {"pictures": 2, "negatives": 0, "crack": 2, "spalling": 0, "moisture": 0}
 
     finds, blind = model(tmp_path, "finds", AT_THE_BOX), model(tmp_path, "blind", (600.0, 400.0, 40.0, 40.0))
     worse = compare_models(portfolio, finds, blind, [HERE], lake=lake, sample=None, folder=None)
@@ -108,11 +108,11 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     assert report.boxes == {"crack": {"stays": 0, "renamed": 0, "appears": 2, "vanishes": 2}}
     assert (report.wall, report.photographs_total) == (None, 2)
     assert "lost.ifc" in report.wall_remark
-    assert (report.words["confirmed"], report.words["confirmed_lost"]) == (1, 1)
+    assert (report.parsed["confirmed"], report.parsed["confirmed_lost"]) == (1, 1)
     assert [one.defect for one in report.lost] == ["defect-0000"]
     assert [path.name for path in worse.sheets] == ["vanishes.png", "appears.png", "lost.png"]
     better = compare_models(portfolio, blind, finds, [HERE], lake=lake, sample=1, folder=None)
-    assert better.comparison.words["confirmed_gained"] == 1
+    assert better.comparison.parsed["confirmed_gained"] == 1
     assert better.comparison.lost == ()
 
     shelf = tmp_path / "shelf"
@@ -172,6 +172,6 @@ def test_refusals_say_what_to_do(tower: tuple[Portfolio, Path], tmp_path: Path) 
         promote_model(one, lake=lake, report=None, by="A", why=" ", lost_max=0, confirmed_min=0)
     with pytest.raises(InputDataError, match=r"nothing of tower was reviewed; 'facadelake review export-task' begins"):
         make_training_set(
-            [portfolio.building(BUILDING)], tmp_path / "set", lake=lake, form=LabelForm.COCO, pictures=Pictures.TILES,
+            [portfolio.building(BUILDING)], tmp_path / "set", lake=lake, form=TrainingLabelFormat.COCO, pictures=PictureMode.TILES,
             side_px=640, splits=(), terms=None,
         )  # fmt: skip

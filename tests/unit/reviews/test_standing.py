@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from facadelake.reviews.box_matching import corners_of, matched, overlaps
-from facadelake.reviews.match_reviews import Judgement, judge
-from facadelake.reviews.presented import word_on
+from facadelake.reviews.box_matching import compute_iou, corners_from_boxes, matched
+from facadelake.reviews.match_reviews import ReviewStatus, match_reviews
+from facadelake.reviews.presented import create_review
 from facadelake.reviews.review import Review
 from schemas.vocabulary import Verdict
 from tests.unit.reviews.reviewed import CRACK, NEW_MODEL, SAID, box, seen, unreviewed
@@ -18,18 +18,18 @@ FOUND = (
 PLACES = unreviewed(*FOUND)
 
 
-def fates(judgement: Judgement) -> dict[str, str | None]:
+def fates(judgement: ReviewStatus) -> dict[str, str | None]:
     return {
-        one.review.subject: None if one.detection is None else one.detection.detection_id for one in judgement.standing
+        one.review.subject: None if one.detection is None else one.detection.detection_id for one in judgement.current
     }
 
 
 def words(*verdicts: Verdict) -> tuple[Review, ...]:
-    return tuple(word_on(place, verdict, SAID) for place, verdict in zip(PLACES, verdicts, strict=False))
+    return tuple(create_review(place, verdict, SAID) for place, verdict in zip(PLACES, verdicts, strict=False))
 
 
 def test_same_run_is_met_by_id() -> None:
-    judgement = judge(words(Verdict.CONFIRMED, Verdict.REJECTED), seen(*FOUND))
+    judgement = match_reviews(words(Verdict.CONFIRMED, Verdict.REJECTED), seen(*FOUND))
     assert set(fates(judgement).values()) == {"p0.jpg#1", "p0.jpg#2"}
     assert [one.detection_id for one in judgement.unreviewed] == ["p1.jpg#3"]
     assert judgement.unmatched == ()
@@ -41,7 +41,7 @@ def test_a_new_model_numbers_anew_and_words_follow_the_places() -> None:
         ("p0.jpg", "crack", box(610, 100)),
         model=NEW_MODEL,
     )
-    judgement = judge(words(*[Verdict.CONFIRMED] * 3), moved)
+    judgement = match_reviews(words(*[Verdict.CONFIRMED] * 3), moved)
     assert fates(judgement) == {
         PLACES[0].subject: None,
         PLACES[1].subject: "p0.jpg#2",
@@ -53,25 +53,26 @@ def test_a_new_model_numbers_anew_and_words_follow_the_places() -> None:
 
 def test_an_id_alone_is_no_match_and_another_class_neither() -> None:
     elsewhere = seen(("p0.jpg", "crack", box(900, 900)), ("p0.jpg", "moisture", box(600, 100)), model=NEW_MODEL)
-    judgement = judge(words(Verdict.REJECTED, Verdict.REJECTED), elsewhere)
+    judgement = match_reviews(words(Verdict.REJECTED, Verdict.REJECTED), elsewhere)
     assert set(fates(judgement).values()) == {None}
     assert len(judgement.unreviewed) == 2
 
 
 def test_corrected_box_meets_a_model_that_learned_it() -> None:
     place = PLACES[0]
-    moved = word_on(place, Verdict.CORRECTED, SAID, box=box(150, 100, 220, 60), defect_class=CRACK)
+    moved = create_review(place, Verdict.CORRECTED, SAID, box=box(150, 100, 220, 60), defect_class=CRACK)
     learned = seen(("p0.jpg", "crack", box(155, 102, 215, 58)), model=NEW_MODEL)
-    assert fates(judge((moved,), learned)) == {place.subject: "p0.jpg#1"}
-    assert judge((moved,), seen(*FOUND)).standing[0].detection is not None
+    assert fates(match_reviews((moved,), learned)) == {place.subject: "p0.jpg#1"}
+    assert match_reviews((moved,), seen(*FOUND)).current[0].detection is not None
 
 
 def test_overlaps_by_hand() -> None:
-    share = overlaps(
-        corners_of([box(0, 0, 10, 10)]), corners_of([box(5, 0, 10, 10), box(10, 0, 5, 5), box(0, 0, 10, 10)])
+    share = compute_iou(
+        corners_from_boxes([box(0, 0, 10, 10)]),
+        corners_from_boxes([box(5, 0, 10, 10), box(10, 0, 5, 5), box(0, 0, 10, 10)]),
     )
     np.testing.assert_allclose(share, [[50 / 150, 0.0, 1.0]], rtol=0, atol=1e-12)
-    assert overlaps(corners_of([]), corners_of([box(0, 0)])).shape == (0, 1)
+    assert compute_iou(corners_from_boxes([]), corners_from_boxes([box(0, 0)])).shape == (0, 1)
 
 
 def test_each_box_is_matched_once_the_best_first() -> None:

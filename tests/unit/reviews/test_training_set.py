@@ -18,11 +18,11 @@ from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.evaluation.detectors.labels.open import open_labels
 from facadelake.evaluation.detectors.labels.sites import with_sites
-from facadelake.reviews.match_reviews import judge
-from facadelake.reviews.presented import shown_places, word_on, word_on_missed
-from facadelake.reviews.training.forms import LabelForm, Pictures
-from facadelake.reviews.training.splits import Split, chosen_splits, split_of
-from facadelake.reviews.training.training_set import Source, write_training_set
+from facadelake.reviews.match_reviews import match_reviews
+from facadelake.reviews.presented import create_missed_review, create_review, list_review_items
+from facadelake.reviews.training.forms import PictureMode, TrainingLabelFormat
+from facadelake.reviews.training.splits import Split, choose_split, parse_splits
+from facadelake.reviews.training.training_set import TrainingSource, write_training_set
 from schemas.vocabulary import Verdict
 from tests.unit.reviews.reviewed import CRACK, MOISTURE, SAID, box, seen
 
@@ -45,22 +45,22 @@ def photograph(path: Path) -> None:
     cv2.imwrite(str(path), image)
 
 
-def source(root: Path, building: str, split: Split, photo: str = "a/p0.png") -> Source:
+def source(root: Path, building: str, split: Split, photo: str = "a/p0.png") -> TrainingSource:
     photograph(root / photo)
     moved = Box(x_px=CORRECTED.x_px - 9, y_px=CORRECTED.y_px, width_px=70, height_px=50)
     found = seen(
         (photo, "crack", CONFIRMED), (photo, "crack", REJECTED), (photo, "crack", moved), (photo, "crack", UNKNOWN)
     )
-    places = {place.box: place for place in shown_places(judge((), found), {})}
+    places = {place.box: place for place in list_review_items(match_reviews((), found), {})}
     words = (
-        word_on(places[CONFIRMED], Verdict.CONFIRMED, SAID),
-        word_on(places[REJECTED], Verdict.REJECTED, SAID),
-        word_on(places[moved], Verdict.CORRECTED, SAID, box=CORRECTED, defect_class=MOISTURE),
-        word_on_missed(photo, MISSED, CRACK, SAID, mask="POLYGON ((1500 1100, 1590 1100, 1590 1180, 1500 1100))"),
+        create_review(places[CONFIRMED], Verdict.CONFIRMED, SAID),
+        create_review(places[REJECTED], Verdict.REJECTED, SAID),
+        create_review(places[moved], Verdict.CORRECTED, SAID, box=CORRECTED, defect_class=MOISTURE),
+        create_missed_review(photo, MISSED, CRACK, SAID, mask="POLYGON ((1500 1100, 1590 1100, 1590 1180, 1500 1100))"),
     )
-    return Source(
+    return TrainingSource(
         building_id=building, campaign_id="2026-04", run_id="run-1", version=3, root=root, split=split,
-        judgement=judge(words, found), detectors={"onnx:m": "a" * 64},
+        status=match_reviews(words, found), detectors={"onnx:m": "a" * 64},
     )  # fmt: skip
 
 
@@ -68,8 +68,8 @@ def source(root: Path, building: str, split: Split, photo: str = "a/p0.png") -> 
 def sets(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("sets")
     sources = [source(root / "one", "one", Split.TRAIN), source(root / "two", "two", Split.TEST)]
-    for form in LabelForm:
-        write_training_set(sources, root / form, form=form, pictures=Pictures.TILES, side_px=256)
+    for form in TrainingLabelFormat:
+        write_training_set(sources, root / form, form=form, pictures=PictureMode.TILES, side_px=256)
     return root
 
 
@@ -122,8 +122,8 @@ def test_rejected_place_is_a_picture_without_box_and_the_unjudged_is_grey(sets: 
     assert hidden[y, x] == pytest.approx(GREY, abs=6)
 
 
-@pytest.mark.parametrize("form", list(LabelForm))
-def test_evaluation_reads_the_same_boxes_and_sites(sets: Path, form: LabelForm) -> None:
+@pytest.mark.parametrize("form", list(TrainingLabelFormat))
+def test_evaluation_reads_the_same_boxes_and_sites(sets: Path, form: TrainingLabelFormat) -> None:
     labelled = open_labels(sets / form, crosswalk_with({}), split="test")
     assert not labelled.left_out
     sited = with_sites(labelled, sets / form / "sites.csv", "test")
@@ -188,46 +188,54 @@ def test_manifest_says_whence(sets: Path) -> None:
 def test_whole_photographs_only_where_everything_was_judged(tmp_path: Path) -> None:
     half = source(tmp_path / "p", "one", Split.TRAIN)
     with pytest.raises(InputDataError, match=r"1 photographs with detections that nobody has judged"):
-        write_training_set([half], tmp_path / "set", form=LabelForm.COCO, pictures=Pictures.COPY, side_px=256)
+        write_training_set(
+            [half], tmp_path / "set", form=TrainingLabelFormat.COCO, pictures=PictureMode.COPY, side_px=256
+        )
     assert not (tmp_path / "set").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["p"]
     found = seen(("a/p0.png", "crack", CONFIRMED))
-    words = [word_on(place, Verdict.CONFIRMED, SAID) for place in shown_places(judge((), found), {})]
-    whole = Source(**{**vars(half), "judgement": judge(words, found)})
-    for kind in (Pictures.COPY, Pictures.LINK):
+    words = [create_review(place, Verdict.CONFIRMED, SAID) for place in list_review_items(match_reviews((), found), {})]
+    whole = TrainingSource(**{**vars(half), "judgement": match_reviews(words, found)})
+    for kind in (PictureMode.COPY, PictureMode.LINK):
         folder = tmp_path / kind
-        made = write_training_set([whole], folder, form=LabelForm.YOLO, pictures=kind, side_px=256)
+        made = write_training_set([whole], folder, form=TrainingLabelFormat.YOLO, pictures=kind, side_px=256)
         (picture,) = made.pictures
         path = folder / "images" / picture.name
-        assert path.is_symlink() == (kind is Pictures.LINK)
+        assert path.is_symlink() == (kind is PictureMode.LINK)
         assert path.read_bytes() == (tmp_path / "p" / "a" / "p0.png").read_bytes()
     with pytest.raises(InputDataError, match="is not written over: name another"):
-        write_training_set([whole], tmp_path / "copy", form=LabelForm.YOLO, pictures=Pictures.COPY, side_px=256)
+        write_training_set(
+            [whole], tmp_path / "copy", form=TrainingLabelFormat.YOLO, pictures=PictureMode.COPY, side_px=256
+        )
 
 
 def test_whole_photographs_that_readers_would_turn_are_left_out(tmp_path: Path) -> None:
     given = source(tmp_path / "p", "one", Split.TRAIN, photo="p0.jpg")
     found = seen(("p0.jpg", "crack", CONFIRMED))
-    words = [word_on(place, Verdict.CONFIRMED, SAID) for place in shown_places(judge((), found), {})]
-    whole = Source(**{**vars(given), "judgement": judge(words, found)})
+    words = [create_review(place, Verdict.CONFIRMED, SAID) for place in list_review_items(match_reviews((), found), {})]
+    whole = TrainingSource(**{**vars(given), "judgement": match_reviews(words, found)})
     path = tmp_path / "p" / "p0.jpg"
     exif = Image.Exif()
     exif[0x0112] = 3  # upside down
     with Image.open(path) as image:
         image.save(path, exif=exif)
     with pytest.raises(InputDataError, match=r"1 photographs that EXIF turns"):
-        write_training_set([whole], tmp_path / "set", form=LabelForm.YOLO, pictures=Pictures.COPY, side_px=256)
-    tiles = write_training_set([whole], tmp_path / "set", form=LabelForm.YOLO, pictures=Pictures.TILES, side_px=256)
+        write_training_set(
+            [whole], tmp_path / "set", form=TrainingLabelFormat.YOLO, pictures=PictureMode.COPY, side_px=256
+        )
+    tiles = write_training_set(
+        [whole], tmp_path / "set", form=TrainingLabelFormat.YOLO, pictures=PictureMode.TILES, side_px=256
+    )
     assert len(tiles.pictures) == 1
 
 
 def test_splits_are_the_buildings_own_and_near_their_shares() -> None:
-    splits = [split_of(f"building-{i}", {}) for i in range(2000)]
-    assert splits == [split_of(f"building-{i}", {}) for i in range(2000)]
+    splits = [choose_split(f"building-{i}", {}) for i in range(2000)]
+    assert splits == [choose_split(f"building-{i}", {}) for i in range(2000)]
     for split, share in ((Split.TRAIN, 0.70), (Split.VAL, 0.15), (Split.TEST, 0.15)):
         assert abs(splits.count(split) / 2000 - share) < 0.03
-    assert split_of("castle", chosen_splits(("castle=test", "demo=val"))) is Split.TEST
+    assert choose_split("castle", parse_splits(("castle=test", "demo=val"))) is Split.TEST
     with pytest.raises(InputDataError, match=r"'castle=tset' is not BUILDING=SPLIT with a split of train, val, test"):
-        chosen_splits(("castle=tset",))
+        parse_splits(("castle=tset",))
     with pytest.raises(InputDataError, match=r"puts 'castle' into val and test; choose one"):
-        chosen_splits(("castle=val", "castle=test"))
+        parse_splits(("castle=val", "castle=test"))
