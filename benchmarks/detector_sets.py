@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from benchmarks.foundation import ROOT, SHARED
 from benchmarks.published_poses import write_published
-from facadelake.building import read_registered_model, target_elements
+from facadelake.building import mask_target_elements, read_registered_model
 from facadelake.building.surface import Surface, horizontal_distance
 from facadelake.core.camera import PosedCamera
 from facadelake.core.pose_table import read_posed_cameras
@@ -132,7 +132,7 @@ def castle_facade(work: Path) -> LabelledSet:
     )
     path = write_published(SHARED / "castle" / "truth", work / "castle-poses.csv", noise=None)
     placed = place_imported(read_poses(path), photos, place=place, surface=surface, placement_sigma_max_m=0.5)
-    is_target = np.append(target_elements(model.elements), False)  # the last answers for a miss
+    is_target = np.append(mask_target_elements(model.elements), False)  # the last answers for a miss
     images = []
     for photo_id, posed in sorted(read_posed_cameras(placed.poses).items()):
         if "multiview" not in photo_id:

@@ -146,7 +146,7 @@ def show_comparison(console: Console, done: Compared) -> None:
                 soft_wrap=True,
                 highlight=False,
             )
-    _words(console, comparison.parsed)
+    _words(console, comparison.review_counts)
     for one in comparison.lost[:_MOST]:
         console.print(f"  lost: {one.defect} ({one.defect_class}), {one.photo_id}", soft_wrap=True, highlight=False)
     if len(comparison.lost) > _MOST:

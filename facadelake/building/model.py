@@ -12,7 +12,7 @@ import pyarrow as pa
 from facadelake.building.model_georeference.control_pairs import ControlPair
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
-from facadelake.building.storeys import NamedFloor, StoreyLevel
+from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import ModelError
 from facadelake.core.geodesy import SiteOrigin, promote_to_3d
@@ -20,17 +20,17 @@ from facadelake.core.tables import read_table, write_table
 from schemas.vocabulary import SurfaceKind
 
 SURFACE_FILE = "surface.npz"
-_PLACE = "building.json"
+_DESCRIPTION_FILE = "building.json"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelSettings:
+class IfcModelSettings:
     """What the registry says about a building model; None leaves the word to the IFC.
 
     ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``placement`` stands in where the IFC
     has no map conversion, and ``control`` before that: pairs of points of the model and of the map. ``accept_level`` is
     the lowest LoGeoRef to be taken though it is good to metres alone. ``building`` names the one IfcBuilding to take
-    (name or GlobalId); empty takes all. ``floors`` are its storeys where the IFC has none. ``mesh_deflection_m`` bounds
+    (name or GlobalId); empty takes all. ``storeys`` are its storeys where the IFC has none. ``mesh_deflection_m`` bounds
     how far a flat triangle leaves a curved surface.
     """
 
@@ -40,7 +40,7 @@ class ModelSettings:
     control: tuple[ControlPair, ...] = ()
     accept_level: int | None = None
     building: str = ""
-    floors: tuple[NamedFloor, ...] = ()
+    storeys: tuple[StoreyElevation, ...] = ()
     origin: SiteOrigin | None = None
     mesh_deflection_m: float = 0.001
     workers: int = 2
@@ -89,7 +89,7 @@ class BuildingModel:
         metres: Float64Array = self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
         return metres
 
-    def extents_site_m(self) -> Float64Array:
+    def compute_vertical_extents(self) -> Float64Array:
         """Lowest and highest level (elements, 2) of each element in site."""
         levels = self.vertices_site_m[self.triangles, 2]
         low, high = np.full(len(self.elements), np.inf), np.full(len(self.elements), -np.inf)
@@ -116,13 +116,13 @@ class BuildingModel:
             "surface_kind": self.surface_kind,
             "surface_sigma_m": self.surface_sigma_m,
         }
-        (folder / _PLACE).write_text(json.dumps(place, indent=1))
+        (folder / _DESCRIPTION_FILE).write_text(json.dumps(place, indent=1))
 
 
 def read_building(folder: Path) -> BuildingModel:
     """The model that ``BuildingModel.save`` wrote into ``folder``; raises ModelError where there is none."""
     try:
-        place = json.loads((folder / _PLACE).read_text())
+        place = json.loads((folder / _DESCRIPTION_FILE).read_text())
         with np.load(folder / SURFACE_FILE) as arrays:
             vertices, triangles, owner = (
                 arrays["vertices_site_m"],

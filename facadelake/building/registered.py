@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from facadelake.building.ifc.load import load_building
 from facadelake.building.mesh.files import MeshAxes
-from facadelake.building.mesh.load import BareSettings, load_mesh_building
-from facadelake.building.model import BuildingModel, ModelSettings
+from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building
+from facadelake.building.model import BuildingModel, IfcModelSettings
 from facadelake.building.model_georeference.control_pairs import ControlPair
 from facadelake.building.model_georeference.map_placement import MapPlacement
-from facadelake.building.storeys import NamedFloor
+from facadelake.building.storeys import StoreyElevation
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.registry import UNITS_M, Building
 from schemas.vocabulary import SurfaceKind
@@ -18,45 +18,45 @@ def read_registered_model(building: Building) -> BuildingModel:
     """The building of the registry's model file, whichever kind that is."""
     path = building.model_path()
     if building.surface_kind is SurfaceKind.MESH:
-        return load_mesh_building(path, settings=bare_settings(building))
-    return load_building(path, settings=model_settings(building))
+        return load_mesh_building(path, settings=mesh_settings_from_registry(building))
+    return load_building(path, settings=ifc_settings_from_registry(building))
 
 
-def model_settings(building: Building) -> ModelSettings:
+def ifc_settings_from_registry(building: Building) -> IfcModelSettings:
     """The registry's word on an IFC, as the reader of models takes it."""
     crs = building.crs
-    return ModelSettings(
-        placement=_placement(building),
+    return IfcModelSettings(
+        placement=_placement_from_registry(building),
         control=tuple(ControlPair(ifc_m=pair.ifc_m, map_m=pair.map_m) for pair in crs.control),
         accept_level=crs.accept_level,
         building=building.model_building or "",
-        floors=_floors(building),
+        storeys=_storeys_from_registry(building),
         map_crs=crs.map,
         vertical_datum=crs.vertical,
-        origin=_origin(building),
+        origin=_origin_from_registry(building),
     )
 
 
-def bare_settings(building: Building) -> BareSettings:
+def mesh_settings_from_registry(building: Building) -> MeshModelSettings:
     """The registry's word on a building without BIM, as the reader of models takes it."""
     crs = building.crs
-    return BareSettings(
+    return MeshModelSettings(
         map_crs=crs.map,
         vertical_datum=crs.vertical,
-        placement=_placement(building),
+        placement=_placement_from_registry(building),
         offset_file=building.offset_path(),
-        origin=_origin(building),
+        origin=_origin_from_registry(building),
         axes=MeshAxes(crs.axes) if crs.axes else None,
         unit_m=UNITS_M[crs.unit or "metre"],
-        storeys=_floors(building),
+        storeys=_storeys_from_registry(building),
     )
 
 
-def _floors(building: Building) -> tuple[NamedFloor, ...]:
-    return tuple(NamedFloor(name=storey.name, floor_m=storey.floor_m) for storey in building.storeys)
+def _storeys_from_registry(building: Building) -> tuple[StoreyElevation, ...]:
+    return tuple(StoreyElevation(name=storey.name, floor_m=storey.floor_m) for storey in building.storeys)
 
 
-def _placement(building: Building) -> MapPlacement | None:
+def _placement_from_registry(building: Building) -> MapPlacement | None:
     place = building.crs.placement
     if place is None:
         return None
@@ -69,6 +69,6 @@ def _placement(building: Building) -> MapPlacement | None:
     )
 
 
-def _origin(building: Building) -> SiteOrigin | None:
+def _origin_from_registry(building: Building) -> SiteOrigin | None:
     origin = building.crs.origin
     return SiteOrigin(**origin.model_dump()) if origin else None

@@ -26,6 +26,6 @@ NON_TARGET_CLASSES = frozenset(
 )
 
 
-def target_elements(elements: pa.Table) -> BoolArray:
+def mask_target_elements(elements: pa.Table) -> BoolArray:
     """Which elements (n,) of table ``elements`` are parts of the building, where a defect can be."""
     return np.array([name not in NON_TARGET_CLASSES for name in elements.column("ifc_class").to_pylist()], dtype=bool)

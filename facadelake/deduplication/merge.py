@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import shapely
 
-from facadelake.building import BuildingModel, storeys_of_places
-from facadelake.building.facades import facades_in
+from facadelake.building import BuildingModel, find_storeys
+from facadelake.building.facades import collect_facades
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
@@ -91,21 +91,25 @@ def _words(seen: pa.Table) -> list[str]:
 
 
 def _on_elements(seen: pa.Table, moved: Moved, building: BuildingModel) -> pa.Table:
-    """The rows ``seen`` with element, storey, facade and outline of those moved to what they look at behind."""
+    """The rows ``assign_facade`` with element, storey, facade and outline of those moved to what they look at behind."""
     guids, storeys, facades = (
         building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
     )
     sightings, rows = moved.sightings, moved.rows
     places, normals = sightings.xyz_site_m[rows], sightings.normal_site[rows]
-    directions = facades_in(building.elements)
+    directions = collect_facades(building.elements)
     across, upward = tangents_of(normals)
     wide, high = across * sightings.width_m[rows, None] / 2, upward * sightings.height_m[rows, None] / 2
     corners = np.stack([places - wide - high, places + wide - high, places + wide + high, places - wide + high], axis=1)
     outlines = shapely.polygons(building.origin.geo_from_site(corners.reshape(-1, 3)).reshape(-1, 4, 3))
     told = {
         "element_guid": [guids[row] for row in moved.element],
-        "storey": storeys_of_places(building.storeys, storeys, building.extents_site_m(), moved.element, places[:, 2]),
-        "facade": [directions.seen(facades[row], normal) for row, normal in zip(moved.element, normals, strict=True)],
+        "storey": find_storeys(
+            building.storeys, storeys, building.compute_vertical_extents(), moved.element, places[:, 2]
+        ),
+        "facade": [
+            directions.assign_facade(facades[row], normal) for row, normal in zip(moved.element, normals, strict=True)
+        ],
         "patch": shapely.to_wkb(outlines, output_dimension=3).tolist(),
     }
     for name, values in told.items():

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import shapely
 
-from facadelake.building import BuildingModel, storeys_of_places
-from facadelake.building.facades import facades_in
+from facadelake.building import BuildingModel, find_storeys
+from facadelake.building.facades import collect_facades
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.registration.attribution import Attribution
 from facadelake.registration.cast import Casts
@@ -29,8 +29,8 @@ class Places:
     def __init__(self, building: BuildingModel, attribution: Attribution) -> None:
         self._building = building
         self._attribution = attribution
-        self._extents = building.extents_site_m()
-        self._facade_directions = facades_in(building.elements)
+        self._extents = building.compute_vertical_extents()
+        self._facade_directions = collect_facades(building.elements)
         self._guids, self._storeys, self._facades = (
             building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
         )
@@ -61,9 +61,9 @@ class Places:
             "area_m2": patches.area_m2[kept].tolist(),
             **crack_columns(casts, kept, covariance_site),
             "element_guid": [self._guids[row] for row in element],
-            "storey": storeys_of_places(building.storeys, self._storeys, self._extents, element, xyz[:, 2]),
+            "storey": find_storeys(building.storeys, self._storeys, self._extents, element, xyz[:, 2]),
             "facade": [
-                self._facade_directions.seen(self._facades[row], facing)
+                self._facade_directions.assign_facade(self._facades[row], facing)
                 for row, facing in zip(element, normal, strict=True)
             ],
             "patch": patches_on_the_globe(patches.polygon_site[kept], building.origin),

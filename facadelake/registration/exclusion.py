@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.building import target_elements
+from facadelake.building import mask_target_elements
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
@@ -109,7 +109,7 @@ def _off_building(rows: list[Row], elements: pa.Table) -> None:
     """What lies on an element that is no part of the building is off target."""
     beside = {
         row["element_guid"]: f"{row['ifc_class']} '{row['element_name'] or row['element_guid']}'"
-        for row, target in zip(elements.to_pylist(), target_elements(elements), strict=True)
+        for row, target in zip(elements.to_pylist(), mask_target_elements(elements), strict=True)
         if not target
     }
     for row in rows:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pyarrow as pa
 
-from facadelake.building import BuildingModel, target_elements
+from facadelake.building import BuildingModel, mask_target_elements
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import BoolArray
 from facadelake.core.camera import PosedCamera
@@ -48,7 +48,7 @@ def target_view(posed: PosedCamera, surface: Surface, elements: pa.Table, mask: 
     """
     camera = posed.camera
     depth, element = surface.depth_image(posed, min(1.0, _WIDTH_PX / camera.width_px))
-    shown = np.append(target_elements(elements), False)[element]  # the last answers for a miss
+    shown = np.append(mask_target_elements(elements), False)[element]  # the last answers for a miss
     gsd_mm = float(np.median(depth[shown])) / camera.fx_px * 1000 if shown.any() else float("nan")
     reach = max(1, round(_MARGIN * shown.shape[1]))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))

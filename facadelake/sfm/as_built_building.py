@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from facadelake.building import BuildingModel
-from facadelake.building.mesh import with_surface
+from facadelake.building.mesh import attach_surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
@@ -39,7 +39,7 @@ def build_as_built_model(
             f"the {len(block.xyz_sfm)} tie points make no surface: photograph with more overlap and from more sides, "
             "or give the registry a model"
         )
-    return with_surface(place, vertices, triangles, surface_sigma_m=roughness(vertices))
+    return attach_surface(place, vertices, triangles, surface_sigma_m=roughness(vertices))
 
 
 def block_in_site(reconstruction: Reconstruction, posed: Mapping[str, PosedCamera]) -> Reconstruction:

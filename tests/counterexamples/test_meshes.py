@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.building.mesh.load import BareSettings, load_mesh_building, place_without_model
+from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building, place_building_without_model
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
 
-SETTINGS = BareSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal")
+SETTINGS = MeshModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal")
 WALL = "v 0 0 0\nv 9 0 0\nv 9 0 9\nf 1 2 3\n"
 
 
-def refused(kind: type[FacadelakeError], path: Path, settings: BareSettings = SETTINGS) -> str:
+def refused(kind: type[FacadelakeError], path: Path, settings: MeshModelSettings = SETTINGS) -> str:
     with pytest.raises(kind) as caught:
         load_mesh_building(path, settings=settings)
     return str(caught.value)
@@ -67,7 +67,7 @@ def test_an_offset_file_without_an_offset(tmp_path: Path) -> None:
     path, offset = tmp_path / "hall.obj", tmp_path / "coords.txt"
     path.write_text(WALL)
     offset.write_text("WGS84 UTM 32N\n")
-    settings = BareSettings(vertical_datum="ellipsoidal", offset_file=offset)
+    settings = MeshModelSettings(vertical_datum="ellipsoidal", offset_file=offset)
     assert refused(GeoreferenceError, path, settings) == (
         "coords.txt says no offset: a line with east and north (and height) is wanted, such as '432000 5422000', "
         "below at most one line with the CRS; give the registry's crs.placement (east_m, north_m, height_m) instead"
@@ -76,7 +76,7 @@ def test_an_offset_file_without_an_offset(tmp_path: Path) -> None:
 
 def test_neither_model_nor_gps() -> None:
     with pytest.raises(GeoreferenceError) as caught:
-        place_without_model(np.full((3, 2), np.nan), settings=BareSettings(vertical_datum="ellipsoidal"))
+        place_building_without_model(np.full((3, 2), np.nan), settings=MeshModelSettings(vertical_datum="ellipsoidal"))
     assert str(caught.value) == (
         "none of the 3 photographs says where it was taken and there is no model, so the building has no place; give "
         "the registry's crs.origin (lon_deg, lat_deg, height_ellipsoidal_m)"

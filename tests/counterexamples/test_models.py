@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from facadelake.building.ifc.load import load_building
-from facadelake.building.model import ModelSettings
+from facadelake.building.model import IfcModelSettings
 from facadelake.building.model_georeference.selection import MapPlacement
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
 from facadelake.registry.building import Building
@@ -19,7 +19,7 @@ CONVERSION = {"Eastings": 456639.25, "Northings": 5421033.5, "OrthogonalHeight":
 UTM = {"Name": "EPSG:25832"}
 CRS = UTM | {"VerticalDatum": "ellipsoidal"}
 PLACED = Ifc(crs=CRS, conversion=CONVERSION)
-BY_IFC = ModelSettings()
+BY_IFC = IfcModelSettings()
 
 STEP = (
     b"ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\n"
@@ -29,7 +29,7 @@ NOT_STEP = "export it as .ifc (IFC2x3, IFC4 or IFC4.3), not zipped or as XML"
 OTHER_SCHEMA = "export it again as IFC2x3, IFC4 or IFC4.3"
 
 
-def refused(kind: type[FacadelakeError], path: Path, settings: ModelSettings = BY_IFC) -> str:
+def refused(kind: type[FacadelakeError], path: Path, settings: IfcModelSettings = BY_IFC) -> str:
     with pytest.raises(kind) as raised:
         load_building(path, settings=settings)
     return str(raised.value)
@@ -130,17 +130,17 @@ UNKNOWN_DATUM = "EPSG:99999"
         ),
         (
             PLACED,
-            ModelSettings(vertical_datum=UNKNOWN_DATUM),
+            IfcModelSettings(vertical_datum=UNKNOWN_DATUM),
             f"the vertical datum 'EPSG:99999' is not one that PROJ knows by that name; {VERTICAL}",
         ),
         (
             PLACED,
-            ModelSettings(vertical_datum="EPSG:25832"),
+            IfcModelSettings(vertical_datum="EPSG:25832"),
             "EPSG:25832 (ETRS89 / UTM zone 32N) is not a vertical CRS; give one such as EPSG:5783 (DHHN92 height)",
         ),
         (
             PLACED,
-            ModelSettings(vertical_datum="EPSG:7837"),
+            IfcModelSettings(vertical_datum="EPSG:7837"),
             "no exact transformation from EPSG:25832+7837 to EPSG:4979: the grid de_bkg_gcg2016.tif is not on this "
             "machine; install the grid in PROJ's data folder, or give heights as ellipsoidal",
         ),
@@ -149,10 +149,10 @@ UNKNOWN_DATUM = "EPSG:99999"
             BY_IFC,
             f"CRS 'Ettlingen local' is not known to PROJ; {GIVE_CRS}",
         ),
-        (PLACED, ModelSettings(map_crs="EPSG:99999"), f"CRS 'EPSG:99999' is not known to PROJ; {GIVE_CRS}"),
+        (PLACED, IfcModelSettings(map_crs="EPSG:99999"), f"CRS 'EPSG:99999' is not known to PROJ; {GIVE_CRS}"),
         (
             PLACED,
-            ModelSettings(map_crs="EPSG:4326"),
+            IfcModelSettings(map_crs="EPSG:4326"),
             "CRS 'EPSG:4326' (WGS 84) is not a projected CRS in metres or feet, which a map conversion needs; "
             f"{GIVE_CRS}",
         ),
@@ -184,13 +184,13 @@ UNKNOWN_DATUM = "EPSG:99999"
         "CRS of another country", "east and north swapped", "shift in geometry and conversion",
     ],
 )  # fmt: skip
-def test_a_model_that_cannot_be_placed(write_ifc: WriteIfc, ifc: Ifc, settings: ModelSettings, message: str) -> None:
+def test_a_model_that_cannot_be_placed(write_ifc: WriteIfc, ifc: Ifc, settings: IfcModelSettings, message: str) -> None:
     assert refused(GeoreferenceError, write_ifc(ifc), settings) == message
 
 
 def test_the_remedies_for_crs_and_datum_help(write_ifc: WriteIfc) -> None:
     path = write_ifc(Ifc(crs={"Name": "Ettlingen local"}, conversion=CONVERSION))
-    building = load_building(path, settings=ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal"))
+    building = load_building(path, settings=IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal"))
     assert (building.map_crs, building.vertical_datum) == ("EPSG:25832", "ellipsoidal")
 
 
@@ -208,5 +208,5 @@ def test_the_remedy_for_a_model_without_map_conversion_helps(write_ifc: WriteIfc
     placement = MapPlacement(
         east_m=place.east_m, north_m=place.north_m, height_m=place.height_m, rotation_deg=place.rotation_deg
     )
-    model = load_building(write_ifc(Ifc(crs=CRS)), settings=ModelSettings(placement=placement))
+    model = load_building(write_ifc(Ifc(crs=CRS)), settings=IfcModelSettings(placement=placement))
     assert (model.georeference_level, model.map_crs) == ("registry", "EPSG:25832")

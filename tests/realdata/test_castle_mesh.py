@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 
 from facadelake.building.ifc.load import load_building
-from facadelake.building.mesh.load import BareSettings, load_mesh_building
-from facadelake.building.model import ModelSettings
+from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building
+from facadelake.building.model import IfcModelSettings
 from facadelake.building.surface.raycasting import Surface
 
 pytestmark = pytest.mark.realdata
 
 
 def test_rays_meet_the_mesh_where_they_meet_the_ifc(shared_data: Path, tmp_path: Path) -> None:
-    by_ifc = load_building(shared_data / "castle" / "castle.ifc", settings=ModelSettings())
+    by_ifc = load_building(shared_data / "castle" / "castle.ifc", settings=IfcModelSettings())
     on_map = by_ifc.map_from_site(by_ifc.vertices_site_m)
     zero = np.floor(on_map.min(axis=0))
     with (tmp_path / "castle.obj").open("w") as stream:
         stream.writelines(f"v {x:.5f} {y:.5f} {z:.5f}\n" for x, y, z in on_map - zero)
         stream.writelines(f"f {a} {b} {c}\n" for a, b, c in by_ifc.triangles + 1)
     (tmp_path / "castle_offset.xyz").write_text(" ".join(map(str, zero)))
-    settings = BareSettings(
+    settings = MeshModelSettings(
         map_crs="EPSG:25832", vertical_datum="ellipsoidal", offset_file=tmp_path / "castle_offset.xyz"
     )
     by_mesh = load_mesh_building(tmp_path / "castle.obj", settings=settings)

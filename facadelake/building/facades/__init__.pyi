@@ -1,2 +1,2 @@
-from .directions import facades_in as facades_in
+from .directions import collect_facades as collect_facades
 from .openness import COMPASS as COMPASS

@@ -13,19 +13,19 @@ COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 LEVEL = "level"  # open mainly upward or downward: roofs, slabs, soffits
 INSIDE = "inside"  # open nowhere
 AROUND = "around"  # open to several sides: curved walls, returns, columns; the place's own normal decides
-_SKY = [(azimuth, height) for height in (15.0, 40.0, 65.0) for azimuth in (-50.0, 0.0, 50.0)]
-_LIFT_M = 0.01
-_CHUNK = 200_000  # triangles whose openness is found at once: some 100 MB
-_LARGE_M2 = 1.0
+_SKY_DIRECTIONS_DEG = [(azimuth, height) for height in (15.0, 40.0, 65.0) for azimuth in (-50.0, 0.0, 50.0)]
+_START_OFFSET_M = 0.01
+_BATCH = 200_000  # triangles whose openness is found at once: some 100 MB
+_LARGE_TRIANGLE_M2 = 1.0
 _SAME_PLANE_DEG = 2.0
-_MAIN_SHARE = 0.55  # of an element's open upright area: a plane that has more is the element's direction
-_WITHIN_DEG = 30.0
-_ROUND_SHARE = 0.75  # without such a plane, the share within 30 degrees that makes a mean direction meaningful
+_MAIN_PLANE_SHARE = 0.55  # of an element's open upright area: a plane that has more is the element's direction
+_CURVED_HALF_WIDTH_DEG = 30.0
+_CURVED_SHARE = 0.75  # without such a plane, the share within 30 degrees that makes a mean direction meaningful
 _OPEN_SHARE = 0.15  # of the sky: a side that sees less is a slot
 _RETURN_DEG = 45.0
 _RETURN_M = 1.0  # reveals and the ends of walls are narrower
 _SAME_PLANE_M = 0.05
-_ONE_SIDED = 0.3  # net over total open area above which an element has one outward direction
+_ONE_SIDED_SHARE = 0.3  # net over total open area above which an element has one outward direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,10 +37,10 @@ class OpenSides:
 
     azimuth_deg: Float64Array
     area_m2: Float64Array
-    words: tuple[str, ...]
+    labels: tuple[str, ...]
 
 
-def compass_of(direction_site: Float64Array) -> str:
+def compass_from_direction(direction_site: Float64Array) -> str:
     """Compass name of a direction (3,) in site, or "level" where it is more up or down than sideways."""
     x, y, z = direction_site
     if abs(z) > np.hypot(x, y):
@@ -48,7 +48,7 @@ def compass_of(direction_site: Float64Array) -> str:
     return COMPASS[round(float(np.degrees(np.arctan2(x, y))) / 45.0) % 8]
 
 
-def open_sides_of(surface: Surface, element_of_triangle: Int64Array, elements: int) -> OpenSides:
+def find_open_sides(surface: Surface, element_of_triangle: Int64Array, elements: int) -> OpenSides:
     """Which way each element's open sides look.
 
     A side counts as far as rays from it reach the sky, so neither the winding of open shells nor the inner faces of
@@ -56,7 +56,7 @@ def open_sides_of(surface: Surface, element_of_triangle: Int64Array, elements: i
     """
     normals, areas = surface.normals_site, surface.areas_m2
     centres = surface.vertices_site_m[surface.triangles].mean(axis=1)
-    front, back = _open_both_ways(surface)
+    front, back = _compute_both_sides(surface)
     upright = np.hypot(normals[:, 0], normals[:, 1])
     total = areas * (front + back)
     net = normals * (areas * (front - back))[:, None]
@@ -73,61 +73,61 @@ def open_sides_of(surface: Surface, element_of_triangle: Int64Array, elements: i
             words.append(LEVEL)
         else:
             outward = net[own].sum(axis=0) * [1, 1, 0]
-            if np.linalg.norm(outward) < _ONE_SIDED * sides.sum():
-                outward = _two_sided(normals[own], sides, centres[own] - middle)
-            main = _main_side(normals[own], sides, outward)
+            if np.linalg.norm(outward) < _ONE_SIDED_SHARE * sides.sum():
+                outward = _orient_two_sided(normals[own], sides, centres[own] - middle)
+            main = _find_main_direction(normals[own], sides, outward)
             if main is not None:
                 azimuths[element] = np.degrees(np.arctan2(main[0], main[1])) % 360.0
                 open_areas[element] = sides.sum()
             wide = own[sides > _OPEN_SHARE * areas[own] * upright[own]]
-            turns = main is None or _has_a_return(surface, wide, main)
+            turns = main is None or _has_return(surface, wide, main)
             words.append(AROUND if turns else "")
-    return OpenSides(azimuth_deg=azimuths, area_m2=open_areas, words=tuple(words))
+    return OpenSides(azimuth_deg=azimuths, area_m2=open_areas, labels=tuple(words))
 
 
-def _open_both_ways(surface: Surface) -> tuple[Float64Array, Float64Array]:
+def _compute_both_sides(surface: Surface) -> tuple[Float64Array, Float64Array]:
     """Openness (m,) of each triangle to the side of its normal and to the other.
 
     A triangle of a square metre or more is asked at four places: its middle alone may lie under a balcony.
     """
     rows = np.arange(len(surface.triangles))
-    large = np.flatnonzero(surface.areas_m2 >= _LARGE_M2)
+    large = np.flatnonzero(surface.areas_m2 >= _LARGE_TRIANGLE_M2)
     owner = np.concatenate([rows, np.repeat(large, 3)])
     corner = np.concatenate([np.full(len(rows), -1), np.tile(np.arange(3), len(large))])
     front, back = np.zeros(len(rows)), np.zeros(len(rows))
-    for start in range(0, len(owner), _CHUNK):
-        part = owner[start : start + _CHUNK]
+    for start in range(0, len(owner), _BATCH):
+        part = owner[start : start + _BATCH]
         corners = surface.vertices_site_m[surface.triangles[part]]
         at = corners.mean(axis=1)
-        toward = corner[start : start + _CHUNK]
+        toward = corner[start : start + _BATCH]
         own = corners[np.arange(len(part)), np.maximum(toward, 0)]
         points = np.where((toward < 0)[:, None], at, (at + own) / 2)
         normals = surface.normals_site[part]
-        np.add.at(front, part, openness(surface, points, normals))
-        np.add.at(back, part, openness(surface, points, -normals))
+        np.add.at(front, part, compute_openness(surface, points, normals))
+        np.add.at(back, part, compute_openness(surface, points, -normals))
     asked = np.bincount(owner, minlength=len(rows))
     return front / asked, back / asked
 
 
-def openness(surface: Surface, points_site_m: Float64Array, normals_site: Float64Array) -> Float64Array:
+def compute_openness(surface: Surface, points_site_m: Float64Array, normals_site: Float64Array) -> Float64Array:
     """Share (n,) of directions upward and outward of each point that leave the building without meeting it again."""
     flat = np.hypot(normals_site[:, 0], normals_site[:, 1])
     ahead = np.where(
         (flat > 1e-3)[:, None], normals_site * [1, 1, 0] / np.maximum(flat, 1e-9)[:, None], np.array([1.0, 0.0, 0.0])
     )
     aside = np.column_stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))])
-    starts = points_site_m + _LIFT_M * normals_site
+    starts = points_site_m + _START_OFFSET_M * normals_site
     share = np.zeros(len(points_site_m))
-    for azimuth, height in _SKY:
+    for azimuth, height in _SKY_DIRECTIONS_DEG:
         a, h = np.radians([azimuth, height])
         ray = np.cos(h) * (np.cos(a) * ahead + np.sin(a) * aside) + [0, 0, np.sin(h)]
         outward = np.einsum("ij,ij->i", ray, normals_site) > 0
         share += outward & ~surface.cast(starts, ray).hit
-    share /= len(_SKY)
+    share /= len(_SKY_DIRECTIONS_DEG)
     return share
 
 
-def _main_side(normals: Float64Array, weights: Float64Array, outward: Float64Array) -> Float64Array | None:
+def _find_main_direction(normals: Float64Array, weights: Float64Array, outward: Float64Array) -> Float64Array | None:
     """The direction (2,) that most of an element's open area has, on its ``outward`` side; None where none has.
 
     It is that of the largest plane if that makes up most of the area, so that elements of one plane have one direction
@@ -140,19 +140,19 @@ def _main_side(normals: Float64Array, weights: Float64Array, outward: Float64Arr
     # Bins begin off the whole degrees that buildings like; the last one closes the circle.
     step = np.floor(((azimuth + 0.71) % 180.0) / _SAME_PLANE_DEG).astype(np.int64)
     share = np.bincount(step, weights=weight) / weight.sum()
-    if share.max() > _MAIN_SHARE:
+    if share.max() > _MAIN_PLANE_SHARE:
         core = step == int(np.argmax(share))
     else:
         mean = np.degrees(np.arctan2(outward[0], outward[1]))
-        core = np.abs((azimuth - mean + 90.0) % 180.0 - 90.0) <= _WITHIN_DEG
-        if weight[core].sum() < _ROUND_SHARE * weight.sum():
+        core = np.abs((azimuth - mean + 90.0) % 180.0 - 90.0) <= _CURVED_HALF_WIDTH_DEG
+        if weight[core].sum() < _CURVED_SHARE * weight.sum():
             return None
     turned = np.where(flat[core] @ outward[:2] < 0, -1.0, 1.0)
     direction: Float64Array = (flat[core] * (weight[core] * turned)[:, None]).sum(axis=0)
     return direction
 
 
-def _has_a_return(surface: Surface, triangles: Int64Array, main: Float64Array) -> bool:
+def _has_return(surface: Surface, triangles: Int64Array, main: Float64Array) -> bool:
     """Whether one of the open ``triangles`` (k,) is of a plane more than 1 m wide that turns from ``main`` (2,)."""
     normals = surface.normals_site[triangles]
     upright = np.hypot(normals[:, 0], normals[:, 1])
@@ -174,7 +174,7 @@ def _has_a_return(surface: Surface, triangles: Int64Array, main: Float64Array) -
     return bool((high - low).max() > _RETURN_M)
 
 
-def _two_sided(normals: Float64Array, weights: Float64Array, from_middle: Float64Array) -> Float64Array:
+def _orient_two_sided(normals: Float64Array, weights: Float64Array, from_middle: Float64Array) -> Float64Array:
     """The main direction of a body open on opposite sides, turned away from the building's middle."""
     flat = normals[:, :2]
     _, vectors = np.linalg.eigh((flat * weights[:, None]).T @ flat)

@@ -17,8 +17,8 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from facadelake.building.facades.directions import directions_of, names_of, turn_deg
-from facadelake.building.facades.openness import LEVEL, open_sides_of
+from facadelake.building.facades.directions import cluster_directions, measure_turn_deg, name_facades
+from facadelake.building.facades.openness import LEVEL, find_open_sides
 from facadelake.building.ifc.materials import layers_json, layers_of, material_names
 from facadelake.building.ifc.meshes import ElementMesh
 from facadelake.building.ifc.structure import Storey, building_of, host_of, label_of, storey_of
@@ -71,16 +71,16 @@ def elements_table(
 
 def facades_of(surface: Surface, element_of_triangle: Int64Array, elements: int) -> list[FacadeOf]:
     """Facade of each element: walls clustered by the way they look, however the compass divides them."""
-    sides = open_sides_of(surface, element_of_triangle, elements)
+    sides = find_open_sides(surface, element_of_triangle, elements)
     faced = np.isfinite(sides.azimuth_deg)
-    directions = directions_of(sides.azimuth_deg[faced], sides.area_m2[faced])
-    names = names_of(directions)
+    directions = cluster_directions(sides.azimuth_deg[faced], sides.area_m2[faced])
+    names = name_facades(directions)
     found = []
-    for word, azimuth in zip(sides.words, sides.azimuth_deg, strict=True):
+    for word, azimuth in zip(sides.labels, sides.azimuth_deg, strict=True):
         if word:
             found.append(FacadeOf(name=word, azimuth_deg=None))
         else:
-            nearest = int(np.argmin(turn_deg(directions, float(azimuth))))
+            nearest = int(np.argmin(measure_turn_deg(directions, float(azimuth))))
             found.append(FacadeOf(name=names[nearest], azimuth_deg=round(float(directions[nearest]), 2) % 360.0))
     return found
 

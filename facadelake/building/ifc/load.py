@@ -12,9 +12,9 @@ import numpy as np
 from facadelake.building.ifc.elements import elements_table
 from facadelake.building.ifc.meshes import meshes_of, open_ifc, without_strays
 from facadelake.building.ifc.structure import Storey, building_named, label_of, storeys_of
-from facadelake.building.model import BuildingModel, ModelSettings
+from facadelake.building.model import BuildingModel, IfcModelSettings
 from facadelake.building.model_georeference.selection import Georeference, chosen, georeferences_of
-from facadelake.building.storeys import NamedFloor, StoreyLevel
+from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 _FAR_M = 10_000.0  # a map conversion further from the building than this is a false origin, not the site's
 
 
-def load_building(path: Path, *, settings: ModelSettings) -> BuildingModel:
+def load_building(path: Path, *, settings: IfcModelSettings) -> BuildingModel:
     """The building in the IFC at ``path``, every vertex ifc -> map -> EPSG:4979 -> site in float64.
 
     Raises ModelError for a file that is missing, truncated, without surfaces or of impossible size, GeoreferenceError
@@ -54,7 +54,7 @@ def load_building(path: Path, *, settings: ModelSettings) -> BuildingModel:
     surface = Surface.from_mesh(vertices, triangles, owner)
     _log.info("%d elements, %d triangles, %s, heights %s", len(meshes), len(triangles), georeference.map_crs,
               georeference.vertical_datum)  # fmt: skip
-    storeys = storeys_of(model, building_guid) or _named_floors(settings.floors, georeference)
+    storeys = storeys_of(model, building_guid) or _named_floors(settings.storeys, georeference)
     elements = elements_table(
         model,
         meshes,
@@ -98,7 +98,7 @@ def _directions(georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Fl
     return turned
 
 
-def _named_floors(floors: Sequence[NamedFloor], georeference: Georeference) -> list[Storey]:
+def _named_floors(floors: Sequence[StoreyElevation], georeference: Georeference) -> list[Storey]:
     """The registry's storeys in the model's axes, which stand upright."""
     place = georeference.placement
     levels = [Storey(name=floor.name, level_m=(floor.floor_m - place.height_m) / place.scale[2]) for floor in floors]

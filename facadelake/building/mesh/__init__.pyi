@@ -1,2 +1,2 @@
-from .load import place_without_model as place_without_model
-from .load import with_surface as with_surface
+from .load import attach_surface as attach_surface
+from .load import place_building_without_model as place_building_without_model

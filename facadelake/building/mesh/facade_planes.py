@@ -17,8 +17,8 @@ import shapely
 from scipy.signal import find_peaks, peak_prominences
 from scipy.spatial import cKDTree
 
-from facadelake.building.facades.openness import INSIDE, LEVEL, compass_of, openness
-from facadelake.building.storeys import StoreyLevel, storey_at
+from facadelake.building.facades.openness import INSIDE, LEVEL, compass_from_direction, compute_openness
+from facadelake.building.storeys import StoreyLevel, find_storey
 from facadelake.building.surface.footprint import in_lon_lat, outline_of
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
@@ -28,15 +28,15 @@ from facadelake.core.tables import table_from_rows
 SURFACE_CLASS = "Surface"  # stands where an IFC's class would: such an element is a part of a surface, no component
 _NEIGHBOURS = 16
 _NEIGHBOURHOOD_M = 1.0  # a wall's roughness (stones, noise of tie points) is finer than this
-_ROUNDS = 2
-_ALIKE = 0.5  # cosine between faces that look the same way
+_SMOOTHING_ROUNDS = 2
+_SAME_SIDE_COSINE = 0.5  # cosine between faces that look the same way
 _DIRECTION_DEG = 25.0  # walls that turn by more than this from one another are two facades
-_DIRECTION_SHARE = 0.02  # of all walls: less makes no facade of its own
-_WALL_RATIO = 0.01  # of variances: a wall is at least ten times as wide as deep
-_PLANE_M = 1.0  # reveals and cornices stand off their wall by less, setbacks by more
+_MIN_DIRECTION_SHARE = 0.02  # of all walls: less makes no facade of its own
+_WALL_VARIANCE_RATIO = 0.01  # of variances: a wall is at least ten times as wide as deep
+_PLANE_DEPTH_M = 1.0  # reveals and cornices stand off their wall by less, setbacks by more
 _GRID_M = 0.1
-_PLANE_SHARE = 0.01  # of all walls, within the bounds below: less is reveals, furniture or noise
-_PLANE_M2 = (4.0, 10.0)
+_MIN_PLANE_SHARE = 0.01  # of all walls, within the bounds below: less is reveals, furniture or noise
+_MIN_PLANE_BOUNDS_M2 = (4.0, 10.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,28 +53,28 @@ class FacadePlanes:
     plane_of_triangle: Int64Array
 
 
-def facade_planes(surface: Surface) -> FacadePlanes:
+def segment_facade_planes(surface: Surface) -> FacadePlanes:
     """Cut ``surface`` into facade planes; a triangle faces where it lies open to the sky, however it is wound."""
     centres = surface.vertices_site_m[surface.triangles].mean(axis=1)
-    outward, is_open = _outward(surface, centres)
-    smooth = _smoothed(centres, outward, surface.areas_m2, is_open)
+    outward, is_open = _orient_normals(surface, centres)
+    smooth = _smooth_normals(centres, outward, surface.areas_m2, is_open)
     flat = np.hypot(smooth[:, 0], smooth[:, 1])
     level = np.abs(smooth[:, 2]) > flat  # undersides too, though they see no sky
     wall = is_open & ~level
     keys: list[tuple[str, float, Int64Array]] = []
     rows = np.flatnonzero(wall)
-    directions = _directions(smooth[rows], surface.areas_m2[rows])
-    least_m2 = float(np.clip(_PLANE_SHARE * surface.areas_m2[rows].sum(), *_PLANE_M2))
+    directions = _cluster_normals(smooth[rows], surface.areas_m2[rows])
+    least_m2 = float(np.clip(_MIN_PLANE_SHARE * surface.areas_m2[rows].sum(), *_MIN_PLANE_BOUNDS_M2))
     nearest = np.argmax(smooth[rows] @ directions.T, axis=1) if len(directions) else np.zeros(0, dtype=np.int64)
     for number, direction in enumerate(directions):
         own = rows[nearest == number]
         if len(own) == 0:
             continue
-        plane = _planes(centres[own] @ direction, surface.areas_m2[own], least_m2)
+        plane = _label_planes(centres[own] @ direction, surface.areas_m2[own], least_m2)
         largest = own[plane == np.argmax(np.bincount(plane, weights=surface.areas_m2[own]))]
-        fitted = _fitted(direction, centres[largest], surface.areas_m2[largest])
+        fitted = _fit_wall_normal(direction, centres[largest], surface.areas_m2[largest])
         azimuth = float(np.degrees(np.arctan2(fitted[0], fitted[1])) % 360.0)
-        keys += [(compass_of(fitted), azimuth, own[plane == k]) for k in np.unique(plane)]
+        keys += [(compass_from_direction(fitted), azimuth, own[plane == k]) for k in np.unique(plane)]
     if level.any():
         keys.append((LEVEL, np.nan, np.flatnonzero(level)))
     inside = ~is_open & ~level
@@ -96,7 +96,7 @@ def facade_planes(surface: Surface) -> FacadePlanes:
     )
 
 
-def elements_of_planes(
+def build_plane_elements(
     planes: FacadePlanes, surface: Surface, origin: SiteOrigin, storeys: Sequence[StoreyLevel]
 ) -> pa.Table:
     """Table ``elements``, one row a plane; a plane over several storeys has the one it begins in."""
@@ -105,7 +105,7 @@ def elements_of_planes(
         own = planes.plane_of_triangle == number
         corners = surface.vertices_site_m[surface.triangles[own]]
         low = float(corners[:, :, 2].min())
-        storey = storey_at(storeys, low) if facade not in (LEVEL, INSIDE) else ""
+        storey = find_storey(storeys, low) if facade not in (LEVEL, INSIDE) else ""
         azimuth = float(planes.azimuth_deg[number])
         rows.append(
             {
@@ -125,23 +125,23 @@ def elements_of_planes(
     return table_from_rows("elements", rows)
 
 
-def _outward(surface: Surface, centres: Float64Array) -> tuple[Float64Array, BoolArray]:
+def _orient_normals(surface: Surface, centres: Float64Array) -> tuple[Float64Array, BoolArray]:
     """Normals (m, 3) turned to the open side, and which triangles have one (m,).
 
     The winding is kept where the side it names is open: the back of a sheet, such as a campaign's own surface, is open
     too. A closed triangle beside an open one that faces alike is the bottom of a dent.
     """
     normals = surface.normals_site
-    is_open = openness(surface, centres, normals) > 0
+    is_open = compute_openness(surface, centres, normals) > 0
     closed = np.flatnonzero(~is_open)
     if len(closed) == 0:
         return normals, is_open
-    back = openness(surface, centres[closed], -normals[closed]) > 0
+    back = compute_openness(surface, centres[closed], -normals[closed]) > 0
     if is_open.any():
         opened = np.flatnonzero(is_open)
         apart, near = cKDTree(centres[opened]).query(centres[closed], distance_upper_bound=_NEIGHBOURHOOD_M)
         beside = opened[np.where(np.isfinite(apart), near, 0)]
-        alike = np.einsum("ij,ij->i", normals[closed], normals[beside]) > _ALIKE
+        alike = np.einsum("ij,ij->i", normals[closed], normals[beside]) > _SAME_SIDE_COSINE
         dent = np.isfinite(apart) & alike
     else:
         dent = np.zeros(len(closed), dtype=bool)
@@ -151,7 +151,7 @@ def _outward(surface: Surface, centres: Float64Array) -> tuple[Float64Array, Boo
     return outward, is_open
 
 
-def _smoothed(centres: Float64Array, normals: Float64Array, areas: Float64Array, used: BoolArray) -> Float64Array:
+def _smooth_normals(centres: Float64Array, normals: Float64Array, areas: Float64Array, used: BoolArray) -> Float64Array:
     """Normals (m, 3) averaged with those around, half its own: noise goes, corners of clean walls stay."""
     rows = np.flatnonzero(used)
     smooth = normals.copy()
@@ -164,14 +164,14 @@ def _smoothed(centres: Float64Array, normals: Float64Array, areas: Float64Array,
     weight = np.where(there, areas[rows][near], 0.0)
     weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
     own = normals[rows]
-    for _ in range(_ROUNDS):
+    for _ in range(_SMOOTHING_ROUNDS):
         mixed = own + np.einsum("ij,ijk->ik", weight, own[near])
         own = mixed / np.maximum(np.linalg.norm(mixed, axis=1, keepdims=True), 1e-12)
     smooth[rows] = own
     return smooth
 
 
-def _directions(normals: Float64Array, areas: Float64Array) -> Float64Array:
+def _cluster_normals(normals: Float64Array, areas: Float64Array) -> Float64Array:
     """Main horizontal directions (d, 3) of walls, that with most area first, each with what lies within 25 degrees."""
     azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
     weight = np.bincount(np.floor(azimuth).astype(np.int64) % 360, weights=areas, minlength=360)
@@ -179,18 +179,18 @@ def _directions(normals: Float64Array, areas: Float64Array) -> Float64Array:
     core = turn <= _DIRECTION_DEG / 2
     found: list[Float64Array] = []
     total = weight.sum()
-    while weight.sum() > _DIRECTION_SHARE * total:
+    while weight.sum() > _MIN_DIRECTION_SHARE * total:
         best = int(np.argmax(core @ weight))
         middles = np.radians(np.arange(360) + 0.5)
         share = weight * core[best]
         mean = np.array([share @ np.sin(middles), share @ np.cos(middles), 0.0])
-        if share.sum() > _DIRECTION_SHARE * total:
+        if share.sum() > _MIN_DIRECTION_SHARE * total:
             found.append(mean / np.linalg.norm(mean))
         weight = np.where(turn[best] <= _DIRECTION_DEG, 0.0, weight)
     return np.array(found).reshape(-1, 3)
 
 
-def _fitted(direction: Float64Array, places: Float64Array, areas: Float64Array) -> Float64Array:
+def _fit_wall_normal(direction: Float64Array, places: Float64Array, areas: Float64Array) -> Float64Array:
     """The horizontal normal (3,) of the wall through ``places`` (n, 3), which rough normals tell to degrees alone.
 
     ``direction`` stays where the places make no wall: few of them, or as deep as wide.
@@ -199,12 +199,12 @@ def _fitted(direction: Float64Array, places: Float64Array, areas: Float64Array) 
     values, vectors = np.linalg.eigh((flat * areas[:, None]).T @ flat)
     normal = np.append(vectors[:, 0], 0.0)
     normal = normal if normal @ direction > 0 else -normal
-    if values[0] > _WALL_RATIO * values[1] or normal @ direction < np.cos(np.radians(_DIRECTION_DEG)):
+    if values[0] > _WALL_VARIANCE_RATIO * values[1] or normal @ direction < np.cos(np.radians(_DIRECTION_DEG)):
         return direction
     return normal
 
 
-def _planes(offset_m: Float64Array, areas: Float64Array, least_m2: float) -> Int64Array:
+def _label_planes(offset_m: Float64Array, areas: Float64Array, least_m2: float) -> Int64Array:
     """Number (n,) of the plane nearest to each triangle of one direction, by its offset along that direction.
 
     A plane is a peak of the area within half a metre, of ``least_m2`` or more (the largest peak of any), that falls to
@@ -212,9 +212,9 @@ def _planes(offset_m: Float64Array, areas: Float64Array, least_m2: float) -> Int
     """
     order = np.argsort(offset_m, kind="stable")
     offset, summed = offset_m[order], np.concatenate([[0.0], np.cumsum(areas[order])])
-    places = np.arange(offset[0] - _PLANE_M, offset[-1] + _PLANE_M + _GRID_M, _GRID_M)
-    low = np.searchsorted(offset, places - _PLANE_M / 2)
-    high = np.searchsorted(offset, places + _PLANE_M / 2, side="right")
+    places = np.arange(offset[0] - _PLANE_DEPTH_M, offset[-1] + _PLANE_DEPTH_M + _GRID_M, _GRID_M)
+    low = np.searchsorted(offset, places - _PLANE_DEPTH_M / 2)
+    high = np.searchsorted(offset, places + _PLANE_DEPTH_M / 2, side="right")
     area = summed[high] - summed[low]
     peaks, _ = find_peaks(area)
     depth = peak_prominences(area, peaks)[0]

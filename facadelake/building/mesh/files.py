@@ -16,12 +16,12 @@ from facadelake.core.errors import ModelError
 _log = logging.getLogger(__name__)
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb", ".gltf")
-_STEP_MAX_M = 0.001  # coordinates kept more coarsely than this move walls by what registration measures
-_MANY_VERTICES = 100  # so many coordinates are not all on the grid of float32 by chance
-_LARGEST_M = 5_000.0
-_SMALLEST_M = 1.0
-_MOST_TRIANGLES = 20_000_000
-_FLAT_M2 = 1e-10
+_MAX_SPACING_M = 0.001  # coordinates kept more coarsely than this move walls by what registration measures
+_MIN_VERTICES = 100  # so many coordinates are not all on the grid of float32 by chance
+_MAX_SIZE_M = 5_000.0
+_MIN_SIZE_M = 1.0
+_MAX_TRIANGLES = 20_000_000
+_MIN_TRIANGLE_M2 = 1e-10
 
 
 class MeshAxes(StrEnum):
@@ -35,12 +35,12 @@ class MeshAxes(StrEnum):
 class MeshFile:
     """``vertices_m`` (n, 3) float64, z up, in the file's own origin; ``triangles`` (m, 3) rows of vertices.
 
-    ``step_m`` is the coarsest step between the coordinates that the file's number format can hold.
+    ``resolution_m`` is the coarsest step between the coordinates that the file's number format can hold.
     """
 
     vertices_m: Float64Array
     triangles: Int64Array
-    step_m: float
+    resolution_m: float
 
 
 def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 1.0) -> MeshFile:
@@ -52,12 +52,12 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
     """
     if not path.is_file():
         raise ModelError(f"the mesh {path} does not exist; correct the registry's model")
-    vertices, triangles, step = _parts(path)
+    vertices, triangles, step = _load_parts(path)
     if len(triangles) == 0:
         raise ModelError(f"{path.name} holds no triangles (a point cloud?); export a mesh with faces")
-    if len(triangles) > _MOST_TRIANGLES:
+    if len(triangles) > _MAX_TRIANGLES:
         raise ModelError(
-            f"{path.name} has {len(triangles):,} triangles, more than {_MOST_TRIANGLES:,}; reduce the mesh (decimate), "
+            f"{path.name} has {len(triangles):,} triangles, more than {_MAX_TRIANGLES:,}; reduce the mesh (decimate), "
             "or cut it down to the building"
         )
     used, renumbered = np.unique(triangles, return_inverse=True)
@@ -68,13 +68,13 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
             f"{path.name}: {int(bad.sum())} of {len(vertices)} vertices are not numbers (NaN or infinite); "
             "repair the mesh, or export it anew"
         )
-    step_m = max(step, _float32_step(vertices) if len(vertices) > _MANY_VERTICES else 0.0) * unit_m
+    step_m = max(step, _detect_float32_spacing(vertices) if len(vertices) > _MIN_VERTICES else 0.0) * unit_m
     vertices = vertices * unit_m
-    _refuse_absurd_size(path, vertices, unit_m)
-    if step_m > _STEP_MAX_M:
+    _check_size(path, vertices, unit_m)
+    if step_m > _MAX_SPACING_M:
         raise ModelError(
             f"{path.name} keeps its coordinates as 32-bit numbers, which at {np.abs(vertices).max():,.0f} m come in "
-            f"steps of {1000 * step_m:.0f} mm (limit {1000 * _STEP_MAX_M:.0f} mm): the mesh's detail is gone; export "
+            f"steps of {1000 * step_m:.0f} mm (limit {1000 * _MAX_SPACING_M:.0f} mm): the mesh's detail is gone; export "
             "it with an offset (coordinates near zero) and give that as the registry's crs.offset_file or "
             "crs.placement, or as OBJ or double-precision PLY with all digits"
         )
@@ -83,14 +83,14 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
         vertices = vertices[:, [0, 2, 1]] * np.array([1.0, -1.0, 1.0])
     corners = vertices[triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    if not (area > _FLAT_M2).any():
+    if not (area > _MIN_TRIANGLE_M2).any():
         raise ModelError(f"{path.name}: all {len(triangles)} triangles are without area; export the mesh anew")
-    triangles = triangles[area > _FLAT_M2]
+    triangles = triangles[area > _MIN_TRIANGLE_M2]
     _log.info("%s: %d triangles", path.name, len(triangles))
-    return MeshFile(vertices_m=vertices, triangles=triangles, step_m=step_m)
+    return MeshFile(vertices_m=vertices, triangles=triangles, resolution_m=step_m)
 
 
-def _parts(path: Path) -> tuple[Float64Array, Int64Array, float]:
+def _load_parts(path: Path) -> tuple[Float64Array, Int64Array, float]:
     """Vertices and triangles of all parts in the file's unit, and the step of its numbers."""
     try:
         scene = trimesh.load_scene(path, process=False, maintain_order=True, skip_materials=True)
@@ -136,7 +136,7 @@ def _is_float32(path: Path) -> bool:
     return suffix in (".glb", ".gltf")
 
 
-def _float32_step(vertices: Float64Array) -> float:
+def _detect_float32_spacing(vertices: Float64Array) -> float:
     """The step of 32-bit numbers along the axes on which all coordinates are such numbers; 0 where on none.
 
     A program that held large coordinates in 32 bits has lost them, in however many digits it then wrote them.
@@ -146,11 +146,11 @@ def _float32_step(vertices: Float64Array) -> float:
     return float(np.where(narrow, np.spacing(largest), 0.0).max())
 
 
-def _refuse_absurd_size(path: Path, vertices: Float64Array, unit_m: float) -> None:
+def _check_size(path: Path, vertices: Float64Array, unit_m: float) -> None:
     size_m = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
-    if not _SMALLEST_M <= size_m <= _LARGEST_M:
+    if not _MIN_SIZE_M <= size_m <= _MAX_SIZE_M:
         raise ModelError(
-            f"{path.name} is {size_m:,.6g} m across (a building is {_SMALLEST_M:.0f} to {_LARGEST_M:,.0f} m) when its "
+            f"{path.name} is {size_m:,.6g} m across (a building is {_MIN_SIZE_M:.0f} to {_MAX_SIZE_M:,.0f} m) when its "
             f"unit is taken as {unit_m} m; give the registry's crs.unit (metre, millimetre, foot, us_survey_foot), "
             "or cut the mesh down to the building"
         )

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pyproj
 
-from facadelake.building.mesh.facade_planes import elements_of_planes, facade_planes
+from facadelake.building.mesh.facade_planes import build_plane_elements, segment_facade_planes
 from facadelake.building.mesh.files import MeshAxes, read_mesh_file
 from facadelake.building.mesh.offset import MeshOffset, read_mesh_offset
 from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.map_placement import Georeference, MapPlacement, geo_from_map
 from facadelake.building.model_georeference.site_placement import utm_of
 from facadelake.building.model_georeference.vertical_datum import horizontal_and_vertical, vertical_named
-from facadelake.building.storeys import NamedFloor, StoreyLevel
+from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import GeoreferenceError
@@ -25,12 +25,12 @@ from facadelake.core.tables import table_from_rows
 from schemas.vocabulary import SurfaceKind
 
 _REGISTRY = "registry"
-_BORDER_DEG = 1.0  # how far outside a CRS's area of use a building may stand
-_ON_THE_MAP = MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0)
+_AREA_MARGIN_DEG = 1.0  # how far outside a CRS's area of use a building may stand
+_MAP_COORDINATES = MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class BareSettings:
+class MeshModelSettings:
     """What the registry says about a building that has no BIM.
 
     ``map_crs``: the projected CRS; ``vertical_datum``: "ellipsoidal" or a vertical CRS such as "EPSG:7837".
@@ -45,37 +45,37 @@ class BareSettings:
     origin: SiteOrigin | None = None
     axes: MeshAxes | None = None
     unit_m: float = 1.0
-    storeys: Sequence[NamedFloor] = ()
+    storeys: Sequence[StoreyElevation] = ()
 
 
-def load_mesh_building(path: Path, *, settings: BareSettings) -> BuildingModel:
+def load_mesh_building(path: Path, *, settings: MeshModelSettings) -> BuildingModel:
     """The building whose surface is the mesh at ``path``, every vertex mesh -> map -> EPSG:4979 -> site in float64.
 
     Raises ModelError for a mesh that cannot be used, GeoreferenceError where its place is not said or impossible.
     """
     offset = read_mesh_offset(settings.offset_file) if settings.offset_file else None
-    horizontal, vertical = _datum(settings, offset)
+    horizontal, vertical = _resolve_crs(settings, offset)
     mesh = read_mesh_file(path, axes=settings.axes, unit_m=settings.unit_m)
     georeference = Georeference(
-        placement=settings.placement or (_placement(offset, horizontal) if offset else _ON_THE_MAP),
+        placement=settings.placement or (_placement_from_offset(offset, horizontal) if offset else _MAP_COORDINATES),
         map_crs=horizontal,
         vertical_datum=vertical,
         level=_REGISTRY,
-        remarks=_remarks(settings, offset, horizontal),
+        remarks=_describe_placement(settings, offset, horizontal),
     )
     middle = (mesh.vertices_m.min(axis=0) + mesh.vertices_m.max(axis=0)) / 2
-    geo = _on_the_map(path, georeference, middle)
-    place = _place(settings.origin or _rounded(geo), georeference, settings)
-    return with_surface(
+    geo = _locate_mesh(path, georeference, middle)
+    place = _create_building(settings.origin or _round_origin(geo), georeference, settings)
+    return attach_surface(
         replace(place, surface_kind=SurfaceKind.MESH),
         place.origin.site_from_geo(georeference.geo_from_ifc(mesh.vertices_m)),
         mesh.triangles,
     )
 
 
-def place_without_model(lon_lat_deg: Float64Array, *, settings: BareSettings) -> BuildingModel:
+def place_building_without_model(lon_lat_deg: Float64Array, *, settings: MeshModelSettings) -> BuildingModel:
     """The place of a building of which nothing is known but its photographs, taken at ``lon_lat_deg`` (n, 2; NaN where
-    a photograph does not say); its surface is still to be made (``with_surface``).
+    a photograph does not say); its surface is still to be made (``attach_surface``).
 
     The CRS is the registry's, else the UTM zone of WGS 84. Raises GeoreferenceError where neither the photographs nor
     the registry says where the building stands, or the registry does not say what heights refer to.
@@ -87,21 +87,21 @@ def place_without_model(lon_lat_deg: Float64Array, *, settings: BareSettings) ->
             "building has no place; give the registry's crs.origin (lon_deg, lat_deg, height_ellipsoidal_m)"
         )
     # The height only keeps site coordinates small; GPS heights may be off by the geoid, so none is taken from them.
-    origin = settings.origin or _rounded(np.append(np.median(known, axis=0), 0.0))
+    origin = settings.origin or _round_origin(np.append(np.median(known, axis=0), 0.0))
     own = settings if settings.map_crs else replace(settings, map_crs=utm_of(origin.lon_deg, origin.lat_deg))
-    horizontal, vertical = _datum(own, None)
+    horizontal, vertical = _resolve_crs(own, None)
     georeference = Georeference(
-        placement=_ON_THE_MAP,
+        placement=_MAP_COORDINATES,
         map_crs=horizontal,
         vertical_datum=vertical,
         level=_REGISTRY,
         remarks="no model: the surface is the campaign's own tie points"
         + ("" if settings.map_crs else f"; {horizontal} is the UTM zone of the photographs' GPS"),
     )
-    return replace(_place(origin, georeference, settings), surface_kind=SurfaceKind.AS_BUILT)
+    return replace(_create_building(origin, georeference, settings), surface_kind=SurfaceKind.AS_BUILT)
 
 
-def with_surface(
+def attach_surface(
     place: BuildingModel,
     vertices_site_m: Float64Array,
     triangles: Int64Array,
@@ -110,18 +110,18 @@ def with_surface(
 ) -> BuildingModel:
     """``place`` with a mesh (n, 3), (m, 3) in site as its surface, cut into facade planes that stand for elements."""
     surface = Surface.from_mesh(vertices_site_m, triangles)
-    planes = facade_planes(surface)
+    planes = segment_facade_planes(surface)
     return replace(
         place,
         vertices_site_m=surface.vertices_site_m,
         triangles=surface.triangles,
         element_of_triangle=planes.plane_of_triangle,
-        elements=elements_of_planes(planes, surface, place.origin, place.storeys),
+        elements=build_plane_elements(planes, surface, place.origin, place.storeys),
         surface_sigma_m=surface_sigma_m,
     )
 
 
-def _datum(settings: BareSettings, offset: MeshOffset | None) -> tuple[str, str]:
+def _resolve_crs(settings: MeshModelSettings, offset: MeshOffset | None) -> tuple[str, str]:
     """The projected CRS and the vertical datum, each from the registry, the CRS also from the offset file."""
     named = settings.map_crs or (offset.crs if offset else None)
     if named is None:
@@ -138,7 +138,7 @@ def _datum(settings: BareSettings, offset: MeshOffset | None) -> tuple[str, str]
     return horizontal, vertical
 
 
-def _placement(offset: MeshOffset, horizontal: str) -> MapPlacement:
+def _placement_from_offset(offset: MeshOffset, horizontal: str) -> MapPlacement:
     unit_m = float(promote_to_3d(horizontal).axis_info[0].unit_conversion_factor)
     if abs(unit_m - 1.0) > 1e-9:
         raise GeoreferenceError(
@@ -148,7 +148,7 @@ def _placement(offset: MeshOffset, horizontal: str) -> MapPlacement:
     return MapPlacement(east_m=offset.east_m, north_m=offset.north_m, height_m=offset.height_m)
 
 
-def _on_the_map(path: Path, georeference: Georeference, middle_m: Float64Array) -> Float64Array:
+def _locate_mesh(path: Path, georeference: Georeference, middle_m: Float64Array) -> Float64Array:
     """The mesh's middle in EPSG:4979 (3,). Raises GeoreferenceError where its CRS is not in use there."""
     crs = georeference.map_crs
     area = pyproj.CRS.from_user_input(crs).area_of_use
@@ -156,8 +156,8 @@ def _on_the_map(path: Path, georeference: Georeference, middle_m: Float64Array) 
     try:
         geo: Float64Array = georeference.geo_from_ifc(middle_m[None])[0]
         inside = area is None or (
-            (geo[0] - area.west + _BORDER_DEG) % 360 <= (area.east - area.west) % 360 + 2 * _BORDER_DEG
-            and area.south - _BORDER_DEG <= geo[1] <= area.north + _BORDER_DEG
+            (geo[0] - area.west + _AREA_MARGIN_DEG) % 360 <= (area.east - area.west) % 360 + 2 * _AREA_MARGIN_DEG
+            and area.south - _AREA_MARGIN_DEG <= geo[1] <= area.north + _AREA_MARGIN_DEG
         )
     except GeoreferenceError as error:
         if "domain" not in str(error):
@@ -173,7 +173,7 @@ def _on_the_map(path: Path, georeference: Georeference, middle_m: Float64Array) 
     return geo
 
 
-def _remarks(settings: BareSettings, offset: MeshOffset | None, horizontal: str) -> str:
+def _describe_placement(settings: MeshModelSettings, offset: MeshOffset | None, horizontal: str) -> str:
     if settings.placement is not None:
         return "the mesh's place is the registry's crs.placement"
     if offset is None:
@@ -183,7 +183,7 @@ def _remarks(settings: BareSettings, offset: MeshOffset | None, horizontal: str)
     return f"{said} m by its offset file{other}"
 
 
-def _place(origin: SiteOrigin, georeference: Georeference, settings: BareSettings) -> BuildingModel:
+def _create_building(origin: SiteOrigin, georeference: Georeference, settings: MeshModelSettings) -> BuildingModel:
     bare = BuildingModel(
         origin=origin,
         map_crs=georeference.map_crs,
@@ -195,10 +195,10 @@ def _place(origin: SiteOrigin, georeference: Georeference, settings: BareSetting
         element_of_triangle=np.zeros(0, dtype=np.int64),
         elements=table_from_rows("elements", []),
     )
-    return replace(bare, storeys=_levels(bare, settings.storeys))
+    return replace(bare, storeys=_compute_storey_levels(bare, settings.storeys))
 
 
-def _levels(place: BuildingModel, storeys: Sequence[NamedFloor]) -> tuple[StoreyLevel, ...]:
+def _compute_storey_levels(place: BuildingModel, storeys: Sequence[StoreyElevation]) -> tuple[StoreyLevel, ...]:
     """The storeys' floors in site at the site's origin, from the lowest up."""
     east, north, _ = place.map_from_site(np.zeros((1, 3)))[0]
     levels = []
@@ -209,7 +209,7 @@ def _levels(place: BuildingModel, storeys: Sequence[NamedFloor]) -> tuple[Storey
     return tuple(levels)
 
 
-def _rounded(geo: Float64Array) -> SiteOrigin:
+def _round_origin(geo: Float64Array) -> SiteOrigin:
     """An origin near ``geo`` (lon_deg, lat_deg, height_ellipsoidal_m) that small changes of it do not move."""
     lon, lat, height = (float(value) for value in geo)
     return SiteOrigin(lon_deg=round(lon, 3), lat_deg=round(lat, 3), height_ellipsoidal_m=round(height, -1))

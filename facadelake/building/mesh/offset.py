@@ -38,31 +38,31 @@ def read_mesh_offset(path: Path) -> MeshOffset:
         raise GeoreferenceError(
             f"the offset file {path} cannot be read ({error}); correct the registry's crs.offset_file"
         ) from error
-    crs, values = _of_xml(text) if text.lstrip().startswith("<") else _of_lines(text)
+    crs, values = _parse_xml(text) if text.lstrip().startswith("<") else _parse_text(text)
     if len(values) not in (2, 3):
         raise GeoreferenceError(
             f"{path.name} says no offset: a line with east and north (and height) is wanted, such as '432000 5422000', "
             "below at most one line with the CRS; give the registry's crs.placement (east_m, north_m, height_m) instead"
         )
     east, north, height = (*values, 0.0)[:3]
-    return MeshOffset(east_m=east, north_m=north, height_m=height, crs=_crs_named(crs, path) if crs else None)
+    return MeshOffset(east_m=east, north_m=north, height_m=height, crs=_parse_crs(crs, path) if crs else None)
 
 
-def _of_lines(text: str) -> tuple[str, list[float]]:
+def _parse_text(text: str) -> tuple[str, list[float]]:
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    crs = lines.pop(0) if lines and not _numbers(lines[0]) else ""
-    return crs, _numbers(lines[0]) if lines else []
+    crs = lines.pop(0) if lines and not _parse_numbers(lines[0]) else ""
+    return crs, _parse_numbers(lines[0]) if lines else []
 
 
-def _of_xml(text: str) -> tuple[str, list[float]]:
+def _parse_xml(text: str) -> tuple[str, list[float]]:
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError:
         return "", []
-    return (root.findtext("SRS") or "").strip(), _numbers(root.findtext("SRSOrigin") or "")
+    return (root.findtext("SRS") or "").strip(), _parse_numbers(root.findtext("SRSOrigin") or "")
 
 
-def _numbers(line: str) -> list[float]:
+def _parse_numbers(line: str) -> list[float]:
     """The numbers of a line that holds nothing else; empty otherwise."""
     try:
         return [float(word) for word in re.split(r"[\s,;]+", line.strip())]
@@ -70,7 +70,7 @@ def _numbers(line: str) -> list[float]:
         return []
 
 
-def _crs_named(words: str, path: Path) -> str:
+def _parse_crs(words: str, path: Path) -> str:
     utm = _UTM.match(words)
     if utm:
         return f"EPSG:{326 if utm[2].upper() == 'N' else 327}{int(utm[1]):02d}"

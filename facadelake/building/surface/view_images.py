@@ -16,7 +16,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.building.targets import target_elements
+from facadelake.building.targets import mask_target_elements
 from facadelake.core.arrays import BoolArray, Float32Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
@@ -59,7 +59,7 @@ def render_view_images(posed: PosedCamera, surface: Surface, elements: pa.Table,
     if not 0 < scale <= 1:
         raise InputDataError(f"the scale of a view is {scale}; it must be above 0 and at most 1")
     depth, element = surface.depth_image(posed, scale)
-    is_target = np.append(target_elements(elements), False)  # the last answers for MISS
+    is_target = np.append(mask_target_elements(elements), False)  # the last answers for MISS
     return ViewImages(
         depth_m=depth.astype(np.float32),
         element=element.astype(np.int32),

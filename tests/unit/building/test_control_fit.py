@@ -5,7 +5,7 @@ import pyproj
 import pytest
 
 from facadelake.building.ifc.load import load_building
-from facadelake.building.model import ModelSettings
+from facadelake.building.model import IfcModelSettings
 from facadelake.building.model_georeference.control_pairs import ControlPair, placed_by
 from facadelake.core.errors import GeoreferenceError
 from tests.unit.building.conftest import Box, Ifc
@@ -32,7 +32,7 @@ def turned(corners):
 @pytest.mark.parametrize("count", [2, 3, 6])
 def test_pairs_place_the_model_in_true_metres(write_ifc, count):
     box = Box(size_m=(24.0, 11.0, 9.0))
-    settings = ModelSettings(
+    settings = IfcModelSettings(
         map_crs="EPSG:25832", vertical_datum="ellipsoidal", control=tuple(pairs_of(CORNERS[:count]))
     )
     building = load_building(write_ifc(Ifc(boxes=[box], milli=True)), settings=settings)

@@ -11,11 +11,11 @@ import shapely
 import trimesh
 
 from facadelake.building.facades.directions import Facades
-from facadelake.building.facades.openness import COMPASS, compass_of, open_sides_of
+from facadelake.building.facades.openness import COMPASS, compass_from_direction, find_open_sides
 from facadelake.building.ifc.elements import facades_of
 from facadelake.building.ifc.load import load_building
 from facadelake.building.ifc.meshes import meshes_of, open_ifc
-from facadelake.building.model import ModelSettings
+from facadelake.building.model import IfcModelSettings
 from facadelake.building.surface.raycasting import Surface
 from tests.unit.building.conftest import Box, Ifc
 
@@ -37,7 +37,7 @@ ROOM = (
 
 
 def elements_of(path, **settings):
-    table = load_building(path, settings=ModelSettings(**settings)).elements
+    table = load_building(path, settings=IfcModelSettings(**settings)).elements
     return {row["element_name"]: row for row in table.to_pylist()}
 
 
@@ -55,7 +55,7 @@ def test_storeys_by_containment_else_by_level(write_ifc):
 
 
 def test_areas_and_footprints_have_the_sizes_of_the_boxes(write_ifc):
-    building = load_building(write_ifc(Ifc(boxes=ROOM[:1], milli=True, **PLACED)), settings=ModelSettings())
+    building = load_building(write_ifc(Ifc(boxes=ROOM[:1], milli=True, **PLACED)), settings=IfcModelSettings())
     row = building.elements.to_pylist()[0]
     np.testing.assert_allclose(row["surface_area_m2"], 2 * (6 * 0.3 + 6 * 3 + 0.3 * 3), rtol=1e-3)  # grid factor
     outline = shapely.from_wkb(row["geometry"])
@@ -102,7 +102,7 @@ def test_materials_and_is_external(write_ifc):
      ([-1, 1, 0], "NW"), ([0, 0, 1], "level"), ([0.3, 0, -1], "level"), ([-0.01, 1, 0], "N")],
 )  # fmt: skip
 def test_compass(direction, name):
-    assert compass_of(np.array(direction, dtype=float)) == name
+    assert compass_from_direction(np.array(direction, dtype=float)) == name
 
 
 def test_a_return_does_not_turn_its_wall():
@@ -121,9 +121,9 @@ def test_a_return_does_not_turn_its_wall():
     surface = Surface.from_mesh(
         np.vstack([wall, side, turned]), np.vstack([square, square + 4, block.faces + 8]), owner
     )
-    assert (compass_of(out), compass_of(out - 0.6 * aside)) == ("SE", "S")
-    sides = open_sides_of(surface, owner, 2)
-    assert sides.words[0] == "around"
+    assert (compass_from_direction(out), compass_from_direction(out - 0.6 * aside)) == ("SE", "S")
+    sides = find_open_sides(surface, owner, 2)
+    assert sides.labels[0] == "around"
     np.testing.assert_allclose(sides.azimuth_deg[0], 156.0, rtol=0, atol=0.01)  # deg
     straight = Surface.from_mesh(np.vstack([wall, turned]), np.vstack([square, block.faces + 4]), owner[2:])
     facade = facades_of(straight, owner[2:], 2)[0]
@@ -145,4 +145,4 @@ def test_a_return_does_not_turn_its_wall():
 )
 def test_the_facade_a_place_is_counted_with(element, normal, seen):
     facades = Facades(names=COMPASS, azimuths_deg=tuple(45.0 * number for number in range(8)))
-    assert facades.seen(element, np.array(normal, dtype=float)) == seen
+    assert facades.assign_facade(element, np.array(normal, dtype=float)) == seen

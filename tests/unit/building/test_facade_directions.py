@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from facadelake.building.facades.directions import Facades, directions_of, facades_in, names_of, turn_deg
+from facadelake.building.facades.directions import (
+    Facades,
+    cluster_directions,
+    collect_facades,
+    measure_turn_deg,
+    name_facades,
+)
 from facadelake.core.tables import table_from_rows
 
 
@@ -17,38 +23,38 @@ def test_a_rectangular_building_has_four_facades_however_it_stands(turn):
     """At 22.5 degrees the compass's sectors end; walls that differ by a degree stay one facade."""
     noise = np.random.default_rng(7).normal(0.0, 0.5, 40)
     azimuth = (turn + 90.0 * (np.arange(40) % 4) + noise) % 360.0
-    found = directions_of(azimuth, np.full(40, 12.0))
+    found = cluster_directions(azimuth, np.full(40, 12.0))
     assert len(found) == 4
     for side in range(4):
-        assert turn_deg(found, turn + 90.0 * side).min() < 0.6  # deg: the mean of ten walls of 0.5
-    assert len(set(names_of(found))) == 4
+        assert measure_turn_deg(found, turn + 90.0 * side).min() < 0.6  # deg: the mean of ten walls of 0.5
+    assert len(set(name_facades(found))) == 4
 
 
 def test_two_wings_of_one_compass_point_have_names_of_their_own():
     azimuth = np.array([350.0, 350.2, 10.0, 9.8, 180.0])
-    found = directions_of(azimuth, np.array([50.0, 50.0, 40.0, 40.0, 90.0]))
+    found = cluster_directions(azimuth, np.array([50.0, 50.0, 40.0, 40.0, 90.0]))
     # 20 degrees is one facade, so the wings of this building turn by more.
     assert len(found) == 2
     azimuth[2:4] += 6.0
-    names = names_of(directions_of(azimuth, np.array([50.0, 50.0, 40.0, 40.0, 90.0])))
+    names = name_facades(cluster_directions(azimuth, np.array([50.0, 50.0, 40.0, 40.0, 90.0])))
     assert set(names) == {"N-350", "N-016", "S"}
 
 
 def test_a_return_of_little_area_falls_to_its_facade_and_a_small_side_stays():
     azimuth = np.array([0.0, 30.0, 180.0, 90.0])
-    found = directions_of(azimuth, np.array([1000.0, 5.0, 1000.0, 5.0]))
+    found = cluster_directions(azimuth, np.array([1000.0, 5.0, 1000.0, 5.0]))
     assert sorted(np.round(found).tolist()) == [0.0, 90.0, 180.0]
 
 
 def test_directions_are_weighted_by_area_and_close_the_circle():
-    found = directions_of(np.array([358.0, 4.0]), np.array([3.0, 1.0]))
+    found = cluster_directions(np.array([358.0, 4.0]), np.array([3.0, 1.0]))
     np.testing.assert_allclose(found, [359.5], rtol=0, atol=0.05)  # deg
-    assert names_of(found) == ("N",)
+    assert name_facades(found) == ("N",)
 
 
 def test_no_walls_no_facades():
-    assert len(directions_of(np.zeros(0), np.zeros(0))) == 0
-    assert Facades(names=(), azimuths_deg=()).facing(facing(170.0)) == "S"
+    assert len(cluster_directions(np.zeros(0), np.zeros(0))) == 0
+    assert Facades(names=(), azimuths_deg=()).find_facade(facing(170.0)) == "S"
 
 
 @pytest.mark.parametrize(
@@ -66,7 +72,7 @@ def test_no_walls_no_facades():
 )
 def test_the_facade_of_a_place(element, normal, seen):
     facades = Facades(names=("N-350", "N-016", "S"), azimuths_deg=(350.0, 16.0, 180.0))
-    assert facades.seen(element, normal) == seen
+    assert facades.assign_facade(element, normal) == seen
 
 
 def test_the_facades_of_a_table_of_elements():
@@ -76,5 +82,5 @@ def test_the_facades_of_a_table_of_elements():
         known | {"element_guid": "b", "facade": "E"},  # written before facades had azimuths
         known | {"element_guid": "c", "facade": "around"},
     ]
-    facades = facades_in(table_from_rows("elements", rows))
+    facades = collect_facades(table_from_rows("elements", rows))
     assert dict(zip(facades.names, facades.azimuths_deg, strict=True)) == {"N-350": 350.4, "E": 90.0}

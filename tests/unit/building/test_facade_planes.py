@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from facadelake.building.mesh.facade_planes import elements_of_planes, facade_planes
+from facadelake.building.mesh.facade_planes import build_plane_elements, segment_facade_planes
 from facadelake.building.storeys import StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.geodesy import SiteOrigin
@@ -58,7 +58,7 @@ EXPECTED_M2 = {
 @pytest.mark.parametrize(("step_m", "noise_m", "allowed"), [(100.0, 0.0, 1e-9), (0.5, 0.0, 1e-9), (0.25, 0.02, 0.06)])
 def test_walls_of_a_house_coarse_fine_and_rough(step_m: float, noise_m: float, allowed: float) -> None:
     surface = mesh(*house(step_m), noise_m=noise_m)
-    planes = facade_planes(surface)
+    planes = segment_facade_planes(surface)
     area = np.bincount(planes.plane_of_triangle, weights=surface.areas_m2)
     found = dict(zip(planes.names, area, strict=True))
     assert {name for name in found if found[name] > 1.0} == set(EXPECTED_M2)
@@ -73,7 +73,7 @@ def test_what_looks_near_a_border_of_the_compass_is_named_by_the_wall_and_not_by
     """22.5 degrees part N from NE; the roughness of normals alone is ten times the margin of 0.5 degrees."""
     for turn, name in ((22.0, "facade-S-1"), (23.0, "facade-SW-1")):
         surface = mesh(grid([0, 0, 0], [20, 0, 0], [0, 0, 6], 0.25), noise_m=0.03, turn_deg=turn)
-        assert facade_planes(surface).names[0] == name
+        assert segment_facade_planes(surface).names[0] == name
 
 
 def test_a_wall_that_is_wound_the_wrong_way_faces_the_open_side_all_the_same() -> None:
@@ -85,7 +85,7 @@ def test_a_wall_that_is_wound_the_wrong_way_faces_the_open_side_all_the_same() -
         grid([0, 10, 0], [20, 0, 0], [0, -10, 0], 100.0),  # a ground, so that the inside is closed
         grid([0, 0, 6], [20, 0, 0], [0, 10, 0], 100.0),
     ]
-    names = set(facade_planes(mesh(*walls)).names)
+    names = set(segment_facade_planes(mesh(*walls)).names)
     assert "facade-S-1" in names and "facade-N-2" not in names
 
 
@@ -100,7 +100,7 @@ def test_reveals_join_their_wall_and_rooms_are_inside() -> None:
     ]  # fmt: skip
     room = [grid([15, 3, 1], [0, 4, 0], [0, 0, 3]), grid([5, 7, 1], [0, -4, 0], [0, 0, 3])]
     surface = mesh(*wall, *room)
-    planes = facade_planes(surface)
+    planes = segment_facade_planes(surface)
     area = dict(zip(planes.names, np.bincount(planes.plane_of_triangle, weights=surface.areas_m2), strict=True))
     # m2: the niche's back counts with the wall, and its sides may, with the triangles at their corners.
     assert 20 * 6 - 1e-6 < area["facade-S-1"] < 20 * 6 + 2 * 0.3 * 6 + 2
@@ -109,9 +109,9 @@ def test_reveals_join_their_wall_and_rooms_are_inside() -> None:
 
 def test_elements_say_what_they_are_and_where() -> None:
     surface = mesh(*house())
-    planes = facade_planes(surface)
+    planes = segment_facade_planes(surface)
     floors = (StoreyLevel(name="Ground floor", floor_site_m=0.0), StoreyLevel(name="Attic", floor_site_m=6.0))
-    rows = {row["element_guid"]: row for row in elements_of_planes(planes, surface, ORIGIN, floors).to_pylist()}
+    rows = {row["element_guid"]: row for row in build_plane_elements(planes, surface, ORIGIN, floors).to_pylist()}
     assert rows["facade-S-1"]["storey"] == "Ground floor" and rows["facade-S-2"]["storey"] == "Attic"
     assert rows["level-1"]["storey"] is None and rows["level-1"]["facade"] == "level"
     assert sum(row["triangles"] for row in rows.values()) == len(surface.triangles)

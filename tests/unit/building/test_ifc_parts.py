@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from facadelake.building.ifc.load import load_building
-from facadelake.building.model import ModelSettings
-from facadelake.building.storeys import NamedFloor
+from facadelake.building.model import IfcModelSettings
+from facadelake.building.storeys import StoreyElevation
 from facadelake.core.errors import ModelError
 from tests.unit.building.conftest import Box, Ifc
 
 SCHEMAS = ("IFC2X3", "IFC4", "IFC4X3")
 CRS = {"Name": "EPSG:25832", "VerticalDatum": "ellipsoidal"}
-PLACED = ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal")
+PLACED = IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal")
 HERE = {"conversion": {"Eastings": 456639.0, "Northings": 5421033.0, "OrthogonalHeight": 178.0}, "crs": CRS}
 FAR = (456639.0, 5421033.0, 178.0)
 
@@ -240,8 +240,8 @@ def test_a_model_without_storeys_has_none(house, schema):
 def test_the_registrys_storeys_stand_in_for_those_an_ifc_lacks(house):
     edit = house("IFC4", Box(name="low"), Box(name="high", corner_m=(0.0, 0.0, 3.2)))
     without_storeys(edit)
-    floors = (NamedFloor(name="Upper", floor_m=181.2), NamedFloor(name="Ground", floor_m=178.0))
-    rows = edit.rows(ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", floors=floors))
+    floors = (StoreyElevation(name="Upper", floor_m=181.2), StoreyElevation(name="Ground", floor_m=178.0))
+    rows = edit.rows(IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", storeys=floors))
     assert {name: (row["storey"], row["storey_source"]) for name, row in rows.items()} == {
         "low": ("Ground", "elevation"), "high": ("Upper", "elevation"),
     }  # fmt: skip
@@ -281,14 +281,14 @@ def test_several_buildings_in_a_file(house, schema):
     # By elevation alone it is its own building's storey, not one of the other's at the same height.
     assert rows["roof of theirs"]["storey"] == "Their floor"
     assert "the IFC has 2 buildings" in edit.building.remarks
-    ours = ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", building="building")
+    ours = IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", building="building")
     rows = edit.rows(ours)
     assert set(rows) == {"ours"}
     assert "'building' alone was taken" in edit.building.remarks
     assert {storey.name for storey in edit.building.storeys} == {"Ground floor", "First floor"}
     with pytest.raises(ModelError, match=r"model_building 'nobody' names 0 .* it has 'building' \(.*'neighbour'"):
         load_building(
-            edit.path, settings=ModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", building="nobody")
+            edit.path, settings=IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", building="nobody")
         )
 
 
@@ -304,4 +304,4 @@ def test_elements_left_far_away_are_left_out_and_named(house):
 @pytest.mark.parametrize(("size", "text"), [((4000.0, 300.0, 3000.0), "3e"), ((0.004, 0.0003, 0.003), "0.003")])
 def test_a_building_of_impossible_size_has_a_wrong_unit(write_ifc, size, text):
     with pytest.raises(ModelError, match=rf"{text}.* m high, which no building is; its length unit"):
-        load_building(write_ifc(Ifc(boxes=[Box(size_m=size)], **HERE)), settings=ModelSettings())
+        load_building(write_ifc(Ifc(boxes=[Box(size_m=size)], **HERE)), settings=IfcModelSettings())

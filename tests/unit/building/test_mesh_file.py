@@ -10,11 +10,11 @@ import pyproj
 import pytest
 
 from facadelake.building.mesh.files import MeshAxes, read_mesh_file
-from facadelake.building.mesh.load import BareSettings, load_mesh_building, place_without_model
+from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building, place_building_without_model
 from facadelake.building.mesh.offset import read_mesh_offset
 from facadelake.building.model import BuildingModel, read_building
 from facadelake.building.model_georeference.map_placement import MapPlacement
-from facadelake.building.storeys import NamedFloor, storey_at
+from facadelake.building.storeys import StoreyElevation, find_storey
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import GeoreferenceError, ModelError
 from facadelake.core.geodesy import SiteOrigin
@@ -27,7 +27,7 @@ TRIANGLES = np.array(
     [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
      [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7]]
 )  # fmt: skip
-SETTINGS = BareSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal")
+SETTINGS = MeshModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal")
 LOCAL = replace(SETTINGS, placement=MapPlacement(east_m=CORNER[0], north_m=CORNER[1], height_m=CORNER[2]))
 OFFSET_TEXT = f"WGS84 UTM 32N\n{CORNER[0]} {CORNER[1]}\n"
 
@@ -145,7 +145,7 @@ def test_an_offset_file_beside_the_mesh_places_it_and_can_name_the_crs(tmp_path:
     by_registry = load_mesh_building(mesh, settings=replace(SETTINGS, offset_file=said))
     np.testing.assert_allclose(in_order(corners_on_the_map(by_registry)), in_order(box()), rtol=0, atol=0.001)  # m
     assert "EPSG:32632" in by_registry.remarks and "EPSG:25832" in by_registry.remarks
-    by_file = load_mesh_building(mesh, settings=BareSettings(vertical_datum="ellipsoidal", offset_file=said))
+    by_file = load_mesh_building(mesh, settings=MeshModelSettings(vertical_datum="ellipsoidal", offset_file=said))
     assert by_file.map_crs == "EPSG:32632"
 
 
@@ -250,7 +250,10 @@ def test_a_place_that_is_not_said_or_impossible(tmp_path: Path) -> None:
 
 
 def test_facades_stand_for_elements_and_storeys_come_from_the_registry(tmp_path: Path) -> None:
-    floors = [NamedFloor(name="First floor", floor_m=CORNER[2] + 4), NamedFloor(name="Ground floor", floor_m=CORNER[2])]
+    floors = [
+        StoreyElevation(name="First floor", floor_m=CORNER[2] + 4),
+        StoreyElevation(name="Ground floor", floor_m=CORNER[2]),
+    ]
     settings = replace(SETTINGS, storeys=floors)
     building = load_mesh_building(obj(tmp_path / "a.obj", box()), settings=settings)
     elements = {row["element_guid"]: row for row in building.elements.to_pylist()}
@@ -263,7 +266,7 @@ def test_facades_stand_for_elements_and_storeys_come_from_the_registry(tmp_path:
     assert abs(elements["level-1"]["surface_area_m2"] - 2 * 20 * 10) < 0.5  # m2
     assert [storey.name for storey in building.storeys] == ["Ground floor", "First floor"]
     top = building.vertices_site_m[:, 2].max()
-    assert storey_at(building.storeys, top - 3.9) == "First floor" and storey_at(building.storeys, top - 4.2) == (
+    assert find_storey(building.storeys, top - 3.9) == "First floor" and find_storey(building.storeys, top - 4.2) == (
         "Ground floor"
     )
     folder = tmp_path / "saved"
@@ -287,15 +290,15 @@ def test_a_ray_meets_the_mesh_where_the_box_is(tmp_path: Path) -> None:
 
 def test_a_building_without_model_stands_where_its_photographs_were_taken() -> None:
     lon_lat = np.array([[8.4081, 48.9402], [8.4083, 48.9405], [np.nan, np.nan], [8.4082, 48.9401]])
-    place = place_without_model(lon_lat, settings=BareSettings(vertical_datum="ellipsoidal"))
+    place = place_building_without_model(lon_lat, settings=MeshModelSettings(vertical_datum="ellipsoidal"))
     assert (place.map_crs, place.surface_kind, place.has_surface) == ("EPSG:32632", SurfaceKind.AS_BUILT, False)
     assert (place.origin.lon_deg, place.origin.lat_deg) == (8.408, 48.94)
     given = SiteOrigin(lon_deg=151.2, lat_deg=-33.9, height_ellipsoidal_m=20.0)
     nowhere = np.full((2, 2), np.nan)
-    assert place_without_model(
-        nowhere, settings=BareSettings(vertical_datum="ellipsoidal", origin=given)
+    assert place_building_without_model(
+        nowhere, settings=MeshModelSettings(vertical_datum="ellipsoidal", origin=given)
     ).map_crs == "EPSG:32756"  # fmt: skip
     with pytest.raises(GeoreferenceError, match=r"none of the 2 photographs .* crs.origin"):
-        place_without_model(nowhere, settings=BareSettings(vertical_datum="ellipsoidal"))
+        place_building_without_model(nowhere, settings=MeshModelSettings(vertical_datum="ellipsoidal"))
     with pytest.raises(GeoreferenceError, match=r"crs.vertical"):
-        place_without_model(lon_lat, settings=BareSettings())
+        place_building_without_model(lon_lat, settings=MeshModelSettings())

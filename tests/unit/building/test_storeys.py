@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from facadelake.building.ifc.load import load_building
-from facadelake.building.model import ModelSettings, read_building
-from facadelake.building.storeys import StoreyLevel, storey_at, storeys_of_places
+from facadelake.building.model import IfcModelSettings, read_building
+from facadelake.building.storeys import StoreyLevel, find_storey, find_storeys
 from tests.unit.building.conftest import Box, Ifc
 
 LEVELS = (
@@ -19,8 +19,8 @@ LEVELS = (
     ("z_m", "name"), [(-2.0, "Ground"), (1.0, "Ground"), (2.95, "First"), (5.0, "First"), (20, "Second")]
 )
 def test_storey_by_level(z_m, name):
-    assert storey_at(LEVELS, z_m) == name
-    assert storey_at((), z_m) == ""
+    assert find_storey(LEVELS, z_m) == name
+    assert find_storey((), z_m) == ""
 
 
 def test_a_curtain_wall_has_the_storey_of_the_place_and_a_parapet_its_own():
@@ -28,7 +28,7 @@ def test_a_curtain_wall_has_the_storey_of_the_place_and_a_parapet_its_own():
     extents = np.array([[0.0, 9.0], [6.0, 9.0], [2.7, 6.4], [0.0, 9.0]])  # curtain wall, wall, wall with parapet, stray
     element = np.array([0, 0, 0, 1, 2, 3])
     z = np.array([1.0, 4.0, 8.0, 6.0, 6.3, 4.0])
-    found = storeys_of_places(LEVELS, named, extents, element, z)
+    found = find_storeys(LEVELS, named, extents, element, z)
     assert found == ["Ground", "First", "Second", "Second", "First", None]
 
 
@@ -41,10 +41,10 @@ def test_a_model_keeps_its_storeys_levels(write_ifc, tmp_path):
             milli=True,
         )
     )
-    building = load_building(path, settings=ModelSettings())
+    building = load_building(path, settings=IfcModelSettings())
     assert [storey.name for storey in building.storeys] == ["Ground floor", "First floor"]
     levels = np.array([storey.floor_site_m for storey in building.storeys])
     np.testing.assert_allclose(levels, [-2.0, 1.0], rtol=0, atol=0.001)  # m: the origin lies at 180
-    np.testing.assert_allclose(building.extents_site_m(), [[-2.0, 4.0]], rtol=0, atol=0.001)  # m
+    np.testing.assert_allclose(building.compute_vertical_extents(), [[-2.0, 4.0]], rtol=0, atol=0.001)  # m
     building.save(tmp_path)
     assert read_building(tmp_path).storeys == building.storeys

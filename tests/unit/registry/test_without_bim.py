@@ -12,7 +12,7 @@ import trimesh
 import yaml
 
 from facadelake.building.model import read_building
-from facadelake.building.registered import bare_settings, read_registered_model
+from facadelake.building.registered import mesh_settings_from_registry, read_registered_model
 from facadelake.campaigns.preflight import AUTO, check_control, check_files
 from facadelake.core.errors import InputDataError
 from facadelake.registry import Building, read_portfolio
@@ -55,7 +55,7 @@ def test_what_a_mesh_is_told_reaches_geobim_and_paths_count_from_the_registry(tm
     (tmp_path / "mesh" / "coords.txt").write_text("WGS84 UTM 32N\n456600 5421000\n")
     crs = {**MESH, "offset_file": "mesh/coords.txt", "unit": "foot", "axes": "y-up"}
     building = registered(tmp_path, crs=crs, storeys=[{"name": "Ground floor", "floor_m": 178.5}])
-    settings = bare_settings(building)
+    settings = mesh_settings_from_registry(building)
     assert settings.offset_file == tmp_path / "mesh" / "coords.txt"
     assert (settings.unit_m, settings.axes, settings.map_crs) == (0.3048, "y-up", "EPSG:25832")
     assert [(storey.name, storey.floor_m) for storey in settings.storeys] == [("Ground floor", 178.5)]

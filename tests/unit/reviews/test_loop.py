@@ -108,11 +108,11 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     assert report.boxes == {"crack": {"stays": 0, "renamed": 0, "appears": 2, "vanishes": 2}}
     assert (report.wall, report.photographs_total) == (None, 2)
     assert "lost.ifc" in report.wall_remark
-    assert (report.parsed["confirmed"], report.parsed["confirmed_lost"]) == (1, 1)
+    assert (report.review_counts["confirmed"], report.review_counts["confirmed_lost"]) == (1, 1)
     assert [one.defect for one in report.lost] == ["defect-0000"]
     assert [path.name for path in worse.sheets] == ["vanishes.png", "appears.png", "lost.png"]
     better = compare_models(portfolio, blind, finds, [HERE], lake=lake, sample=1, folder=None)
-    assert better.comparison.parsed["confirmed_gained"] == 1
+    assert better.comparison.review_counts["confirmed_gained"] == 1
     assert better.comparison.lost == ()
 
     shelf = tmp_path / "shelf"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facadelake.building.mesh.load import BareSettings, place_without_model
+from facadelake.building.mesh.load import MeshModelSettings, place_building_without_model
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
@@ -124,9 +124,9 @@ def test_a_point_that_but_one_posed_photograph_saw_is_left_out(corner) -> None:
 
 def test_the_surface_is_the_building_cut_into_facades(corner) -> None:
     reconstruction, posed, _ = corner
-    place = place_without_model(
+    place = place_building_without_model(
         np.full((1, 2), np.nan),
-        settings=BareSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", origin=ORIGIN),
+        settings=MeshModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", origin=ORIGIN),
     )
     building = build_as_built_model(place, reconstruction, posed)
     assert building.surface_kind is SurfaceKind.AS_BUILT and building.has_surface
@@ -149,9 +149,9 @@ def test_roughness_is_the_noise_across_the_surface() -> None:
 
 def test_too_few_tie_points_are_an_error(corner) -> None:
     reconstruction, posed, _ = corner
-    place = place_without_model(
+    place = place_building_without_model(
         np.full((1, 2), np.nan),
-        settings=BareSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", origin=ORIGIN),
+        settings=MeshModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", origin=ORIGIN),
     )
     few = reconstruction.track_point < 30
     sparse = replace(
