@@ -60,7 +60,7 @@ def block(flight: Flight, rng: np.random.Generator) -> Reconstruction:
         posed = PosedCamera(camera=camera, site_from_cam=Similarity(rotation=rotation, translation=centre))
         near = np.flatnonzero((np.linalg.norm(xyz - centre, axis=1) < 25) & (((centre - xyz) * normal).sum(axis=1) > 1))
         xy = posed.project_site(xyz[near]) + rng.normal(0, KEYPOINT_NOISE_PX, (len(near), 2))
-        kept = np.isfinite(xy).all(axis=1) & camera.contains(xy) & (rng.random(len(near)) < FOUND_SHARE)
+        kept = np.isfinite(xy).all(axis=1) & camera.is_inside(xy) & (rng.random(len(near)) < FOUND_SHARE)
         track_photo.append(np.full(int(kept.sum()), k))
         track_point.append(near[kept])
         track_xy.append(xy[kept])

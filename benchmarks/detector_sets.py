@@ -159,7 +159,7 @@ def seen_area(
     height = round(camera.height_px * width / camera.width_px)
     columns = (np.arange(width) + 0.5) * camera.width_px / width
     rows = (np.arange(height) + 0.5) * camera.height_px / height
-    origins, directions = posed.rays_site(np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
+    origins, directions = posed.rays_site_from_img(np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
     hits = surface.cast(origins, directions)
     off_axis = directions @ posed.site_from_cam.rotation[:, 2]
     depth = hits.distance_m * off_axis

@@ -89,7 +89,7 @@ def _show(lake: object, every: bool) -> None:
     from facadelake.lake import read_stage_keys
 
     assert isinstance(lake, Path)
-    entries = open_stage_cache(lake).entries()
+    entries = open_stage_cache(lake).list_entries()
     if not entries:
         console.print(f"the cache of the lake {lake} is empty")
         return

@@ -52,7 +52,7 @@ def run_stage(
         (folder / DIAGNOSTICS / _COUNTS).write_text(json.dumps(counts))
 
     with Meter() as meter:
-        entry = job.cache.entry(stage, key, make_and_count)
+        entry = job.cache.get_or_make(stage, key, make_and_count)
     counts = json.loads((entry.folder / DIAGNOSTICS / _COUNTS).read_text())
     log.info(
         "%s %s: %s%s",

@@ -74,15 +74,15 @@ class StageCache:
 
     root: Path
 
-    def entry(self, stage: str, key: str, make: Callable[[Path], None]) -> CachedResult:
+    def get_or_make(self, stage: str, key: str, make: Callable[[Path], None]) -> CachedResult:
         """The entry of ``key``, made by ``make(folder)`` where it is missing or damaged; no two processes make it."""
         folder = self.root / stage / key
-        content = self._checked(folder)
+        content = self._verify(folder)
         if content is not None:
             return CachedResult(folder=folder, content_sha256=content, hit=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.parent / f".{key}.lock"):
-            content = self._checked(folder)
+            content = self._verify(folder)
             if content is not None:
                 return CachedResult(folder=folder, content_sha256=content, hit=True)
             _remove(folder)
@@ -98,7 +98,7 @@ class StageCache:
                 shutil.rmtree(part, ignore_errors=True)
         return CachedResult(folder=folder, content_sha256=content, hit=False)
 
-    def _checked(self, folder: Path) -> str | None:
+    def _verify(self, folder: Path) -> str | None:
         """The recorded hash of a whole entry, which counts as used now; None where there is none or it is damaged."""
         if not folder.is_dir():
             return None
@@ -110,11 +110,11 @@ class StageCache:
             os.utime(folder / MANIFEST)
         return str(_read_manifest(folder)["content_sha256"])
 
-    def entries(self) -> tuple[CacheEntry, ...]:
+    def list_entries(self) -> tuple[CacheEntry, ...]:
         """All whole-looking entries (their files are not read), by stage and key."""
-        return tuple(self._entries())
+        return tuple(self._walk_entries())
 
-    def _entries(self) -> Iterator[CacheEntry]:
+    def _walk_entries(self) -> Iterator[CacheEntry]:
         for path in sorted(self.root.glob(f"*/*/{MANIFEST}")):
             folder = path.parent
             if folder.name.startswith("."):
@@ -153,7 +153,7 @@ class StageCache:
         Entries that were used within the last day, or are locked by a run, stay. Folders of interrupted runs go with
         the same age, but an interrupted reconstruction that could go on only where ``older_than_s`` asks for it.
         """
-        entries = sorted(self.entries(), key=lambda entry: entry.used_at_s)
+        entries = sorted(self.list_entries(), key=lambda entry: entry.used_at_s)
         kept_bytes = sum(entry.size_bytes for entry in entries)
         removed, held, in_use = [], [], []
         for entry in entries:

@@ -47,7 +47,7 @@ class Camera:
         """``k1, k2, p1, p2`` in OpenCV's order."""
         return np.array([self.k1, self.k2, self.p1, self.p2])
 
-    def rays_cam(self, xy_img: Float64Array) -> Float64Array:
+    def rays_cam_from_img(self, xy_img: Float64Array) -> Float64Array:
         """Unit directions (n, 3) in ``cam`` of the pixels (n, 2), undistorted by iteration to 1e-10."""
         xy = np.asarray(xy_img, dtype=np.float64).reshape(-1, 1, 2)
         if len(xy) == 0:
@@ -72,7 +72,7 @@ class Camera:
             xy[in_front] = np.column_stack([self.fx_px * xd + self.cx_px, self.fy_px * yd + self.cy_px])
         return xy
 
-    def contains(self, xy_img: Float64Array) -> BoolArray:
+    def is_inside(self, xy_img: Float64Array) -> BoolArray:
         """Which of the pixels (n, 2) lie inside the photograph."""
         xy = np.asarray(xy_img, dtype=np.float64).reshape(-1, 2)
         return (xy[:, 0] >= 0) & (xy[:, 0] <= self.width_px) & (xy[:, 1] >= 0) & (xy[:, 1] <= self.height_px)
@@ -90,11 +90,11 @@ class PosedCamera:
         """The projection centre (3,) in site."""
         return self.site_from_cam.translation
 
-    def rays_site(self, xy_img: Float64Array) -> tuple[Float64Array, Float64Array]:
+    def rays_site_from_img(self, xy_img: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Origins (n, 3) and unit directions (n, 3) in site of the pixels (n, 2)."""
-        directions = self.site_from_cam.rotate(self.camera.rays_cam(xy_img))
+        directions = self.site_from_cam.rotate(self.camera.rays_cam_from_img(xy_img))
         return np.broadcast_to(self.centre_site_m, directions.shape).copy(), directions
 
     def project_site(self, xyz_site_m: Float64Array) -> Float64Array:
         """Pixels (n, 2) of site points (n, 3); NaN behind the camera."""
-        return self.camera.project(self.site_from_cam.inverse().apply(xyz_site_m))
+        return self.camera.project(self.site_from_cam.invert().apply(xyz_site_m))

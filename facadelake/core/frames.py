@@ -41,7 +41,7 @@ class Similarity:
             raise GeoreferenceError(f"a transform's scale is {self.scale}; it must be a positive number")
 
     @staticmethod
-    def identity() -> Similarity:
+    def make_identity() -> Similarity:
         """The transform of a frame to itself."""
         return Similarity(rotation=np.eye(3), translation=np.zeros(3))
 
@@ -53,7 +53,7 @@ class Similarity:
             scale=self.scale * other.scale,
         )
 
-    def inverse(self) -> Similarity:
+    def invert(self) -> Similarity:
         """The transform the other way round."""
         rotation = self.rotation.T
         return Similarity(

@@ -52,7 +52,7 @@ class SiteOrigin:
 
     def site_from_geo(self, lon_lat_height: Float64Array) -> Float64Array:
         """EPSG:4979 points (n, 3: lon_deg, lat_deg, height_ellipsoidal_m) in site metres (n, 3)."""
-        return self.ecef_from_site().inverse().apply(transform(lon_lat_height, GEO, ECEF))
+        return self.ecef_from_site().invert().apply(transform(lon_lat_height, GEO, ECEF))
 
     def geo_from_site(self, xyz_site_m: Float64Array) -> Float64Array:
         """Site metres (n, 3) as EPSG:4979 (n, 3: lon_deg, lat_deg, height_ellipsoidal_m)."""

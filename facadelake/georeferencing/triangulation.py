@@ -29,12 +29,12 @@ class View:
 
     def residual_px(self, xyz_world: Float64Array) -> Float64Array:
         """Projection minus mark (2,) in pixels; far off where the point lies behind the camera."""
-        xy = self.camera.project(self.world_from_cam.inverse().apply(xyz_world[None]))[0]
+        xy = self.camera.project(self.world_from_cam.invert().apply(xyz_world[None]))[0]
         return xy - self.xy_img if np.isfinite(xy).all() else np.full(2, 1e6)
 
     def ray(self) -> tuple[Float64Array, Float64Array]:
         """Origin and unit direction in the world frame."""
-        direction = self.world_from_cam.rotate(self.camera.rays_cam(self.xy_img[None]))[0]
+        direction = self.world_from_cam.rotate(self.camera.rays_cam_from_img(self.xy_img[None]))[0]
         return self.world_from_cam.translation, direction
 
 

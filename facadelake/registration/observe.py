@@ -104,7 +104,7 @@ def _without_a_ray(row: Row, posed: Mapping[str, PosedCamera]) -> Verdict | None
         reason = f"its box of {row['box_width_px']:g} x {row['box_height_px']:g} px has no area, so it shows nothing"
         return Verdict(outcome=ObservationOutcome.OUTSIDE, reason=reason)
     x, y = row["box_x_px"] + row["box_width_px"] / 2, row["box_y_px"] + row["box_height_px"] / 2
-    if camera.camera.contains(np.array([[x, y]]))[0]:
+    if camera.camera.is_inside(np.array([[x, y]]))[0]:
         return None
     size = f"{camera.camera.width_px} x {camera.camera.height_px} px"
     reason = f"its middle at {x:.1f}, {y:.1f} px lies outside the photograph of {size}"

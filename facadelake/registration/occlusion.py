@@ -96,7 +96,7 @@ class Occluders:
         """
         off, facing = [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
         for photo_id, sights in self._points.sights.items():
-            origins, directions = self._posed[photo_id].rays_site(sights.xy_img)
+            origins, directions = self._posed[photo_id].rays_site_from_img(sights.xy_img)
             hits = self._surface.cast(origins, directions)
             met = hits.hit
             between = hits.xyz_site_m[met] - self._points.xyz_site_m[sights.point[met]]
@@ -131,7 +131,7 @@ class Occluders:
         # Not by Delaunay.find_simplex, which sets LAPACK on each triangle by itself, and its threads on one another.
         inside, facet = STRtree(shapely.polygons(seen.xy_img[corners])).query(shapely.points(pixels), "intersects")
         inside, first = np.unique(inside, return_index=True)
-        origins, directions = self._posed[photo_id].rays_site(pixels)
+        origins, directions = self._posed[photo_id].rays_site_from_img(pixels)
         hits = self._surface.cast(origins, directions)
         gap, wanted = np.full(len(pixels), np.nan), np.full(len(pixels), np.nan)
         met = hits.hit[inside]
@@ -157,7 +157,7 @@ class Occluders:
         posed = self._posed[photo_id]
         others = np.setdiff1d(np.flatnonzero(self._apart_m > self._settings.gap_min_m), sights.point)
         pixels = posed.project_site(self._points.xyz_site_m[others])
-        inside = posed.camera.contains(pixels)
+        inside = posed.camera.is_inside(pixels)
         others, pixels = others[inside], pixels[inside]
         standing, limit = self._standing(posed, pixels, others)
         mine, my_limit = self._standing(posed, sights.xy_img, sights.point)
@@ -172,7 +172,7 @@ class Occluders:
 
     def _standing(self, posed: PosedCamera, xy_img: Float64Array, point: Int64Array) -> tuple[BoolArray, Float64Array]:
         """Which tie points (k,) at pixels (k, 2) stand in the open before the model, and the gap each must have."""
-        origins, directions = posed.rays_site(xy_img)
+        origins, directions = posed.rays_site_from_img(xy_img)
         hits = self._surface.cast(origins, directions)
         along = np.einsum("ij,ij->i", self._points.xyz_site_m[point] - origins, directions)
         across = np.linalg.norm(self._points.xyz_site_m[point] - origins - along[:, None] * directions, axis=1)

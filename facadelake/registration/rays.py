@@ -32,7 +32,7 @@ def rays_of(cameras: Sequence[PosedCamera], camera_of: Int64Array, xy_img: Float
     for number in np.unique(camera_of):
         own = np.flatnonzero(camera_of == number)
         posed = cameras[number]
-        origin[own], direction[own] = posed.rays_site(xy_img[own])
+        origin[own], direction[own] = posed.rays_site_from_img(xy_img[own])
         rotation = posed.site_from_cam.rotation
         forward[own] = direction[own] @ rotation[:, 2]
         turned, solid[own] = _turned_by_a_pixel(posed.camera, direction[own] @ rotation)

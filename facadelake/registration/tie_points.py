@@ -74,7 +74,7 @@ def _rays(
     for index in np.unique(photo):
         part = slice(*np.searchsorted(photo, [index, index + 1]))
         camera = posed[names[index]]
-        origins[part], directions[part] = camera.rays_site(xy[part])
+        origins[part], directions[part] = camera.rays_site_from_img(xy[part])
         focal_px[part] = np.sqrt(camera.camera.fx_px * camera.camera.fy_px)
     return origins, directions, focal_px
 

@@ -149,7 +149,7 @@ def _seen(
     camera = posed.camera
     x = (columns + 0.5) * camera.width_px / shape[1]
     y = (rows + 0.5) * camera.height_px / shape[0]
-    hits = surface.cast(*posed.rays_site(np.column_stack([x, y])))
+    hits = surface.cast(*posed.rays_site_from_img(np.column_stack([x, y])))
     xyz = np.nan_to_num(hits.xyz_site_m - posed.centre_site_m).astype(np.float32).reshape(*form, 3)
     normal = np.nan_to_num(hits.normal_site).astype(np.float32).reshape(*form, 3)
     return xyz, normal, hits.element.astype(np.int32).reshape(form)

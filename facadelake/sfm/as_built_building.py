@@ -109,4 +109,4 @@ def _intersected(block: Reconstruction, cameras: list[PosedCamera]) -> Float64Ar
 
 def _rays(block: Reconstruction, photo: int, camera: PosedCamera) -> tuple[Int64Array, Float64Array]:
     rows = block.track_photo == photo
-    return block.track_point[rows], camera.rays_site(block.track_xy_img[rows])[1]
+    return block.track_point[rows], camera.rays_site_from_img(block.track_xy_img[rows])[1]

@@ -36,7 +36,7 @@ def compute_tie_point_covariance(
     for k, posed in enumerate(cameras):
         rows = reconstruction.track_point[reconstruction.track_photo == k]
         rows = rows[known[rows]]
-        cam_from_frame = posed.site_from_cam.inverse()
+        cam_from_frame = posed.site_from_cam.invert()
         x, y, z = cam_from_frame.apply(xyz[rows]).T
         # Distortion stretches a pixel by a few per cent: nothing to a covariance.
         zero = np.zeros_like(z)

@@ -73,7 +73,7 @@ def save_block(folder: Path, posed: dict[str, PosedCamera]) -> None:
     photo, point, pixel = [], [], []
     for k, camera in enumerate(posed.values()):
         xy = camera.project_site(xyz)
-        seen = np.flatnonzero(CAMERA.contains(xy))
+        seen = np.flatnonzero(CAMERA.is_inside(xy))
         photo.append(np.full(len(seen), k))
         point.append(seen)
         pixel.append(xy[seen] + rng.normal(0, 0.4, (len(seen), 2)))

@@ -30,7 +30,7 @@ def test_rays_meet_the_mesh_where_they_meet_the_ifc(shared_data: Path, tmp_path:
     eyes = np.array([0.0, -8, 2]) + rng.normal(0, 2, (3000, 3))  # from the yard to all sides
     directions = rng.normal(0, 1, (3000, 3)) * [1, 1, 0.3]
     ifc_hits = Surface(by_ifc).cast(eyes, directions)
-    globe = by_mesh.origin.ecef_from_site().inverse() @ by_ifc.origin.ecef_from_site()
+    globe = by_mesh.origin.ecef_from_site().invert() @ by_ifc.origin.ecef_from_site()
     mesh_hits = Surface(by_mesh).cast(globe.apply(eyes), globe.rotate(directions))
     both = ifc_hits.hit & mesh_hits.hit
     assert both.sum() > 1000 and (ifc_hits.hit == mesh_hits.hit).mean() > 0.999

@@ -99,7 +99,7 @@ def test_tie_points_project_onto_their_pixels(block: Block) -> None:
     errors = []
     for k, photo in enumerate(sfm.photos):
         mine = sfm.track_photo == k
-        cam = photo.sfm_from_cam.inverse().apply(sfm.xyz_sfm[sfm.track_point[mine]])
+        cam = photo.sfm_from_cam.invert().apply(sfm.xyz_sfm[sfm.track_point[mine]])
         off = np.linalg.norm(photo.camera.project(cam) - sfm.track_xy_img[mine], axis=1)
         assert off.mean() == pytest.approx(photo.reprojection_error_px, rel=0, abs=1e-6)  # px
         errors.append(off)

@@ -97,14 +97,14 @@ class Scene:
         """The block in sfm: tie points with 1 cm of noise, seen within ``tie_px`` where they face the camera."""
         rng = np.random.default_rng(self.seed + 1)
         xyz = self.points()
-        sfm_from_site = SITE_FROM_SFM.inverse()
+        sfm_from_site = SITE_FROM_SFM.invert()
         photos, track_photo, track_point, track_xy = [], [], [], []
         for k, (centre, rotation) in enumerate(self.poses):
             hits = self.surface.cast(np.broadcast_to(centre, xyz.shape), xyz - centre)
-            cam = Similarity(rotation=rotation, translation=centre).inverse().apply(xyz)
+            cam = Similarity(rotation=rotation, translation=centre).invert().apply(xyz)
             xy = CAMERA.project(cam)
             seen = (np.abs(hits.distance_m - 1) < 1e-6) & np.isfinite(xy[:, 0])
-            seen[seen] = CAMERA.contains(xy[seen])
+            seen[seen] = CAMERA.is_inside(xy[seen])
             track_photo.append(np.full(seen.sum(), k))
             track_point.append(np.flatnonzero(seen))
             track_xy.append(xy[seen] + rng.normal(0, self.tie_px, (seen.sum(), 2)))
@@ -170,8 +170,8 @@ class Scene:
             sightings = []
             for photo_id, (centre, rotation) in zip(self.ids(), self.poses, strict=True):
                 hit = self.surface.cast(centre[None], (at - centre)[None])
-                xy = CAMERA.project(Similarity(rotation=rotation, translation=centre).inverse().apply(at[None]))
-                if abs(hit.distance_m[0] - 1) < 1e-6 and CAMERA.contains(xy)[0]:
+                xy = CAMERA.project(Similarity(rotation=rotation, translation=centre).invert().apply(at[None]))
+                if abs(hit.distance_m[0] - 1) < 1e-6 and CAMERA.is_inside(xy)[0]:
                     marked = xy[0] + rng.normal(0, mark_px, 2)
                     sightings.append(Sighting(photo_name=photo_id, x_px=marked[0], y_px=marked[1]))
             east, north, height = ORIGIN.map_from_site((at + rng.normal(0, survey_m, 3))[None], "EPSG:25832")[0]

@@ -135,7 +135,7 @@ class Surface:
         for top in range(0, height, band):
             part = slice(top, top + band)
             grid = np.stack(np.meshgrid(columns, rows[part]), axis=-1).reshape(-1, 2)
-            origins, directions = posed.rays_site(grid)
+            origins, directions = posed.rays_site_from_img(grid)
             hits = self.cast(origins, directions)
             along = directions @ posed.site_from_cam.rotation[:, 2]
             depth[part] = (hits.distance_m * along).reshape(-1, width)

@@ -118,7 +118,7 @@ def virtual_photograph(building: BuildingModel, posed: PosedCamera, *, scale: fl
     maps = np.empty((2, height, width), dtype=np.float32)
     rendered = np.array(view.buffer.shape[::-1]) / np.array([straight.width_px, straight.height_px])
     for i, row in enumerate(rows):
-        xy = straight.project(camera.rays_cam(np.column_stack([columns, np.full(width, row)])))
+        xy = straight.project(camera.rays_cam_from_img(np.column_stack([columns, np.full(width, row)])))
         maps[:, i] = (xy * rendered - 0.5).T  # OpenCV counts a pixel's centre as a whole number
     return replace(
         view,
@@ -138,7 +138,7 @@ def straightened(camera: Camera) -> Camera:
     border = np.vstack(
         [np.column_stack(side) for side in ((along, ends), (along, ends + 1), (ends, along), (ends + 1, along))]
     )
-    rays = camera.rays_cam(border * [camera.width_px, camera.height_px])
+    rays = camera.rays_cam_from_img(border * [camera.width_px, camera.height_px])
     focal = np.array([camera.fx_px, camera.fy_px])
     pixels = rays[:, :2] / rays[:, 2:] * focal
     low, high = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 1

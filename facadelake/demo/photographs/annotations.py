@@ -90,7 +90,7 @@ def false_boxes(
         centre = rng.uniform(size / 2, np.array([camera.width_px, camera.height_px]) - size / 2)
         # The box's corners too must miss the building.
         corners = np.array([[0, 0], [-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 + centre
-        distance, group, _ = rays.hits(*shot.posed.rays_site(corners))
+        distance, group, _ = rays.hits(*shot.posed.rays_site_from_img(corners))
         if not np.isfinite(distance).all() or any(int(g) in modelled for g in group):
             continue
         kind = str(rng.choice(list(CATEGORIES)))

@@ -71,7 +71,7 @@ def lens_of(camera: Camera, fine: float) -> Lens:
     step = 16
     xs, ys = np.arange(0, columns + step, step), np.arange(0, rows + step, step)
     grid = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2).astype(np.float64) / fine
-    rays = camera.rays_cam(grid)
+    rays = camera.rays_cam_from_img(grid)
     flat = (rays[:, :2] / rays[:, 2:]).reshape(len(ys), len(xs), 2)
     fx, fy = camera.fx_px * fine, camera.fy_px * fine
     low = flat.min(axis=(0, 1)) * [fx, fy] - 4

@@ -218,7 +218,7 @@ def _ray_error(campaign: _Campaign, accepted: Sequence[tuple[Row, str]]) -> Floa
         camera = campaign.cameras.get(row["photo_id"])
         if camera is None:
             continue
-        origins, directions = camera.rays_site(_centre_img(row))
+        origins, directions = camera.rays_site_from_img(_centre_img(row))
         offset = campaign.xyz_true_site_m[target] - origins[0]
         along = max(float(offset @ directions[0]), 0.0)  # a ray has a beginning
         distances.append(float(np.linalg.norm(offset - along * directions[0])))

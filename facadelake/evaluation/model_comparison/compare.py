@@ -187,7 +187,7 @@ def _found(
         table = detect_photographs(photos, root, model, class_names=classes, view_of=view_of, workers=workers)
         write_table("detections", table, folder)
 
-    return read_table("detections", open_stage_cache(lake).entry("compare", key, make).folder)
+    return read_table("detections", open_stage_cache(lake).get_or_make("compare", key, make).folder)
 
 
 def _sheets(folder: Path, done: Sequence[_Done], comparison: Comparison) -> tuple[Path, ...]:

@@ -199,7 +199,7 @@ def _placement(
         rival = shared_similarity(source[left], target[left], tolerance[left], seed=seed + attempt)
         if rival is None:
             return best, 0
-        there = rival.target_from_source.apply(best.target_from_source.inverse().apply(where))
+        there = rival.target_from_source.apply(best.target_from_source.invert().apply(where))
         if float(np.median(np.linalg.norm(there - where, axis=1))) > 3.0 * float(np.median(tolerance)):
             return best, int(rival.agrees.sum())
         left[np.flatnonzero(left)[rival.agrees]] = False  # the same placement, of a part that bends away

@@ -60,7 +60,7 @@ class ReferencePoints:
         """The same points on the globe in the site frame about another ``origin`` (a model that was exported anew)."""
         if origin == self.origin:
             return self
-        move = origin.ecef_from_site().inverse() @ self.origin.ecef_from_site()
+        move = origin.ecef_from_site().invert() @ self.origin.ecef_from_site()
         turn = move.rotation
         return ReferencePoints(
             **{

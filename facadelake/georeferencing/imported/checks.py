@@ -83,7 +83,7 @@ def _seeing(cameras: Sequence[PosedCamera], surface: SurfaceLike) -> np.ndarray[
     for camera in cameras:
         columns = (np.arange(_GRID) + 0.5) * camera.camera.width_px / _GRID
         rows = (np.arange(_GRID) + 0.5) * camera.camera.height_px / _GRID
-        origins, directions = camera.rays_site(np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
+        origins, directions = camera.rays_site_from_img(np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
         hits = surface.cast(origins, directions)
         seen.append(bool((hits.hit & (hits.distance_m < FARTHEST_M)).any()))
     return np.array(seen, dtype=np.bool_)

@@ -73,8 +73,8 @@ class PoseWorld:
     def _site_from_own(self, place: SiteFrame) -> Similarity:
         """The site frame of ``place`` from the one the poses are in."""
         if self.origin is None:
-            return Similarity.identity()
-        return place.origin.ecef_from_site().inverse() @ self.origin.ecef_from_site()
+            return Similarity.make_identity()
+        return place.origin.ecef_from_site().invert() @ self.origin.ecef_from_site()
 
     def _to_site(self, xyz: Float64Array, place: SiteFrame) -> Float64Array:
         if self.crs == SITE:

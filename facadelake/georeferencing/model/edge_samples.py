@@ -109,11 +109,11 @@ def seen_samples(
 def _in_photograph(samples: EdgeSamples, posed: PosedCamera, border_px: float) -> SeenSamples:
     """The samples that lie inside the photograph, hidden or not."""
     camera = posed.camera
-    xyz_cam = posed.site_from_cam.inverse().apply(samples.xyz_site_m)
+    xyz_cam = posed.site_from_cam.invert().apply(samples.xyz_site_m)
     depth = xyz_cam[:, 2]
     # Distortion folds far outside the photograph: only what lies in its cone may be projected.
     width, height = camera.width_px, camera.height_px
-    corners = camera.rays_cam(np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]]))
+    corners = camera.rays_cam_from_img(np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]]))
     widest = 1.02 * float(np.linalg.norm(corners[:, :2] / corners[:, 2:], axis=1).max())
     row = np.flatnonzero((depth > _NEAREST_M) & (np.linalg.norm(xyz_cam[:, :2], axis=1) < widest * depth))
     xy = camera.project(xyz_cam[row])

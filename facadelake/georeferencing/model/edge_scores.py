@@ -105,7 +105,7 @@ def _add(
     xyz = search.samples.xyz_site_m[seen.row]
     moved = (xyz[None] - (shifts @ search.free)[:, None, :]).reshape(-1, 3)
     xy = posed.project_site(moved).reshape(len(shifts), -1, 2)
-    inside = posed.camera.contains(xy.reshape(-1, 2)).reshape(xy.shape[:2])
+    inside = posed.camera.is_inside(xy.reshape(-1, 2)).reshape(xy.shape[:2])
     across = level.across(np.nan_to_num(xy, nan=-1e4), np.broadcast_to(seen.normal_img, xy.shape))
     edge = search.samples.edge[seen.row]  # in rising order, as the samples are
     first = np.flatnonzero(np.r_[True, edge[1:] != edge[:-1]])

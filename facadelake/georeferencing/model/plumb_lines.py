@@ -87,7 +87,7 @@ def _segments(photographs: GreyPhotographs, row: int, posed: PosedCamera) -> Flo
 
 def _upright_planes(posed: PosedCamera, segments: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Unit normals (k, 3) in site of the planes of segments that may be upright, and their lengths (k,) in radians."""
-    first, second = posed.rays_site(segments[:, :2])[1], posed.rays_site(segments[:, 2:])[1]
+    first, second = posed.rays_site_from_img(segments[:, :2])[1], posed.rays_site_from_img(segments[:, 2:])[1]
     cross = np.cross(first, second)
     length = np.linalg.norm(cross, axis=1)
     middle = first + second

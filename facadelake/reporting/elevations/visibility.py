@@ -27,18 +27,18 @@ def _widest_tangent(camera: Camera) -> float:
     Beyond it Brown's polynomial may fold points that are far outside back into the picture.
     """
     width, height = camera.width_px, camera.height_px
-    rays = camera.rays_cam(np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=np.float64))
+    rays = camera.rays_cam_from_img(np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=np.float64))
     return float((np.hypot(rays[:, 0], rays[:, 1]) / rays[:, 2]).max())
 
 
 def pixels_of(posed: PosedCamera, xyz_site_m: Float64Array) -> tuple[Float64Array, BoolArray]:
     """Pixels (n, 2) of site points (n, 3) and which of them (n,) lie inside the photograph."""
-    xyz_cam = posed.site_from_cam.inverse().apply(xyz_site_m)
+    xyz_cam = posed.site_from_cam.invert().apply(xyz_site_m)
     xy = posed.camera.project(xyz_cam)
     in_front = xyz_cam[:, 2] > 1e-6
     tangent = np.hypot(xyz_cam[:, 0], xyz_cam[:, 1]) / np.where(in_front, xyz_cam[:, 2], 1.0)
     inside = in_front & (tangent <= 1.05 * _widest_tangent(posed.camera))
-    inside[inside] = posed.camera.contains(xy[inside])
+    inside[inside] = posed.camera.is_inside(xy[inside])
     return xy, inside
 
 

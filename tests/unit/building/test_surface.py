@@ -112,7 +112,7 @@ def test_depth_is_along_the_axis_and_bends_with_the_lens():
         width_px=640, height_px=480, fx_px=500, fy_px=510, cx_px=330, cy_px=235, k1=-0.12, k2=0.03, p1=0.001
     )
     surface = Surface.from_mesh(*square(3.0, np.eye(3), np.array([0.0, 0.0, 8.0])))
-    posed = PosedCamera(camera=camera, site_from_cam=Similarity.identity())
+    posed = PosedCamera(camera=camera, site_from_cam=Similarity.make_identity())
     depth, element = surface.depth_image(posed, 0.25)
     assert depth.shape == (120, 160)
     seen = np.isfinite(depth)

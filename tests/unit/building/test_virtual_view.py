@@ -106,11 +106,11 @@ def ray_depths(surface, posed, width_px, height_px):
     camera = posed.camera
     size = np.array([camera.width_px / width_px, camera.height_px / height_px])
     centres = (np.stack(np.meshgrid(np.arange(width_px), np.arange(height_px)), axis=-1).reshape(-1, 2) + 0.5) * size
-    origins, directions = posed.rays_site(centres)
+    origins, directions = posed.rays_site_from_img(centres)
     hits = surface.cast(origins, directions)
     whole = np.ones(len(centres), dtype=bool)
     for corner in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
-        whole &= surface.cast(*posed.rays_site(centres + corner * size)).triangle == hits.triangle
+        whole &= surface.cast(*posed.rays_site_from_img(centres + corner * size)).triangle == hits.triangle
     return hits.distance_m * (directions @ posed.site_from_cam.rotation[:, 2]), hits.element, whole
 
 
@@ -180,6 +180,6 @@ def test_the_straightened_camera_sees_every_pixel_of_the_photograph():
     camera = Camera(width_px=800, height_px=600, fx_px=840, fy_px=830, cx_px=414.6, cy_px=292.2, k1=0.1, p1=0.002)
     straight = straightened(camera)
     border = np.array([[0, 0], [800, 0], [0, 600], [800, 600], [400, 0], [0, 300], [800, 300], [400, 600]], dtype=float)
-    assert straight.contains(straight.project(camera.rays_cam(border))).all()
+    assert straight.is_inside(straight.project(camera.rays_cam_from_img(border))).all()
     plain = Camera(width_px=800, height_px=600, fx_px=840, fy_px=830, cx_px=414.6, cy_px=292.2)
     assert abs(straightened(plain).width_px - 800) <= 4  # px: no more than is needed

@@ -23,7 +23,7 @@ def cache(tmp_path: Path) -> StageCache:
 
 
 def entry(cache: StageCache, key: str = "k1", stage: str = "merge") -> CachedResult:
-    return cache.entry(stage, key, make_two_files)
+    return cache.get_or_make(stage, key, make_two_files)
 
 
 def age(cached: CachedResult, days: float) -> None:
@@ -33,7 +33,7 @@ def age(cached: CachedResult, days: float) -> None:
 
 def test_an_entry_is_made_once_and_says_what_it_holds(cache: StageCache) -> None:
     first = entry(cache)
-    again = cache.entry("merge", "k1", lambda folder: pytest.fail("it is there"))
+    again = cache.get_or_make("merge", "k1", lambda folder: pytest.fail("it is there"))
     assert (first.hit, again.hit) == (False, True)
     assert first.content_sha256 == again.content_sha256 == entry(cache, "k2").content_sha256
 
@@ -44,10 +44,10 @@ def test_diagnostics_are_checked_but_no_part_of_the_content(cache: StageCache) -
         (folder / DIAGNOSTICS).mkdir()
         (folder / DIAGNOSTICS / "worker.log").write_text(f"process {os.getpid()}")
 
-    logged = cache.entry("merge", "k2", with_log)
+    logged = cache.get_or_make("merge", "k2", with_log)
     assert logged.content_sha256 == entry(cache).content_sha256
     (logged.folder / DIAGNOSTICS / "worker.log").write_text("another")
-    assert not cache.entry("merge", "k2", with_log).hit
+    assert not cache.get_or_make("merge", "k2", with_log).hit
 
 
 @pytest.mark.parametrize(
@@ -81,8 +81,8 @@ def test_a_killed_run_leaves_nothing_that_counts(cache: StageCache) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        cache.entry("merge", "k1", half)
-    assert cache.entries() == ()
+        cache.get_or_make("merge", "k1", half)
+    assert cache.list_entries() == ()
     part = cache.root / "merge" / ".k1.0a1b2c3d.part"  # what a kill -9 leaves
     part.mkdir()
     assert cache.leftovers() == (part,)
@@ -92,30 +92,30 @@ def test_a_killed_run_leaves_nothing_that_counts(cache: StageCache) -> None:
 def test_entries_are_listed_with_size_and_last_use(cache: StageCache) -> None:
     old, new = entry(cache, "old"), entry(cache, "new", "draw")
     age(old, 3)
-    listed = {one.key: one for one in cache.entries()}
+    listed = {one.key: one for one in cache.list_entries()}
     assert listed.keys() == {"old", "new"} and listed["new"].stage == "draw"
     manifest_bytes = (new.folder / MANIFEST).stat().st_size
     assert listed["new"].size_bytes == 12 + manifest_bytes
     assert 2.99 < (time.time() - listed["old"].used_at_s) / 86400 < 3.01  # days
     assert entry(cache, "old").hit  # a hit is a use
-    assert time.time() - next(one for one in cache.entries() if one.key == "old").used_at_s < 60  # s
+    assert time.time() - next(one for one in cache.list_entries() if one.key == "old").used_at_s < 60  # s
 
 
 def test_pruning_by_age_keeps_what_is_needed_and_what_may_be_in_use(cache: StageCache) -> None:
     for key, days in (("gone", 40), ("needed", 40), ("young", 10), ("now", 0)):
         age(entry(cache, key), days)
     would = cache.prune(needed={"needed"}, older_than_s=30 * 86400, dry_run=True)
-    assert [one.key for one in would.removed] == ["gone"] and len(cache.entries()) == 4
+    assert [one.key for one in would.removed] == ["gone"] and len(cache.list_entries()) == 4
     pruned = cache.prune(needed={"needed"}, older_than_s=30 * 86400)
     assert [one.key for one in pruned.removed] == ["gone"] and [one.key for one in pruned.needed] == ["needed"]
-    assert {one.key for one in cache.entries()} == {"needed", "young", "now"}
+    assert {one.key for one in cache.list_entries()} == {"needed", "young", "now"}
     assert [one.key for one in cache.prune(needed=set(), older_than_s=0).in_use] == ["now"]
 
 
 def test_pruning_by_size_begins_with_the_longest_unused(cache: StageCache) -> None:
     for key, days in (("first", 9), ("second", 8), ("third", 7)):
         age(entry(cache, key), days)
-    size = cache.entries()[0].size_bytes
+    size = cache.list_entries()[0].size_bytes
     pruned = cache.prune(needed={"first"}, max_size_bytes=int(size * 2.1))
     assert [one.key for one in pruned.removed] == ["second"] and [one.key for one in pruned.needed] == ["first"]
     assert cache.prune(needed=set(), max_size_bytes=10**9).removed == ()

@@ -39,7 +39,7 @@ def test_a_posed_camera_is_opencvs_with_the_inverse_pose() -> None:
 
 @given(st.floats(0, 3072), st.floats(0, 2048), st.floats(0.1, 1000))
 def test_a_ray_comes_back_to_its_pixel(x: float, y: float, distance: float) -> None:
-    ray = CAMERA.rays_cam(np.array([[x, y]]))
+    ray = CAMERA.rays_cam_from_img(np.array([[x, y]]))
     assert np.linalg.norm(ray) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(CAMERA.project(ray * distance), [[x, y]], rtol=0, atol=1e-4)  # px
 
@@ -47,7 +47,7 @@ def test_a_ray_comes_back_to_its_pixel(x: float, y: float, distance: float) -> N
 def test_a_ray_in_site_passes_the_point_it_came_from() -> None:
     posed = PosedCamera(camera=CAMERA, site_from_cam=POSE)
     xyz = POSE.apply(np.array([[1.0, -0.5, 9.0], [-2.0, 1.0, 14.0]]))
-    origin, direction = posed.rays_site(posed.project_site(xyz))
+    origin, direction = posed.rays_site_from_img(posed.project_site(xyz))
     along = np.einsum("ij,ij->i", xyz - origin, direction)
     np.testing.assert_allclose(origin + along[:, None] * direction, xyz, rtol=0, atol=1e-6)  # m
 
@@ -59,8 +59,8 @@ def test_points_behind_the_camera_have_no_pixel() -> None:
 def test_the_principal_ray_is_straight_ahead_in_the_pixel_convention() -> None:
     """An ideal camera of 4 x 2 pixels looks through its corner-based middle (2, 1), not through a pixel's centre."""
     ideal = Camera(width_px=4, height_px=2, fx_px=10, fy_px=10, cx_px=2, cy_px=1)
-    np.testing.assert_allclose(ideal.rays_cam(np.array([[2.0, 1.0]])), [[0, 0, 1]], rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(ideal.contains(np.array([[0.5, 0.5], [4.0, 2.0], [-0.1, 1], [2, 2.1]])),
+    np.testing.assert_allclose(ideal.rays_cam_from_img(np.array([[2.0, 1.0]])), [[0, 0, 1]], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(ideal.is_inside(np.array([[0.5, 0.5], [4.0, 2.0], [-0.1, 1], [2, 2.1]])),
                                   [True, True, False, False])  # fmt: skip
 
 

@@ -23,7 +23,7 @@ similarities = st.builds(
 
 @given(similarities, vectors)
 def test_inverse_undoes(transform: Similarity, xyz: np.ndarray) -> None:
-    back = transform.inverse().apply(transform.apply(xyz))
+    back = transform.invert().apply(transform.apply(xyz))
     np.testing.assert_allclose(back, xyz, rtol=0, atol=1e-6 * max(1.0, 1.0 / transform.scale))
 
 

@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
     cameras = {name: posed(*eye) for name, eye in {"a": (0.0, -6, 2), "b": (2.0, -5, 1.6), "c": (-1, -6, 2)}.items()}
     for name, light in (("a", (1.0, 0.0)), ("b", (0.5, 30.0))):
         columns, rows = np.meshgrid(np.arange(900) + 0.5, np.arange(700) + 0.5)
-        origin, ray = cameras[name].rays_site(np.column_stack([columns.ravel(), rows.ravel()]))
+        origin, ray = cameras[name].rays_site_from_img(np.column_stack([columns.ravel(), rows.ravel()]))
         hit = origin + ray * (-origin[:, 1] / ray[:, 1])[:, None]
         at = np.column_stack([(hit[:, 0] + 2) / TEXEL_M, (4 - hit[:, 2]) / TEXEL_M]) - 0.5
         shown = cv2.remap(wall, at.reshape(700, 900, 2).astype(np.float32), None, cv2.INTER_LINEAR)

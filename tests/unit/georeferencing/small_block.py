@@ -144,7 +144,7 @@ def small_block(
         pixel = camera_of_it.project_site(xyz)
         hidden = (plane == 4) & ((xyz[:, :2] / [5, 4]) @ (camera_of_it.centre_site_m[:2] / [5, 4]) < 0)
         facing = (NORMALS[plane] @ camera_of_it.centre_site_m > PLANES_M[plane] + 1.0) & ~hidden
-        seen = np.flatnonzero(facing & np.isfinite(pixel[:, 0]) & camera.contains(pixel))
+        seen = np.flatnonzero(facing & np.isfinite(pixel[:, 0]) & camera.is_inside(pixel))
         photo.append(np.full(len(seen), k))
         node.append(seen)
         xy.append(pixel[seen])
@@ -305,7 +305,7 @@ def reconstruction_of(
 ) -> Reconstruction:
     """The block as structure from motion leaves it: tie points within ``tie_px``, places within ``start_m``, and the
     camera that it took it for, ``lens`` (the truth, if none)."""
-    sfm_from_site = SITE_FROM_SFM.inverse()
+    sfm_from_site = SITE_FROM_SFM.invert()
     moved = block.centres_m + rng.normal(0, start_m, block.centres_m.shape)
     return Reconstruction(
         photos=tuple(

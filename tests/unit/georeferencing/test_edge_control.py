@@ -81,7 +81,7 @@ def _draw(cameras: Sequence[PosedCamera], surface: Surface, seed: int = 3) -> _D
     for posed in cameras:
         camera = posed.camera
         u, v = np.meshgrid((np.arange(2 * camera.width_px) + 0.5) / 2, (np.arange(2 * camera.height_px) + 0.5) / 2)
-        hits = surface.cast(*posed.rays_site(np.column_stack([u.ravel(), v.ravel()])))
+        hits = surface.cast(*posed.rays_site_from_img(np.column_stack([u.ravel(), v.ravel()])))
         side = np.nan_to_num(hits.normal_site) @ np.array([35.0, -20.0, 60.0])
         place = np.nan_to_num(hits.xyz_site_m)
         texture = 6.0 * np.sin(7.3 * place[:, 0] + 3.1 * place[:, 2]) * np.sin(5.7 * place[:, 2] - 2.2 * place[:, 0])

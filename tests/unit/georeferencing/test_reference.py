@@ -101,7 +101,7 @@ def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
             View(
                 camera=CAMERA,
                 world_from_cam=pose,
-                xy_img=CAMERA.project(pose.inverse().apply(placed.xyz_true_m[row][None]))[0]
+                xy_img=CAMERA.project(pose.invert().apply(placed.xyz_true_m[row][None]))[0]
                 + rng.normal(0, NOISE_PX, 2),
             )
             for pose in poses

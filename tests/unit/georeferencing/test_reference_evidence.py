@@ -67,7 +67,7 @@ def test_a_bent_block_still_finds_its_building() -> None:
     later = campaign(xyz, another_day(looks, rng), a_similarity(2), rng)
     site = later.site_from_sfm.apply(later.reconstruction.xyz_sfm)
     dome = 0.06 * ((site[:, :1] - 10) / 10) ** 2 * [0.0, 1.0, 0.5]
-    bent = replace(later.reconstruction, xyz_sfm=later.site_from_sfm.inverse().apply(site + dome))
+    bent = replace(later.reconstruction, xyz_sfm=later.site_from_sfm.invert().apply(site + dome))
     found = match_reference(bent, later.descriptors, reference(earlier), origin=ORIGIN)
     assert 0.5 < found.misfit < 1.3
     assert len(found.point) > 1300

@@ -43,7 +43,7 @@ def test_the_shared_similarity_is_found_among_wrong_pairs(share: float) -> None:
     rng = np.random.default_rng(3)
     target, truth = faces(3000, rng), a_similarity(4)
     right = rng.random(3000) < share
-    source = truth.inverse().apply(np.where(right[:, None], target + rng.normal(0, 0.01, (3000, 3)), faces(3000, rng)))
+    source = truth.invert().apply(np.where(right[:, None], target + rng.normal(0, 0.01, (3000, 3)), faces(3000, rng)))
     found = shared_similarity(source, target, np.full(3000, 0.10))
     assert found is not None
     assert found.agrees[right].mean() > 0.99

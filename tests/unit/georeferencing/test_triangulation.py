@@ -16,7 +16,7 @@ def view(x: float, *, off_px: tuple[float, float] = (0.0, 0.0)) -> View:
     pose = Similarity(
         rotation=Rotation.from_euler("y", -2.0 * x, degrees=True).as_matrix(), translation=np.array([x, 0, 0])
     )
-    xy = CAMERA.project(pose.inverse().apply(POINT[None]))[0]
+    xy = CAMERA.project(pose.invert().apply(POINT[None]))[0]
     return View(camera=CAMERA, world_from_cam=pose, xy_img=xy + off_px)
 
 

@@ -74,7 +74,7 @@ def campaign(
 
     The scatter of a point is drawn from the normal equations of its sightings, written here anew.
     """
-    poses, sfm_from_site = ring(), site_from_sfm.inverse()
+    poses, sfm_from_site = ring(), site_from_sfm.invert()
     information = np.zeros((len(xyz_m), 3, 3))
     photo, point, xy = [], [], []
     for k, pose in enumerate(poses):

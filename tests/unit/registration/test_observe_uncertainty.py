@@ -42,7 +42,7 @@ def drawn_again(posed, settings, covariance, rng) -> np.ndarray:
     for i in range(DRAWS):
         turned = posed.site_from_cam.rotation @ Rotation.from_rotvec(poses[i, 3:]).as_matrix()
         at = posed.site_from_cam.translation + poses[i, :3]
-        ray = turned @ posed.camera.rays_cam(pixels[i : i + 1])[0]
+        ray = turned @ posed.camera.rays_cam_from_img(pixels[i : i + 1])[0]
         out[i] = at + ray * (wall_y[i] - at[1]) / ray[1]
     return out
 

@@ -283,7 +283,7 @@ def test_what_is_mostly_on_the_wall_lies_in_its_face_though_its_middle_is_over_t
     np.testing.assert_allclose(row["y_site_m"], 0.0, rtol=0, atol=1e-6)  # m
     # The ray itself goes on to the reveal.
     [[column, line]] = posed.project_site(np.array([xyz(row)]))
-    met = Surface(building).cast(*posed.rays_site(np.array([[column, line]])))
+    met = Surface(building).cast(*posed.rays_site_from_img(np.array([[column, line]])))
     assert met.xyz_site_m[0, 1] > 0.01  # m
 
 

@@ -65,7 +65,7 @@ def photograph(posed: PosedCamera, paint: Float64Array) -> Float64Array:
     """The wall as the camera sees it (h, w, RGB): each pixel's ray met with the plane y = 0, by hand."""
     camera = posed.camera
     grid = np.stack(np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5), axis=-1)
-    origins, directions = posed.rays_site(grid.reshape(-1, 2))
+    origins, directions = posed.rays_site_from_img(grid.reshape(-1, 2))
     points = origins - directions * (origins[:, 1] / directions[:, 1])[:, None]
     shape = (camera.height_px, camera.width_px)
     at_x = (points[:, 0] * PAINT_PX_PER_M - 0.5).reshape(shape).astype(np.float32)

@@ -50,7 +50,7 @@ def block(count: int = 1500) -> tuple[Reconstruction, dict[str, PosedCamera], np
     rows, columns, pixels = [], [], []
     for k, camera in enumerate(posed.values()):
         xy = camera.project_site(xyz)
-        seen = CAMERA.contains(xy) & np.where(south, eyes[k][1] < 0, eyes[k][0] < -10)
+        seen = CAMERA.is_inside(xy) & np.where(south, eyes[k][1] < 0, eyes[k][0] < -10)
         rows.append(np.full(seen.sum(), k))
         columns.append(np.flatnonzero(seen))
         pixels.append(xy[seen] + rng.normal(0, NOISE_PX, (seen.sum(), 2)))

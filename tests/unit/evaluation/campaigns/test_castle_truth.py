@@ -26,7 +26,7 @@ def test_published_cameras(shared_data: Path, boxes: str, shown: int) -> None:
     with (castle / "truth" / "cameras.csv").open() as stream:
         cameras = list(csv.DictReader(stream))
     # East-north-up of one origin in the other's: a turn of some seconds of arc.
-    turn = (ORIGIN.ecef_from_site().inverse() @ TRUTH_ORIGIN.ecef_from_site()).rotation
+    turn = (ORIGIN.ecef_from_site().invert() @ TRUTH_ORIGIN.ecef_from_site()).rotation
     photos, poses = [], []
     for row in cameras:
         name = {"photo_id": row["image"]}
