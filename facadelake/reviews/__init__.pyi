@@ -6,10 +6,9 @@ from .campaign import ReviewImport as ReviewImport
 from .campaign import export_task as export_task
 from .campaign import import_reviews as import_reviews
 from .campaign import read_reviewed_campaign as read_reviewed_campaign
-from .match_reviews import AcceptedDetection as AcceptedDetection
-from .match_reviews import ReviewStatus as ReviewStatus
-from .match_reviews import match_reviews as match_reviews
-from .match_reviews import select_accepted_detections as select_accepted_detections
 from .review import Review as Review
 from .review import reviews_from_table as reviews_from_table
+from .review_matching import AcceptedDetection as AcceptedDetection
+from .review_matching import ReviewStatus as ReviewStatus
+from .review_matching import select_accepted_detections as select_accepted_detections
 from .task_files import ReviewTask as ReviewTask

@@ -17,9 +17,9 @@ from facadelake.lake import Added, append_reviews, read_table
 from facadelake.registry import Building
 from facadelake.reviews.coco_import import ParsedReviews, read_coco_reviews
 from facadelake.reviews.csv_import import read_csv_reviews
-from facadelake.reviews.match_reviews import ReviewStatus, match_reviews, select_accepted_detections
-from facadelake.reviews.presented import ReviewItem, ReviewProvenance, list_review_items
 from facadelake.reviews.review import Review, reviews_from_table, table_from_reviews
+from facadelake.reviews.review_items import ReviewItem, ReviewProvenance, list_review_items
+from facadelake.reviews.review_matching import ReviewStatus, match_reviews, select_accepted_detections
 from facadelake.reviews.task_files import ReviewTask, build_coco_task, format_defects_csv, read_task, write_task
 from schemas.vocabulary import PhotoOutcome
 

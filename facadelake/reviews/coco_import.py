@@ -19,8 +19,8 @@ from facadelake.core.photo_names import PhotoNames
 from facadelake.detection import Box, Crosswalk, clip_box, describe
 from facadelake.detection.coco import CocoAnnotation, box_about, mask_of, number, polygons_of_text, read_coco
 from facadelake.reviews.box_matching import compute_iou, corners_from_boxes, pair_greedily
-from facadelake.reviews.presented import ReviewItem, ReviewProvenance, create_missed_review, create_review
 from facadelake.reviews.review import Review
+from facadelake.reviews.review_items import ReviewItem, ReviewProvenance, create_missed_review, create_review
 from facadelake.reviews.task_files import read_json
 from schemas.vocabulary import DefectClass, Verdict
 

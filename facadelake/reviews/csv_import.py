@@ -12,8 +12,8 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
 from facadelake.detection import Box, Crosswalk, clip_box
 from facadelake.reviews.coco_import import ParsedReviews
-from facadelake.reviews.presented import ReviewItem, ReviewProvenance, create_missed_review, create_review
 from facadelake.reviews.review import Review
+from facadelake.reviews.review_items import ReviewItem, ReviewProvenance, create_missed_review, create_review
 from schemas.vocabulary import DefectClass, Verdict
 
 _SIDES = ("box_x_px", "box_y_px", "box_width_px", "box_height_px")

@@ -14,8 +14,8 @@ import shapely
 
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.detection import Box
-from facadelake.reviews.presented import ReviewItem, polygons_from_wkt
 from facadelake.reviews.review import box_from_row
+from facadelake.reviews.review_items import ReviewItem, polygons_from_wkt
 from schemas.vocabulary import DefectClass, Verdict
 
 COCO_FILE, CSV_FILE, PHOTOGRAPHS_FILE = "detections.coco.json", "defects.csv", "photographs.txt"

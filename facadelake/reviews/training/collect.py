@@ -10,8 +10,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.lake import read_table, versions
 from facadelake.registry import Building
 from facadelake.reviews.campaign import read_reviewed_campaign
-from facadelake.reviews.training.forms import PictureMode, TrainingLabelFormat
-from facadelake.reviews.training.splits import Split, choose_split, parse_splits
+from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat, choose_split, parse_splits
 from facadelake.reviews.training.training_set import TERMS, TrainingSet, TrainingSource, write_training_set
 
 

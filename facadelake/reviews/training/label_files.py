@@ -10,10 +10,9 @@ from typing import Any
 
 import yaml
 
-from facadelake.reviews.presented import polygons_from_wkt
-from facadelake.reviews.training.forms import TrainingLabelFormat
-from facadelake.reviews.training.material import TrainingBox
-from facadelake.reviews.training.splits import Split
+from facadelake.reviews.review_items import polygons_from_wkt
+from facadelake.reviews.training.options import Split, TrainingLabelFormat
+from facadelake.reviews.training.reviewed_photographs import TrainingBox
 from schemas.vocabulary import DefectClass
 
 CLASSES = tuple(DefectClass)

@@ -13,7 +13,7 @@ from shapely import affinity
 from facadelake.core.arrays import UInt8Image
 from facadelake.detection import Box
 from facadelake.detection.coco import polygons_of
-from facadelake.reviews.training.material import ReviewedPhotograph, TrainingBox
+from facadelake.reviews.training.reviewed_photographs import ReviewedPhotograph, TrainingBox
 
 _CONTEXT_FACTOR = 1.2  # a tile's side over its place's, so that what surrounds it is seen too
 _SHIFT_SHARE_MAX = (

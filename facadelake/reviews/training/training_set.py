@@ -20,11 +20,14 @@ from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.progress import track
 from facadelake.detection.inference import read_photograph, turned_by_exif
-from facadelake.reviews.match_reviews import ReviewStatus
-from facadelake.reviews.training.forms import PictureMode, TrainingLabelFormat
+from facadelake.reviews.review_matching import ReviewStatus
 from facadelake.reviews.training.label_files import CLASSES, TrainingPicture, write_labels
-from facadelake.reviews.training.material import ReviewedPhotograph, TrainingBox, collect_reviewed_photographs
-from facadelake.reviews.training.splits import Split
+from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat
+from facadelake.reviews.training.reviewed_photographs import (
+    ReviewedPhotograph,
+    TrainingBox,
+    collect_reviewed_photographs,
+)
 from facadelake.reviews.training.tiles import crop_tile, place_tiles
 
 _log = logging.getLogger(__name__)

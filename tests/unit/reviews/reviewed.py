@@ -7,8 +7,13 @@ import pyarrow as pa
 
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import Box
-from facadelake.reviews.match_reviews import AcceptedDetection, ReviewStatus, match_reviews, select_accepted_detections
-from facadelake.reviews.presented import ReviewItem, ReviewProvenance, list_review_items
+from facadelake.reviews.review_items import ReviewItem, ReviewProvenance, list_review_items
+from facadelake.reviews.review_matching import (
+    AcceptedDetection,
+    ReviewStatus,
+    match_reviews,
+    select_accepted_detections,
+)
 from schemas.vocabulary import DefectClass
 
 CRACK, SPALLING, MOISTURE = DefectClass.CRACK, DefectClass.SPALLING, DefectClass.MOISTURE

@@ -26,8 +26,8 @@ from facadelake.evaluation.model_comparison.report import (
     write_comparison,
 )
 from facadelake.reviews.box_matching import corners_from_boxes
-from facadelake.reviews.match_reviews import match_reviews, select_accepted_detections
-from facadelake.reviews.presented import create_missed_review, create_review, list_review_items
+from facadelake.reviews.review_items import create_missed_review, create_review, list_review_items
+from facadelake.reviews.review_matching import match_reviews, select_accepted_detections
 from schemas.vocabulary import Verdict
 from tests.unit.reviews.reviewed import CRACK, NEW_MODEL, OLD_MODEL, SAID, box, rows, seen
 

@@ -21,8 +21,7 @@ from facadelake.evaluation.model_comparison.promote import promote_model
 from facadelake.registry import Portfolio, read_portfolio
 from facadelake.reviews.campaign import export_task, import_reviews, read_reviewed_campaign
 from facadelake.reviews.training.collect import make_training_set
-from facadelake.reviews.training.forms import PictureMode, TrainingLabelFormat
-from facadelake.reviews.training.splits import Split
+from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat
 from tests.unit.detection.onnx_models import card, save_model
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit
 

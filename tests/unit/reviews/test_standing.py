@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from facadelake.reviews.box_matching import compute_iou, corners_from_boxes, matched
-from facadelake.reviews.match_reviews import ReviewStatus, match_reviews
-from facadelake.reviews.presented import create_review
 from facadelake.reviews.review import Review
+from facadelake.reviews.review_items import create_review
+from facadelake.reviews.review_matching import ReviewStatus, match_reviews
 from schemas.vocabulary import Verdict
 from tests.unit.reviews.reviewed import CRACK, NEW_MODEL, SAID, box, seen, unreviewed
 

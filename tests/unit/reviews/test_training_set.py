@@ -18,10 +18,9 @@ from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.evaluation.detectors.labels.open import open_labels
 from facadelake.evaluation.detectors.labels.sites import with_sites
-from facadelake.reviews.match_reviews import match_reviews
-from facadelake.reviews.presented import create_missed_review, create_review, list_review_items
-from facadelake.reviews.training.forms import PictureMode, TrainingLabelFormat
-from facadelake.reviews.training.splits import Split, choose_split, parse_splits
+from facadelake.reviews.review_items import create_missed_review, create_review, list_review_items
+from facadelake.reviews.review_matching import match_reviews
+from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat, choose_split, parse_splits
 from facadelake.reviews.training.training_set import TrainingSource, write_training_set
 from schemas.vocabulary import Verdict
 from tests.unit.reviews.reviewed import CRACK, MOISTURE, SAID, box, seen

@@ -12,11 +12,11 @@ from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import crosswalk_with
 from facadelake.reviews.coco_import import read_coco_reviews
 from facadelake.reviews.csv_import import read_csv_reviews
-from facadelake.reviews.match_reviews import match_reviews
-from facadelake.reviews.presented import ReviewItem, create_review, list_review_items
 from facadelake.reviews.review import reviews_from_table, select_current_reviews, table_from_reviews
+from facadelake.reviews.review_items import ReviewItem, create_review, list_review_items
+from facadelake.reviews.review_matching import match_reviews
 from facadelake.reviews.task_files import ReviewTask, build_coco_task, format_defects_csv, read_task, write_task
-from facadelake.reviews.training.material import collect_reviewed_photographs
+from facadelake.reviews.training.reviewed_photographs import collect_reviewed_photographs
 from facadelake.reviews.training.tiles import place_tiles
 from schemas.vocabulary import Verdict
 from tests.unit.reviews.reviewed import CRACK, MOISTURE, SAID, SIZES, SPALLING, box, seen, unreviewed

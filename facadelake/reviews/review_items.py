@@ -10,8 +10,8 @@ from typing import Any
 import shapely
 
 from facadelake.detection import Box
-from facadelake.reviews.match_reviews import ReviewStatus
 from facadelake.reviews.review import Review, make_subject
+from facadelake.reviews.review_matching import ReviewStatus
 from schemas.vocabulary import DefectClass, Verdict
 
 

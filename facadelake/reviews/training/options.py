@@ -1,4 +1,4 @@
-"""Which buildings a model learns from and which it is judged by: whole buildings, never photographs or tiles."""
+"""What a person chooses of a training set: the label format, the pictures and the split of each building."""
 
 from __future__ import annotations
 
@@ -7,6 +7,22 @@ from collections.abc import Mapping
 from enum import StrEnum
 
 from facadelake.core.errors import InputDataError
+
+
+class TrainingLabelFormat(StrEnum):
+    """How labels are written."""
+
+    COCO = "coco"
+    YOLO = "yolo"
+
+
+class PictureMode(StrEnum):
+    """What the set's pictures are: tiles about reviewed places, or whole photographs, copied or linked."""
+
+    TILES = "tiles"
+    COPY = "copy"
+    LINK = "link"
+
 
 VAL_SHARE, TEST_SHARE = 0.15, 0.15  # of all buildings there may ever be
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from facadelake.detection import Box
 from facadelake.detection.coco import polygons_of_text
-from facadelake.reviews.match_reviews import ReviewStatus
+from facadelake.reviews.review_matching import ReviewStatus
 from schemas.vocabulary import DefectClass
 
 
