@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.foundation import ROOT, SHARED
 from benchmarks.published_poses import write_published
 from facadelake.building import mask_target_elements, read_registered_model
-from facadelake.building.surface import Surface, horizontal_distance
+from facadelake.building.surface import Surface, build_horizontal_distance
 from facadelake.core.camera import PosedCamera
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.detection import Box, crosswalk_with
@@ -123,7 +123,7 @@ def castle_facade(work: Path) -> LabelledSet:
     model = read_registered_model(building)
     surface = Surface(model)
     root = building.photographs_of("2026-04")
-    photos = ingest_photographs(root, distance_to_model_m=horizontal_distance(model), close_range_below_m=8.0)
+    photos = ingest_photographs(root, distance_to_model_m=build_horizontal_distance(model), close_range_below_m=8.0)
     place = SiteFrame(
         origin=model.origin,
         map_crs=model.map_crs,

@@ -30,7 +30,7 @@ from benchmarks.foundation import DEMO, ROOT, SHARED, evaluated, facadelake
 from benchmarks.published_poses import write_published
 from benchmarks.registration_report import Report
 from facadelake.building import BuildingModel, read_registered_model
-from facadelake.building.surface import Surface, horizontal_distance
+from facadelake.building.surface import Surface, build_horizontal_distance
 from facadelake.campaigns import register_on_committed_poses
 from facadelake.detection.coco import import_coco
 from facadelake.evaluation.campaigns import figures_of
@@ -62,7 +62,9 @@ def _scenery(building_id: str, campaign_id: str, truth: Path, name: str) -> Scen
     building = read_portfolio(ROOT / "data" / "portfolio.yaml").building(building_id)
     model = read_registered_model(building)
     photos = ingest_photographs(
-        building.photographs_of(campaign_id), distance_to_model_m=horizontal_distance(model), close_range_below_m=8.0
+        building.photographs_of(campaign_id),
+        distance_to_model_m=build_horizontal_distance(model),
+        close_range_below_m=8.0,
     )
     return Scenery(
         name=name, building=building, campaign_id=campaign_id, model=model, surface=Surface(model), photos=photos,

@@ -118,9 +118,9 @@ def rendering(model: BuildingModel, posed: PosedCamera) -> tuple[Cost, Cost]:
 
 def render_ready(folder: Path) -> None:
     """The renderer's own process: print wall and processor seconds of the second depth image."""
-    from facadelake.building.surface.render_worker import View
+    from facadelake.building.surface.render_worker import RenderView
 
-    view = View(folder)
+    view = RenderView(folder)
     cost = cost_of(view.buffer, 2)
     print(cost.wall_s, cost.cpu_s)
 
@@ -143,7 +143,7 @@ def measure(building_id: str, campaign: str, lake: Path, portfolio: Path) -> Non
     rays = cost_of(lambda: cast(rows, posed, surface, settings), 21)
     alone = cost_of(lambda: observe(boxes, posed, model, surface, settings, covariances), 11)
     campaign_wide = cost_of(lambda: observe(found, cameras, model, surface, settings, covariances), 3)
-    traced = cost_of(lambda: surface.depth_image(posed[photo], 1.0), 1)
+    traced = cost_of(lambda: surface.render_depth(posed[photo], 1.0), 1)
     ready, whole = rendering(model, posed[photo])
     each = Cost(wall_s=campaign_wide.wall_s / photographs, cpu_s=campaign_wide.cpu_s / photographs)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.building import read_building
-from facadelake.building.surface import horizontal_distance
+from facadelake.building.surface import build_horizontal_distance
 from facadelake.core.hashing import hash_files
 from facadelake.core.tables import write_table
 from facadelake.photos import find_photographs, ingest_photographs
@@ -27,7 +27,7 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
     close_range_below_m = job.building.tolerances.close_range_below_m
 
     def make(folder: Path) -> Counts:
-        distance = horizontal_distance(read_building(model.folder)) if model else None
+        distance = build_horizontal_distance(read_building(model.folder)) if model else None
         photos = ingest_photographs(root, distance_to_model_m=distance, close_range_below_m=close_range_below_m)
         write_table("photos", photos, folder)
         return Counter(photos.column("photo_outcome").to_pylist())

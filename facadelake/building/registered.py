@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.load import load_ifc_building
 from facadelake.building.mesh.files import MeshAxes
 from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building
 from facadelake.building.model import BuildingModel, IfcModelSettings
@@ -19,7 +19,7 @@ def read_registered_model(building: Building) -> BuildingModel:
     path = building.model_path()
     if building.surface_kind is SurfaceKind.MESH:
         return load_mesh_building(path, settings=mesh_settings_from_registry(building))
-    return load_building(path, settings=ifc_settings_from_registry(building))
+    return load_ifc_building(path, settings=ifc_settings_from_registry(building))
 
 
 def ifc_settings_from_registry(building: Building) -> IfcModelSettings:

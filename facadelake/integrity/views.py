@@ -46,8 +46,8 @@ def integrity_views(
     for photo_id in track(sorted(posed), label="Checking the model", total=len(posed)):
         camera = posed[photo_id]
         scale = min(1.0, settings.width_px / camera.camera.width_px)
-        model, _ = surface.depth_image(camera, scale)
-        built, _ = as_built.depth_image(camera, scale)
+        model, _ = surface.render_depth(camera, scale)
+        built, _ = as_built.render_depth(camera, scale)
         seen = float(np.isfinite(model).mean())
         rows.append(_row(photo_id, seen, compare_depth(model, built), settings))
     return table_from_rows("integrity_views", rows)

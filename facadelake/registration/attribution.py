@@ -60,7 +60,7 @@ class Attribution:
         facing = np.einsum("ij,ij->i", hits.normal_site[kept], self._facing[element])
         across = np.flatnonzero((self._host[element] >= 0) & (np.abs(facing) < _ACROSS_COSINE))
         if len(across):
-            near = self._hosts.closest(hits.xyz_site_m[kept[across]])
+            near = self._hosts.find_closest_points(hits.xyz_site_m[kept[across]])
             host = self._host[element[across]]
             at_wall = (near.distance_m <= self._reach_m) & (near.element == host)
             element[across[at_wall]] = host[at_wall]

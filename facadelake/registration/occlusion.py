@@ -86,7 +86,7 @@ class Occluders:
         settings: OcclusionSettings,
     ) -> None:
         self._points, self._posed, self._surface, self._settings = points, posed, surface, settings
-        self._apart_m = surface.distance_to(points.xyz_site_m) if len(points.xyz_site_m) else np.zeros(0)
+        self._apart_m = surface.measure_distance(points.xyz_site_m) if len(points.xyz_site_m) else np.zeros(0)
         self._offsets_m = np.hypot(self._offsets(), placement_sigma_m)
 
     def _offsets(self) -> Float64Array:

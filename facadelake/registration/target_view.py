@@ -47,7 +47,7 @@ def target_view(posed: PosedCamera, surface: Surface, elements: pa.Table, mask: 
     ``mask`` is the user's own, if there is one; one that cannot be used is left out with a warning.
     """
     camera = posed.camera
-    depth, element = surface.depth_image(posed, min(1.0, _WIDTH_PX / camera.width_px))
+    depth, element = surface.render_depth(posed, min(1.0, _WIDTH_PX / camera.width_px))
     shown = np.append(mask_target_elements(elements), False)[element]  # the last answers for a miss
     gsd_mm = float(np.median(depth[shown])) / camera.fx_px * 1000 if shown.any() else float("nan")
     reach = max(1, round(_MARGIN * shown.shape[1]))

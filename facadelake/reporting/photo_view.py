@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from facadelake.building.surface import Surface, ViewImages, render_view_images, virtual_photograph
+from facadelake.building.surface import Surface, ViewImages, render_view_images, render_virtual_photograph
 from facadelake.campaigns import committed_model, committed_tables, resolved_campaign
 from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
@@ -189,7 +189,7 @@ def view_photograph(
     scale = scale if scale is not None else min(1.0, _USUAL_WIDTH_PX / posed.camera.width_px)
     with report_progress("Casting rays and rendering"):
         images = render_view_images(posed, surface, model.elements, scale)
-        virtual = virtual_photograph(model, posed, scale=scale).colour
+        virtual = render_virtual_photograph(model, posed, scale=scale).colour
     photograph = _reduced(building.photographs_of(campaign) / photo_id, posed, images.depth_m.shape)
     path = output or Path(f"view_{Path(photo_id).with_suffix('').as_posix().replace('/', '_')}.png")
     figure = view_sheet(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.load import load_ifc_building
 from facadelake.building.model import IfcModelSettings
 from facadelake.building.model_georeference.selection import MapPlacement
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
@@ -31,7 +31,7 @@ OTHER_SCHEMA = "export it again as IFC2x3, IFC4 or IFC4.3"
 
 def refused(kind: type[FacadelakeError], path: Path, settings: IfcModelSettings = BY_IFC) -> str:
     with pytest.raises(kind) as raised:
-        load_building(path, settings=settings)
+        load_ifc_building(path, settings=settings)
     return str(raised.value)
 
 
@@ -46,7 +46,7 @@ def test_a_truncated_model_is_refused_before_it_is_parsed(write_ifc: WriteIfc, s
         f"building model {path} is cut off: {size} bytes without the closing END-ISO-10303-21; copy or export it again"
     )
     path.write_bytes(whole)
-    assert len(load_building(path, settings=BY_IFC).elements) == 1
+    assert len(load_ifc_building(path, settings=BY_IFC).elements) == 1
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_a_model_that_cannot_be_placed(write_ifc: WriteIfc, ifc: Ifc, settings: 
 
 def test_the_remedies_for_crs_and_datum_help(write_ifc: WriteIfc) -> None:
     path = write_ifc(Ifc(crs={"Name": "Ettlingen local"}, conversion=CONVERSION))
-    building = load_building(path, settings=IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal"))
+    building = load_ifc_building(path, settings=IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal"))
     assert (building.map_crs, building.vertical_datum) == ("EPSG:25832", "ellipsoidal")
 
 
@@ -208,5 +208,5 @@ def test_the_remedy_for_a_model_without_map_conversion_helps(write_ifc: WriteIfc
     placement = MapPlacement(
         east_m=place.east_m, north_m=place.north_m, height_m=place.height_m, rotation_deg=place.rotation_deg
     )
-    model = load_building(write_ifc(Ifc(crs=CRS)), settings=IfcModelSettings(placement=placement))
+    model = load_ifc_building(write_ifc(Ifc(crs=CRS)), settings=IfcModelSettings(placement=placement))
     assert (model.georeference_level, model.map_crs) == ("registry", "EPSG:25832")

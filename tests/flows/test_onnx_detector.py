@@ -80,7 +80,7 @@ def test_no_tile_of_sky_is_looked_at_and_all_of_the_building_is(looked_at: tuple
     beside = 0
     for photo_id, camera in posed.items():
         wide, high = camera.camera.width_px, camera.camera.height_px
-        depth, _ = surface.depth_image(camera, 1.0)
+        depth, _ = surface.render_depth(camera, 1.0)
         shown = np.isfinite(depth)
         gain = float(np.median(depth[shown])) / camera.camera.fx_px * 1000 / GSD_MM
         if gain <= SCALES_APART * min(WIDTH / wide, HEIGHT / high):

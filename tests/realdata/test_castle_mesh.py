@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.load import load_ifc_building
 from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building
 from facadelake.building.model import IfcModelSettings
 from facadelake.building.surface.raycasting import Surface
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.realdata
 
 
 def test_rays_meet_the_mesh_where_they_meet_the_ifc(shared_data: Path, tmp_path: Path) -> None:
-    by_ifc = load_building(shared_data / "castle" / "castle.ifc", settings=IfcModelSettings())
+    by_ifc = load_ifc_building(shared_data / "castle" / "castle.ifc", settings=IfcModelSettings())
     on_map = by_ifc.map_from_site(by_ifc.vertices_site_m)
     zero = np.floor(on_map.min(axis=0))
     with (tmp_path / "castle.obj").open("w") as stream:

@@ -15,7 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.published_poses import write_published
-from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.load import load_ifc_building
 from facadelake.building.model import BuildingModel, IfcModelSettings
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
@@ -40,7 +40,7 @@ class Castle:
 
     def __init__(self, data: Path) -> None:
         self.root = data / "castle"
-        self.model: BuildingModel = load_building(self.root / "castle.ifc", settings=IfcModelSettings())
+        self.model: BuildingModel = load_ifc_building(self.root / "castle.ifc", settings=IfcModelSettings())
         self.surface = Surface(self.model)
         self.photos: pa.Table = ingest_photographs(
             self.root / "images", distance_to_model_m=None, close_range_below_m=8.0

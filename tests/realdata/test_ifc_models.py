@@ -12,8 +12,8 @@ import pyproj
 import pytest
 import shapely
 
-from facadelake.building.ifc.load import load_building
-from facadelake.building.ifc.meshes import meshes_of, open_ifc
+from facadelake.building.ifc.load import load_ifc_building
+from facadelake.building.ifc.meshes import mesh_elements, open_ifc
 from facadelake.building.model import BuildingModel, IfcModelSettings
 from facadelake.building.model_georeference.selection import MapPlacement
 from facadelake.building.surface.raycasting import Surface
@@ -78,7 +78,7 @@ class Castle:
 @pytest.fixture(scope="module")
 def castle(shared_data) -> Castle:
     folder = shared_data / "castle"
-    building = load_building(folder / "castle.ifc", settings=IfcModelSettings())
+    building = load_ifc_building(folder / "castle.ifc", settings=IfcModelSettings())
     posed = {}
     for row in rows_of(folder / "truth" / "cameras.csv"):
         printed = numbers([row], [f"cam_from_site_r{i}{j}" for i in range(3) for j in range(3)]).reshape(3, 3)
@@ -109,7 +109,7 @@ def test_the_castle_stands_where_its_surveyor_measured_it(castle, checkpoints):
     rows = list(checkpoints.values())
     places = castle.building.origin.site_from_geo(numbers(rows, GEO))
     expected = numbers(rows, ["distance_to_model_m"])[:, 0]
-    np.testing.assert_allclose(castle.surface.distance_to(places), expected, rtol=0, atol=0.0002)  # m
+    np.testing.assert_allclose(castle.surface.measure_distance(places), expected, rtol=0, atol=0.0002)  # m
 
 
 def test_the_castles_elements(castle):
@@ -187,8 +187,8 @@ ELSEWHERE = IfcModelSettings(
 def test_models_without_a_georeference_need_the_registrys(shared_data, name, elements, storeys, extent_m):
     path = shared_data / "ifc" / name / f"{name}.ifc"
     with pytest.raises(GeoreferenceError, match="names no projected CRS"):
-        load_building(path, settings=IfcModelSettings())
-    building = load_building(path, settings=ELSEWHERE)
+        load_ifc_building(path, settings=IfcModelSettings())
+    building = load_ifc_building(path, settings=ELSEWHERE)
     rows = building.elements.to_pylist()
     assert len(rows) == elements
     assert {row["storey"] for row in rows} == storeys
@@ -209,8 +209,8 @@ def test_fzk_house_by_latitude_longitude_and_true_north(shared_data):
     """49 6 1.566 N, 8 26 11.5404 E, true north 50 degrees clockwise of the model's y axis: refused unless accepted."""
     path = shared_data / "ifc" / "AC20-FZK-Haus" / "AC20-FZK-Haus.ifc"
     with pytest.raises(GeoreferenceError, match=r"LoGeoRef 20.*accept_level: 20"):
-        load_building(path, settings=IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal"))
-    building = load_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal", accept_level=20))
+        load_ifc_building(path, settings=IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal"))
+    building = load_ifc_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal", accept_level=20))
     assert (building.georeference_level, building.map_crs) == ("20", "EPSG:32632")
     assert "good to about 10 m, one sigma" in building.remarks
     zero = building.origin.site_from_geo(np.array([[8 + 26 / 60 + 11.5404 / 3600, 49 + 6 / 60 + 1.566 / 3600, 110.0]]))
@@ -227,10 +227,10 @@ def test_duplex_by_its_ifc2x3_property_sets(shared_data):
     path = shared_data / "ifc" / "Duplex_A_georef" / "Duplex_A_georef.ifc"
     # EPSG:9897 counts heights from Luxembourg's NG95, whose geoid grid PROJ's wheel does not bring.
     with pytest.raises(GeoreferenceError, match=r"grid|exact transformation"):
-        load_building(path, settings=IfcModelSettings())
-    building = load_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal"))
+        load_ifc_building(path, settings=IfcModelSettings())
+    building = load_ifc_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal"))
     assert (building.map_crs, building.georeference_level) == ("EPSG:2169", "50")
-    xyz = np.vstack([mesh.vertices_ifc_m for mesh in meshes_of(open_ifc(path), deflection_m=0.001, workers=2)])
+    xyz = np.vstack([mesh.vertices_ifc_m for mesh in mesh_elements(open_ifc(path), deflection_m=0.001, workers=2)])
     c, s = 0.325568154457152, 0.945518575599318
     east, north = 76670.0 + c * xyz[:, 0] - s * xyz[:, 1], 77179.0 + s * xyz[:, 0] + c * xyz[:, 1]
     luxembourg = pyproj.Transformer.from_crs(pyproj.CRS("EPSG:2169").to_3d(), "EPSG:4979", always_xy=True)
@@ -257,4 +257,4 @@ def test_duplex_by_its_ifc2x3_property_sets(shared_data):
 def test_the_registrys_vertical_datum_goes_before_the_ifcs(shared_data):
     """The castle's heights are ellipsoidal; called DHHN2016 they need a geoid grid, and are never left as they are."""
     with pytest.raises(GeoreferenceError, match="grid"):
-        load_building(shared_data / "castle" / "castle.ifc", settings=IfcModelSettings(vertical_datum="EPSG:7837"))
+        load_ifc_building(shared_data / "castle" / "castle.ifc", settings=IfcModelSettings(vertical_datum="EPSG:7837"))

@@ -9,29 +9,29 @@ from pathlib import Path
 import ifcopenshell
 import numpy as np
 
-from facadelake.building.ifc.elements import elements_table
-from facadelake.building.ifc.meshes import meshes_of, open_ifc, without_strays
-from facadelake.building.ifc.structure import Storey, building_named, label_of, storeys_of
+from facadelake.building.ifc.elements import build_elements_table
+from facadelake.building.ifc.meshes import drop_distant_elements, mesh_elements, open_ifc
+from facadelake.building.ifc.structure import IfcStorey, get_building, label_building, read_storeys
 from facadelake.building.model import BuildingModel, IfcModelSettings
-from facadelake.building.model_georeference.selection import Georeference, chosen, georeferences_of
+from facadelake.building.model_georeference.selection import Georeference, find_georeferences, select_georeference
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 
 _log = logging.getLogger(__name__)
-_FAR_M = 10_000.0  # a map conversion further from the building than this is a false origin, not the site's
+_FALSE_ORIGIN_M = 10_000.0  # a map conversion further from the building than this is a false origin, not the site's
 
 
-def load_building(path: Path, *, settings: IfcModelSettings) -> BuildingModel:
+def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingModel:
     """The building in the IFC at ``path``, every vertex ifc -> map -> EPSG:4979 -> site in float64.
 
     Raises ModelError for a file that is missing, truncated, without surfaces or of impossible size, GeoreferenceError
     where neither the IFC nor ``settings`` says where it stands, in which CRS, or what its heights refer to.
     """
     model = open_ifc(path)
-    building_guid = building_named(model, settings.building).GlobalId if settings.building else ""
-    readings = georeferences_of(
+    building_guid = get_building(model, settings.building).GlobalId if settings.building else ""
+    readings = find_georeferences(
         model,
         map_crs=settings.map_crs,
         vertical_datum=settings.vertical_datum,
@@ -39,14 +39,14 @@ def load_building(path: Path, *, settings: IfcModelSettings) -> BuildingModel:
         control=settings.control,
         accept_level=settings.accept_level,
     )
-    meshes = meshes_of(
+    meshes = mesh_elements(
         model, deflection_m=settings.mesh_deflection_m, workers=settings.workers, building_guid=building_guid
     )
-    meshes, strays_said = without_strays(meshes)
+    meshes, strays_said = drop_distant_elements(meshes)
     vertices_ifc = np.vstack([mesh.vertices_ifc_m for mesh in meshes])
     centre = (vertices_ifc.min(axis=0) + vertices_ifc.max(axis=0)) / 2
-    georeference = chosen(readings, centre)
-    origin = settings.origin or site_origin(georeference, centre)
+    georeference = select_georeference(readings, centre)
+    origin = settings.origin or choose_site_origin(georeference, centre)
     starts = np.cumsum([0, *(len(mesh.vertices_ifc_m) for mesh in meshes[:-1])])
     triangles = np.vstack([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)])
     owner = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])
@@ -54,12 +54,12 @@ def load_building(path: Path, *, settings: IfcModelSettings) -> BuildingModel:
     surface = Surface.from_mesh(vertices, triangles, owner)
     _log.info("%d elements, %d triangles, %s, heights %s", len(meshes), len(triangles), georeference.map_crs,
               georeference.vertical_datum)  # fmt: skip
-    storeys = storeys_of(model, building_guid) or _named_floors(settings.storeys, georeference)
-    elements = elements_table(
+    storeys = read_storeys(model, building_guid) or _convert_registry_storeys(settings.storeys, georeference)
+    elements = build_elements_table(
         model,
         meshes,
         surface,
-        site_from_ifc=_directions(georeference, origin, centre),
+        site_from_ifc=_compute_site_from_ifc(georeference, origin, centre),
         origin=origin,
         storeys=storeys,
     )
@@ -68,28 +68,28 @@ def load_building(path: Path, *, settings: IfcModelSettings) -> BuildingModel:
         map_crs=georeference.map_crs,
         vertical_datum=georeference.vertical_datum,
         georeference_level=georeference.level,
-        remarks="; ".join(filter(None, [georeference.remarks, strays_said, _buildings_said(model, building_guid)])),
+        remarks="; ".join(filter(None, [georeference.remarks, strays_said, _describe_buildings(model, building_guid)])),
         vertices_site_m=vertices,
         triangles=triangles,
         element_of_triangle=owner,
         elements=elements,
-        storeys=_levels(storeys, georeference, origin, centre),
+        storeys=_compute_storey_levels(storeys, georeference, origin, centre),
     )
 
 
-def site_origin(georeference: Georeference, centre_ifc_m: Float64Array) -> SiteOrigin:
+def choose_site_origin(georeference: Georeference, centre_ifc_m: Float64Array) -> SiteOrigin:
     """The site's origin: the model's own, rounded to 1e-4 degrees and 10 m so that small corrections do not move it.
 
     Where the model's origin lies far from the building (a false origin), the building's middle takes its place.
     """
     own, middle = georeference.geo_from_ifc(np.vstack([np.zeros(3), centre_ifc_m]))
-    lon, lat, height = middle if np.linalg.norm(centre_ifc_m) > _FAR_M else own
+    lon, lat, height = middle if np.linalg.norm(centre_ifc_m) > _FALSE_ORIGIN_M else own
     return SiteOrigin(
         lon_deg=round(float(lon), 4), lat_deg=round(float(lat), 4), height_ellipsoidal_m=round(float(height), -1)
     )
 
 
-def _directions(georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Float64Array) -> Float64Array:
+def _compute_site_from_ifc(georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Float64Array) -> Float64Array:
     """How the model's axes stand in site at its middle (3, 3)."""
     star = centre_ifc_m + np.vstack([np.zeros(3), np.eye(3)])
     at = origin.site_from_geo(georeference.geo_from_ifc(star))
@@ -98,15 +98,15 @@ def _directions(georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Fl
     return turned
 
 
-def _named_floors(floors: Sequence[StoreyElevation], georeference: Georeference) -> list[Storey]:
+def _convert_registry_storeys(floors: Sequence[StoreyElevation], georeference: Georeference) -> list[IfcStorey]:
     """The registry's storeys in the model's axes, which stand upright."""
     place = georeference.placement
-    levels = [Storey(name=floor.name, level_m=(floor.floor_m - place.height_m) / place.scale[2]) for floor in floors]
+    levels = [IfcStorey(name=floor.name, level_m=(floor.floor_m - place.height_m) / place.scale[2]) for floor in floors]
     return sorted(levels, key=lambda storey: storey.level_m)
 
 
-def _levels(
-    storeys: Sequence[Storey], georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Float64Array
+def _compute_storey_levels(
+    storeys: Sequence[IfcStorey], georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Float64Array
 ) -> tuple[StoreyLevel, ...]:
     """The storeys' floors in site, at the building's middle."""
     if not storeys:
@@ -118,13 +118,13 @@ def _levels(
     )
 
 
-def _buildings_said(model: ifcopenshell.file, building_guid: str) -> str:
+def _describe_buildings(model: ifcopenshell.file, building_guid: str) -> str:
     """Which of several buildings were taken; empty where the file has one."""
     buildings = model.by_type("IfcBuilding")
     if len(buildings) < 2:
         return ""
     if building_guid:
         taken = next(building for building in buildings if building.GlobalId == building_guid)
-        return f"of the IFC's {len(buildings)} buildings '{label_of(taken)}' alone was taken"
-    names = ", ".join(f"'{label_of(building)}'" for building in buildings[:5])
+        return f"of the IFC's {len(buildings)} buildings '{label_building(taken)}' alone was taken"
+    names = ", ".join(f"'{label_building(building)}'" for building in buildings[:5])
     return f"the IFC has {len(buildings)} buildings ({names}), all taken; model_building in the registry names one"

@@ -13,24 +13,26 @@ import numpy as np
 from facadelake.core.arrays import Float64Array
 
 _AXES = {"AXIS1": 0, "AXIS2": 1, "AXIS3": 2}
-_ACROSS = 0.5  # cosine: layers that lie more along the facade than across it have no outermost
+_ACROSS_COSINE = 0.5  # cosine: layers that lie more along the facade than across it have no outermost
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layer:
+class MaterialLayer:
     """One layer; the material is empty where the IFC names none, as of an air gap."""
 
     material: str
     thickness_m: float
 
 
-def material_names(element: ifcopenshell.entity_instance) -> str:
+def read_material_names(element: ifcopenshell.entity_instance) -> str:
     """Names of the element's materials, each once, outermost first where a usage says so; empty without."""
     material = ifcopenshell.util.element.get_material(element)
-    return "; ".join(dict.fromkeys(_names(material)))
+    return "; ".join(dict.fromkeys(_collect_names(material)))
 
 
-def layers_of(element: ifcopenshell.entity_instance, outward_ifc: Float64Array | None, unit_m: float) -> list[Layer]:
+def read_layers(
+    element: ifcopenshell.entity_instance, outward_ifc: Float64Array | None, unit_m: float
+) -> list[MaterialLayer]:
     """The element's layers; empty without any.
 
     Outermost first where ``outward_ifc`` (3,), in the model's axes, is known and the IFC says how the layers lie in the
@@ -44,7 +46,7 @@ def layers_of(element: ifcopenshell.entity_instance, outward_ifc: Float64Array |
     if not layer_set.is_a("IfcMaterialLayerSet"):
         return []
     layers = [
-        Layer(
+        MaterialLayer(
             material=(layer.Material.Name or "") if layer.Material else "",
             thickness_m=round(float(layer.LayerThickness) * unit_m, 6),
         )
@@ -55,26 +57,26 @@ def layers_of(element: ifcopenshell.entity_instance, outward_ifc: Float64Array |
     placed = ifcopenshell.util.placement.get_local_placement(element.ObjectPlacement)
     sense = -1.0 if usage.DirectionSense == "NEGATIVE" else 1.0
     along = sense * float(np.dot(placed[:3, _AXES[usage.LayerSetDirection]], outward_ifc))
-    return layers[::-1] if along > _ACROSS else layers  # the set begins at the inner face
+    return layers[::-1] if along > _ACROSS_COSINE else layers  # the set begins at the inner face
 
 
-def layers_json(layers: list[Layer]) -> str:
+def json_from_layers(layers: list[MaterialLayer]) -> str:
     """Layers as JSON, empty without any."""
     rows = [{"material": layer.material or None, "thickness_m": layer.thickness_m} for layer in layers]
     return json.dumps(rows, ensure_ascii=False) if rows else ""
 
 
-def _names(material: ifcopenshell.entity_instance | None) -> list[str]:
+def _collect_names(material: ifcopenshell.entity_instance | None) -> list[str]:
     if material is None:
         return []
     if material.is_a("IfcMaterial"):
         return [material.Name] if material.Name else []
     if material.is_a("IfcMaterialLayerSetUsage"):
-        names = _names(material.ForLayerSet)
+        names = _collect_names(material.ForLayerSet)
         return names[::-1] if material.DirectionSense == "NEGATIVE" else names
     if material.is_a("IfcMaterialProfileSetUsage"):
-        return _names(material.ForProfileSet)
+        return _collect_names(material.ForProfileSet)
     parts: list[ifcopenshell.entity_instance] = []
     for attribute in ("MaterialLayers", "MaterialConstituents", "MaterialProfiles", "Materials"):
         parts.extend(getattr(material, attribute, None) or ())
-    return [name for part in parts for name in _names(part if part.is_a("IfcMaterial") else part.Material)]
+    return [name for part in parts for name in _collect_names(part if part.is_a("IfcMaterial") else part.Material)]

@@ -13,13 +13,13 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from facadelake.building.ifc.structure import building_of
+from facadelake.building.ifc.structure import find_building
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import ModelError
 from facadelake.core.progress import report_progress
 
 _log = logging.getLogger(__name__)
-_AT_ONCE = 500  # elements an iterator is given: it holds all its shapes until it goes
+_BATCH = 500  # elements an iterator is given: it holds all its shapes until it goes
 _HEAD, _TAIL = b"ISO-10303-21;", b"END-ISO-10303-21;"
 # Holes, virtual boundaries, terrain and trees are elements of IFC but no part of the building's surface.
 _LEFT_OUT = ("IfcFeatureElement", "IfcVirtualElement", "IfcGeographicElement", "IfcOpeningElement")
@@ -70,7 +70,7 @@ def open_ifc(path: Path) -> ifcopenshell.file:
     return model
 
 
-def meshes_of(
+def mesh_elements(
     model: ifcopenshell.file, *, deflection_m: float, workers: int, building_guid: str = ""
 ) -> list[ElementMesh]:
     """Every element's surface in model axes, openings cut out; spaces, sites, openings and annotations are left out.
@@ -81,10 +81,10 @@ def meshes_of(
     wanted = [
         element
         for kind in ("IfcElement", "IfcProxy")
-        for element in _by_type(model, kind)
+        for element in _list_entities(model, kind)
         if element.Representation is not None
-        and not any(_is(element, name) for name in _LEFT_OUT)
-        and not (building_guid and _is_of_another(element, building_guid))
+        and not any(_is_a(element, name) for name in _LEFT_OUT)
+        and not (building_guid and _is_in_other_building(element, building_guid))
     ]
     settings = ifcopenshell.geom.settings()
     # Shapes come about their own placement, where coordinates are small, and are moved in float64 afterwards: at map
@@ -96,8 +96,8 @@ def meshes_of(
     settings.set("mesher-angular-deflection", 0.35)
     meshes: list[ElementMesh] = []
     with report_progress("Meshing elements", len(wanted)) as step:
-        for start in range(0, len(wanted), _AT_ONCE):
-            for mesh in _shapes(model, settings, workers, wanted[start : start + _AT_ONCE]):
+        for start in range(0, len(wanted), _BATCH):
+            for mesh in _iterate_shapes(model, settings, workers, wanted[start : start + _BATCH]):
                 if len(mesh.triangles):
                     meshes.append(mesh)
                 step.advance()
@@ -106,7 +106,7 @@ def meshes_of(
             f"the building model has {len(wanted)} elements with a body and none gave a surface; "
             "export it with body geometry (design transfer or reference view)"
         )
-    meshes = _joined(meshes)
+    meshes = _merge_by_guid(meshes)
     missing = {element.GlobalId for element in wanted} - {mesh.guid for mesh in meshes}
     if missing:
         _log.warning(
@@ -115,7 +115,7 @@ def meshes_of(
     return meshes
 
 
-def _shapes(
+def _iterate_shapes(
     model: ifcopenshell.file,
     settings: ifcopenshell.geom.settings,
     workers: int,
@@ -128,23 +128,23 @@ def _shapes(
         shape = iterator.get()
         vertices = np.frombuffer(shape.geometry.verts_buffer, dtype=np.float64).reshape(-1, 3)
         triangles = np.frombuffer(shape.geometry.faces_buffer, dtype=np.int32).reshape(-1, 3).astype(np.int64)
-        mesh = _cleaned(shape.guid, vertices, triangles)
+        mesh = _clean_mesh(shape.guid, vertices, triangles)
         ifc_from_own = np.frombuffer(shape.transformation_buffer, dtype=np.float64).reshape(4, 4).T
-        yield replace(mesh, vertices_ifc_m=_moved(mesh.vertices_ifc_m, ifc_from_own))
+        yield replace(mesh, vertices_ifc_m=_transform_points(mesh.vertices_ifc_m, ifc_from_own))
         more = iterator.next()
 
 
-def _moved(points: Float64Array, matrix: Float64Array) -> Float64Array:
+def _transform_points(points: Float64Array, matrix: Float64Array) -> Float64Array:
     moved: Float64Array = points @ matrix[:3, :3].T + matrix[:3, 3]
     return moved
 
 
-def _is_of_another(element: ifcopenshell.entity_instance, building_guid: str) -> bool:
-    building = building_of(element)
+def _is_in_other_building(element: ifcopenshell.entity_instance, building_guid: str) -> bool:
+    building = find_building(element)
     return building is not None and building.GlobalId != building_guid
 
 
-def _cleaned(guid: str, vertices: Float64Array, triangles: Int64Array) -> ElementMesh:
+def _clean_mesh(guid: str, vertices: Float64Array, triangles: Int64Array) -> ElementMesh:
     """Without slivers, and each connected body turned inside out where its volume came out negative.
 
     The kernel's own reorienting of shells costs three times the whole meshing.
@@ -163,7 +163,7 @@ def _cleaned(guid: str, vertices: Float64Array, triangles: Int64Array) -> Elemen
     return ElementMesh(guid=guid, vertices_ifc_m=vertices, triangles=triangles)
 
 
-def _joined(meshes: list[ElementMesh]) -> list[ElementMesh]:
+def _merge_by_guid(meshes: list[ElementMesh]) -> list[ElementMesh]:
     """One mesh an element, by GlobalId: the iterator gives one shape for each of an element's contexts."""
     by_guid: dict[str, list[ElementMesh]] = {}
     for mesh in meshes:
@@ -182,26 +182,26 @@ def _joined(meshes: list[ElementMesh]) -> list[ElementMesh]:
     return whole
 
 
-def _by_type(model: ifcopenshell.file, kind: str) -> list[ifcopenshell.entity_instance]:
+def _list_entities(model: ifcopenshell.file, kind: str) -> list[ifcopenshell.entity_instance]:
     try:
         return list(model.by_type(kind))
     except RuntimeError:  # the schema has no such class (IfcProxy left in IFC4.3)
         return []
 
 
-def _is(element: ifcopenshell.entity_instance, kind: str) -> bool:
+def _is_a(element: ifcopenshell.entity_instance, kind: str) -> bool:
     try:
         return bool(element.is_a(kind))
     except RuntimeError:  # the schema has no such class
         return False
 
 
-_STRAY_M = 5_000.0  # from the middle element; float32 rays keep 0.3 mm within it
-_HIGHEST_M = 1_200.0  # no building is higher
-_SMALLEST_M = 0.5
+_MAX_DISTANCE_M = 5_000.0  # from the middle element; float32 rays keep 0.3 mm within it
+_MAX_HEIGHT_M = 1_200.0  # no building is higher
+_MIN_SIZE_M = 0.5
 
 
-def without_strays(meshes: Sequence[ElementMesh]) -> tuple[list[ElementMesh], str]:
+def drop_distant_elements(meshes: Sequence[ElementMesh]) -> tuple[list[ElementMesh], str]:
     """The meshes without those more than 5 km from the middle one, and words about what was left out.
 
     Such elements are left at the file's zero, or at map coordinates, by mistake. Raises ModelError where what is left
@@ -209,15 +209,15 @@ def without_strays(meshes: Sequence[ElementMesh]) -> tuple[list[ElementMesh], st
     """
     middles = np.array([(mesh.vertices_ifc_m.min(axis=0) + mesh.vertices_ifc_m.max(axis=0)) / 2 for mesh in meshes])
     off = np.linalg.norm(middles - np.median(middles, axis=0), axis=1)
-    kept = [mesh for mesh, far in zip(meshes, off > _STRAY_M, strict=True) if not far]
-    strays = [mesh.guid for mesh, far in zip(meshes, off > _STRAY_M, strict=True) if far]
+    kept = [mesh for mesh, far in zip(meshes, off > _MAX_DISTANCE_M, strict=True) if not far]
+    strays = [mesh.guid for mesh, far in zip(meshes, off > _MAX_DISTANCE_M, strict=True) if far]
     if len(strays) > len(meshes) / 2:
         raise ModelError(
             f"the elements of the building model lie up to {off.max() / 1000:.0f} km apart; is its length unit wrong, "
             "or are some at map coordinates and others at zero? export it again"
         )
     size = np.ptp(np.vstack([mesh.vertices_ifc_m for mesh in kept]), axis=0)
-    if size[2] > _HIGHEST_M or size.max() < _SMALLEST_M:
+    if size[2] > _MAX_HEIGHT_M or size.max() < _MIN_SIZE_M:
         raise ModelError(
             f"the building model is {size[0]:.3g} x {size[1]:.3g} m in plan and {size[2]:.3g} m high, which no "
             "building is; its length unit (IfcUnitAssignment) is wrong: export it again"
@@ -225,6 +225,6 @@ def without_strays(meshes: Sequence[ElementMesh]) -> tuple[list[ElementMesh], st
     if not strays:
         return kept, ""
     named = ", ".join(strays[:5]) + (" ..." if len(strays) > 5 else "")
-    said = f"{len(strays)} elements more than {_STRAY_M / 1000:g} km from the others were left out ({named})"
+    said = f"{len(strays)} elements more than {_MAX_DISTANCE_M / 1000:g} km from the others were left out ({named})"
     _log.warning("%s", said)
     return kept, said

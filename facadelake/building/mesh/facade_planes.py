@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from facadelake.building.facades.openness import INSIDE, LEVEL, compass_from_direction, compute_openness
 from facadelake.building.storeys import StoreyLevel, find_storey
-from facadelake.building.surface.footprint import in_lon_lat, outline_of
+from facadelake.building.surface.footprint import compute_outline, lon_lat_from_site
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.geodesy import SiteOrigin
@@ -119,7 +119,7 @@ def build_plane_elements(
                 "facade_azimuth_deg": azimuth if np.isfinite(azimuth) else None,
                 "surface_area_m2": float(surface.areas_m2[own].sum()),
                 "triangles": int(own.sum()),
-                "geometry": shapely.to_wkb(in_lon_lat(outline_of(corners), low, origin)),
+                "geometry": shapely.to_wkb(lon_lat_from_site(compute_outline(corners), low, origin)),
             }
         )
     return table_from_rows("elements", rows)

@@ -13,9 +13,9 @@ from facadelake.building.mesh.facade_planes import build_plane_elements, segment
 from facadelake.building.mesh.files import MeshAxes, read_mesh_file
 from facadelake.building.mesh.offset import MeshOffset, read_mesh_offset
 from facadelake.building.model import BuildingModel
-from facadelake.building.model_georeference.map_placement import Georeference, MapPlacement, geo_from_map
-from facadelake.building.model_georeference.site_placement import utm_of
-from facadelake.building.model_georeference.vertical_datum import horizontal_and_vertical, vertical_named
+from facadelake.building.model_georeference.map_placement import MapPlacement, ModelGeoreference, geo_from_map
+from facadelake.building.model_georeference.site_placement import utm_from_lon_lat
+from facadelake.building.model_georeference.vertical_datum import parse_vertical_datum, split_crs
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
@@ -56,7 +56,7 @@ def load_mesh_building(path: Path, *, settings: MeshModelSettings) -> BuildingMo
     offset = read_mesh_offset(settings.offset_file) if settings.offset_file else None
     horizontal, vertical = _resolve_crs(settings, offset)
     mesh = read_mesh_file(path, axes=settings.axes, unit_m=settings.unit_m)
-    georeference = Georeference(
+    georeference = ModelGeoreference(
         placement=settings.placement or (_placement_from_offset(offset, horizontal) if offset else _MAP_COORDINATES),
         map_crs=horizontal,
         vertical_datum=vertical,
@@ -88,9 +88,9 @@ def place_building_without_model(lon_lat_deg: Float64Array, *, settings: MeshMod
         )
     # The height only keeps site coordinates small; GPS heights may be off by the geoid, so none is taken from them.
     origin = settings.origin or _round_origin(np.append(np.median(known, axis=0), 0.0))
-    own = settings if settings.map_crs else replace(settings, map_crs=utm_of(origin.lon_deg, origin.lat_deg))
+    own = settings if settings.map_crs else replace(settings, map_crs=utm_from_lon_lat(origin.lon_deg, origin.lat_deg))
     horizontal, vertical = _resolve_crs(own, None)
-    georeference = Georeference(
+    georeference = ModelGeoreference(
         placement=_MAP_COORDINATES,
         map_crs=horizontal,
         vertical_datum=vertical,
@@ -128,8 +128,8 @@ def _resolve_crs(settings: MeshModelSettings, offset: MeshOffset | None) -> tupl
         raise GeoreferenceError(
             "nothing says which projected CRS the mesh stands in; give the registry's crs.map, such as EPSG:25832"
         )
-    horizontal, by_crs = horizontal_and_vertical(named)
-    vertical = vertical_named(settings.vertical_datum) if settings.vertical_datum else by_crs
+    horizontal, by_crs = split_crs(named)
+    vertical = parse_vertical_datum(settings.vertical_datum) if settings.vertical_datum else by_crs
     if not vertical:
         raise GeoreferenceError(
             f"nothing says what heights refer to (CRS {horizontal}); give the registry's crs.vertical: 'ellipsoidal', "
@@ -148,7 +148,7 @@ def _placement_from_offset(offset: MeshOffset, horizontal: str) -> MapPlacement:
     return MapPlacement(east_m=offset.east_m, north_m=offset.north_m, height_m=offset.height_m)
 
 
-def _locate_mesh(path: Path, georeference: Georeference, middle_m: Float64Array) -> Float64Array:
+def _locate_mesh(path: Path, georeference: ModelGeoreference, middle_m: Float64Array) -> Float64Array:
     """The mesh's middle in EPSG:4979 (3,). Raises GeoreferenceError where its CRS is not in use there."""
     crs = georeference.map_crs
     area = pyproj.CRS.from_user_input(crs).area_of_use
@@ -183,7 +183,7 @@ def _describe_placement(settings: MeshModelSettings, offset: MeshOffset | None, 
     return f"{said} m by its offset file{other}"
 
 
-def _create_building(origin: SiteOrigin, georeference: Georeference, settings: MeshModelSettings) -> BuildingModel:
+def _create_building(origin: SiteOrigin, georeference: ModelGeoreference, settings: MeshModelSettings) -> BuildingModel:
     bare = BuildingModel(
         origin=origin,
         map_crs=georeference.map_crs,

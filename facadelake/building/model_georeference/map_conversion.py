@@ -19,13 +19,13 @@ from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import promote_to_3d
 
-_SCALE_LIMIT = 0.1  # a grid factor beyond 1 +- this is a wrong unit, not a projection
+_MAX_SCALE_ERROR = 0.1  # a grid factor beyond 1 +- this is a wrong unit, not a projection
 _UNITS_2X3 = {"METRE": 1.0, "METER": 1.0, "METRES": 1.0, "METERS": 1.0, "M": 1.0, "MILLIMETRE": 0.001, "MM": 0.001,
               "FOOT": 0.3048, "FEET": 0.3048, "US SURVEY FOOT": 1200 / 3937}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
-class Operation:
+class CoordinateOperation:
     """What the IFC states of the way from its axes to the map, in the units it states it in.
 
     ``scale`` is None where the operation has none by its kind (IfcRigidOperation) and so keeps lengths.
@@ -40,12 +40,12 @@ class Operation:
     factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
-def stated_crs(model: ifcopenshell.file) -> tuple[str | None, str | None]:
+def read_crs(model: ifcopenshell.file) -> tuple[str | None, str | None]:
     """Name (or WKT, IFC4.3) of the CRS and what is said of heights, as the IFC states them."""
-    entity = _crs_of(model)
+    entity = _find_crs(model)
     if entity is None:
-        values = property_set(model, "ePSet_ProjectedCRS")
-        name = values.get("Name") or property_set(model, "ePSet_MapConversion").get("TargetCRS")
+        values = read_property_set(model, "ePSet_ProjectedCRS")
+        name = values.get("Name") or read_property_set(model, "ePSet_MapConversion").get("TargetCRS")
     else:
         values = entity.get_info(recursive=False)
         name = values.get("Name")
@@ -58,17 +58,17 @@ def stated_crs(model: ifcopenshell.file) -> tuple[str | None, str | None]:
     return name or None, vertical or None
 
 
-def operation_of(model: ifcopenshell.file) -> Operation | None:
+def read_coordinate_operation(model: ifcopenshell.file) -> CoordinateOperation | None:
     """The operation from the model's axes to the map; None where the IFC states none, or one in degrees."""
-    entity = operation_entity(model)
+    entity = find_operation_entity(model)
     if entity is None:
-        values = property_set(model, "ePSet_MapConversion")
-        return _of_properties(values) if values else None
+        values = read_property_set(model, "ePSet_MapConversion")
+        return _operation_from_properties(values) if values else None
     if entity.is_a("IfcRigidOperation"):
-        if is_angle(entity):
+        if has_angular_coordinates(entity):
             return None
         east, north = entity.FirstCoordinate.wrappedValue, entity.SecondCoordinate.wrappedValue
-        return Operation(
+        return CoordinateOperation(
             kind=entity.is_a(), east=float(east), north=float(north), height=float(entity.Height or 0), scale=None
         )
     scale = float(entity.Scale or 1.0)
@@ -77,20 +77,20 @@ def operation_of(model: ifcopenshell.file) -> Operation | None:
     factors[2] = float(getattr(entity, "ScaleZ", None) or scale) / scale
     if entity.is_a("IfcMapConversionScaled"):
         factors = [float(value) for value in (entity.FactorX, entity.FactorY, entity.FactorZ)]
-    return Operation(
+    return CoordinateOperation(
         kind=entity.is_a(),
         east=float(entity.Eastings),
         north=float(entity.Northings),
         height=float(entity.OrthogonalHeight or 0.0),
-        x_axis=_x_axis(entity.XAxisAbscissa, entity.XAxisOrdinate),
+        x_axis=_read_x_axis(entity.XAxisAbscissa, entity.XAxisOrdinate),
         scale=scale,
         factors=(factors[0], factors[1], factors[2]),
     )
 
 
-def operation_entity(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
+def find_operation_entity(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
     """The IfcCoordinateOperation of the model's own context, before that of its plans; None where there is none."""
-    found = _by_type(model, "IfcCoordinateOperation")
+    found = _list_entities(model, "IfcCoordinateOperation")
     own = [
         operation
         for operation in found
@@ -101,41 +101,43 @@ def operation_entity(model: ifcopenshell.file) -> ifcopenshell.entity_instance |
     return chosen[0] if chosen else None
 
 
-def is_angle(rigid: ifcopenshell.entity_instance) -> bool:
+def has_angular_coordinates(rigid: ifcopenshell.entity_instance) -> bool:
     """Whether an IfcRigidOperation counts in degrees: then its target is a geographic CRS."""
     return bool(rigid.FirstCoordinate.is_a() in ("IfcPlaneAngleMeasure", "IfcPositivePlaneAngleMeasure"))
 
 
-def placements_of(model: ifcopenshell.file, operation: Operation, map_crs: str) -> Iterator[tuple[MapPlacement, str]]:
+def list_placements(
+    model: ifcopenshell.file, operation: CoordinateOperation, map_crs: str
+) -> Iterator[tuple[MapPlacement, str]]:
     """Readings of the operation, the standard's first; each with what it assumes beyond the standard.
 
     Exporters differ in what ``Scale`` and an omitted ``MapUnit`` mean, so a reading must give a metre scale near 1.
     Raises GeoreferenceError where none does.
     """
     project_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
-    stated_m = _map_unit_m(model)
+    stated_m = _read_map_unit_m(model)
     crs_m = float(promote_to_3d(map_crs).axis_info[0].unit_conversion_factor)
     unit_readings = [(stated_m, "")] if stated_m else [(project_m, "")]
     if not stated_m and abs(crs_m - project_m) > 1e-9:
         unit_readings.append((crs_m, f"MapUnit is not given; the unit of {map_crs} was taken"))
     none_fits = True
     for unit_m, said in unit_readings:
-        for metre_scale, scale_said in _metre_scales(operation, unit_m / project_m):
-            if abs(metre_scale - 1) <= _SCALE_LIMIT:
+        for metre_scale, scale_said in _list_metre_scales(operation, unit_m / project_m):
+            if abs(metre_scale - 1) <= _MAX_SCALE_ERROR:
                 none_fits = False
-                remarks = (said, scale_said, _grid_said(operation, metre_scale))
-                yield _placement(operation, unit_m, metre_scale), "; ".join(filter(None, remarks))
+                remarks = (said, scale_said, _describe_scale(operation, metre_scale))
+                yield _placement_from_operation(operation, unit_m, metre_scale), "; ".join(filter(None, remarks))
                 break
-    if none_fits or any(abs(factor - 1) > _SCALE_LIMIT for factor in operation.factors):
+    if none_fits or any(abs(factor - 1) > _MAX_SCALE_ERROR for factor in operation.factors):
         raise GeoreferenceError(
             f"{operation.kind} has Scale {operation.scale} and factors {operation.factors}, the model's unit is "
             f"{project_m:g} m and the map's {stated_m or crs_m:g} m: no reading of these gives a map that stretches by "
-            f"less than {_SCALE_LIMIT:.0%}, so a unit is wrong; correct Scale or MapUnit, or give the registry's "
+            f"less than {_MAX_SCALE_ERROR:.0%}, so a unit is wrong; correct Scale or MapUnit, or give the registry's "
             "crs.placement"
         )
 
 
-def property_set(model: ifcopenshell.file, name: str) -> dict[str, Any]:
+def read_property_set(model: ifcopenshell.file, name: str) -> dict[str, Any]:
     """A property set of the project or, as the user guide has it, of the site; empty where there is none."""
     for holder in [*model.by_type("IfcProject"), *model.by_type("IfcSite")]:
         for found, values in ifcopenshell.util.element.get_psets(holder, psets_only=True).items():
@@ -144,14 +146,14 @@ def property_set(model: ifcopenshell.file, name: str) -> dict[str, Any]:
     return {}
 
 
-def _metre_scales(operation: Operation, unit_ratio: float) -> list[tuple[float, str]]:
+def _list_metre_scales(operation: CoordinateOperation, unit_ratio: float) -> list[tuple[float, str]]:
     if operation.scale is None:
         return [(1.0, "")]
     said = "Scale was taken as a factor between metres, for it does not hold the units' ratio"
     return [(operation.scale * unit_ratio, ""), (operation.scale, said)]
 
 
-def _grid_said(operation: Operation, metre_scale: float) -> str:
+def _describe_scale(operation: CoordinateOperation, metre_scale: float) -> str:
     if operation.kind == "IfcMapConversionScaled" and operation.factors != (1.0, 1.0, 1.0):
         return f"the map's factors along x, y, z are {', '.join(f'{f:.6f}' for f in operation.factors)}"
     if abs(metre_scale - 1) > 1e-9:
@@ -159,7 +161,7 @@ def _grid_said(operation: Operation, metre_scale: float) -> str:
     return ""
 
 
-def _placement(operation: Operation, unit_m: float, metre_scale: float) -> MapPlacement:
+def _placement_from_operation(operation: CoordinateOperation, unit_m: float, metre_scale: float) -> MapPlacement:
     x, y, z = operation.factors
     return MapPlacement(
         east_m=operation.east * unit_m,
@@ -171,7 +173,7 @@ def _placement(operation: Operation, unit_m: float, metre_scale: float) -> MapPl
     )
 
 
-def _of_properties(values: dict[str, Any]) -> Operation:
+def _operation_from_properties(values: dict[str, Any]) -> CoordinateOperation:
     """ePSet_MapConversion; raises GeoreferenceError where a value is no number."""
     numbers = {}
     for name in ("Eastings", "Northings", "OrthogonalHeight", "XAxisAbscissa", "XAxisOrdinate", "Scale"):
@@ -187,35 +189,35 @@ def _of_properties(values: dict[str, Any]) -> Operation:
         raise GeoreferenceError(
             "ePSet_MapConversion has no Eastings or no Northings; complete it, or give the registry's crs.placement"
         )
-    return Operation(
+    return CoordinateOperation(
         kind="ePSet_MapConversion",
         east=numbers["Eastings"],
         north=numbers["Northings"],
         height=numbers["OrthogonalHeight"] or 0.0,
-        x_axis=_x_axis(numbers["XAxisAbscissa"], numbers["XAxisOrdinate"]),
+        x_axis=_read_x_axis(numbers["XAxisAbscissa"], numbers["XAxisOrdinate"]),
         scale=numbers["Scale"] or 1.0,
     )
 
 
-def _x_axis(abscissa: float | None, ordinate: float | None) -> tuple[float, float]:
+def _read_x_axis(abscissa: float | None, ordinate: float | None) -> tuple[float, float]:
     if not abscissa and not ordinate:
         return 1.0, 0.0
     return float(abscissa or 0.0), float(ordinate or 0.0)
 
 
-def _crs_of(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
-    operation = operation_entity(model)
+def _find_crs(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
+    operation = find_operation_entity(model)
     if operation is not None:
         return operation.TargetCRS
-    found = _by_type(model, "IfcCoordinateReferenceSystem")
+    found = _list_entities(model, "IfcCoordinateReferenceSystem")
     return found[0] if found else None
 
 
-def _map_unit_m(model: ifcopenshell.file) -> float | None:
+def _read_map_unit_m(model: ifcopenshell.file) -> float | None:
     """Metres of IfcProjectedCRS.MapUnit; None where it is not given."""
-    crs = _crs_of(model)
+    crs = _find_crs(model)
     if crs is None:
-        name = str(property_set(model, "ePSet_ProjectedCRS").get("MapUnit") or "").strip().upper()
+        name = str(read_property_set(model, "ePSet_ProjectedCRS").get("MapUnit") or "").strip().upper()
         if name and name not in _UNITS_2X3:
             raise GeoreferenceError(
                 f"ePSet_ProjectedCRS.MapUnit is {name!r}; known are {', '.join(_UNITS_2X3)}; correct it, "
@@ -229,7 +231,7 @@ def _map_unit_m(model: ifcopenshell.file) -> float | None:
     return float(ifcopenshell.util.unit.convert_unit(1.0, unit, metre))
 
 
-def _by_type(model: ifcopenshell.file, kind: str) -> list[ifcopenshell.entity_instance]:
+def _list_entities(model: ifcopenshell.file, kind: str) -> list[ifcopenshell.entity_instance]:
     try:
         return list(model.by_type(kind))
     except RuntimeError:  # the schema has no such class

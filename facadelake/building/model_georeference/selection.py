@@ -14,24 +14,37 @@ import ifcopenshell
 import numpy as np
 import pyproj
 
-from facadelake.building.model_georeference.control_pairs import ControlPair, placed_by
-from facadelake.building.model_georeference.map_conversion import operation_of, placements_of, stated_crs
-from facadelake.building.model_georeference.map_placement import Georeference, GridAt, MapPlacement, grid_at
-from facadelake.building.model_georeference.site_placement import (
-    GlobePlace,
-    geographic_operation,
-    has_address,
-    placed_on_globe,
-    site_place,
-    true_north_deg,
-    utm_of,
-    world_matrix,
+from facadelake.building.model_georeference.control_pairs import ControlPair, fit_placement
+from facadelake.building.model_georeference.map_conversion import list_placements, read_coordinate_operation, read_crs
+from facadelake.building.model_georeference.map_placement import (
+    GridFactors,
+    MapPlacement,
+    ModelGeoreference,
+    compute_grid_factors,
 )
-from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL, horizontal_and_vertical, vertical_named
+from facadelake.building.model_georeference.site_placement import (
+    GeographicAnchor,
+    has_address,
+    place_on_globe,
+    read_geographic_operation,
+    read_site_anchor,
+    read_true_north_deg,
+    read_world_matrix,
+    utm_from_lon_lat,
+)
+from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL, parse_vertical_datum, split_crs
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
 
-__all__ = ["ELLIPSOIDAL", "Georeference", "MapPlacement", "Readings", "chosen", "georeferences_of", "the_one_in_use"]
+__all__ = [
+    "ELLIPSOIDAL",
+    "Georeference",
+    "MapPlacement",
+    "GeoreferenceCandidates",
+    "select_georeference",
+    "find_georeferences",
+    "_select_in_area_of_use",
+]
 
 _log = logging.getLogger(__name__)
 _BORDER_DEG = 1.0  # how far outside a CRS's area of use a building may stand
@@ -43,21 +56,21 @@ REGISTRY = "registry"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Readings:
+class GeoreferenceCandidates:
     """Every reading of the model's georeference, the one to be preferred first.
 
     ``accept_level`` is the lowest LoGeoRef that the registry accepts though it is good to metres alone.
-    ``as_it_is`` takes the model's coordinates for the map's. ``there_is`` says in words what the IFC has.
+    ``as_map_coordinates`` takes the model's coordinates for the map's. ``lower_levels`` says in words what the IFC has.
     """
 
-    found: tuple[Georeference, ...]
-    as_it_is: Georeference
+    candidates: tuple[ModelGeoreference, ...]
+    as_map_coordinates: ModelGeoreference
     accept_level: int | None
     true_north_deg: float | None
-    there_is: str
+    lower_levels: str
 
 
-def georeferences_of(
+def find_georeferences(
     model: ifcopenshell.file,
     *,
     map_crs: str | None,
@@ -65,85 +78,93 @@ def georeferences_of(
     placement: MapPlacement | None = None,
     control: Sequence[ControlPair] = (),
     accept_level: int | None = None,
-) -> Readings:
+) -> GeoreferenceCandidates:
     """Readings of the model's georeference, the standard's first; what the caller gives goes before what the IFC says.
 
     Raises GeoreferenceError where the CRS or the vertical datum is neither in the IFC nor given, where what is stated
     cannot be, or where PROJ lacks a grid.
     """
-    site, in_degrees = site_place(model), geographic_operation(model)
-    there_is = _what_there_is(model, site)
-    stated, stated_vertical = stated_crs(model)
+    site, in_degrees = read_site_anchor(model), read_geographic_operation(model)
+    there_is = _describe_lower_levels(model, site)
+    stated, stated_vertical = read_crs(model)
     if map_crs is None and in_degrees is not None:
-        map_crs = utm_of(in_degrees.lon_deg, in_degrees.lat_deg)
+        map_crs = utm_from_lon_lat(in_degrees.lon_deg, in_degrees.lat_deg)
     if map_crs is None and stated is None and site is not None and accept_level is not None:
-        map_crs = utm_of(site.lon_deg, site.lat_deg)
+        map_crs = utm_from_lon_lat(site.lon_deg, site.lat_deg)
     if map_crs is None and stated is None:
         raise GeoreferenceError(
             f"the IFC names no projected CRS ({there_is}); "
             "write IfcProjectedCRS into it, or give the registry's crs.map, such as EPSG:25832"
         )
-    horizontal, by_crs = horizontal_and_vertical(map_crs or stated or "")
-    vertical = vertical_datum and vertical_named(vertical_datum)
-    vertical = vertical or by_crs or (stated_vertical and vertical_named(stated_vertical))
+    horizontal, by_crs = split_crs(map_crs or stated or "")
+    vertical = vertical_datum and parse_vertical_datum(vertical_datum)
+    vertical = vertical or by_crs or (stated_vertical and parse_vertical_datum(stated_vertical))
     if not vertical:
         raise GeoreferenceError(
             f"neither the IFC nor the registry says what the model's heights refer to (CRS {horizontal}); give the "
             "registry's crs.vertical: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
         )
-    as_it_is = Georeference(
+    as_it_is = ModelGeoreference(
         placement=MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0),
         map_crs=horizontal,
         vertical_datum=vertical,
         level="30",
         remarks=f"the model's coordinates, placements and geometry together, are taken as coordinates of {horizontal}",
     )
-    north = true_north_deg(model)
+    north = read_true_north_deg(model)
     if control:
-        fitted, said = placed_by(control, horizontal, vertical)
+        fitted, said = fit_placement(control, horizontal, vertical)
         found = [replace(as_it_is, placement=fitted, level=REGISTRY, remarks=said)]
     elif placement:
         found = [replace(as_it_is, placement=placement, level=REGISTRY, remarks="")]
     elif in_degrees is not None:
-        found = [_on_globe(in_degrees, as_it_is, north, "50")]
+        found = [_georeference_from_globe(in_degrees, as_it_is, north, "50")]
     else:
-        found = _by_the_ifc(model, as_it_is, site, north)
-    if world_matrix(model) is not None:
-        found = [reading if reading.level == "40" else _beside_world(reading) for reading in found]
+        found = _read_ifc_candidates(model, as_it_is, site, north)
+    if read_world_matrix(model) is not None:
+        found = [reading if reading.level == "40" else _note_unused_world(reading) for reading in found]
     _in_use(found[0] if found else as_it_is, np.zeros(3))  # raises where a grid is missing, before the long meshing
-    return Readings(
-        found=tuple(found), as_it_is=as_it_is, accept_level=accept_level, true_north_deg=north, there_is=there_is
+    return GeoreferenceCandidates(
+        candidates=tuple(found),
+        as_map_coordinates=as_it_is,
+        accept_level=accept_level,
+        true_north_deg=north,
+        lower_levels=there_is,
     )
 
 
-def chosen(readings: Readings, centre_ifc_m: Float64Array) -> Georeference:
+def select_georeference(readings: GeoreferenceCandidates, centre_ifc_m: Float64Array) -> ModelGeoreference:
     """The reading to go by, ``centre_ifc_m`` (3,) being the middle of the geometry; its remarks tell what was assumed.
 
     Raises GeoreferenceError where there is none, where it puts the middle outside its CRS, where the shift is in the
     geometry and in the conversion too, or where the place is good to metres alone and the registry does not accept it.
     """
-    on_the_map = _is_map_coordinate(readings.as_it_is, centre_ifc_m)
-    possible = [reading for reading in readings.found if on_the_map or reading.level != "30"]
+    on_the_map = _has_map_coordinates(readings.as_map_coordinates, centre_ifc_m)
+    possible = [reading for reading in readings.candidates if on_the_map or reading.level != "30"]
     if not possible:
         raise GeoreferenceError(
-            f"the IFC is not georeferenced: it has no IfcMapConversion ({readings.there_is}); "
+            f"the IFC is not georeferenced: it has no IfcMapConversion ({readings.lower_levels}); "
             "georeference it in the authoring tool, or give the registry's crs.placement "
             "(east_m, north_m, height_m, rotation_deg)"
         )
     for reading in possible:
         if reading.level == possible[0].level:
-            _refuse_a_shift_twice(reading, centre_ifc_m, on_the_map=on_the_map)
-    best = the_one_in_use(possible, centre_ifc_m)
-    _refuse_a_coarse_place(best, readings.accept_level)
-    grid = grid_at(best.geo_from_ifc(centre_ifc_m[None])[0], best.map_crs, best.vertical_datum)
-    notes = [best.remarks, _stretch_said(best, grid), _north_said(best, readings.true_north_deg, grid)]
+            _check_double_shift(reading, centre_ifc_m, on_the_map=on_the_map)
+    best = _select_in_area_of_use(possible, centre_ifc_m)
+    _check_accuracy(best, readings.accept_level)
+    grid = compute_grid_factors(best.geo_from_ifc(centre_ifc_m[None])[0], best.map_crs, best.vertical_datum)
+    notes = [
+        best.remarks,
+        _describe_grid_scale(best, grid),
+        _describe_north_conflict(best, readings.true_north_deg, grid),
+    ]
     said = "; ".join(filter(None, notes))
     if said:
         _log.info("georeference of the model: %s", said)
     return replace(best, remarks=said)
 
 
-def the_one_in_use(readings: Sequence[Georeference], centre_ifc_m: Float64Array) -> Georeference:
+def _select_in_area_of_use(readings: Sequence[ModelGeoreference], centre_ifc_m: Float64Array) -> ModelGeoreference:
     """The first reading that puts ``centre_ifc_m`` (3,), the middle of the geometry, where its CRS is in use.
 
     Raises GeoreferenceError where none does.
@@ -155,17 +176,17 @@ def the_one_in_use(readings: Sequence[Georeference], centre_ifc_m: Float64Array)
     place = readings[0].placement.map_from_ifc(centre_ifc_m[None])[0].round(1).tolist()
     raise GeoreferenceError(
         f"the model's middle comes to lie at east, north, height {place} m, outside the area where {horizontal} is in "
-        f"use ({_area_text(horizontal)}); is the CRS the right one, are units mixed, or is the shift in the "
+        f"use ({_name_area_of_use(horizontal)}); is the CRS the right one, are units mixed, or is the shift in the "
         "geometry and in IfcMapConversion too?"
     )
 
 
-def _by_the_ifc(
-    model: ifcopenshell.file, as_it_is: Georeference, site: GlobePlace | None, north_deg: float | None
-) -> list[Georeference]:
+def _read_ifc_candidates(
+    model: ifcopenshell.file, as_it_is: ModelGeoreference, site: GeographicAnchor | None, north_deg: float | None
+) -> list[ModelGeoreference]:
     """Readings of what the IFC itself states, the best level first."""
-    world = world_matrix(model)
-    operation = operation_of(model)
+    world = read_world_matrix(model)
+    operation = read_coordinate_operation(model)
     if operation is not None:
         if world is not None:  # readers disagree on its direction
             raise GeoreferenceError(
@@ -175,22 +196,24 @@ def _by_the_ifc(
             )
         return [
             replace(as_it_is, placement=place, level="50", remarks=said)
-            for place, said in placements_of(model, operation, as_it_is.map_crs)
+            for place, said in list_placements(model, operation, as_it_is.map_crs)
         ]
     found = [as_it_is]
     if world is not None and np.hypot(*world[:2, 3]) > _FAR_M:
-        found.insert(0, _by_world(world, as_it_is, north_deg))
+        found.insert(0, _georeference_from_world(world, as_it_is, north_deg))
     if site is not None and _holds(as_it_is.map_crs, site.lon_deg, site.lat_deg, _BORDER_DEG):
-        found.append(_on_globe(site, as_it_is, north_deg, "20"))
+        found.append(_georeference_from_globe(site, as_it_is, north_deg, "20"))
     return found
 
 
-def _beside_world(reading: Georeference) -> Georeference:
+def _note_unused_world(reading: ModelGeoreference) -> ModelGeoreference:
     unused = "the IFC's WorldCoordinateSystem is shifted or turned and was not used"
     return replace(reading, remarks="; ".join(filter(None, [reading.remarks, unused])))
 
 
-def _by_world(world: Float64Array, as_it_is: Georeference, north_deg: float | None) -> Georeference:
+def _georeference_from_world(
+    world: Float64Array, as_it_is: ModelGeoreference, north_deg: float | None
+) -> ModelGeoreference:
     """LoGeoRef 40: the map's coordinates in WorldCoordinateSystem, turned by it or else by TrueNorth."""
     if abs(world[2, 2] - 1) > 1e-9:
         raise GeoreferenceError(
@@ -203,7 +226,7 @@ def _by_world(world: Float64Array, as_it_is: Georeference, north_deg: float | No
         turn = -north_deg
         if _in_use(as_it_is, world[:3, 3]):
             geo = as_it_is.geo_from_ifc(world[None, :3, 3])[0]
-            apart = abs(grid_at(geo, as_it_is.map_crs, as_it_is.vertical_datum).true_east_deg)
+            apart = abs(compute_grid_factors(geo, as_it_is.map_crs, as_it_is.vertical_datum).true_east_deg)
             sigma = float(np.radians(apart) * _ARM_M)
             said += (
                 f" and turned by TrueNorth as the grid's north; true north is {apart:.2f} deg from it here, "
@@ -220,19 +243,21 @@ def _by_world(world: Float64Array, as_it_is: Georeference, north_deg: float | No
     )
 
 
-def _on_globe(place: GlobePlace, as_it_is: Georeference, north_deg: float | None, level: str) -> Georeference:
+def _georeference_from_globe(
+    place: GeographicAnchor, as_it_is: ModelGeoreference, north_deg: float | None, level: str
+) -> ModelGeoreference:
     turned_by = "the model's y axis taken as north" if north_deg is None else f"turned by TrueNorth {north_deg:.2f} deg"
     sure = f"; good to about {place.sigma_m:.0f} m, one sigma, as a whole" if place.sigma_m else ""
     return replace(
         as_it_is,
-        placement=placed_on_globe(place, as_it_is.map_crs, as_it_is.vertical_datum, north_deg),
+        placement=place_on_globe(place, as_it_is.map_crs, as_it_is.vertical_datum, north_deg),
         level=level,
-        remarks=f"{place.said}, {turned_by}{sure}",
+        remarks=f"{place.remark}, {turned_by}{sure}",
         sigma_m=place.sigma_m,
     )
 
 
-def _refuse_a_shift_twice(reading: Georeference, centre_ifc_m: Float64Array, *, on_the_map: bool) -> None:
+def _check_double_shift(reading: ModelGeoreference, centre_ifc_m: Float64Array, *, on_the_map: bool) -> None:
     """Raises where the geometry already has map coordinates and the placement shifts it as far once more."""
     place = reading.placement
     if not on_the_map or np.hypot(place.east_m, place.north_m) < _FAR_M:
@@ -247,7 +272,7 @@ def _refuse_a_shift_twice(reading: Georeference, centre_ifc_m: Float64Array, *, 
     )
 
 
-def _refuse_a_coarse_place(reading: Georeference, accept_level: int | None) -> None:
+def _check_accuracy(reading: ModelGeoreference, accept_level: int | None) -> None:
     if reading.sigma_m <= _GOOD_M or (accept_level is not None and int(reading.level) >= accept_level):
         return
     raise GeoreferenceError(
@@ -258,14 +283,14 @@ def _refuse_a_coarse_place(reading: Georeference, accept_level: int | None) -> N
     )
 
 
-def _stretch_said(reading: Georeference, grid: GridAt) -> str:
+def _describe_grid_scale(reading: ModelGeoreference, grid: GridFactors) -> str:
     """That coordinates in placements are lengths on the map, which the grid stretches; empty for other levels."""
     if reading.level not in ("30", "40"):
         return ""
-    return f"a metre of the model is a metre on the map, where a metre on the ground is {grid.factor:.6f} m"
+    return f"a metre of the model is a metre on the map, where a metre on the ground is {grid.combined_factor:.6f} m"
 
 
-def _north_said(reading: Georeference, north_deg: float | None, grid: GridAt) -> str:
+def _describe_north_conflict(reading: ModelGeoreference, north_deg: float | None, grid: GridFactors) -> str:
     """A conflict between TrueNorth and the turn that is used; empty where they agree with true or grid north."""
     if north_deg is None or reading.level in ("20", "40"):
         return ""
@@ -276,12 +301,12 @@ def _north_said(reading: Georeference, north_deg: float | None, grid: GridAt) ->
     return f"TrueNorth ({north_deg:.2f} deg from the model's y axis) is {abs(by_true):.2f} deg off and was not used"
 
 
-def _is_map_coordinate(as_it_is: Georeference, centre_ifc_m: Float64Array) -> bool:
+def _has_map_coordinates(as_it_is: ModelGeoreference, centre_ifc_m: Float64Array) -> bool:
     """Whether the geometry's own coordinates are the map's: far from zero, and inside the CRS's area of use."""
     return bool(np.hypot(*centre_ifc_m[:2]) > _FAR_M) and _in_use(as_it_is, centre_ifc_m, border_deg=0.0)
 
 
-def _in_use(georeference: Georeference, centre_ifc_m: Float64Array, *, border_deg: float = _BORDER_DEG) -> bool:
+def _in_use(georeference: ModelGeoreference, centre_ifc_m: Float64Array, *, border_deg: float = _BORDER_DEG) -> bool:
     try:
         lon, lat, _ = georeference.geo_from_ifc(centre_ifc_m[None])[0]
     except GeoreferenceError as error:
@@ -301,12 +326,12 @@ def _holds(map_crs: str, lon: float, lat: float, b: float) -> bool:
     return bool(in_lon and area.south - b <= lat <= area.north + b)
 
 
-def _area_text(crs: str) -> str:
+def _name_area_of_use(crs: str) -> str:
     area = pyproj.CRS.from_user_input(crs).area_of_use
     return area.name.split(":")[0] if area else "area unknown"
 
 
-def _what_there_is(model: ifcopenshell.file, site: GlobePlace | None) -> str:
+def _describe_lower_levels(model: ifcopenshell.file, site: GeographicAnchor | None) -> str:
     """Lower levels of georeference the model has, for the message: none of them is exact enough."""
     if site is not None:
         return (

@@ -15,24 +15,24 @@ import ifcopenshell.util.unit
 import numpy as np
 import pyproj
 
-from facadelake.building.model_georeference.map_conversion import is_angle, operation_entity
+from facadelake.building.model_georeference.map_conversion import find_operation_entity, has_angular_coordinates
 from facadelake.building.model_georeference.map_placement import (
-    GridAt,
+    GridFactors,
     MapPlacement,
+    compute_grid_factors,
     geo_from_map,
-    grid_at,
-    standing_at,
+    place_upright,
 )
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import GEO, transform
 
-_SURVEYED_SIGMA_M = 10.0  # authoring tools take the place from a map or an address, whatever digits they write
-_SECOND_M = 31.0  # a second of arc on the meridian
+_MIN_SITE_SIGMA_M = 10.0  # authoring tools take the place from a map or an address, whatever digits they write
+_ARC_SECOND_M = 31.0  # a second of arc on the meridian
 
 
 @dataclass(frozen=True, kw_only=True)
-class GlobePlace:
+class GeographicAnchor:
     """A point of the model on the globe, and its height in the model's vertical datum.
 
     ``sigma_m`` is 0 where a surveyor's word stands behind it.
@@ -43,16 +43,16 @@ class GlobePlace:
     height_m: float
     anchor_ifc_m: Float64Array
     sigma_m: float
-    said: str
+    remark: str
 
 
-def site_place(model: ifcopenshell.file) -> GlobePlace | None:
+def read_site_anchor(model: ifcopenshell.file) -> GeographicAnchor | None:
     """The place of an IfcSite with RefLatitude and RefLongitude, which are of its placement's origin; None without."""
     unit_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
     for site in model.by_type("IfcSite"):
         if not site.RefLatitude or not site.RefLongitude:
             continue
-        lat, lon = _degrees(site.RefLatitude), _degrees(site.RefLongitude)
+        lat, lon = _degrees_from_compound(site.RefLatitude), _degrees_from_compound(site.RefLongitude)
         if (lat, lon) == (0.0, 0.0) or abs(lat) > 90 or abs(lon) > 180:
             continue
         anchor = np.zeros(3)
@@ -60,27 +60,29 @@ def site_place(model: ifcopenshell.file) -> GlobePlace | None:
             anchor = ifcopenshell.util.placement.get_local_placement(site.ObjectPlacement)[:3, 3] * unit_m
         elevation = float(site.RefElevation or 0.0) * unit_m
         sigma = max(
-            _SURVEYED_SIGMA_M, _step_m(site.RefLatitude) / np.sqrt(12), _step_m(site.RefLongitude) / np.sqrt(12)
+            _MIN_SITE_SIGMA_M,
+            _estimate_rounding_m(site.RefLatitude) / np.sqrt(12),
+            _estimate_rounding_m(site.RefLongitude) / np.sqrt(12),
         )
         without = "" if site.RefElevation is not None else ", no RefElevation, so the site's zero is taken at height 0"
-        return GlobePlace(
+        return GeographicAnchor(
             lon_deg=lon,
             lat_deg=lat,
             height_m=elevation,
             anchor_ifc_m=anchor,
             sigma_m=float(sigma),
-            said=f"placed by IfcSite's latitude {lat:.6f} and longitude {lon:.6f}{without}",
+            remark=f"placed by IfcSite's latitude {lat:.6f} and longitude {lon:.6f}{without}",
         )
     return None
 
 
-def geographic_operation(model: ifcopenshell.file) -> GlobePlace | None:
+def read_geographic_operation(model: ifcopenshell.file) -> GeographicAnchor | None:
     """An IfcRigidOperation (IFC4.3) that counts in degrees, as a place; None where there is none.
 
     Raises GeoreferenceError where its CRS is not a geographic one that PROJ knows.
     """
-    entity = operation_entity(model)
-    if entity is None or not entity.is_a("IfcRigidOperation") or not is_angle(entity):
+    entity = find_operation_entity(model)
+    if entity is None or not entity.is_a("IfcRigidOperation") or not has_angular_coordinates(entity):
         return None
     name = entity.TargetCRS.Name or ""
     try:
@@ -102,26 +104,28 @@ def geographic_operation(model: ifcopenshell.file) -> GlobePlace | None:
     lon, lat = transform(np.array([[lon, lat, 0.0]]), name, GEO)[0, :2]
     unit_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
     order = "latitude first" if lat_first else "longitude first"
-    return GlobePlace(
+    return GeographicAnchor(
         lon_deg=float(lon),
         lat_deg=float(lat),
         height_m=float(entity.Height or 0.0) * unit_m,
         anchor_ifc_m=np.zeros(3),
         sigma_m=0.0,
-        said=f"placed by IfcRigidOperation in {name}, {order} as that CRS orders its axes",
+        remark=f"placed by IfcRigidOperation in {name}, {order} as that CRS orders its axes",
     )
 
 
-def placed_on_globe(place: GlobePlace, map_crs: str, vertical_datum: str, north_deg: float | None) -> MapPlacement:
-    """The model upright at ``place``, its true north at ``north_deg`` (see ``true_north_deg``)."""
-    grid = grid_at(np.array([place.lon_deg, place.lat_deg, 0.0]), map_crs, vertical_datum)
+def place_on_globe(place: GeographicAnchor, map_crs: str, vertical_datum: str, north_deg: float | None) -> MapPlacement:
+    """The model upright at ``place``, its true north at ``north_deg`` (see ``read_true_north_deg``)."""
+    grid = compute_grid_factors(np.array([place.lon_deg, place.lat_deg, 0.0]), map_crs, vertical_datum)
     there = np.array([[grid.map_m[0], grid.map_m[1], place.height_m]])
-    at_height = grid_at(geo_from_map(there, map_crs, vertical_datum)[0], map_crs, vertical_datum)
-    exact = GridAt(map_m=there[0], true_east_deg=at_height.true_east_deg, factor=at_height.factor)
-    return standing_at(exact, anchor_ifc_m=place.anchor_ifc_m, x_axis_deg=-(north_deg or 0.0))
+    at_height = compute_grid_factors(geo_from_map(there, map_crs, vertical_datum)[0], map_crs, vertical_datum)
+    exact = GridFactors(
+        map_m=there[0], true_east_deg=at_height.true_east_deg, combined_factor=at_height.combined_factor
+    )
+    return place_upright(exact, anchor_ifc_m=place.anchor_ifc_m, x_axis_deg=-(north_deg or 0.0))
 
 
-def true_north_deg(model: ifcopenshell.file) -> float | None:
+def read_true_north_deg(model: ifcopenshell.file) -> float | None:
     """Angle from the model's y axis anticlockwise to true north, -180 to 180; None where the IFC does not say."""
     for context in model.by_type("IfcGeometricRepresentationContext", include_subtypes=False):
         if context.ContextType == "Model" and context.TrueNorth is not None:
@@ -131,7 +135,7 @@ def true_north_deg(model: ifcopenshell.file) -> float | None:
     return None
 
 
-def world_matrix(model: ifcopenshell.file) -> Float64Array | None:
+def read_world_matrix(model: ifcopenshell.file) -> Float64Array | None:
     """The model context's WorldCoordinateSystem (4, 4) in metres; None where it is the identity."""
     world = ifcopenshell.util.geolocation.get_wcs(model)
     if world is None or np.allclose(world, np.eye(4), rtol=0, atol=1e-6):
@@ -147,22 +151,22 @@ def has_address(model: ifcopenshell.file) -> bool:
     return any(address is not None for address in buildings + [site.SiteAddress for site in model.by_type("IfcSite")])
 
 
-def utm_of(lon_deg: float, lat_deg: float) -> str:
+def utm_from_lon_lat(lon_deg: float, lat_deg: float) -> str:
     """The UTM zone (WGS 84) of a place."""
     zone = min(int((lon_deg + 180) // 6) + 1, 60)
     return f"EPSG:{(32600 if lat_deg >= 0 else 32700) + zone}"
 
 
-def _degrees(parts: Sequence[int]) -> float:
+def _degrees_from_compound(parts: Sequence[int]) -> float:
     """IfcCompoundPlaneAngleMeasure: degrees, minutes, seconds and millionths of a second, all of one sign."""
     sign = -1.0 if any(part < 0 for part in parts) else 1.0
     return sign * sum(abs(part) / unit for part, unit in zip(parts, (1.0, 60.0, 3600.0, 3.6e9), strict=False))
 
 
-def _step_m(parts: Sequence[int]) -> float:
+def _estimate_rounding_m(parts: Sequence[int]) -> float:
     """What the angle seems to be rounded to, metres."""
     if len(parts) > 3 and parts[3]:
         return 0.0
     if len(parts) > 2 and parts[2]:
-        return _SECOND_M
-    return 60 * _SECOND_M
+        return _ARC_SECOND_M
+    return 60 * _ARC_SECOND_M

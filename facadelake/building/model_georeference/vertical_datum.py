@@ -16,7 +16,7 @@ _ELLIPSOIDS = {"ellipsoid", "ellipsoidal", "grs80", "grs 80", "grs1980", "grs 19
 _CODE = re.compile(r"^(?:urn:ogc:def:crs:)?EPSG:{1,2}(\d+)$|^(\d{4,5})$", re.IGNORECASE)
 
 
-def horizontal_and_vertical(crs_text: str) -> tuple[str, str]:
+def split_crs(crs_text: str) -> tuple[str, str]:
     """A CRS as its horizontal part and what it says of heights ("" where it says nothing).
 
     A compound CRS ("EPSG:25832+7837", "EPSG:5555") falls into its two parts; one with three axes has ellipsoidal
@@ -36,13 +36,13 @@ def horizontal_and_vertical(crs_text: str) -> tuple[str, str]:
         )
     vertical = ""
     if crs.is_compound:
-        vertical = _text(crs.sub_crs_list[1])
+        vertical = _format_crs(crs.sub_crs_list[1])
     elif len(crs.axis_info) == 3:
         vertical = ELLIPSOIDAL
-    return _text(horizontal), vertical
+    return _format_crs(horizontal), vertical
 
 
-def vertical_named(text: str) -> str:
+def parse_vertical_datum(text: str) -> str:
     """A vertical datum as "ellipsoidal" or "EPSG:<code>", from a code or a name such as "DHHN2016" or "NAVD88 height".
 
     Raises GeoreferenceError where PROJ knows no such vertical CRS, or more than one.
@@ -68,6 +68,6 @@ def vertical_named(text: str) -> str:
     return f"EPSG:{same[0].code}"
 
 
-def _text(crs: pyproj.CRS) -> str:
+def _format_crs(crs: pyproj.CRS) -> str:
     code = crs.to_epsg()
     return f"EPSG:{code}" if code else str(crs.to_wkt())

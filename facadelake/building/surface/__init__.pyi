@@ -1,9 +1,9 @@
 from .edges import ModelEdges as ModelEdges
-from .edges import model_edges as model_edges
-from .footprint import horizontal_distance as horizontal_distance
+from .edges import extract_model_edges as extract_model_edges
+from .footprint import build_horizontal_distance as build_horizontal_distance
 from .raycasting import MISS as MISS
 from .raycasting import Hits as Hits
 from .raycasting import Surface as Surface
 from .view_images import ViewImages as ViewImages
 from .view_images import render_view_images as render_view_images
-from .virtual_view import virtual_photograph as virtual_photograph
+from .virtual_view import render_virtual_photograph as render_virtual_photograph

@@ -40,7 +40,7 @@ class ModelEdges:
         return length
 
 
-def model_edges(
+def extract_model_edges(
     vertices_site_m: Float64Array,
     triangles: Int64Array,
     element_of_triangle: Int64Array,
@@ -56,24 +56,24 @@ def model_edges(
     a curve that the mesh made of flat pieces). Collinear pieces (within ``same_line_m``) are joined, what is shorter
     than ``shortest_m`` is left out. Parallel lines within ``feature_radius_m`` of the longest of them are one feature.
     """
-    start, end = _creases(vertices_site_m, triangles, element_of_triangle, np.cos(np.radians(crease_deg)))
+    start, end = _find_creases(vertices_site_m, triangles, element_of_triangle, np.cos(np.radians(crease_deg)))
     length = np.linalg.norm(end - start, axis=1)
     kept = length > _WELD_M
     start, end = start[kept], end[kept]
     if len(start) == 0:
         return ModelEdges(start_site_m=start, end_site_m=end, feature=np.zeros(0, dtype=np.int64))
     middle = (start.min(axis=0) + start.max(axis=0)) / 2
-    joined_start, joined_end, line = _joined(start - middle, end - middle, same_line_m)
+    joined_start, joined_end, line = _join_collinear(start - middle, end - middle, same_line_m)
     long_enough = np.linalg.norm(joined_end - joined_start, axis=1) >= shortest_m
     joined_start, joined_end, line = joined_start[long_enough], joined_end[long_enough], line[long_enough]
     return ModelEdges(
         start_site_m=joined_start + middle,
         end_site_m=joined_end + middle,
-        feature=_features(joined_start, joined_end, line, feature_radius_m),
+        feature=_group_features(joined_start, joined_end, line, feature_radius_m),
     )
 
 
-def _creases(
+def _find_creases(
     vertices: Float64Array, triangles: Int64Array, owner: Int64Array, flat_cosine: float
 ) -> tuple[Float64Array, Float64Array]:
     """Ends (k, 3) of the creases and borders of each element's own welded surface."""
@@ -99,17 +99,17 @@ def _creases(
     return vertices[place[keys[edge, 1]]], vertices[place[keys[edge, 2]]]
 
 
-def _unit_directions(start: Float64Array, end: Float64Array) -> Float64Array:
+def _compute_unit_directions(start: Float64Array, end: Float64Array) -> Float64Array:
     direction = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
     unit: Float64Array = direction * np.where(direction @ _SIGN < 0, -1.0, 1.0)[:, None]
     return unit
 
 
-def _joined(
+def _join_collinear(
     start: Float64Array, end: Float64Array, tolerance_m: float
 ) -> tuple[Float64Array, Float64Array, Int64Array]:
     """Pieces (k, 3), (k, 3) and the line (k,) each lies on: collinear edges joined where they touch or overlap."""
-    direction = _unit_directions(start, end)
+    direction = _compute_unit_directions(start, end)
     foot = start - np.einsum("ij,ij->i", start, direction)[:, None] * direction
     reach = max(float(np.abs(np.concatenate([start, end])).max()), 1.0)  # what a turn moves at the far end
     place = np.hstack([direction * reach, foot])
@@ -135,12 +135,12 @@ def _joined(
     )
 
 
-def _features(start: Float64Array, end: Float64Array, line: Int64Array, radius_m: float) -> Int64Array:
+def _group_features(start: Float64Array, end: Float64Array, line: Int64Array, radius_m: float) -> Int64Array:
     """Feature (k,) of pieces: lines are taken in the order of their length, each with the free ones around it.
 
     No chains: the rungs of a ladder do not become one feature.
     """
-    direction = _unit_directions(start, end)
+    direction = _compute_unit_directions(start, end)
     foot = start - np.einsum("ij,ij->i", start, direction)[:, None] * direction
     lines, first, of_line = np.unique(line, return_index=True, return_inverse=True)
     length = np.bincount(of_line.ravel(), weights=np.linalg.norm(end - start, axis=1))

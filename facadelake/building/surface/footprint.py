@@ -12,18 +12,18 @@ from facadelake.building.model import BuildingModel
 from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 
-_MANY = 8_000
+_MAX_UNION_TRIANGLES = 8_000
 _CELL_M = 0.1
-_MOST_CELLS = 4096  # along a side
+_MAX_CELLS = 4096  # along a side
 
 
-def outline_of(corners_site_m: Float64Array) -> shapely.Geometry:
+def compute_outline(corners_site_m: Float64Array) -> shapely.Geometry:
     """Outline in site x, y of triangles (m, 3, 3) seen from above; of a bare vertical sheet, a strip 1 cm wide.
 
     Of more than 8,000 triangles, which would take minutes, it is made of the decimetre cells that they touch.
     """
-    if len(corners_site_m) > _MANY:
-        return _outline_of_many(corners_site_m)
+    if len(corners_site_m) > _MAX_UNION_TRIANGLES:
+        return _rasterise_outline(corners_site_m)
     flat = shapely.polygons(corners_site_m[:, :, :2])
     flat = flat[shapely.area(flat) > 1e-6]
     outline = shapely.union_all(flat, grid_size=1e-4) if len(flat) else shapely.Polygon()
@@ -32,10 +32,10 @@ def outline_of(corners_site_m: Float64Array) -> shapely.Geometry:
     return outline.simplify(0.001)
 
 
-def _outline_of_many(corners_site_m: Float64Array) -> shapely.Geometry:
+def _rasterise_outline(corners_site_m: Float64Array) -> shapely.Geometry:
     flat = corners_site_m[:, :, :2]
     low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
-    cell_m = max(_CELL_M, float((high - low).max()) / _MOST_CELLS)
+    cell_m = max(_CELL_M, float((high - low).max()) / _MAX_CELLS)
     cells = np.floor((flat - low) / cell_m).astype(np.int32)
     columns, rows = cells.max(axis=(0, 1)) + 1
     covered = np.zeros((rows, columns + 2), dtype=np.uint8)
@@ -48,7 +48,7 @@ def _outline_of_many(corners_site_m: Float64Array) -> shapely.Geometry:
     return shapely.union_all(shapely.box(x[0], y[0], x[1], y[1]), grid_size=1e-4).simplify(0.001)
 
 
-def in_lon_lat(outline: shapely.Geometry, level_m: float, origin: SiteOrigin) -> shapely.Geometry:
+def lon_lat_from_site(outline: shapely.Geometry, level_m: float, origin: SiteOrigin) -> shapely.Geometry:
     """An outline in site x, y, at ``level_m`` in site z, as lon, lat (EPSG:4979)."""
 
     def lon_lat(xy: Float64Array) -> Float64Array:
@@ -57,9 +57,9 @@ def in_lon_lat(outline: shapely.Geometry, level_m: float, origin: SiteOrigin) ->
     return shapely.transform(outline, lon_lat)
 
 
-def horizontal_distance(building: BuildingModel) -> Callable[[Float64Array], Float64Array]:
+def build_horizontal_distance(building: BuildingModel) -> Callable[[Float64Array], Float64Array]:
     """A function of places (n, 2: lon_deg, lat_deg): their distance (n,) in metres from the building's plan."""
-    plan = outline_of(building.vertices_site_m[building.triangles])
+    plan = compute_outline(building.vertices_site_m[building.triangles])
     shapely.prepare(plan)
 
     def distance(lon_lat_deg: Float64Array) -> Float64Array:

@@ -14,7 +14,7 @@ from facadelake.core.errors import ModelError
 
 MISS = -1
 _CHUNK = 1_000_000  # rays per cast: about 100 MB of float64 around one
-_PARALLEL = 1e-6  # |cos| between ray and normal below which the plane cannot refine a hit
+_MIN_COSINE = 1e-6  # |cos| between ray and normal below which the plane cannot refine a hit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +39,7 @@ class Hits:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Closest:
+class ClosestPoints:
     """The surface's points closest to n points; ``normal_site`` points as the triangle is wound."""
 
     distance_m: Float64Array
@@ -113,7 +113,7 @@ class Surface:
         height = np.einsum(
             "ij,ij->i", normal[met], self.vertices_site_m[self.triangles[triangle[met], 0]] - origins[met]
         )
-        plane = np.divide(height, cosine, out=distance[met].copy(), where=np.abs(cosine) > _PARALLEL)
+        plane = np.divide(height, cosine, out=distance[met].copy(), where=np.abs(cosine) > _MIN_COSINE)
         distance[met] = np.maximum(plane, 0.0)
         normal[met] *= -np.sign(np.where(cosine == 0, -1.0, cosine))[:, None]
         xyz = np.full_like(unit, np.nan)
@@ -121,7 +121,7 @@ class Surface:
         element = np.where(met, self._owner[np.where(met, triangle, 0)], MISS)
         return Hits(distance_m=distance, xyz_site_m=xyz, normal_site=normal, triangle=triangle, element=element)
 
-    def depth_image(self, posed: PosedCamera, scale: float) -> tuple[Float64Array, Int64Array]:
+    def render_depth(self, posed: PosedCamera, scale: float) -> tuple[Float64Array, Int64Array]:
         """Depth along the camera's z in metres (inf: miss) and element rows (``MISS``), both (h, w).
 
         ``scale`` <= 1 reduces the photograph's size; lens distortion is kept, so pixels match the photograph's.
@@ -142,7 +142,7 @@ class Surface:
             element[part] = hits.element.reshape(-1, width)
         return depth, element
 
-    def closest(self, xyz_site_m: Float64Array) -> Closest:
+    def find_closest_points(self, xyz_site_m: Float64Array) -> ClosestPoints:
         """The surface's closest point to each of ``xyz_site_m`` (n, 3), to about 1e-6 of the surface's extent."""
         points = np.asarray(xyz_site_m, dtype=np.float64).reshape(-1, 3) - self.centre_site_m
         answer = self._scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
@@ -152,7 +152,7 @@ class Surface:
         normal = self.normals_site[triangle]
         anchor = self.vertices_site_m[self.triangles[triangle, 0]] - self.centre_site_m
         foot -= np.einsum("ij,ij->i", foot - anchor, normal)[:, None] * normal
-        return Closest(
+        return ClosestPoints(
             distance_m=np.linalg.norm(points - foot, axis=1),
             xyz_site_m=foot + self.centre_site_m,
             normal_site=normal,
@@ -160,6 +160,6 @@ class Surface:
             element=self._owner[triangle],
         )
 
-    def distance_to(self, xyz_site_m: Float64Array) -> Float64Array:
+    def measure_distance(self, xyz_site_m: Float64Array) -> Float64Array:
         """Distance in metres (n,) of points (n, 3) to the surface."""
-        return self.closest(xyz_site_m).distance_m
+        return self.find_closest_points(xyz_site_m).distance_m

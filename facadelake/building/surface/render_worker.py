@@ -17,12 +17,12 @@ from facadelake.core.arrays import Float32Array, UInt8Array
 
 def render(folder: Path) -> None:
     """Render ``scene.npz``; keep the colours (h, w, 3) and the raw depth buffer (h, w), 1 where nothing is."""
-    view = View(folder)
+    view = RenderView(folder)
     np.savez(folder / "view.npz", colour=view.colour(), buffer=view.buffer())
     view.close()
 
 
-class View:
+class RenderView:
     """A scene made ready to be rendered off screen."""
 
     def __init__(self, folder: Path) -> None:

@@ -58,7 +58,7 @@ def render_view_images(posed: PosedCamera, surface: Surface, elements: pa.Table,
     """
     if not 0 < scale <= 1:
         raise InputDataError(f"the scale of a view is {scale}; it must be above 0 and at most 1")
-    depth, element = surface.depth_image(posed, scale)
+    depth, element = surface.render_depth(posed, scale)
     is_target = np.append(mask_target_elements(elements), False)  # the last answers for MISS
     return ViewImages(
         depth_m=depth.astype(np.float32),

@@ -50,10 +50,10 @@ class VirtualView:
     @property
     def depth_m(self) -> Float64Array:
         """Depth (h, w) along the camera's z, inf where the view misses the model."""
-        return np.where(self.buffer < 1.0, eye_depth(self.buffer, self.near_m, self.far_m), np.inf)
+        return np.where(self.buffer < 1.0, depth_from_buffer(self.buffer, self.near_m, self.far_m), np.inf)
 
 
-def virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
+def render_virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
     """The model as a camera without distortion at ``posed`` would see it, ``scale`` times the photograph's size.
 
     Raises ModelError where the renderer fails, with what it said.
@@ -88,12 +88,12 @@ def write_scene(
     camera, surface = posed.camera, Surface(building)
     along = (building.vertices_site_m - posed.centre_site_m) @ posed.site_from_cam.rotation[:, 2]
     # Clipping planes hug the scene: the buffer's steps grow with the square of depth over near.
-    near = max(0.05, 0.5 * float(surface.distance_to(posed.centre_site_m[None])[0]))
+    near = max(0.05, 0.5 * float(surface.measure_distance(posed.centre_site_m[None])[0]))
     far = max(2 * near, 1.05 * float(along.max()))
     np.savez(
         folder / "scene.npz",
         triangles=(building.vertices_site_m[building.triangles] - posed.centre_site_m).astype(np.float32),
-        colours=_colours(building, surface),
+        colours=_shade_triangles(building, surface),
         rotation=posed.site_from_cam.rotation,
         intrinsics=np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px])
         * np.array([width_px / camera.width_px, height_px / camera.height_px] * 2),
@@ -103,16 +103,16 @@ def write_scene(
     return near, far
 
 
-def virtual_photograph(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
+def render_virtual_photograph(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
     """The model as the photograph itself would show it, pixel on pixel, its lens distortion included.
 
     A camera without distortion that sees all the photograph sees is rendered, and its picture bent: colours between
-    pixels, depths from the nearest. Raises ModelError as ``virtual_view`` does.
+    pixels, depths from the nearest. Raises ModelError as ``render_virtual_view`` does.
     """
     camera = posed.camera
     width, height = max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale))
-    straight = straightened(camera)
-    view = virtual_view(building, PosedCamera(camera=straight, site_from_cam=posed.site_from_cam), scale=scale)
+    straight = undistort_camera(camera)
+    view = render_virtual_view(building, PosedCamera(camera=straight, site_from_cam=posed.site_from_cam), scale=scale)
     columns = (np.arange(width) + 0.5) * camera.width_px / width
     rows = (np.arange(height) + 0.5) * camera.height_px / height
     maps = np.empty((2, height, width), dtype=np.float32)
@@ -131,7 +131,7 @@ def virtual_photograph(building: BuildingModel, posed: PosedCamera, *, scale: fl
     )
 
 
-def straightened(camera: Camera) -> Camera:
+def undistort_camera(camera: Camera) -> Camera:
     """A camera without distortion, of the same focal length, that sees all that ``camera`` sees."""
     along = np.linspace(0.0, 1.0, 65)
     ends = np.zeros_like(along)
@@ -152,7 +152,7 @@ def straightened(camera: Camera) -> Camera:
     )
 
 
-def _colours(building: BuildingModel, surface: Surface) -> UInt8Array:
+def _shade_triangles(building: BuildingModel, surface: Surface) -> UInt8Array:
     """A colour for each triangle (m, 3): by the element's class, shaded by a fixed sun."""
     classes = building.elements.column("ifc_class").to_pylist()
     base = np.array([_PALETTE.get(name, _WALL) for name in classes], dtype=np.float64)[building.element_of_triangle]
@@ -161,7 +161,7 @@ def _colours(building: BuildingModel, surface: Surface) -> UInt8Array:
     return tinted
 
 
-def eye_depth(z_s: Float64Array, near_m: float, far_m: float) -> Float64Array:
+def depth_from_buffer(z_s: Float64Array, near_m: float, far_m: float) -> Float64Array:
     """Depth along the camera's z of depth buffer values ``z_s`` in [0, 1] (any shape), metres.
 
     The paper's Eq. 7 reads ``n / (z_s (f - n) + f)``, which is n / f at the near plane and has no unit; its own Eqs. 5

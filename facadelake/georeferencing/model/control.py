@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from facadelake.building import BuildingModel
-from facadelake.building.surface import ModelEdges, Surface, model_edges
+from facadelake.building.surface import ModelEdges, Surface, extract_model_edges
 from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
@@ -70,7 +70,7 @@ def model_control(building: BuildingModel, photographs: Sequence[Path], sigma_m:
 
 
 def _edges(building: BuildingModel, surface: Surface, photographs: Sequence[Path]) -> ModelEdgesInPhotographs:
-    edges = model_edges(building.vertices_site_m, building.triangles, building.element_of_triangle)
+    edges = extract_model_edges(building.vertices_site_m, building.triangles, building.element_of_triangle)
     return ModelEdgesInPhotographs(edges=edges, surface=surface, photographs=GreyFiles(paths=tuple(photographs)))
 
 

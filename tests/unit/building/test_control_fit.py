@@ -4,9 +4,9 @@ import numpy as np
 import pyproj
 import pytest
 
-from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.load import load_ifc_building
 from facadelake.building.model import IfcModelSettings
-from facadelake.building.model_georeference.control_pairs import ControlPair, placed_by
+from facadelake.building.model_georeference.control_pairs import ControlPair, fit_placement
 from facadelake.core.errors import GeoreferenceError
 from tests.unit.building.conftest import Box, Ifc
 from tests.unit.building.globe_by_hand import assert_same_places, corners_of, geo_of_east_north_up
@@ -35,7 +35,7 @@ def test_pairs_place_the_model_in_true_metres(write_ifc, count):
     settings = IfcModelSettings(
         map_crs="EPSG:25832", vertical_datum="ellipsoidal", control=tuple(pairs_of(CORNERS[:count]))
     )
-    building = load_building(write_ifc(Ifc(boxes=[box], milli=True)), settings=settings)
+    building = load_ifc_building(write_ifc(Ifc(boxes=[box], milli=True)), settings=settings)
     assert building.georeference_level == "registry"
     assert f"placed by {count} pairs" in building.remarks
     assert_same_places(building, geo_of_east_north_up(LON, LAT, HEIGHT, turned(corners_of(box))))
@@ -45,7 +45,7 @@ def test_pairs_may_lie_at_map_coordinates_already():
     """A model far from its zero that is turned a little against the map."""
     far = np.add(CORNERS, (456600.0, 5421000.0, 150.0))
     moved = [ControlPair(ifc_m=tuple(a), map_m=pair.map_m) for a, pair in zip(far, pairs_of(CORNERS), strict=True)]
-    placement, _ = placed_by(moved, "EPSG:25832", "ellipsoidal")
+    placement, _ = fit_placement(moved, "EPSG:25832", "ellipsoidal")
     off = placement.map_from_ifc(far) - [pair.map_m for pair in moved]
     assert np.abs(off).max() < 0.001  # m
 
@@ -56,7 +56,11 @@ def test_noise_shows_in_the_residuals():
     for seed in range(40):
         noise = np.random.default_rng(seed).normal(0.0, sigma, CORNERS.shape)
         found.append(
-            float(placed_by(pairs_of(CORNERS, noise), "EPSG:25832", "ellipsoidal")[1].split("residuals ")[1].split()[0])
+            float(
+                fit_placement(pairs_of(CORNERS, noise), "EPSG:25832", "ellipsoidal")[1]
+                .split("residuals ")[1]
+                .split()[0]
+            )
         )
     assert 0.9 * sigma < np.sqrt(np.mean(np.square(found))) < 1.1 * sigma  # m, one coordinate
 
@@ -68,7 +72,7 @@ def test_a_wrong_pair_is_named(wrong):
     with pytest.raises(
         GeoreferenceError, match=rf"pair {wrong + 1} of the registry's crs.control is 0\.[567]\d\d m off"
     ):
-        placed_by(pairs_of(CORNERS, noise), "EPSG:25832", "ellipsoidal")
+        fit_placement(pairs_of(CORNERS, noise), "EPSG:25832", "ellipsoidal")
 
 
 @pytest.mark.parametrize(
@@ -83,4 +87,4 @@ def test_a_wrong_pair_is_named(wrong):
 def test_pairs_that_cannot_place_a_model(corners, factor, message):
     pairs = [ControlPair(ifc_m=tuple(factor * np.array(pair.ifc_m)), map_m=pair.map_m) for pair in pairs_of(corners)]
     with pytest.raises(GeoreferenceError, match=message):
-        placed_by(pairs, "EPSG:25832", "ellipsoidal")
+        fit_placement(pairs, "EPSG:25832", "ellipsoidal")

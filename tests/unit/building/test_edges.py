@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from facadelake.building.surface.edges import ModelEdges, model_edges
+from facadelake.building.surface.edges import ModelEdges, extract_model_edges
 from facadelake.core.arrays import Float64Array
 
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
@@ -19,7 +19,7 @@ def _boxes(*corners_and_sizes: tuple[tuple[float, float, float], tuple[float, fl
     vertices = np.vstack([np.array(corner) + _CORNERS * np.array(size) for corner, size in corners_and_sizes])
     triangles = np.vstack([_BOX + 8 * k for k in range(len(corners_and_sizes))])
     owner = np.repeat(np.arange(len(corners_and_sizes)), len(_BOX))
-    return model_edges(vertices, triangles, owner)
+    return extract_model_edges(vertices, triangles, owner)
 
 
 def _sorted_pieces(edges: ModelEdges) -> list[tuple[float, ...]]:
@@ -64,7 +64,7 @@ def test_a_curve_made_of_flat_pieces_has_no_creases_along_it(sides: int, vertica
     k = np.arange(sides)
     after = (k + 1) % sides
     triangles = np.vstack([np.column_stack([k, after, after + sides]), np.column_stack([k, after + sides, k + sides])])
-    edges = model_edges(vertices, triangles, np.zeros(len(triangles), dtype=np.int64))
+    edges = extract_model_edges(vertices, triangles, np.zeros(len(triangles), dtype=np.int64))
     upright = np.abs(edges.end_site_m - edges.start_site_m)[:, 2] > 1.0
     assert upright.sum() == vertical
     assert (~upright).sum() == 2 * sides  # the open rims are free borders
@@ -86,7 +86,7 @@ def test_the_same_edges_wherever_the_building_stands_and_however_it_is_turned() 
 
     vertices = moved(np.vstack([np.array(corner) + _CORNERS * np.array(size) for corner, size in sizes]))
     triangles = np.vstack([_BOX + 8 * k for k in range(3)])
-    there = model_edges(vertices, triangles, np.repeat(np.arange(3), 12))
+    there = extract_model_edges(vertices, triangles, np.repeat(np.arange(3), 12))
     back = ModelEdges(
         start_site_m=(there.start_site_m - offset) @ rotation,
         end_site_m=(there.end_site_m - offset) @ rotation,
@@ -98,7 +98,7 @@ def test_the_same_edges_wherever_the_building_stands_and_however_it_is_turned() 
 
 def test_a_flat_sheet_has_its_border_alone_and_an_empty_mesh_nothing() -> None:
     sheet = np.array([[0, 0, 0], [4, 0, 0], [4, 0, 3], [0, 0, 3.0]])
-    border = model_edges(sheet, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(2, dtype=np.int64))
+    border = extract_model_edges(sheet, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(2, dtype=np.int64))
     np.testing.assert_allclose(sorted(border.length_m), [3, 3, 4, 4], rtol=0, atol=1e-9)  # m
-    nothing = model_edges(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.int64))
+    nothing = extract_model_edges(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.int64))
     assert len(nothing.feature) == 0

@@ -12,9 +12,9 @@ import trimesh
 
 from facadelake.building.facades.directions import Facades
 from facadelake.building.facades.openness import COMPASS, compass_from_direction, find_open_sides
-from facadelake.building.ifc.elements import facades_of
-from facadelake.building.ifc.load import load_building
-from facadelake.building.ifc.meshes import meshes_of, open_ifc
+from facadelake.building.ifc.elements import find_facades
+from facadelake.building.ifc.load import load_ifc_building
+from facadelake.building.ifc.meshes import mesh_elements, open_ifc
 from facadelake.building.model import IfcModelSettings
 from facadelake.building.surface.raycasting import Surface
 from tests.unit.building.conftest import Box, Ifc
@@ -37,7 +37,7 @@ ROOM = (
 
 
 def elements_of(path, **settings):
-    table = load_building(path, settings=IfcModelSettings(**settings)).elements
+    table = load_ifc_building(path, settings=IfcModelSettings(**settings)).elements
     return {row["element_name"]: row for row in table.to_pylist()}
 
 
@@ -55,7 +55,7 @@ def test_storeys_by_containment_else_by_level(write_ifc):
 
 
 def test_areas_and_footprints_have_the_sizes_of_the_boxes(write_ifc):
-    building = load_building(write_ifc(Ifc(boxes=ROOM[:1], milli=True, **PLACED)), settings=IfcModelSettings())
+    building = load_ifc_building(write_ifc(Ifc(boxes=ROOM[:1], milli=True, **PLACED)), settings=IfcModelSettings())
     row = building.elements.to_pylist()[0]
     np.testing.assert_allclose(row["surface_area_m2"], 2 * (6 * 0.3 + 6 * 3 + 0.3 * 3), rtol=1e-3)  # grid factor
     outline = shapely.from_wkb(row["geometry"])
@@ -67,7 +67,7 @@ def test_areas_and_footprints_have_the_sizes_of_the_boxes(write_ifc):
 
 def test_bodies_are_wound_outward(write_ifc):
     path = write_ifc(Ifc(boxes=ROOM, **PLACED))
-    for mesh in meshes_of(open_ifc(path), deflection_m=0.001, workers=1):
+    for mesh in mesh_elements(open_ifc(path), deflection_m=0.001, workers=1):
         a, b, c = (mesh.vertices_ifc_m[mesh.triangles[:, i]] for i in range(3))
         volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
         size = np.ptp(mesh.vertices_ifc_m, axis=0)
@@ -126,7 +126,7 @@ def test_a_return_does_not_turn_its_wall():
     assert sides.labels[0] == "around"
     np.testing.assert_allclose(sides.azimuth_deg[0], 156.0, rtol=0, atol=0.01)  # deg
     straight = Surface.from_mesh(np.vstack([wall, turned]), np.vstack([square, block.faces + 4]), owner[2:])
-    facade = facades_of(straight, owner[2:], 2)[0]
+    facade = find_facades(straight, owner[2:], 2)[0]
     assert facade.name == "SE"
     np.testing.assert_allclose(facade.azimuth_deg, 156.0, rtol=0, atol=0.01)  # deg
 

@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from facadelake.building.surface.footprint import outline_of
+from facadelake.building.surface.footprint import compute_outline
 
 
 def roof(step_m: float) -> np.ndarray:
@@ -16,7 +16,7 @@ def roof(step_m: float) -> np.ndarray:
 
 
 def test_many_triangles_have_the_outline_of_few_to_a_decimetre() -> None:
-    few, many = outline_of(roof(5.0)), outline_of(roof(0.25))
+    few, many = compute_outline(roof(5.0)), compute_outline(roof(0.25))
     assert len(roof(0.25)) > 8_000 > len(roof(5.0))
     assert abs(few.area - (30 * 20 - 15 * 10)) < 1e-6  # m2
     assert shapely.hausdorff_distance(few.boundary, many.boundary) < 0.15  # m
@@ -28,7 +28,7 @@ def test_a_rough_wall_of_many_triangles_is_a_strip() -> None:
     s, z = rng.uniform(0, 40, 9000), rng.uniform(0, 8, 9000)
     middle = np.column_stack([s * 0.8, s * 0.6, z])  # along a wall that runs askew
     triangles = middle[:, None] + rng.normal(0, [0.05, 0.05, 0.1], (9000, 3, 3))
-    strip = outline_of(triangles)
+    strip = compute_outline(triangles)
     line = shapely.LineString([(0, 0), (32, 24)])
     assert 40 * 0.2 < strip.area < 40 * 0.8  # m2
     assert strip.buffer(0.3).covers(line)

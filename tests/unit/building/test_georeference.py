@@ -6,10 +6,10 @@ import ifcopenshell.api.owner.settings
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.load import load_ifc_building
 from facadelake.building.model import IfcModelSettings, read_building
 from facadelake.building.model_georeference.selection import MapPlacement
-from facadelake.building.model_georeference.vertical_datum import horizontal_and_vertical, vertical_named
+from facadelake.building.model_georeference.vertical_datum import parse_vertical_datum, split_crs
 from facadelake.core.errors import GeoreferenceError, ModelError
 from facadelake.core.geodesy import SiteOrigin
 from tests.unit.building.conftest import Box, Ifc
@@ -30,7 +30,7 @@ from tests.unit.building.globe_by_hand import CONVERSION, CRS, assert_same_place
 def test_metres_and_millimetres_land_on_the_same_place(write_ifc, milli, map_unit_metre, scale):
     conversion = CONVERSION | ({"Scale": scale} if scale else {})
     path = write_ifc(Ifc(milli=milli, map_unit_metre=map_unit_metre, conversion=conversion, crs=CRS))
-    building = load_building(path, settings=IfcModelSettings())
+    building = load_ifc_building(path, settings=IfcModelSettings())
     assert building.vertical_datum == "ellipsoidal"
     assert building.georeference_level == "50"
     assert_same_places(building, expected_geo(corners_of(Box())))
@@ -38,14 +38,14 @@ def test_metres_and_millimetres_land_on_the_same_place(write_ifc, milli, map_uni
 
 def test_what_had_to_be_assumed_is_said(write_ifc):
     by_the_book = write_ifc(Ifc(milli=True, map_unit_metre=True, conversion=CONVERSION | {"Scale": 0.001}, crs=CRS))
-    assert load_building(by_the_book, settings=IfcModelSettings()).remarks == ""
+    assert load_ifc_building(by_the_book, settings=IfcModelSettings()).remarks == ""
     loose = write_ifc(Ifc(milli=True, conversion=CONVERSION, crs=CRS))
-    assert "MapUnit is not given" in load_building(loose, settings=IfcModelSettings()).remarks
+    assert "MapUnit is not given" in load_ifc_building(loose, settings=IfcModelSettings()).remarks
 
 
 def test_a_grid_factor_stretches_the_map_and_not_the_height(write_ifc):
     path = write_ifc(Ifc(conversion=CONVERSION | {"Scale": 0.9996}, crs=CRS, boxes=[Box(size_m=(50.0, 0.3, 80.0))]))
-    building = load_building(path, settings=IfcModelSettings())
+    building = load_ifc_building(path, settings=IfcModelSettings())
     assert_same_places(building, expected_geo(corners_of(Box(size_m=(50.0, 0.3, 80.0))), factor=0.9996))
     assert "grid factor 0.999600" in building.remarks
 
@@ -65,7 +65,7 @@ def test_ifc2x3_by_property_sets_at_the_site_or_the_project(write_ifc, monkeypat
         pset = ifcopenshell.api.run("pset.add_pset", model, product=model.by_type(holder)[0], name=name)
         ifcopenshell.api.run("pset.edit_pset", model, pset=pset, properties=properties)
     model.write(str(path))
-    assert_same_places(load_building(path, settings=IfcModelSettings()), expected_geo(corners_of(Box())))
+    assert_same_places(load_ifc_building(path, settings=IfcModelSettings()), expected_geo(corners_of(Box())))
 
 
 def test_a_shifted_world_coordinate_system_is_refused(write_ifc):
@@ -77,19 +77,19 @@ def test_a_shifted_world_coordinate_system_is_refused(write_ifc):
     )
     model.write(str(path))
     with pytest.raises(GeoreferenceError, match="WorldCoordinateSystem"):
-        load_building(path, settings=IfcModelSettings())
+        load_ifc_building(path, settings=IfcModelSettings())
 
 
 def test_the_registry_stands_in_for_a_missing_georeference(write_ifc):
     placement = MapPlacement(east_m=456639.25, north_m=5421033.5, height_m=178.25, rotation_deg=30.0)
     settings = IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", placement=placement)
-    building = load_building(write_ifc(Ifc()), settings=settings)
+    building = load_ifc_building(write_ifc(Ifc()), settings=settings)
     assert building.georeference_level == "registry"
     assert_same_places(building, expected_geo(corners_of(Box())))
 
 
 def test_map_coordinates_are_the_conversion_written_out(write_ifc):
-    building = load_building(write_ifc(Ifc(conversion=CONVERSION, crs=CRS)), settings=IfcModelSettings())
+    building = load_ifc_building(write_ifc(Ifc(conversion=CONVERSION, crs=CRS)), settings=IfcModelSettings())
     c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
     expected = [456639.25 + c * 4 - s * 0.3, 5421033.5 + s * 4 + c * 0.3, 178.25 + 3]
     found = building.map_from_site(building.vertices_site_m)
@@ -100,7 +100,7 @@ def test_a_shift_in_the_geometry_alone_loses_nothing(write_ifc):
     """Coordinates of 5e5 and 5e6 m in the placements, as some exporters write them: float64 to the end."""
     far = Box(corner_m=(456639.25, 5421033.5, 178.25))
     zero = {"Eastings": 0.0, "Northings": 0.0, "OrthogonalHeight": 0.0}
-    building = load_building(write_ifc(Ifc(boxes=[far], conversion=zero, crs=CRS)), settings=IfcModelSettings())
+    building = load_ifc_building(write_ifc(Ifc(boxes=[far], conversion=zero, crs=CRS)), settings=IfcModelSettings())
     assert np.abs(building.vertices_site_m).max() < 100.0  # m: the origin went to the building
     corners = building.map_from_site(building.vertices_site_m)
     for corner in corners_of(far):
@@ -110,10 +110,10 @@ def test_a_shift_in_the_geometry_alone_loses_nothing(write_ifc):
 def test_the_origin_is_round_and_can_be_given(write_ifc):
     path = write_ifc(Ifc(conversion=CONVERSION, crs=CRS))
     moved = write_ifc(Ifc(conversion=CONVERSION | {"Eastings": 456639.75}, crs=CRS))
-    building = load_building(path, settings=IfcModelSettings())
-    assert load_building(moved, settings=IfcModelSettings()).origin == building.origin
+    building = load_ifc_building(path, settings=IfcModelSettings())
+    assert load_ifc_building(moved, settings=IfcModelSettings()).origin == building.origin
     origin = SiteOrigin(lon_deg=8.4078, lat_deg=48.9405, height_ellipsoidal_m=180.0)
-    given = load_building(path, settings=IfcModelSettings(origin=origin))
+    given = load_ifc_building(path, settings=IfcModelSettings(origin=origin))
     assert given.origin == origin
     np.testing.assert_allclose(
         ecef(given.origin.geo_from_site(given.vertices_site_m)),
@@ -124,7 +124,7 @@ def test_the_origin_is_round_and_can_be_given(write_ifc):
 
 
 def test_a_saved_building_reads_back_the_same(write_ifc, tmp_path):
-    building = load_building(write_ifc(Ifc(conversion=CONVERSION, crs=CRS)), settings=IfcModelSettings())
+    building = load_ifc_building(write_ifc(Ifc(conversion=CONVERSION, crs=CRS)), settings=IfcModelSettings())
     building.save(tmp_path)
     again = read_building(tmp_path)
     np.testing.assert_array_equal(again.vertices_site_m, building.vertices_site_m)
@@ -147,12 +147,12 @@ def test_a_saved_building_reads_back_the_same(write_ifc, tmp_path):
     ],
 )
 def test_vertical_datums_by_name_and_code(said, meant):
-    assert vertical_named(said) == meant
+    assert parse_vertical_datum(said) == meant
 
 
 def test_a_compound_crs_falls_into_its_parts():
-    assert horizontal_and_vertical("EPSG:25832+7837") == ("EPSG:25832", "EPSG:7837")
-    assert horizontal_and_vertical("EPSG:5555") == ("EPSG:25832", "EPSG:5783")
-    assert horizontal_and_vertical("EPSG:25832") == ("EPSG:25832", "")
+    assert split_crs("EPSG:25832+7837") == ("EPSG:25832", "EPSG:7837")
+    assert split_crs("EPSG:5555") == ("EPSG:25832", "EPSG:5783")
+    assert split_crs("EPSG:25832") == ("EPSG:25832", "")
     with pytest.raises(GeoreferenceError, match="not a vertical CRS"):
-        vertical_named("EPSG:25832")
+        parse_vertical_datum("EPSG:25832")

@@ -6,7 +6,7 @@ import ifcopenshell.api.owner.settings
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.load import load_ifc_building
 from facadelake.building.model import IfcModelSettings
 from facadelake.building.model_georeference.selection import MapPlacement
 from facadelake.core.errors import GeoreferenceError
@@ -74,7 +74,7 @@ def test_the_registry_places_every_schema(write_ifc, schema):
         vertical_datum="ellipsoidal",
         placement=MapPlacement(east_m=EAST, north_m=NORTH, height_m=HEIGHT, rotation_deg=30.0),
     )
-    building = load_building(write_ifc(Ifc(schema=schema, milli=True)), settings=settings)
+    building = load_ifc_building(write_ifc(Ifc(schema=schema, milli=True)), settings=settings)
     assert_same_places(building, expected_geo(corners_of(Box())))
 
 
@@ -84,7 +84,7 @@ def test_map_conversion_scaled_stretches_by_its_factors(write_ifc):
         write_ifc(Ifc(schema="IFC4X3", boxes=[box], milli=True)), "IfcMapConversionScaled",
         **CONVERSION, Scale=0.001, FactorX=0.9996, FactorY=0.9996, FactorZ=1.0,
     )  # fmt: skip
-    building = load_building(path, settings=IfcModelSettings())
+    building = load_ifc_building(path, settings=IfcModelSettings())
     assert building.georeference_level == "50"
     assert "factors along x, y, z are 0.999600, 0.999600, 1.000000" in building.remarks
     assert_same_places(building, expected_geo(corners_of(box), factor=0.9996))
@@ -102,7 +102,7 @@ def test_rigid_operation_shifts_and_does_not_turn(write_ifc, milli):
         SecondCoordinate=model.create_entity("IfcLengthMeasure", NORTH), Height=HEIGHT,
     )  # fmt: skip
     model.write(str(path))
-    building = load_building(path, settings=IfcModelSettings())
+    building = load_ifc_building(path, settings=IfcModelSettings())
     assert (building.georeference_level, building.remarks) == ("50", "")
     found = building.map_from_site(building.vertices_site_m)
     for corner in np.add(corners_of(Box()), (EAST, NORTH, HEIGHT)):
@@ -123,7 +123,7 @@ def test_rigid_operation_in_degrees_stands_upright_in_true_metres(write_ifc):
         )  # fmt: skip
         set_north(model, np.sin(np.radians(20)), np.cos(np.radians(20)))
 
-    building = load_building(edited(path, edit), settings=IfcModelSettings(vertical_datum="ellipsoidal"))
+    building = load_ifc_building(edited(path, edit), settings=IfcModelSettings(vertical_datum="ellipsoidal"))
     assert (building.georeference_level, building.map_crs) == ("50", "EPSG:32632")
     assert "latitude first" in building.remarks
     # True north stands 20 degrees clockwise of the model's y axis, so its x axis looks 20 degrees north of east.
@@ -152,7 +152,7 @@ def test_level_30_map_coordinates_in_a_placement_or_in_the_geometry(write_ifc, w
                 "IfcLocalPlacement", site.ObjectPlacement, axes(model, (0, 0, 0))
             )
 
-    building = load_building(edited(path, edit), settings=REGISTRY)
+    building = load_ifc_building(edited(path, edit), settings=REGISTRY)
     assert building.georeference_level == "30"
     assert "taken as coordinates of EPSG:25832" in building.remarks
     found = building.map_from_site(building.vertices_site_m)
@@ -162,14 +162,14 @@ def test_level_30_map_coordinates_in_a_placement_or_in_the_geometry(write_ifc, w
 
 def test_coordinates_near_zero_are_not_the_maps(write_ifc):
     with pytest.raises(GeoreferenceError, match="is not georeferenced"):
-        load_building(write_ifc(Ifc(boxes=[Box(corner_m=(900.0, 500.0, 0.0))])), settings=REGISTRY)
+        load_ifc_building(write_ifc(Ifc(boxes=[Box(corner_m=(900.0, 500.0, 0.0))])), settings=REGISTRY)
 
 
 def test_level_40_by_the_world_coordinate_system(write_ifc):
     def shifted(model):
         context_of(model).WorldCoordinateSystem = axes(model, (EAST, NORTH, HEIGHT), (np.cos(0.5), np.sin(0.5), 0.0))
 
-    building = load_building(edited(write_ifc(Ifc()), shifted), settings=REGISTRY)
+    building = load_ifc_building(edited(write_ifc(Ifc()), shifted), settings=REGISTRY)
     assert building.georeference_level == "40"
     found = building.map_from_site(building.vertices_site_m)
     for corner in np.add(turned_corners(Box(), np.degrees(0.5)), (EAST, NORTH, HEIGHT)):
@@ -185,9 +185,9 @@ def test_level_40_turned_by_true_north_is_coarse(write_ifc):
 
     path = edited(write_ifc(Ifc()), edit)
     with pytest.raises(GeoreferenceError, match=r"LoGeoRef 40: .*accept_level: 40"):
-        load_building(path, settings=REGISTRY)
+        load_ifc_building(path, settings=REGISTRY)
     accepted = IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", accept_level=40)
-    building = load_building(path, settings=accepted)
+    building = load_ifc_building(path, settings=accepted)
     found = building.map_from_site(building.vertices_site_m)
     for corner in np.add(turned_corners(Box(), -np.degrees(0.5)), (EAST, NORTH, HEIGHT)):
         assert np.linalg.norm(found - corner, axis=1).min() < 0.0005  # m
@@ -210,10 +210,10 @@ def test_level_20_is_refused_unless_it_is_accepted_by_name(write_ifc, schema):
     here = site_at((48, 56, 25, 800000), (8, 24, 28, 80000), HEIGHT)
     path = edited(write_ifc(Ifc(schema=schema)), here)
     with pytest.raises(GeoreferenceError, match=r"LoGeoRef 20.*crs.accept_level: 20 would take them.*crs\.map"):
-        load_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal"))
+        load_ifc_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal"))
     with pytest.raises(GeoreferenceError, match=r"that is 10 m, and 0.05 m are needed.*crs\.control"):
-        load_building(path, settings=REGISTRY)
-    building = load_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal", accept_level=20))
+        load_ifc_building(path, settings=REGISTRY)
+    building = load_ifc_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal", accept_level=20))
     assert (building.georeference_level, building.map_crs) == ("20", "EPSG:32632")
     assert "good to about 10 m, one sigma" in building.remarks
     lon, lat = 8 + 24 / 60 + 28.08 / 3600, 48 + 56 / 60 + 25.8 / 3600
@@ -230,7 +230,7 @@ def test_level_20_is_refused_unless_it_is_accepted_by_name(write_ifc, schema):
 )
 def test_level_20_south_west_and_what_rounding_leaves(write_ifc, latitude, longitude, lon, lat, sigma):
     path = edited(write_ifc(Ifc()), site_at(latitude, longitude, 12.5))
-    building = load_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal", accept_level=20))
+    building = load_ifc_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal", accept_level=20))
     assert sigma in building.remarks
     assert_same_places(building, geo_of_east_north_up(lon, lat, 12.5, turned_corners(Box(), -35.0)))
 
@@ -239,7 +239,7 @@ def test_a_site_on_another_continent_is_not_forced_into_the_registrys_crs(write_
     """An authoring tool's own default, Boston, beside a registry that says UTM zone 32."""
     path = edited(write_ifc(Ifc()), site_at((42, 21, 31, 181945), (-71, -3, -24, -263305), 0.0))
     with pytest.raises(GeoreferenceError, match=r"is not georeferenced.*latitude and longitude alone, LoGeoRef 20"):
-        load_building(path, settings=REGISTRY)
+        load_ifc_building(path, settings=REGISTRY)
 
 
 def test_a_world_coordinate_system_beside_the_registrys_placement_is_said(write_ifc):
@@ -248,7 +248,7 @@ def test_a_world_coordinate_system_beside_the_registrys_placement_is_said(write_
 
     placement = MapPlacement(east_m=EAST, north_m=NORTH, height_m=HEIGHT, rotation_deg=30.0)
     settings = IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", placement=placement)
-    building = load_building(edited(write_ifc(Ifc()), edit), settings=settings)
+    building = load_ifc_building(edited(write_ifc(Ifc()), edit), settings=settings)
     assert "WorldCoordinateSystem is shifted or turned and was not used" in building.remarks
     assert_same_places(building, expected_geo(corners_of(Box())))
 
@@ -258,7 +258,7 @@ def test_an_address_is_no_place(write_ifc):
         model.by_type("IfcBuilding")[0].BuildingAddress = model.create_entity("IfcPostalAddress", Town="Ettlingen")
 
     with pytest.raises(GeoreferenceError, match="its address, LoGeoRef 10, is no place"):
-        load_building(edited(write_ifc(Ifc()), edit), settings=IfcModelSettings())
+        load_ifc_building(edited(write_ifc(Ifc()), edit), settings=IfcModelSettings())
 
 
 def test_a_shift_in_geometry_and_conversion_is_seen_where_both_places_are_in_use(write_ifc):
@@ -267,9 +267,9 @@ def test_a_shift_in_geometry_and_conversion_is_seen_where_both_places_are_in_use
     crs = {"Name": "EPSG:2169", "VerticalDatum": "ellipsoidal"}
     path = write_ifc(Ifc(boxes=[Box(corner_m=(76670.0, 77179.0, 290.0))], conversion=conversion, crs=crs))
     with pytest.raises(GeoreferenceError, match=r"shifted to the map twice.*crs\.placement \{east_m: 0"):
-        load_building(path, settings=IfcModelSettings())
+        load_ifc_building(path, settings=IfcModelSettings())
     zero = MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0)
-    remedied = load_building(path, settings=IfcModelSettings(placement=zero))
+    remedied = load_ifc_building(path, settings=IfcModelSettings(placement=zero))
     found = remedied.map_from_site(remedied.vertices_site_m)
     # PROJ's seven-parameter shift of EPSG:2169 there and back leaves 2 mm.
     assert np.linalg.norm(found - [76670.0, 77179.0, 290.0], axis=1).min() < 0.005  # m
@@ -285,7 +285,7 @@ def test_a_shift_in_geometry_and_conversion_is_seen_where_both_places_are_in_use
 )
 def test_a_true_north_that_contradicts_the_conversion_is_said(write_ifc, x, y, conflict):
     path = edited(write_ifc(Ifc(conversion=CONVERSION, crs=CRS)), lambda model: set_north(model, x, y))
-    building = load_building(path, settings=IfcModelSettings())
+    building = load_ifc_building(path, settings=IfcModelSettings())
     assert conflict in building.remarks
     assert bool(conflict) == bool(building.remarks)
     assert_same_places(building, expected_geo(corners_of(Box())))
@@ -295,7 +295,7 @@ def test_a_true_north_that_contradicts_the_conversion_is_said(write_ifc, x, y, c
 def test_a_scale_that_is_a_wrong_unit_is_refused(write_ifc, schema, scale):
     path = write_ifc(Ifc(schema=schema, conversion=CONVERSION | {"Scale": scale}, crs=CRS))
     with pytest.raises(GeoreferenceError, match=rf"IfcMapConversion has Scale {scale}.*a unit is wrong"):
-        load_building(path, settings=IfcModelSettings())
+        load_ifc_building(path, settings=IfcModelSettings())
 
 
 @pytest.mark.parametrize(
@@ -320,4 +320,4 @@ def test_ifc2x3_property_sets_with_bad_values(write_ifc, monkeypatch, conversion
         ifcopenshell.api.run("pset.edit_pset", model, pset=pset, properties=properties)
     model.write(str(path))
     with pytest.raises(GeoreferenceError, match=message):
-        load_building(path, settings=IfcModelSettings())
+        load_ifc_building(path, settings=IfcModelSettings())

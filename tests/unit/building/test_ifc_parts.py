@@ -7,7 +7,7 @@ import ifcopenshell.guid
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.load import load_ifc_building
 from facadelake.building.model import IfcModelSettings
 from facadelake.building.storeys import StoreyElevation
 from facadelake.core.errors import ModelError
@@ -50,7 +50,7 @@ class Edit:
     def rows(self, settings=PLACED):
         """The elements by name, once written and loaded."""
         self.model.write(str(self.path))
-        self.building = load_building(self.path, settings=settings)
+        self.building = load_ifc_building(self.path, settings=settings)
         return {row["element_name"]: row for row in self.building.elements.to_pylist()}
 
 
@@ -287,7 +287,7 @@ def test_several_buildings_in_a_file(house, schema):
     assert "'building' alone was taken" in edit.building.remarks
     assert {storey.name for storey in edit.building.storeys} == {"Ground floor", "First floor"}
     with pytest.raises(ModelError, match=r"model_building 'nobody' names 0 .* it has 'building' \(.*'neighbour'"):
-        load_building(
+        load_ifc_building(
             edit.path, settings=IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", building="nobody")
         )
 
@@ -304,4 +304,4 @@ def test_elements_left_far_away_are_left_out_and_named(house):
 @pytest.mark.parametrize(("size", "text"), [((4000.0, 300.0, 3000.0), "3e"), ((0.004, 0.0003, 0.003), "0.003")])
 def test_a_building_of_impossible_size_has_a_wrong_unit(write_ifc, size, text):
     with pytest.raises(ModelError, match=rf"{text}.* m high, which no building is; its length unit"):
-        load_building(write_ifc(Ifc(boxes=[Box(size_m=size)], **HERE)), settings=IfcModelSettings())
+        load_ifc_building(write_ifc(Ifc(boxes=[Box(size_m=size)], **HERE)), settings=IfcModelSettings())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_building
+from facadelake.building.ifc.load import load_ifc_building
 from facadelake.building.model import IfcModelSettings, read_building
 from facadelake.building.storeys import StoreyLevel, find_storey, find_storeys
 from tests.unit.building.conftest import Box, Ifc
@@ -41,7 +41,7 @@ def test_a_model_keeps_its_storeys_levels(write_ifc, tmp_path):
             milli=True,
         )
     )
-    building = load_building(path, settings=IfcModelSettings())
+    building = load_ifc_building(path, settings=IfcModelSettings())
     assert [storey.name for storey in building.storeys] == ["Ground floor", "First floor"]
     levels = np.array([storey.floor_site_m for storey in building.storeys])
     np.testing.assert_allclose(levels, [-2.0, 1.0], rtol=0, atol=0.001)  # m: the origin lies at 180

@@ -102,8 +102,8 @@ def test_a_distance_beside_and_above_an_edge():
     corners, triangles = square(2.0, np.eye(3), np.zeros(3))
     surface = Surface.from_mesh(corners, triangles)
     points = np.array([[0.5, -0.5, 3.0], [5.0, 0, 4.0], [0.1, 0.2, 0.0]])
-    np.testing.assert_allclose(surface.distance_to(points), [3.0, 5.0, 0.0], rtol=0, atol=1e-5)  # m
-    np.testing.assert_allclose(surface.closest(points).xyz_site_m[1], [2.0, 0, 0], rtol=0, atol=1e-5)  # m
+    np.testing.assert_allclose(surface.measure_distance(points), [3.0, 5.0, 0.0], rtol=0, atol=1e-5)  # m
+    np.testing.assert_allclose(surface.find_closest_points(points).xyz_site_m[1], [2.0, 0, 0], rtol=0, atol=1e-5)  # m
 
 
 def test_depth_is_along_the_axis_and_bends_with_the_lens():
@@ -113,7 +113,7 @@ def test_depth_is_along_the_axis_and_bends_with_the_lens():
     )
     surface = Surface.from_mesh(*square(3.0, np.eye(3), np.array([0.0, 0.0, 8.0])))
     posed = PosedCamera(camera=camera, site_from_cam=Similarity.make_identity())
-    depth, element = surface.depth_image(posed, 0.25)
+    depth, element = surface.render_depth(posed, 0.25)
     assert depth.shape == (120, 160)
     seen = np.isfinite(depth)
     np.testing.assert_allclose(depth[seen], 8.0, rtol=0, atol=1e-9)  # m

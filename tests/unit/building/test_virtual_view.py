@@ -7,16 +7,16 @@ import pytest
 import shapely
 import trimesh
 
-from facadelake.building.ifc.meshes import meshes_of, open_ifc
+from facadelake.building.ifc.meshes import mesh_elements, open_ifc
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.building.surface.virtual_view import (
     VirtualView,
     buffer_step,
-    eye_depth,
-    straightened,
-    virtual_photograph,
-    virtual_view,
+    depth_from_buffer,
+    render_virtual_photograph,
+    render_virtual_view,
+    undistort_camera,
 )
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
@@ -36,14 +36,14 @@ def buffer_value(depth_m):
 def test_equation_7_corrected_inverts_the_projection_and_as_printed_does_not():
     depth = np.linspace(NEAR, FAR, 50)
     z_s = buffer_value(depth)
-    np.testing.assert_allclose(eye_depth(z_s, NEAR, FAR), depth, rtol=0, atol=1e-9)  # m
+    np.testing.assert_allclose(depth_from_buffer(z_s, NEAR, FAR), depth, rtol=0, atol=1e-9)  # m
     printed = NEAR / (z_s * (FAR - NEAR) + FAR)
     assert np.abs(printed - depth).min() > 1.9  # m: wrong at every depth
 
 
 def test_a_step_of_the_buffer_is_the_derivative():
     depth = np.array([3.0, 10.0, 60.0])
-    up = eye_depth(buffer_value(depth) + 2.0**-24, NEAR, FAR)
+    up = depth_from_buffer(buffer_value(depth) + 2.0**-24, NEAR, FAR)
     np.testing.assert_allclose(buffer_step(depth, NEAR, FAR), up - depth, rtol=0.01)
 
 
@@ -68,7 +68,7 @@ def scene(write_ifc):
     """A plane behind, a sphere on the right, and on the left two walls that came out of an IFC."""
     plane = np.array([[-20, 30, -15], [25, 40, -15], [25, 40, 20], [-20, 30, 20]], dtype=float)
     ball = trimesh.creation.icosphere(subdivisions=3, radius=3)
-    walls = meshes_of(
+    walls = mesh_elements(
         open_ifc(
             write_ifc(
                 Ifc(boxes=(Box(size_m=(4.0, 0.3, 3.0)), Box(size_m=(0.3, 4, 3.0), corner_m=(4.0, 0.0, 0.0), name="B")))
@@ -126,7 +126,7 @@ def test_rendered_depth_agrees_with_rays_within_the_buffers_resolution(scene):
         [1.0, 20.0, 1.0],
         Camera(width_px=400, height_px=300, fx_px=420, fy_px=415, cx_px=207.3, cy_px=146.1),
     )
-    view = virtual_view(scene, posed)
+    view = render_virtual_view(scene, posed)
     rays, element, whole = ray_depths(Surface(scene), posed, 400, 300)
     depth, met = view.depth_m.ravel(), np.isfinite(rays)
     np.testing.assert_array_equal(np.isfinite(depth)[whole], met[whole])
@@ -145,20 +145,20 @@ def test_rendered_depth_agrees_with_rays_within_the_buffers_resolution(scene):
 
 def by_rays(building, posed, *, scale):
     """A stand-in for the renderer, of a camera without distortion: it is the bending that is looked at."""
-    depth, _ = Surface(building).depth_image(posed, scale)
+    depth, _ = Surface(building).render_depth(posed, scale)
     buffer = np.where(np.isfinite(depth), buffer_value(np.where(np.isfinite(depth), depth, NEAR)), 1.0)
     return VirtualView(colour=np.zeros((*depth.shape, 3), dtype=np.uint8), buffer=buffer, near_m=NEAR, far_m=FAR)
 
 
 def test_a_virtual_photograph_has_the_photographs_distortion(scene, monkeypatch):
     """Half the size, 30 px of barrel distortion at the corner: its depths are those of the photograph's own rays."""
-    monkeypatch.setattr("facadelake.building.surface.virtual_view.virtual_view", by_rays)
+    monkeypatch.setattr("facadelake.building.surface.virtual_view.render_virtual_view", by_rays)
     camera = Camera(
         width_px=800, height_px=600, fx_px=840, fy_px=830, cx_px=414.6, cy_px=292.2, k1=-0.18, k2=0.03, p1=0.001,
         p2=-0.001,
     )  # fmt: skip
     posed = looking([-3.0, 1.0, 3.0], [1.0, 20.0, 1.0], camera)
-    view = virtual_photograph(scene, posed, scale=0.5)
+    view = render_virtual_photograph(scene, posed, scale=0.5)
     rays, _, whole = ray_depths(Surface(scene), posed, 400, 300)
     depth = view.depth_m.ravel()
     met = whole & np.isfinite(rays) & np.isfinite(depth)
@@ -178,8 +178,8 @@ def test_a_virtual_photograph_has_the_photographs_distortion(scene, monkeypatch)
 
 def test_the_straightened_camera_sees_every_pixel_of_the_photograph():
     camera = Camera(width_px=800, height_px=600, fx_px=840, fy_px=830, cx_px=414.6, cy_px=292.2, k1=0.1, p1=0.002)
-    straight = straightened(camera)
+    straight = undistort_camera(camera)
     border = np.array([[0, 0], [800, 0], [0, 600], [800, 600], [400, 0], [0, 300], [800, 300], [400, 600]], dtype=float)
     assert straight.is_inside(straight.project(camera.rays_cam_from_img(border))).all()
     plain = Camera(width_px=800, height_px=600, fx_px=840, fy_px=830, cx_px=414.6, cy_px=292.2)
-    assert abs(straightened(plain).width_px - 800) <= 4  # px: no more than is needed
+    assert abs(undistort_camera(plain).width_px - 800) <= 4  # px: no more than is needed

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from facadelake.building.surface.edges import ModelEdges, model_edges
+from facadelake.building.surface.edges import ModelEdges, extract_model_edges
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
@@ -103,7 +103,9 @@ class _Scene:
 def _scene(boxes: Sequence[Box], cameras: Sequence[PosedCamera], as_built: Sequence[Box] | None = None) -> _Scene:
     surface = Surface.from_mesh(*_mesh(boxes))
     real = surface if as_built is None else Surface.from_mesh(*_mesh(as_built))
-    return _Scene(surface=surface, edges=model_edges(*_mesh(boxes)), cameras=cameras, photographs=_draw(cameras, real))
+    return _Scene(
+        surface=surface, edges=extract_model_edges(*_mesh(boxes)), cameras=cameras, photographs=_draw(cameras, real)
+    )
 
 
 def _windows(columns: Sequence[float], levels: Sequence[float]) -> list[Box]:
@@ -136,7 +138,7 @@ def house() -> _Scene:
 def test_hidden_edges_and_seams_in_one_plane_are_not_seen() -> None:
     """Two abutting boxes with one front, and a third behind them: of twelve and twelve edges the front shows few."""
     boxes: list[Box] = [(0, 0, 0, 2, 1, 3), (2, 0, 0, 2, 1, 3), (1, 5, 1, 1, 1, 1)]
-    surface, edges = Surface.from_mesh(*_mesh(boxes)), model_edges(*_mesh(boxes))
+    surface, edges = Surface.from_mesh(*_mesh(boxes)), extract_model_edges(*_mesh(boxes))
     samples = sample_edges(edges, 0.05)
     seen = seen_samples(samples, _camera(2.0, -8.0, 1.5), surface, border_px=2.0)
     xyz = samples.xyz_site_m[seen.row]

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from facadelake.building.model_georeference.control_pairs import ControlPair, placed_by
+from facadelake.building.model_georeference.control_pairs import ControlPair, fit_placement
 from facadelake.registry.building import Building
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "georeference-levels.md"
@@ -22,7 +22,7 @@ def test_every_example_is_a_registry_entry():
     assert len(examples) == 4
     buildings = [Building.model_validate(HALL | example) for example in examples]
     pairs = [ControlPair(ifc_m=pair.ifc_m, map_m=pair.map_m) for pair in buildings[1].crs.control]
-    placement, said = placed_by(pairs, "EPSG:25832", "ellipsoidal")
+    placement, said = fit_placement(pairs, "EPSG:25832", "ellipsoidal")
     assert "placed by 3 pairs" in said
     assert abs(placement.rotation_deg - 30.0) < 0.05  # deg
     assert buildings[3].model_building == "Main house"
