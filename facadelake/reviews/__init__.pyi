@@ -10,5 +10,6 @@ from .review import Review as Review
 from .review import reviews_from_table as reviews_from_table
 from .review_matching import AcceptedDetection as AcceptedDetection
 from .review_matching import ReviewStatus as ReviewStatus
+from .review_matching import match_reviews as match_reviews
 from .review_matching import select_accepted_detections as select_accepted_detections
 from .task_files import ReviewTask as ReviewTask

@@ -38,8 +38,7 @@ from facadelake.evaluation.model_comparison.report import (
 from facadelake.photos import find_masks
 from facadelake.registration import views_on_building
 from facadelake.registry import Building, Portfolio
-from facadelake.reviews import AcceptedDetection, reviews_from_table, select_accepted_detections
-from facadelake.reviews import review_matching as match_reviews
+from facadelake.reviews import AcceptedDetection, match_reviews, reviews_from_table, select_accepted_detections
 from schemas.vocabulary import PhotoOutcome
 
 log = logging.getLogger("facadelake.flows")

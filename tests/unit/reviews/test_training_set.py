@@ -194,7 +194,7 @@ def test_whole_photographs_only_where_everything_was_judged(tmp_path: Path) -> N
     assert [path.name for path in tmp_path.iterdir()] == ["p"]
     found = seen(("a/p0.png", "crack", CONFIRMED))
     words = [create_review(place, Verdict.CONFIRMED, SAID) for place in list_review_items(match_reviews((), found), {})]
-    whole = TrainingSource(**{**vars(half), "judgement": match_reviews(words, found)})
+    whole = TrainingSource(**{**vars(half), "status": match_reviews(words, found)})
     for kind in (PictureMode.COPY, PictureMode.LINK):
         folder = tmp_path / kind
         made = write_training_set([whole], folder, form=TrainingLabelFormat.YOLO, pictures=kind, side_px=256)
@@ -212,7 +212,7 @@ def test_whole_photographs_that_readers_would_turn_are_left_out(tmp_path: Path) 
     given = source(tmp_path / "p", "one", Split.TRAIN, photo="p0.jpg")
     found = seen(("p0.jpg", "crack", CONFIRMED))
     words = [create_review(place, Verdict.CONFIRMED, SAID) for place in list_review_items(match_reviews((), found), {})]
-    whole = TrainingSource(**{**vars(given), "judgement": match_reviews(words, found)})
+    whole = TrainingSource(**{**vars(given), "status": match_reviews(words, found)})
     path = tmp_path / "p" / "p0.jpg"
     exif = Image.Exif()
     exif[0x0112] = 3  # upside down
