@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from benchmarks.detector_seams import compare
 from facadelake.core.arrays import UInt8Image
-from facadelake.detection import default_model
+from facadelake.detection import find_default_model
 from facadelake.detection.inference import load_detector
 from facadelake.detection.inference.letterbox import letterbox
 from facadelake.detection.tiling import detect_image
@@ -138,7 +138,7 @@ def main() -> None:
         seams(options.scenes)
     else:
         image = _photograph(options.photograph, *options.size)
-        throughput(options.model or default_model(), image, options.threads, options.rounds)
+        throughput(options.model or find_default_model(), image, options.threads, options.rounds)
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ from benchmarks.detector_sets import (
     with_sources,
 )
 from benchmarks.foundation import SHARED
-from facadelake.detection import Crosswalk, crosswalk_with
+from facadelake.detection import Crosswalk, build_crosswalk
 from facadelake.evaluation.detectors import ImageLevelFigures, model_file, write_plots, write_results, write_sheets
 from facadelake.evaluation.detectors.false_alarms import Rate
 from facadelake.evaluation.detectors.figures import ClassFigures, Judgement, judge
@@ -215,7 +215,7 @@ def main() -> None:
                 measured(
                     looker,
                     looker.card.class_names,
-                    crosswalk_with(looker.card.classes),
+                    build_crosswalk(looker.card.classes),
                     asked,
                     options.every,
                     options.plots,
@@ -226,7 +226,7 @@ def main() -> None:
                 for judgement in rows[0].judgements:
                     write_results(path, judgement.figures, [], command=command)
                 print(f"written: {write_results(path, None, rows[0].whole, command=command)}", file=sys.stderr)
-        rows.append(measured(ClassicalCracks(), ["crack"], crosswalk_with({}), asked, options.every, options.plots))
+        rows.append(measured(ClassicalCracks(), ["crack"], build_crosswalk({}), asked, options.every, options.plots))
     text = f"# Detectors on real photographs of other sites\n\n`{command}`\n\n{tables(rows, asked)}\n"
     print(text)
     if options.output is not None:

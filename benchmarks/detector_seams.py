@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 
 from benchmarks.box_merging import Boxes, nmm, nms, wbf
 from facadelake.detection import Box
-from facadelake.detection.card import CardInput, Resize
+from facadelake.detection.card import CardInput, ResizeMode
 from facadelake.detection.inference import Found
 from facadelake.detection.tiling.plan import Look, plan_looks
 from facadelake.detection.tiling.seams import TileFound, united_parts
@@ -54,7 +54,7 @@ KINDS = (
 
 def compare(scenes: int, seed: int = 7) -> Iterator[tuple[str, str, int, Counter[str]]]:
     """Kind of crack, way of uniting, number of cracks, and what became of them."""
-    spec = CardInput(width_px=INPUT, height_px=INPUT, colour="bgr", scale=1.0, resize=Resize.CORNER)
+    spec = CardInput(width_px=INPUT, height_px=INPUT, colour="bgr", scale=1.0, resize=ResizeMode.CORNER)
     look = plan_looks(spec, width_px=WIDTH, height_px=HEIGHT)[0]
     for kind in KINDS:
         rng = np.random.default_rng(seed)

@@ -17,7 +17,7 @@ from facadelake.building import mask_target_elements, read_registered_model
 from facadelake.building.surface import Surface, build_horizontal_distance
 from facadelake.core.camera import PosedCamera
 from facadelake.core.pose_table import read_posed_cameras
-from facadelake.detection import Box, crosswalk_with
+from facadelake.detection import Box, build_crosswalk
 from facadelake.evaluation.detectors.labels.labels import (
     Gathering,
     LabelledImage,
@@ -45,7 +45,7 @@ _STEEPEST_DEG = 70.0  # facade seen more grazingly is not counted as looked at
 
 def crack_images(split: str) -> LabelledSet:
     """Real cracks of both sets that may be learned from, of the sites of a split."""
-    crosswalk = crosswalk_with({})
+    crosswalk = build_crosswalk({})
     sets = [
         open_labels(SHARED / "defects" / "crack_boxes_640", crosswalk),
         open_labels(SHARED / "defects" / "omu_quay_crack_yolo", crosswalk, class_names=["crack"]),
@@ -68,12 +68,12 @@ def street() -> LabelledSet:
 def mould(work: Path) -> LabelledSet:
     """Interiors with mould and without, boxes drawn by us (training/data/drawn_boxes.yaml)."""
     file = write_coco(read_drawn(SHARED / "defects"), work / "mould_indoor")
-    return labelled_only(open_labels(file, crosswalk_with({})), frozenset({DefectClass.MOISTURE}))
+    return labelled_only(open_labels(file, build_crosswalk({})), frozenset({DefectClass.MOISTURE}))
 
 
 def spalling(folder: Path) -> LabelledSet:
     """Boxes of spalling in a COCO folder; other classes are not labelled there, whatever it lists."""
-    return labelled_only(open_labels(folder, crosswalk_with({})), frozenset({DefectClass.SPALLING}))
+    return labelled_only(open_labels(folder, build_crosswalk({})), frozenset({DefectClass.SPALLING}))
 
 
 def masonry() -> LabelledSet:

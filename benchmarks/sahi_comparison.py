@@ -44,7 +44,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from facadelake.detection import ModelCard
-from facadelake.detection.card import Layout
+from facadelake.detection.card import OutputLayout
 from facadelake.detection.inference import Found, OnnxDetector, load_detector
 from facadelake.detection.tiling import detect_image
 from facadelake.detection.tiling.plan import OVERLAP, plan_looks
@@ -130,7 +130,7 @@ def compare(image: Image, model: Path, card: Path | None, *, threads: int, repea
     }
     for count in {1, threads}:
         _session_of(model, count)
-    if one_each.card.output.layout is Layout.YOLOV8 and find_spec("ultralytics"):
+    if one_each.card.output.layout is OutputLayout.YOLOV8 and find_spec("ultralytics"):
         stock = AutoDetectionModel.from_pretrained(
             "ultralytics",
             model_path=str(model),

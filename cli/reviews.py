@@ -180,12 +180,12 @@ def compare_models(
     Committed data are not changed; the detections are cached, so that running it again is quick.
     """
     from cli.terminal.reviews import show_comparison
-    from facadelake.detection import default_model
+    from facadelake.detection import find_default_model
     from facadelake.evaluation.model_comparison import compare_models as compare
 
     done = compare(
         read_portfolio_at(portfolio),
-        default_model() if old == "default" else Path(old),
+        find_default_model() if old == "default" else Path(old),
         new,
         campaign,
         lake=lake,

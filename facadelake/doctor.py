@@ -18,7 +18,7 @@ from pathlib import Path
 
 from facadelake.core.errors import ModelError
 from facadelake.core.system_libraries import LIBRARIES, Library, format_install_command, is_present
-from facadelake.detection import default_model
+from facadelake.detection import find_default_model
 
 GIB = 1024**3
 DISK_WANTED_GIB = 5.0  # a campaign's photographs, reconstruction, depth maps and tables, with some to spare
@@ -214,7 +214,7 @@ def check_models(model_files: Sequence[Path]) -> list[Check]:
 def check_default_model() -> Check:
     """The model that looks for defects where a building names none; without it, detections come from files."""
     try:
-        return replace(check_model(default_model()), name="default detector")
+        return replace(check_model(find_default_model()), name="default detector")
     except ModelError as error:
         found, _, remedy = str(error).partition("; ")
         return Check(name="default detector", status=Status.WARNING, found=found, remedy=remedy)

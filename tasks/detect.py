@@ -10,7 +10,7 @@ from prefect import task
 from facadelake.building import read_building
 from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
-from facadelake.detection import chosen_detector, chosen_fingerprint, detect_photographs, threads_of
+from facadelake.detection import count_threads, detect_photographs, hash_configured_detector, load_configured_detector
 from facadelake.photos import find_masks
 from facadelake.registration import views_on_building
 from facadelake.registry import OnnxDetectorSetting
@@ -30,16 +30,16 @@ def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: 
         table = detect_photographs(
             read_table("photos", photos.folder),
             root,
-            chosen_detector(setting),
+            load_configured_detector(setting),
             class_names=setting.classes,
             view_of=views_on_building(read_building(model.folder), read_table("poses", placed.folder), masks),
-            workers=threads_of(setting),
+            workers=count_threads(setting),
         )
         write_table("detections", table, folder)
         return Counter(table.column("detection_outcome").to_pylist())
 
     inputs = {
-        "detector": chosen_fingerprint(setting),
+        "detector": hash_configured_detector(setting),
         "score_threshold": setting.score_threshold,
         "masks": {photo_id: [mask.name, hash_file(mask)] for photo_id, mask in masks.items()},
     }

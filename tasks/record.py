@@ -10,7 +10,7 @@ import pyarrow as pa
 from facadelake.building import SURFACE_FILE, read_building
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.tables import read_table
-from facadelake.detection import model_file
+from facadelake.detection import locate_model
 from facadelake.lake import BuildingRecord, RunRecord, build_campaign_tables
 from facadelake.registry import OnnxDetectorSetting
 from schemas.vocabulary import SurfaceKind
@@ -66,7 +66,7 @@ def _run_record(job: InspectionJob, results: StageResults, detections: pa.Table)
     detectors = detections.column("detector_sha256").unique().to_pylist()
     setting = job.building.detector
     if not detectors and isinstance(setting, OnnxDetectorSetting):  # it looked and found nothing
-        detectors = [hash_file(model_file(setting))]
+        detectors = [hash_file(locate_model(setting))]
     fresh = [stage for stage in results.stages() if not stage.hit]
     settings = {
         "control": job.control or "auto",

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from facadelake.core.hashing import hash_file
-from facadelake.detection import ModelCard, card_path
-from facadelake.detection.card import CardInput, CardOutput, Layout, Resize, ScoreCalibration, card_text
+from facadelake.detection import ModelCard, locate_card
+from facadelake.detection.card import CardInput, CardOutput, OutputLayout, ResizeMode, ScoreCalibration, format_card
 from facadelake.detection.inference import OnnxDetector
 from facadelake.detection.tiling import detect_image
 from training.assign import iou_matrix
@@ -88,8 +88,8 @@ def main() -> None:
         print(f"score {one:.2f}: F1 {told.f1(one):.3f}, false boxes a quiet picture {told.alarms(one):.2f}")
     card = card.model_copy(update={"score_calibration": line, "score_threshold": round(threshold, 2)})
     card = card.model_copy(update={"metrics": {"model_sha256": hash_file(options.model)}})
-    card_path(options.model).write_text(card_text(card), encoding="utf-8")
-    print(f"{card_path(options.model)}: slope {line.slope}, intercept {line.intercept}, threshold {threshold:.2f}")
+    locate_card(options.model).write_text(format_card(card), encoding="utf-8")
+    print(f"{locate_card(options.model)}: slope {line.slope}, intercept {line.intercept}, threshold {threshold:.2f}")
 
 
 def base_card(name: str, *, nms_iou: float) -> ModelCard:
@@ -100,8 +100,8 @@ def base_card(name: str, *, nms_iou: float) -> ModelCard:
         source="https://github.com/Megvii-BaseDetection/YOLOX (YOLOX-nano, Apache-2.0); training/README.md",
         training_data=TRAINED_ON,
         class_names=tuple(str(name) for name in CLASSES),
-        input=CardInput(width_px=INPUT_PX, height_px=INPUT_PX, colour="bgr", scale=1.0, resize=Resize.CORNER),
-        output=CardOutput(layout=Layout.YOLOX),
+        input=CardInput(width_px=INPUT_PX, height_px=INPUT_PX, colour="bgr", scale=1.0, resize=ResizeMode.CORNER),
+        output=CardOutput(layout=OutputLayout.YOLOX),
         score_threshold=LOWEST,
         nms_iou=nms_iou,
     )

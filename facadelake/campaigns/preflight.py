@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection import chosen_detector, resolve_default_model
+from facadelake.detection import load_configured_detector, resolve_default_model
 from facadelake.georeferencing.imported import pose_files
 from facadelake.registry import Building, CocoDetector
 from facadelake.severity import rule_file
@@ -80,7 +80,7 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
             f"--detections '{detections}' is for buildings whose detector reads COCO files; '{building.id}' has a model"
         )
     else:
-        chosen_detector(building.detector)  # a model that cannot be used is told before the hours of work
+        load_configured_detector(building.detector)  # a model that cannot be used is told before the hours of work
     if building.control_points is not None and building.control_points_of(campaign_id) is None:
         path = building.control_points.replace("{campaign}", campaign_id)
         return (f"the registry names control points, but {path} does not exist; without them GPS is the control",)

@@ -10,7 +10,7 @@ from facadelake.building import BuildingModel
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.deduplication import MergeResult, Photographs, merge_observations, merge_settings
 from facadelake.photos import find_masks
-from facadelake.registration import register_detections, registration_settings
+from facadelake.registration import register_detections, resolve_registration_settings
 from facadelake.registry import Building
 
 
@@ -29,7 +29,7 @@ def register_on_committed_poses(
         poses,
         model,
         passport=passport,
-        settings=registration_settings(building),
+        settings=resolve_registration_settings(building),
         masks=find_masks(root),
         block=None,
     )

@@ -22,7 +22,7 @@ from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndic
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.progress import track
 from facadelake.deduplication.observations import Sightings
-from facadelake.registration import tangents_of
+from facadelake.registration import compute_tangents
 
 _log = logging.getLogger(__name__)
 _HALF_CELLS = 60  # half a patch's side; a byte a cell, so 15 kB a sighting
@@ -140,7 +140,7 @@ def _rectified(
     picture: UInt8Image, posed: PosedCamera, reduction: int, sightings: Sightings, row: int, cell_m: float
 ) -> Detail | None:
     """The detail of the surface about a sighting, up in rows from the top; None where the photograph ends before."""
-    across, upward = (axis[0] for axis in tangents_of(sightings.normal_site[row : row + 1]))
+    across, upward = (axis[0] for axis in compute_tangents(sightings.normal_site[row : row + 1]))
     steps = cell_m * np.arange(-_HALF_CELLS, _HALF_CELLS + 1)
     grid = sightings.xyz_site_m[row] + steps[None, :, None] * across - steps[:, None, None] * upward
     xy = posed.project_site(grid.reshape(-1, 3)) / reduction - 0.5  # OpenCV counts from the first pixel's centre

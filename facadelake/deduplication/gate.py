@@ -18,7 +18,7 @@ from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndic
 from facadelake.core.parallel import map_blocks
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.registration import tangents_of
+from facadelake.registration import compute_tangents
 
 _GRAZING_COSINE = 0.15  # a ray flatter than this says nothing more of relief
 _FACING_MIN = -0.2  # surfaces that turn further from one another do not show one defect
@@ -157,7 +157,7 @@ def _overlap(
     settings: MergeSettings,
 ) -> tuple[Float64Array, BoolArray]:
     """Share of the smaller patch that both cover (k,), and whether they touch, as rectangles along the surface."""
-    across, upward = tangents_of(normal)
+    across, upward = compute_tangents(normal)
     slack = settings.gate_sigma * np.sqrt(2) * noise.floor_m
     common, touching = np.ones(len(i)), np.ones(len(i), dtype=bool)
     for axis, extent in ((across, sightings.width_m), (upward, sightings.height_m)):

@@ -24,7 +24,7 @@ from facadelake.deduplication.observations import codes_of, column, sightings_of
 from facadelake.deduplication.position import positions_of
 from facadelake.deduplication.rear_surface import Moved, looked_behind
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.registration import tangents_of
+from facadelake.registration import compute_tangents
 from schemas.vocabulary import ObservationOutcome
 
 _log = logging.getLogger(__name__)
@@ -98,7 +98,7 @@ def _on_elements(seen: pa.Table, moved: Moved, building: BuildingModel) -> pa.Ta
     sightings, rows = moved.sightings, moved.rows
     places, normals = sightings.xyz_site_m[rows], sightings.normal_site[rows]
     directions = collect_facades(building.elements)
-    across, upward = tangents_of(normals)
+    across, upward = compute_tangents(normals)
     wide, high = across * sightings.width_m[rows, None] / 2, upward * sightings.height_m[rows, None] / 2
     corners = np.stack([places - wide - high, places + wide - high, places + wide + high, places - wide + high], axis=1)
     outlines = shapely.polygons(building.origin.geo_from_site(corners.reshape(-1, 3)).reshape(-1, 4, 3))

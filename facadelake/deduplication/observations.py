@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.registration import tangents_of
+from facadelake.registration import compute_tangents
 from schemas.vocabulary import DefectClass
 
 CLASSES = [str(name) for name in DefectClass]
@@ -50,7 +50,7 @@ class Sightings:
 
     def tangents(self) -> tuple[Float64Array, Float64Array]:
         """Unit horizontal and upward tangents (n, 3) of each sighting's surface."""
-        return tangents_of(self.normal_site)
+        return compute_tangents(self.normal_site)
 
 
 def column(table: pa.Table, name: str) -> Float64Array:

@@ -16,7 +16,7 @@ from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.core.parallel import map_blocks
 from facadelake.deduplication.gate import Noise, placing_m2
 from facadelake.deduplication.observations import Sightings
-from facadelake.registration import tangents_of
+from facadelake.registration import compute_tangents
 
 _ROUNDS = 12
 _FREEDOM = 4.0  # of Student's t: one residual in fifty lies beyond 3.5 sigmas instead of one in 2,000
@@ -55,7 +55,7 @@ class Rays:
         self.starts: RowIndices = np.flatnonzero(np.r_[True, np.diff(group) != 0][: len(group)])
         self.count: RowIndices = np.diff(np.r_[self.starts, len(group)])
         self.hit, ray = sightings.xyz_site_m[rows], sightings.ray_site[rows]
-        across, upward = tangents_of(ray)
+        across, upward = compute_tangents(ray)
         basis = np.stack([across, upward], axis=2)
         spread = basis.transpose(0, 2, 1) @ placing_m2(sightings, noise)[rows] @ basis
         # What a ray says of the place: nothing along itself.

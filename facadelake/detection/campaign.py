@@ -18,7 +18,7 @@ from facadelake.core.arrays import BoolArray, UInt8Image
 from facadelake.core.progress import track
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import clip_box
-from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
+from facadelake.detection.crosswalk import Crosswalk, build_crosswalk
 from facadelake.detection.inference.detector import Found, OnnxDetector
 from facadelake.detection.inference.photograph import read_photograph
 from facadelake.detection.tiling.tiled_detection import detect_image
@@ -33,7 +33,7 @@ def detect_photographs(
     detector: OnnxDetector,
     *,
     class_names: Mapping[str, str] = MappingProxyType({}),
-    view_of: Callable[[str], View] = lambda photo_id: View(),
+    view_of: Callable[[str], SearchRegion] = lambda photo_id: SearchRegion(),
     workers: int = 1,
 ) -> pa.Table:
     """What ``detector`` finds in the accepted photographs, as table ``detections``.
@@ -45,7 +45,7 @@ def detect_photographs(
     A photograph that cannot be read has no detections; a warning names it. Two are in memory at a time: the next is
     read while one is looked at.
     """
-    crosswalk = crosswalk_with(detector.card.classes, class_names)
+    crosswalk = build_crosswalk(detector.card.classes, class_names)
     accepted = [
         row["photo_id"]
         for row in photos.select(["photo_id", "photo_outcome"]).to_pylist()
@@ -59,7 +59,9 @@ def detect_photographs(
         view = view_of(photo_id)
         found = detect_image(detector, image, gsd_mm=view.gsd_mm, target=view.target, workers=workers)
         size = (image.shape[1], image.shape[0])
-        rows += [_row(photo_id, size, detector, crosswalk, i, one, view.remark) for i, one in enumerate(found, start=1)]
+        rows += [
+            _build_row(photo_id, size, detector, crosswalk, i, one, view.remark) for i, one in enumerate(found, start=1)
+        ]
     outcomes = Counter(row["detection_outcome"] for row in rows)
     counts = ", ".join(f"{count} {name}" for name, count in outcomes.items()) or "nothing found"
     _log.info("%s: %d boxes in %d photographs, %s", detector.name, len(rows), len(accepted), counts)
@@ -76,7 +78,7 @@ def _read_ahead(root: Path, photo_ids: Sequence[str]) -> Iterator[tuple[str, UIn
             yield photo_id, image
 
 
-def _row(
+def _build_row(
     photo_id: str,
     size_px: tuple[int, int],
     detector: OnnxDetector,
@@ -114,7 +116,7 @@ def _row(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
+class SearchRegion:
     """``gsd_mm``: millimetres on the facade a pixel of the photograph, None where unknown.
 
     ``target``: a mask of any size that lies over the whole photograph, true where the building is; None: it may be

@@ -15,12 +15,12 @@ from facadelake.core.arrays import Float32Array, Float64Array
 from facadelake.core.errors import ModelError
 from schemas.vocabulary import DefectClass
 
-Positive = Annotated[int, Field(gt=0)]
-Share = Annotated[float, Field(ge=0, le=1)]
-Triple = tuple[float, float, float]
+PositiveInt = Annotated[int, Field(gt=0)]
+UnitInterval = Annotated[float, Field(ge=0, le=1)]
+ChannelValues = tuple[float, float, float]
 
 
-class Layout(StrEnum):
+class OutputLayout(StrEnum):
     """How a detector's outputs are arranged; ``nc`` classes, ``N`` candidates, ``Q`` queries (layouts/ has details)."""
 
     YOLOX = "yolox"  # (1, N, 5+nc): raw offsets in grid cells, log sizes, objectness, class scores
@@ -39,7 +39,7 @@ class Layout(StrEnum):
     MAP_LOGITS = "map_logits"  # the same before its sigmoid, or softmax where a class is called background
 
 
-class Resize(StrEnum):
+class ResizeMode(StrEnum):
     """How a photograph is brought to the model's input size."""
 
     CORNER = "letterbox_corner"  # one gain, padded at the right and bottom
@@ -47,24 +47,24 @@ class Resize(StrEnum):
     STRETCH = "stretch"  # a gain for each axis, no padding
 
 
-class _Part(BaseModel):
+class _CardSection(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class CardInput(_Part):
+class CardInput(_CardSection):
     """What the model takes: ``(value * scale - mean) / std`` of values 0..255, channels in the order ``colour``.
 
     ``gsd_mm`` is how coarse a facade must come to it (mm for each pixel of the input, one or two scales); empty where
     photographs come at their own pixels.
     """
 
-    width_px: Positive
-    height_px: Positive
+    width_px: PositiveInt
+    height_px: PositiveInt
     colour: Literal["rgb", "bgr"]
     scale: Annotated[float, Field(gt=0)]
-    mean: Triple = (0.0, 0.0, 0.0)
-    std: Triple = (1.0, 1.0, 1.0)
-    resize: Resize
+    mean: ChannelValues = (0.0, 0.0, 0.0)
+    std: ChannelValues = (1.0, 1.0, 1.0)
+    resize: ResizeMode
     pad_value: Annotated[int, Field(ge=0, le=255)] = 114
     gsd_mm: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(max_length=2)] = ()
 
@@ -75,17 +75,17 @@ class CardInput(_Part):
         return self
 
 
-class CardOutput(_Part):
+class CardOutput(_CardSection):
     """What the model gives. ``names`` are its outputs in the order of the layout, ``name`` the one of a single output.
 
     They may be left out: a single output is the first, several are told apart by usual names and by shape.
     ``strides`` are for layout yolox alone.
     """
 
-    layout: Layout
+    layout: OutputLayout
     name: str | None = None
     names: tuple[str, ...] = ()
-    strides: Annotated[tuple[Positive, ...], Field(min_length=1)] = (8, 16, 32)
+    strides: Annotated[tuple[PositiveInt, ...], Field(min_length=1)] = (8, 16, 32)
 
     @model_validator(mode="after")
     def _one_way_of_naming(self) -> CardOutput:
@@ -94,19 +94,19 @@ class CardOutput(_Part):
         return self
 
     @property
-    def named(self) -> tuple[str, ...]:
+    def output_names(self) -> tuple[str, ...]:
         """The outputs that the card names; empty where it names none."""
         return self.names if self.name is None else (self.name,)
 
 
-class ScoreCalibration(_Part):
+class ScoreCalibration(_CardSection):
     """What makes a probability of the model's score: ``logit(p) = slope * logit(score) + intercept`` (Platt 1999)."""
 
     slope: Annotated[float, Field(gt=0)] = 1.0
     intercept: float = 0.0
 
 
-class ModelCard(_Part):
+class ModelCard(_CardSection):
     """A detector's declaration; ``class_names`` in the order of the model's outputs.
 
     ``classes`` says which defect class a name of them stands for, over the built-in crosswalk; ``training_data`` names
@@ -124,14 +124,14 @@ class ModelCard(_Part):
     input: CardInput
     output: CardOutput
     score_calibration: ScoreCalibration = ScoreCalibration()
-    score_threshold: Share
-    nms_iou: Share = 0.5
-    max_detections: Positive = 300
+    score_threshold: UnitInterval
+    nms_iou: UnitInterval = 0.5
+    max_detections: PositiveInt = 300
 
     @model_validator(mode="after")
     def _grids_fit(self) -> ModelCard:
         worst = max(self.output.strides)
-        if self.output.layout is Layout.YOLOX and (self.input.width_px % worst or self.input.height_px % worst):
+        if self.output.layout is OutputLayout.YOLOX and (self.input.width_px % worst or self.input.height_px % worst):
             raise ValueError(
                 f"input is {self.input.width_px} x {self.input.height_px} px; layout yolox needs multiples of its "
                 f"largest stride, {worst}"
@@ -139,7 +139,7 @@ class ModelCard(_Part):
         return self
 
 
-def card_path(model: Path) -> Path:
+def locate_card(model: Path) -> Path:
     """Where a model's card lies: ``crack.onnx`` has ``crack.card.yaml`` beside it."""
     return model.with_suffix(".card.yaml")
 
@@ -177,17 +177,17 @@ def parse_card(text: str, where: str) -> ModelCard:
         raise ModelError(f"{where}: {'; '.join(faults)} (docs/model-card.md says what is allowed)") from error
 
 
-def card_text(card: ModelCard) -> str:
+def format_card(card: ModelCard) -> str:
     """The card as YAML, keys in the order of its declaration; what stands at its default is left out."""
     content = card.model_dump(mode="json", exclude_defaults=True)
     text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
     return text
 
 
-_NEAREST = 1e-7  # to 0 and 1; float32 scores cannot tell more
+_PROBABILITY_MARGIN = 1e-7  # to 0 and 1; float32 scores cannot tell more
 
 
-def calibrated(scores: Float32Array, by: ScoreCalibration) -> Float64Array:
+def calibrate_scores(scores: Float32Array, by: ScoreCalibration) -> Float64Array:
     """Probabilities of a model's scores: ``logit(p) = slope * logit(score) + intercept``."""
     exact = np.clip(scores.astype(np.float64), 0.0, 1.0)
     if by == ScoreCalibration():
@@ -195,7 +195,7 @@ def calibrated(scores: Float32Array, by: ScoreCalibration) -> Float64Array:
     return 1 / (1 + np.exp(-(by.slope * _logit(exact) + by.intercept)))
 
 
-def score_for(probability: float, by: ScoreCalibration) -> float:
+def invert_calibration(probability: float, by: ScoreCalibration) -> float:
     """The model's score that means ``probability``; 0 and 1 stay what they are."""
     if by == ScoreCalibration() or probability <= 0 or probability >= 1:
         return probability
@@ -204,6 +204,6 @@ def score_for(probability: float, by: ScoreCalibration) -> float:
 
 
 def _logit(probability: Float64Array) -> Float64Array:
-    inside = np.clip(probability, _NEAREST, 1 - _NEAREST)
+    inside = np.clip(probability, _PROBABILITY_MARGIN, 1 - _PROBABILITY_MARGIN)
     logit: Float64Array = np.log(inside) - np.log1p(-inside)
     return logit

@@ -33,7 +33,7 @@ _COUNTERPARTS: Mapping[DefectClass, tuple[str, ...]] = {
 }  # fmt: skip
 
 # Names that are known to stand for nothing that we map: other damage, parts of a structure, no damage at all.
-_WITHOUT: Mapping[str, tuple[str, ...]] = {
+_UNMAPPED: Mapping[str, tuple[str, ...]] = {
     "dacl10k's damages": (
         "Rust", "Rockpocket", "Hollowareas", "Cavity", "Graffiti", "Weathering", "Restformwork",
         "WConccor", "Washouts/Concrete corrosion",
@@ -45,14 +45,16 @@ _WITHOUT: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 
-def _normal_form(name: str) -> str:
+def _normalise_name(name: str) -> str:
     return "".join(character for character in name.casefold() if character.isalnum())
 
 
-_KNOWN: Mapping[str, DefectClass] = {
-    _normal_form(name): defect_class for defect_class, names in _COUNTERPARTS.items() for name in names
+_CLASS_OF_NAME: Mapping[str, DefectClass] = {
+    _normalise_name(name): defect_class for defect_class, names in _COUNTERPARTS.items() for name in names
 }
-_KNOWN_WITHOUT: Mapping[str, str] = {_normal_form(name): of for of, names in _WITHOUT.items() for name in names}
+_TAXONOMY_OF_UNMAPPED: Mapping[str, str] = {
+    _normalise_name(name): of for of, names in _UNMAPPED.items() for name in names
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +65,11 @@ class Crosswalk:
 
     def defect_class(self, source_class: str) -> DefectClass | None:
         """The class that ``source_class`` stands for; None where it has no counterpart."""
-        return self.by_name.get(_normal_form(source_class))
+        return self.by_name.get(_normalise_name(source_class))
 
     def why_unknown(self, source_class: str) -> str:
         """What to tell about a name without a counterpart."""
-        of = _KNOWN_WITHOUT.get(_normal_form(source_class))
+        of = _TAXONOMY_OF_UNMAPPED.get(_normalise_name(source_class))
         return (
             f"class '{source_class}' stands for none of {', '.join(DefectClass)}; "
             "add it to 'classes' of the model's card or of the building's detector if it should"
@@ -75,7 +77,7 @@ class Crosswalk:
         )
 
 
-def crosswalk_with(*class_names: Mapping[str, str]) -> Crosswalk:
+def build_crosswalk(*class_names: Mapping[str, str]) -> Crosswalk:
     """The built-in crosswalk and over it each of ``class_names`` (detector's name -> defect class), the last on top.
 
     A model card's ``classes`` come first, a building's own words over them.
@@ -88,5 +90,5 @@ def crosswalk_with(*class_names: Mapping[str, str]) -> Crosswalk:
                 f"classes: '{name}' is set to '{target}', which is not a defect class; "
                 f"use one of {', '.join(DefectClass)}"
             )
-        own[_normal_form(name)] = DefectClass(target)
-    return Crosswalk(by_name={**_KNOWN, **own})
+        own[_normalise_name(name)] = DefectClass(target)
+    return Crosswalk(by_name={**_CLASS_OF_NAME, **own})

@@ -21,12 +21,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import ModelError, StoreError
 from facadelake.core.hashing import hash_file
-from facadelake.detection.card import card_path, card_text
+from facadelake.detection.card import format_card, locate_card
 from facadelake.detection.inference.cards import find_card
 
-MODELS = Path(os.environ.get("FACADELAKE_MODELS") or CHECKOUT / "data" / "detector")
-LIST = "models.yaml"
-SHIPPED = "facadelake-nano.onnx"
+MODELS_FOLDER = Path(os.environ.get("FACADELAKE_MODELS") or CHECKOUT / "data" / "detector")
+MODEL_LIST = "models.yaml"
+SHIPPED_MODEL = "facadelake-nano.onnx"
 _LOCK_TIMEOUT_S = 30.0
 _HEADER = "# Which detector 'model: default' means: the last entry. Written by 'facadelake promote-model'.\n"
 
@@ -48,9 +48,9 @@ class Promotion(BaseModel):
     evidence: str = ""
 
 
-def promotions(folder: Path = MODELS) -> tuple[Promotion, ...]:
+def read_promotions(folder: Path = MODELS_FOLDER) -> tuple[Promotion, ...]:
     """All promotions, the oldest first. Raises ModelError where the list cannot be read."""
-    path = folder / LIST
+    path = folder / MODEL_LIST
     try:
         content: Any = yaml.safe_load(path.read_text(encoding="utf-8")) if path.is_file() else []
         return tuple(Promotion.model_validate(entry) for entry in content or [])
@@ -60,13 +60,13 @@ def promotions(folder: Path = MODELS) -> tuple[Promotion, ...]:
         ) from error
 
 
-def default_model(folder: Path = MODELS) -> Path:
+def find_default_model(folder: Path = MODELS_FOLDER) -> Path:
     """The ONNX file that ``model: default`` means: the last one promoted, else the one that is shipped.
 
     Raises ModelError where it is missing or no longer the file that was promoted.
     """
-    known = promotions(folder)
-    path = folder / (known[-1].file if known else SHIPPED)
+    known = read_promotions(folder)
+    path = folder / (known[-1].file if known else SHIPPED_MODEL)
     if not path.is_file():
         raise ModelError(
             f"the default detector {path} does not exist; restore it, promote another with 'facadelake promote-model', "
@@ -80,7 +80,9 @@ def default_model(folder: Path = MODELS) -> Path:
     return path
 
 
-def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | None, folder: Path = MODELS) -> Promotion:
+def add_promotion(
+    model: Path, *, by: str, why: str, evidence: str, replaces: str | None, folder: Path = MODELS_FOLDER
+) -> Promotion:
     """Put ``model`` and its card on the shelf as ``<card's name>-<hash>.onnx`` and make it the default.
 
     The caller has judged whether it may be, beside the default of hash ``replaces`` (None: there was none of use).
@@ -93,8 +95,8 @@ def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | No
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", card.name).strip("-.") or "model"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with FileLock(folder / f".{LIST}.lock", timeout=_LOCK_TIMEOUT_S):
-            known = promotions(folder)
+        with FileLock(folder / f".{MODEL_LIST}.lock", timeout=_LOCK_TIMEOUT_S):
+            known = read_promotions(folder)
             if known and known[-1].sha256 == sha256:
                 return known[-1]
             if known and replaces not in (None, known[-1].sha256):
@@ -112,9 +114,9 @@ def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | No
                 evidence=evidence,
             )
             target = folder / entry.file
-            card_path(target).write_text(card_text(card), encoding="utf-8")
-            _copy(model, target)
-            _write_list(folder / LIST, [*known, entry])
+            locate_card(target).write_text(format_card(card), encoding="utf-8")
+            _copy_model(model, target)
+            _write_list(folder / MODEL_LIST, [*known, entry])
             return entry
     except (OSError, Timeout) as error:
         raise StoreError(
@@ -123,7 +125,7 @@ def promote(model: Path, *, by: str, why: str, evidence: str, replaces: str | No
         ) from error
 
 
-def _copy(source: Path, target: Path) -> None:
+def _copy_model(source: Path, target: Path) -> None:
     """A copy that is whole or not there."""
     if source.resolve() == target.resolve():
         return

@@ -18,7 +18,7 @@ from facadelake.core.arrays import BoolArray
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.pose_table import read_posed_cameras
-from facadelake.detection import View
+from facadelake.detection import SearchRegion
 from facadelake.registration.exclusion_mask import read_mask
 from schemas.vocabulary import SurfaceKind
 
@@ -62,16 +62,18 @@ def target_view(posed: PosedCamera, surface: Surface, elements: pa.Table, mask: 
     return TargetView(target=target, gsd_mm=gsd_mm)
 
 
-def views_on_building(building: BuildingModel, poses: pa.Table, masks: Mapping[str, Path]) -> Callable[[str], View]:
+def views_on_building(
+    building: BuildingModel, poses: pa.Table, masks: Mapping[str, Path]
+) -> Callable[[str], SearchRegion]:
     """What is known of each photograph, by its photo_id, from table ``poses`` and the user's masks."""
     posed, surface = read_posed_cameras(poses), Surface(building)
 
-    def view_of(photo_id: str) -> View:
+    def view_of(photo_id: str) -> SearchRegion:
         if photo_id not in posed:
-            return View(remark=WITHOUT_POSE)
+            return SearchRegion(remark=WITHOUT_POSE)
         seen = target_view(posed[photo_id], surface, building.elements, masks.get(photo_id))
         # A surface made of tie points has holes where a wall is bare.
         target = None if building.surface_kind is SurfaceKind.AS_BUILT else seen.target
-        return View(gsd_mm=None if math.isnan(seen.gsd_mm) else seen.gsd_mm, target=target)
+        return SearchRegion(gsd_mm=None if math.isnan(seen.gsd_mm) else seen.gsd_mm, target=target)
 
     return view_of

@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from facadelake.campaigns import committed_tables
 from facadelake.core.errors import InputDataError
-from facadelake.detection import crosswalk_with
+from facadelake.detection import build_crosswalk
 from facadelake.lake import Added, append_reviews, read_table
 from facadelake.registry import Building
 from facadelake.reviews.coco_import import ParsedReviews, read_coco_reviews
@@ -146,7 +146,7 @@ def import_reviews(
     shown = _read_task_of_campaign(task, campaign) if task else None
     run_id = shown.run_id if shown else campaign.run_id
     said = ReviewProvenance(reviewer=reviewer.strip(), reviewed_at=datetime.now(UTC), run_id=run_id)
-    crosswalk = crosswalk_with(building.detector.classes)
+    crosswalk = build_crosswalk(building.detector.classes)
     kind = file.suffix.lower()
     if kind == ".csv":
         words = read_csv_reviews(file, campaign.items, campaign.sizes, crosswalk, said)

@@ -16,8 +16,15 @@ import shapely
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
-from facadelake.detection import Box, Crosswalk, clip_box, describe
-from facadelake.detection.coco import CocoAnnotation, box_about, mask_of, number, polygons_of_text, read_coco
+from facadelake.detection import Box, Crosswalk, clip_box, describe_box
+from facadelake.detection.coco import (
+    CocoAnnotation,
+    bound_segmentation,
+    parse_number,
+    parse_segmentation,
+    polygons_from_wkt,
+    read_coco,
+)
 from facadelake.reviews.box_matching import compute_iou, corners_from_boxes, pair_greedily
 from facadelake.reviews.review import Review
 from facadelake.reviews.review_items import ReviewItem, ReviewProvenance, create_missed_review, create_review
@@ -144,9 +151,9 @@ def _review_photograph(
 def _is_unchanged(place: ReviewItem, one: _DrawnBox) -> bool:
     if one.defect_class is not place.defect_class:
         return False
-    after = None if one.mask is None else polygons_of_text(one.mask)
+    after = None if one.mask is None else polygons_from_wkt(one.mask)
     if after is not None:
-        shown = None if place.mask is None else polygons_of_text(place.mask)
+        shown = None if place.mask is None else polygons_from_wkt(place.mask)
         before = shapely.box(*corners_from_boxes([place.box])[0]) if shown is None else shown
         return bool(before.intersection(after).area >= _UNCHANGED_IOU_MIN * before.union(after).area)
     both = corners_from_boxes([place.box, one.box])
@@ -171,17 +178,17 @@ def _parse_annotation(
         )
     bbox = annotation.bbox
     if bbox is None:
-        bbox = box_about(annotation.segmentation, *size)
-    values = [number(value) for value in bbox] if isinstance(bbox, list) else []
+        bbox = bound_segmentation(annotation.segmentation, *size)
+    values = [parse_number(value) for value in bbox] if isinstance(bbox, list) else []
     if len(values) != 4 or None in values:
         return f"bbox is {annotation.bbox!r}; it must be [x, y, width, height] in pixels"
     box = Box(**dict(zip(("x_px", "y_px", "width_px", "height_px"), (float(v or 0.0) for v in values), strict=True)))
     if box.width_px <= 0 or box.height_px <= 0:
-        return f"box {describe(box)}: width and height must be more than 0 px"
+        return f"box {describe_box(box)}: width and height must be more than 0 px"
     clipped = clip_box(box, image_width_px=size[0], image_height_px=size[1])
     if clipped.inside is None:
         return clipped.remark
-    mask = mask_of(annotation.segmentation, clipped.inside, *size)
+    mask = parse_segmentation(annotation.segmentation, clipped.inside, *size)
     outline = None if mask.outline is None else str(shapely.to_wkt(mask.outline, rounding_precision=2))
     return _DrawnBox(photo_id=photo_id, box=clipped.inside, defect_class=defect_class, mask=outline, subject=subject)
 

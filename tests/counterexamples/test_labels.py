@@ -12,11 +12,11 @@ import pytest
 from PIL import Image
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import build_crosswalk
 from facadelake.evaluation.detectors.labels.labels import LabelledSet
 from facadelake.evaluation.detectors.labels.open import Form, open_labels
 
-CROSSWALK = crosswalk_with({})
+CROSSWALK = build_crosswalk({})
 WIDTH, HEIGHT = 100, 80
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.detection.crosswalk import crosswalk_with
-from facadelake.detection.model_registry import MODELS, SHIPPED
+from facadelake.detection.crosswalk import build_crosswalk
+from facadelake.detection.model_registry import MODELS_FOLDER, SHIPPED_MODEL
 from facadelake.evaluation.detectors.figures import judge
 from facadelake.evaluation.detectors.labels.labels import LabelledSet, sound_photographs
 from facadelake.evaluation.detectors.labels.open import open_labels
@@ -18,12 +18,12 @@ from facadelake.evaluation.detectors.sources import OnnxLooker
 pytestmark = pytest.mark.realdata
 
 SITES = Path(__file__).resolve().parents[2] / "training" / "data" / "sites.yaml"
-CROSSWALK = crosswalk_with({})
+CROSSWALK = build_crosswalk({})
 
 
 @pytest.fixture(scope="module")
 def looker() -> OnnxLooker:
-    return OnnxLooker(MODELS / SHIPPED)
+    return OnnxLooker(MODELS_FOLDER / SHIPPED_MODEL)
 
 
 def folder_of(shared_data: Path, name: str) -> Path:

@@ -6,7 +6,7 @@ import pytest
 
 from facadelake import doctor
 from facadelake.core.system_libraries import Library
-from facadelake.detection.model_registry import default_model
+from facadelake.detection.model_registry import find_default_model
 from facadelake.doctor import Check, Probe, Status, run_checks
 
 
@@ -94,7 +94,7 @@ def test_a_missing_default_detector_is_a_warning_with_its_remedy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def missing() -> Path:
-        return default_model(tmp_path)
+        return find_default_model(tmp_path)
 
     monkeypatch.setattr(doctor, "default_model", missing)
     (check,) = doctor.check_models([])

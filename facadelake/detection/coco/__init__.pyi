@@ -1,9 +1,9 @@
 from .file import CocoAnnotation as CocoAnnotation
 from .file import CocoImage as CocoImage
-from .file import number as number
+from .file import parse_number as parse_number
 from .file import read_coco as read_coco
 from .import_detections import import_coco as import_coco
-from .mask import box_about as box_about
-from .mask import mask_of as mask_of
-from .mask import polygons_of as polygons_of
-from .mask import polygons_of_text as polygons_of_text
+from .mask import bound_segmentation as bound_segmentation
+from .mask import extract_polygons as extract_polygons
+from .mask import parse_segmentation as parse_segmentation
+from .mask import polygons_from_wkt as polygons_from_wkt

@@ -75,46 +75,46 @@ def read_coco(path: Path) -> CocoFile:
             f"categories (a results list has no file names); {_EXPORT}"
         )
     images = {
-        _id(entry, path, "images", i): CocoImage(
-            file_name=_text(entry, "file_name", path, "images", i),
-            width_px=number(entry.get("width")),
-            height_px=number(entry.get("height")),
+        _parse_id(entry, path, "images", i): CocoImage(
+            file_name=_parse_text(entry, "file_name", path, "images", i),
+            width_px=parse_number(entry.get("width")),
+            height_px=parse_number(entry.get("height")),
         )
-        for i, entry in enumerate(_entries(content, "images", path))
+        for i, entry in enumerate(_get_entries(content, "images", path))
     }
     categories = {
-        _id(entry, path, "categories", i): _text(entry, "name", path, "categories", i)
-        for i, entry in enumerate(_entries(content, "categories", path))
+        _parse_id(entry, path, "categories", i): _parse_text(entry, "name", path, "categories", i)
+        for i, entry in enumerate(_get_entries(content, "categories", path))
     }
     annotations = tuple(
         CocoAnnotation(
             annotation_id=str(entry["id"]) if entry.get("id") is not None else f"row{i}",
-            image_id=_reference(entry.get("image_id")),
-            category_id=_reference(entry.get("category_id")),
+            image_id=_parse_reference(entry.get("image_id")),
+            category_id=_parse_reference(entry.get("category_id")),
             bbox=entry.get("bbox"),
             score=entry.get("score"),
             segmentation=entry.get("segmentation"),
-            crack_width_px=_own_or_attribute(entry, "crack_width_px"),
+            crack_width_px=_get_value_or_attribute(entry, "crack_width_px"),
             is_crowd=entry.get("iscrowd") == 1,
         )
-        for i, entry in enumerate(_entries(content, "annotations", path))
+        for i, entry in enumerate(_get_entries(content, "annotations", path))
     )
     return CocoFile(path=path, images=images, categories=categories, annotations=annotations)
 
 
-def number(value: Any) -> float | None:
+def parse_number(value: Any) -> float | None:
     """The finite number that ``value`` is, else None; text and true/false are not numbers."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if abs(value) < 1e15 else None  # also False for NaN
 
 
-def _own_or_attribute(entry: Mapping[str, Any], name: str) -> Any:
+def _get_value_or_attribute(entry: Mapping[str, Any], name: str) -> Any:
     attributes = entry.get("attributes")
     return entry.get(name, attributes.get(name) if isinstance(attributes, dict) else None)
 
 
-def _entries(content: Mapping[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
+def _get_entries(content: Mapping[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
     if key not in content:
         raise InputDataError(f"detections file {path} has no key '{key}' (it has {sorted(content)}); {_EXPORT}")
     entries = content[key]
@@ -123,12 +123,12 @@ def _entries(content: Mapping[str, Any], key: str, path: Path) -> list[dict[str,
     return entries
 
 
-def _reference(value: Any) -> int | str:
+def _parse_reference(value: Any) -> int | str:
     """An id that an annotation refers to, as it is written; what is no id becomes text that no entry has."""
     return value if isinstance(value, int | str) and not isinstance(value, bool) else f"({value!r})"
 
 
-def _id(entry: Mapping[str, Any], path: Path, key: str, index: int) -> int | str:
+def _parse_id(entry: Mapping[str, Any], path: Path, key: str, index: int) -> int | str:
     value = entry.get("id")
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise InputDataError(
@@ -137,7 +137,7 @@ def _id(entry: Mapping[str, Any], path: Path, key: str, index: int) -> int | str
     return value
 
 
-def _text(entry: Mapping[str, Any], field: str, path: Path, key: str, index: int) -> str:
+def _parse_text(entry: Mapping[str, Any], field: str, path: Path, key: str, index: int) -> str:
     value = entry.get(field)
     if not isinstance(value, str) or not value.strip():
         raise InputDataError(f"detections file {path}: {key}[{index}].{field} is {value!r}; every entry needs a text")

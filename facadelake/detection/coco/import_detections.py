@@ -17,10 +17,10 @@ from facadelake.core.hashing import hash_file
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.progress import track
 from facadelake.core.tables import table_from_rows
-from facadelake.detection.boxes import Box, clip_box, describe
-from facadelake.detection.coco.file import CocoAnnotation, CocoFile, CocoImage, number, read_coco
-from facadelake.detection.coco.mask import box_about, mask_of
-from facadelake.detection.crosswalk import Crosswalk, crosswalk_with
+from facadelake.detection.boxes import Box, clip_box, describe_box
+from facadelake.detection.coco.file import CocoAnnotation, CocoFile, CocoImage, parse_number, read_coco
+from facadelake.detection.coco.mask import bound_segmentation, parse_segmentation
+from facadelake.detection.crosswalk import Crosswalk, build_crosswalk
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome
 
 _log = logging.getLogger(__name__)
@@ -28,17 +28,17 @@ _PHOTO_COLUMNS = ["photo_id", "photo_outcome", "image_width_px", "image_height_p
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Verdict:
+class _BoxOutcome:
     outcome: DetectionOutcome = DetectionOutcome.ACCEPTED
     reason: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Place:
+class _MatchedPhotograph:
     """Where an image of the file belongs: a photograph and its size, or the verdict on all its boxes."""
 
     photo_id: str
-    verdict: _Verdict
+    verdict: _BoxOutcome
     width_px: int | None = None
     height_px: int | None = None
 
@@ -55,10 +55,10 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
     Raises InputDataError where the file as a whole cannot be used: unreadable, keys missing, boxes normalised to
     0..1, or no box on an accepted photograph of this campaign, in that photograph's size.
     """
-    crosswalk = crosswalk_with(class_names)
+    crosswalk = build_crosswalk(class_names)
     coco = read_coco(file)
     _refuse_normalised_boxes(coco)
-    places = _places(coco, photos)
+    places = _match_images(coco, photos)
     _refuse_if_nothing_fits(coco, places, len(photos))
     sha256 = hash_file(file)
     used: Counter[str] = Counter()
@@ -67,26 +67,26 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
         place = places[annotation.image_id]
         source_class = coco.categories.get(annotation.category_id)
         defect_class = crosswalk.defect_class(source_class) if source_class is not None else None
-        box, verdict = _judge_box(annotation, place)
+        box, verdict = _check_box(annotation, place)
         if place.verdict.outcome is not DetectionOutcome.ACCEPTED:
             verdict = place.verdict
         elif verdict.outcome is DetectionOutcome.ACCEPTED and defect_class is None:
-            verdict = _unknown_class(annotation, source_class, crosswalk)
+            verdict = _explain_unknown_class(annotation, source_class, crosswalk)
         measured: dict[str, Any] = {}
         if verdict.outcome is DetectionOutcome.ACCEPTED and box is not None:
-            measured, remarks = _measured(annotation, box, place)
+            measured, remarks = _parse_mask_and_width(annotation, box, place)
             verdict = replace(verdict, reason="; ".join(filter(None, [verdict.reason, *remarks])) or None)
         rows.append(
             {
-                "detection_id": _unique_id(f"{place.photo_id}#{annotation.annotation_id}", used),
+                "detection_id": _make_unique(f"{place.photo_id}#{annotation.annotation_id}", used),
                 "photo_id": place.photo_id,
                 "source_annotation": annotation.annotation_id,
                 "detection_outcome": str(verdict.outcome),
                 "reason": verdict.reason,
                 "defect_class": None if defect_class is None else str(defect_class),
                 "source_class": f"category {annotation.category_id}" if source_class is None else source_class,
-                "score": _score_or_zero(annotation),
-                **({} if box is None else _columns(box)),
+                "score": _parse_score(annotation),
+                **({} if box is None else _columns_from_box(box)),
                 **measured,
                 "detector": f"coco:{file.name}",
                 "detector_sha256": sha256,
@@ -97,78 +97,80 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
     return table_from_rows("detections", rows)
 
 
-def _places(coco: CocoFile, photos: pa.Table) -> Mapping[int | str, _Place]:
+def _match_images(coco: CocoFile, photos: pa.Table) -> Mapping[int | str, _MatchedPhotograph]:
     """The place of every image_id that an annotation names."""
     rows = {row["photo_id"]: row for row in photos.select(_PHOTO_COLUMNS).to_pylist()}
     names = PhotoNames(rows)
-    places = {image_id: _place(image, names, rows) for image_id, image in coco.images.items()}
+    places = {image_id: _match_image(image, names, rows) for image_id, image in coco.images.items()}
     for annotation in coco.annotations:
         if annotation.image_id not in places:
             reason = f"image_id {annotation.image_id!r} is not among the file's 'images'"
-            verdict = _Verdict(outcome=DetectionOutcome.UNKNOWN_PHOTO, reason=reason)
-            places[annotation.image_id] = _Place(photo_id=f"image {annotation.image_id}", verdict=verdict)
+            verdict = _BoxOutcome(outcome=DetectionOutcome.UNKNOWN_PHOTO, reason=reason)
+            places[annotation.image_id] = _MatchedPhotograph(photo_id=f"image {annotation.image_id}", verdict=verdict)
     return places
 
 
-def _place(image: CocoImage, names: PhotoNames, photos: Mapping[str, Mapping[str, Any]]) -> _Place:
+def _match_image(image: CocoImage, names: PhotoNames, photos: Mapping[str, Mapping[str, Any]]) -> _MatchedPhotograph:
     unknown = DetectionOutcome.UNKNOWN_PHOTO
     match = names.match(image.file_name)
     if match.photo_id is None:
-        return _Place(photo_id=image.file_name, verdict=_Verdict(outcome=unknown, reason=match.reason))
+        return _MatchedPhotograph(photo_id=image.file_name, verdict=_BoxOutcome(outcome=unknown, reason=match.reason))
     photo = photos[match.photo_id]
     if photo["photo_outcome"] != PhotoOutcome.ACCEPTED:
         reason = f"the photograph was not accepted: {photo['photo_outcome']}"
-        return _Place(photo_id=match.photo_id, verdict=_Verdict(outcome=unknown, reason=reason))
+        return _MatchedPhotograph(photo_id=match.photo_id, verdict=_BoxOutcome(outcome=unknown, reason=reason))
     width, height = photo["image_width_px"], photo["image_height_px"]
-    verdict = _Verdict()
+    verdict = _BoxOutcome()
     stated = (image.width_px, image.height_px)
     if None not in (*stated, width, height) and stated != (width, height):
         reason = (
             f"the file says the image is {stated[0]:g} x {stated[1]:g} px, the photograph is {width} x {height} px; "
             "export boxes of the original photograph, neither rotated nor resized"
         )
-        verdict = _Verdict(outcome=DetectionOutcome.BAD_BOX, reason=reason)
-    return _Place(photo_id=match.photo_id, verdict=verdict, width_px=width, height_px=height)
+        verdict = _BoxOutcome(outcome=DetectionOutcome.BAD_BOX, reason=reason)
+    return _MatchedPhotograph(photo_id=match.photo_id, verdict=verdict, width_px=width, height_px=height)
 
 
-def _columns(box: Box) -> dict[str, float]:
+def _columns_from_box(box: Box) -> dict[str, float]:
     return {f"box_{name}": value for name, value in asdict(box).items()}
 
 
-def _judge_box(annotation: CocoAnnotation, place: _Place) -> tuple[Box | None, _Verdict]:
+def _check_box(annotation: CocoAnnotation, place: _MatchedPhotograph) -> tuple[Box | None, _BoxOutcome]:
     """The box to keep (None where it is not four numbers) and what it is worth in its photograph."""
     bad = DetectionOutcome.BAD_BOX
     bbox = annotation.bbox
     if bbox is None:
-        bbox = box_about(annotation.segmentation, place.width_px, place.height_px)
+        bbox = bound_segmentation(annotation.segmentation, place.width_px, place.height_px)
     if not isinstance(bbox, list) or len(bbox) != 4:
-        return None, _Verdict(outcome=bad, reason=f"bbox is {bbox!r}; it must be [x, y, width, height] in pixels")
-    values = [value for value in map(number, bbox) if value is not None]
+        return None, _BoxOutcome(outcome=bad, reason=f"bbox is {bbox!r}; it must be [x, y, width, height] in pixels")
+    values = [value for value in map(parse_number, bbox) if value is not None]
     if len(values) != 4:
-        return None, _Verdict(outcome=bad, reason=f"bbox is {bbox}; its four values must be finite numbers")
+        return None, _BoxOutcome(outcome=bad, reason=f"bbox is {bbox}; its four values must be finite numbers")
     x, y, width, height = values
     box = Box(x_px=x, y_px=y, width_px=width, height_px=height)
     if width <= 0 or height <= 0:
-        return box, _Verdict(outcome=bad, reason=f"box {describe(box)}: width and height must be more than 0 px")
-    score = number(annotation.score)
+        return box, _BoxOutcome(outcome=bad, reason=f"box {describe_box(box)}: width and height must be more than 0 px")
+    score = parse_number(annotation.score)
     if annotation.score is not None and (score is None or not 0 <= score <= 1):
-        return box, _Verdict(outcome=bad, reason=f"score is {annotation.score!r}; it must be a number from 0 to 1")
+        return box, _BoxOutcome(outcome=bad, reason=f"score is {annotation.score!r}; it must be a number from 0 to 1")
     if place.width_px is None or place.height_px is None:
-        return box, _Verdict()
+        return box, _BoxOutcome()
     clipped = clip_box(box, image_width_px=place.width_px, image_height_px=place.height_px)
     if clipped.inside is None:
-        return box, _Verdict(outcome=DetectionOutcome.OUTSIDE_IMAGE, reason=clipped.remark)
-    return clipped.inside, _Verdict(reason=clipped.remark or None)
+        return box, _BoxOutcome(outcome=DetectionOutcome.OUTSIDE_IMAGE, reason=clipped.remark)
+    return clipped.inside, _BoxOutcome(reason=clipped.remark or None)
 
 
-def _measured(annotation: CocoAnnotation, box: Box, place: _Place) -> tuple[dict[str, Any], list[str]]:
+def _parse_mask_and_width(
+    annotation: CocoAnnotation, box: Box, place: _MatchedPhotograph
+) -> tuple[dict[str, Any], list[str]]:
     """Columns of the mask and the crack's width, where the annotation has them, and remarks on what was not used."""
-    mask = mask_of(annotation.segmentation, box, place.width_px, place.height_px)
+    mask = parse_segmentation(annotation.segmentation, box, place.width_px, place.height_px)
     remarks = [mask.remark]
     columns: dict[str, Any] = {}
     if mask.outline is not None:
         columns["mask"] = shapely.to_wkt(mask.outline, rounding_precision=2)
-    width = number(annotation.crack_width_px)
+    width = parse_number(annotation.crack_width_px)
     if width is not None and width >= 0:
         columns["crack_width_px"] = width
     elif annotation.crack_width_px is not None:
@@ -176,24 +178,24 @@ def _measured(annotation: CocoAnnotation, box: Box, place: _Place) -> tuple[dict
     return columns, remarks
 
 
-def _unknown_class(annotation: CocoAnnotation, source_class: str | None, crosswalk: Crosswalk) -> _Verdict:
+def _explain_unknown_class(annotation: CocoAnnotation, source_class: str | None, crosswalk: Crosswalk) -> _BoxOutcome:
     reason = (
         f"category_id {annotation.category_id!r} is not among 'categories'"
         if source_class is None
         else crosswalk.why_unknown(source_class)
     )
-    return _Verdict(outcome=DetectionOutcome.UNKNOWN_CLASS, reason=reason)
+    return _BoxOutcome(outcome=DetectionOutcome.UNKNOWN_CLASS, reason=reason)
 
 
-def _score_or_zero(annotation: CocoAnnotation) -> float:
+def _parse_score(annotation: CocoAnnotation) -> float:
     """1 for a box without score (a person's); a score that is none is 0, and the row's reason quotes it."""
-    score = number(annotation.score)
+    score = parse_number(annotation.score)
     if annotation.score is None:
         return 1.0
     return score if score is not None and 0 <= score <= 1 else 0.0
 
 
-def _unique_id(detection_id: str, used: Counter[str]) -> str:
+def _make_unique(detection_id: str, used: Counter[str]) -> str:
     """The id itself, or with ``.2``, ``.3``, ... where a merged file uses an annotation id again."""
     used[detection_id] += 1
     return detection_id if used[detection_id] == 1 else f"{detection_id}.{used[detection_id]}"
@@ -201,7 +203,7 @@ def _unique_id(detection_id: str, used: Counter[str]) -> str:
 
 def _refuse_normalised_boxes(coco: CocoFile) -> None:
     boxes = [a.bbox for a in coco.annotations if isinstance(a.bbox, list) and len(a.bbox) == 4]
-    sizes = [[number(value) for value in box] for box in boxes]
+    sizes = [[parse_number(value) for value in box] for box in boxes]
     if sizes and all(value is not None and 0 <= value <= 1 for box in sizes for value in box) and any(map(any, sizes)):
         raise InputDataError(
             f"detections file {coco.path}: all {len(sizes)} boxes lie within 0..1, so they are normalised; "
@@ -209,7 +211,7 @@ def _refuse_normalised_boxes(coco: CocoFile) -> None:
         )
 
 
-def _refuse_if_nothing_fits(coco: CocoFile, places: Mapping[int | str, _Place], photographs: int) -> None:
+def _refuse_if_nothing_fits(coco: CocoFile, places: Mapping[int | str, _MatchedPhotograph], photographs: int) -> None:
     verdicts = [places[annotation.image_id].verdict for annotation in coco.annotations]
     if not verdicts or any(verdict.outcome is DetectionOutcome.ACCEPTED for verdict in verdicts):
         return

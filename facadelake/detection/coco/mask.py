@@ -13,15 +13,15 @@ import shapely
 
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.detection.boxes import Box
-from facadelake.detection.coco.file import number
+from facadelake.detection.coco.file import parse_number
 
-_STAIRS_PX = 0.5  # an outline of whole pixels is a staircase; straight lines stay within this of it
-_INSIDE_SHARE = 0.5  # a mask of which less lies in its own box is another object's
-_FILLS_SHARE = 0.995  # tools that know boxes only write them as polygons too
+_SIMPLIFY_TOLERANCE_PX = 0.5  # an outline of whole pixels is a staircase; straight lines stay within this of it
+_INSIDE_SHARE_MIN = 0.5  # a mask of which less lies in its own box is another object's
+_BOX_SHARE_MAX = 0.995  # tools that know boxes only write them as polygons too
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mask:
+class CocoMask:
     """``outline``: a shapely polygon or multipolygon in pixels, None where the box stands for itself; ``remark`` says
     why a stated mask was not used."""
 
@@ -29,37 +29,41 @@ class Mask:
     remark: str = ""
 
 
-def mask_of(segmentation: Any, box: Box, image_width_px: float | None, image_height_px: float | None) -> Mask:
+def parse_segmentation(
+    segmentation: Any, box: Box, image_width_px: float | None, image_height_px: float | None
+) -> CocoMask:
     """The mask that an annotation states, cut to its ``box``; a mask that cannot be used leaves the box.
 
     ``segmentation`` is COCO's: a list of polygons [x1, y1, x2, y2, ...] in pixels, or run lengths {"counts", "size"},
     plain or compressed.
     """
     if segmentation is None or segmentation in ([], {}):
-        return Mask()
+        return CocoMask()
     try:
-        whole = _whole(segmentation, image_width_px, image_height_px)
-    except _UnusableError as error:
-        return Mask(remark=f"its segmentation was not used ({error}); its box stands for it")
+        whole = _shape_from_segmentation(segmentation, image_width_px, image_height_px)
+    except _UnusableSegmentationError as error:
+        return CocoMask(remark=f"its segmentation was not used ({error}); its box stands for it")
     frame = shapely.box(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px)
-    inside = polygons_of(shapely.intersection(whole, frame))
-    if inside is None or inside.area < _INSIDE_SHARE * whole.area:
-        return Mask(remark="its segmentation was not used (it lies outside its box); its box stands for it")
-    if inside.area >= _FILLS_SHARE * frame.area:
-        return Mask()
-    return Mask(outline=inside)
+    inside = extract_polygons(shapely.intersection(whole, frame))
+    if inside is None or inside.area < _INSIDE_SHARE_MIN * whole.area:
+        return CocoMask(remark="its segmentation was not used (it lies outside its box); its box stands for it")
+    if inside.area >= _BOX_SHARE_MAX * frame.area:
+        return CocoMask()
+    return CocoMask(outline=inside)
 
 
-def box_about(segmentation: Any, image_width_px: float | None, image_height_px: float | None) -> list[float] | None:
+def bound_segmentation(
+    segmentation: Any, image_width_px: float | None, image_height_px: float | None
+) -> list[float] | None:
     """COCO's bbox of a segmentation whose annotation has none; None where there is no mask either."""
     try:
-        left, top, right, bottom = _whole(segmentation, image_width_px, image_height_px).bounds
-    except _UnusableError:
+        left, top, right, bottom = _shape_from_segmentation(segmentation, image_width_px, image_height_px).bounds
+    except _UnusableSegmentationError:
         return None
     return [left, top, right - left, bottom - top]
 
 
-def polygons_of(shape: Any) -> Any | None:
+def extract_polygons(shape: Any) -> Any | None:
     """What of a shape has an area, as a polygon or multipolygon; None where nothing has."""
     parts = [part for part in shapely.get_parts(shape, return_index=False) if part.geom_type == "Polygon" and part.area]
     if not parts:
@@ -67,57 +71,59 @@ def polygons_of(shape: Any) -> Any | None:
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
 
-def polygons_of_text(text: str) -> Any | None:
-    """A mask kept as WKT, as ``polygons_of``; where rounding made its rings cross, they are mended."""
-    return polygons_of(shapely.make_valid(shapely.from_wkt(text), method="structure", keep_collapsed=False))
+def polygons_from_wkt(text: str) -> Any | None:
+    """A mask kept as WKT, as ``extract_polygons``; where rounding made its rings cross, they are mended."""
+    return extract_polygons(shapely.make_valid(shapely.from_wkt(text), method="structure", keep_collapsed=False))
 
 
-class _UnusableError(ValueError):
+class _UnusableSegmentationError(ValueError):
     """Why a segmentation cannot be read, in words."""
 
 
-def _whole(segmentation: Any, image_width_px: float | None, image_height_px: float | None) -> Any:
+def _shape_from_segmentation(segmentation: Any, image_width_px: float | None, image_height_px: float | None) -> Any:
     if isinstance(segmentation, dict):
-        return _of_runs(segmentation, image_width_px, image_height_px)
-    return _of_polygons(segmentation)
+        return _shape_from_run_lengths(segmentation, image_width_px, image_height_px)
+    return _shape_from_polygons(segmentation)
 
 
-def _of_polygons(rings: Any) -> Any:
+def _shape_from_polygons(rings: Any) -> Any:
     if not isinstance(rings, list):
-        raise _UnusableError(f"it is a {type(rings).__name__}, not polygons or run lengths")
+        raise _UnusableSegmentationError(f"it is a {type(rings).__name__}, not polygons or run lengths")
     shapes = []
     for i, ring in enumerate(rings):
-        values = [number(value) for value in ring] if isinstance(ring, list) else []
+        values = [parse_number(value) for value in ring] if isinstance(ring, list) else []
         if len(values) < 6 or len(values) % 2 or None in values:
-            raise _UnusableError(f"polygon {i} is not 3 or more points x, y of finite numbers")
+            raise _UnusableSegmentationError(f"polygon {i} is not 3 or more points x, y of finite numbers")
         shapes.append(shapely.make_valid(shapely.Polygon(np.array(values, dtype=np.float64).reshape(-1, 2))))
-    whole = polygons_of(shapely.union_all(shapes)) if shapes else None
+    whole = extract_polygons(shapely.union_all(shapes)) if shapes else None
     if whole is None:
-        raise _UnusableError("its polygons have no area")
+        raise _UnusableSegmentationError("its polygons have no area")
     return whole
 
 
-def _of_runs(segmentation: dict[str, Any], image_width_px: float | None, image_height_px: float | None) -> Any:
+def _shape_from_run_lengths(
+    segmentation: dict[str, Any], image_width_px: float | None, image_height_px: float | None
+) -> Any:
     size, counts = segmentation.get("size"), segmentation.get("counts")
     if not isinstance(size, list) or len(size) != 2 or not all(isinstance(side, int) and side > 0 for side in size):
-        raise _UnusableError(f"size is {size!r}, it must be [height, width]")
+        raise _UnusableSegmentationError(f"size is {size!r}, it must be [height, width]")
     height, width = size
     if None not in (image_width_px, image_height_px) and (width, height) != (image_width_px, image_height_px):
-        raise _UnusableError(f"its run lengths are of {width} x {height} px, not of the photograph's size")
-    runs = _uncompressed(counts) if isinstance(counts, str) else counts
+        raise _UnusableSegmentationError(f"its run lengths are of {width} x {height} px, not of the photograph's size")
+    runs = _decode_run_lengths(counts) if isinstance(counts, str) else counts
     if not isinstance(runs, list) or not all(isinstance(run, int) and run >= 0 for run in runs):
-        raise _UnusableError("counts must be run lengths of 0 or more")
+        raise _UnusableSegmentationError("counts must be run lengths of 0 or more")
     if sum(runs) != width * height:
-        raise _UnusableError(f"its run lengths add up to {sum(runs)}, not to {width} x {height}")
-    strips = _strips(np.array(runs, dtype=np.int64), height)
+        raise _UnusableSegmentationError(f"its run lengths add up to {sum(runs)}, not to {width} x {height}")
+    strips = _rectangles_from_run_lengths(np.array(runs, dtype=np.int64), height)
     if not len(strips):
-        raise _UnusableError("its run lengths hold no pixel")
+        raise _UnusableSegmentationError("its run lengths hold no pixel")
     whole = shapely.union_all(shapely.box(*strips.T))
-    straight = polygons_of(shapely.simplify(whole, _STAIRS_PX))
+    straight = extract_polygons(shapely.simplify(whole, _SIMPLIFY_TOLERANCE_PX))
     return whole if straight is None else straight
 
 
-def _uncompressed(text: str) -> list[int]:
+def _decode_run_lengths(text: str) -> list[int]:
     """Run lengths of COCO's compressed text: 5 bits a character from 48 up, each from the third on less the one two
     before. Source: cocoapi, maskApi.c, rleFrString."""
     runs: list[int] = []
@@ -125,7 +131,7 @@ def _uncompressed(text: str) -> list[int]:
     for character in text:
         bits = ord(character) - 48
         if not 0 <= bits < 64:
-            raise _UnusableError(f"counts holds {character!r}, which compressed run lengths do not")
+            raise _UnusableSegmentationError(f"counts holds {character!r}, which compressed run lengths do not")
         value |= (bits & 0x1F) << shift
         shift += 5
         if bits & 0x20:
@@ -135,11 +141,11 @@ def _uncompressed(text: str) -> list[int]:
         runs.append(value + runs[-2] if len(runs) > 2 else value)
         value, shift = 0, 0
     if shift:
-        raise _UnusableError("counts ends in the middle of a run length")
+        raise _UnusableSegmentationError("counts ends in the middle of a run length")
     return runs
 
 
-def _strips(runs: Int64Array, height: int) -> Float64Array:
+def _rectangles_from_run_lengths(runs: Int64Array, height: int) -> Float64Array:
     """Rectangles (s, 4: left, top, right, bottom) of the masked runs, which go down the columns and on in the next."""
     ends = np.cumsum(runs)
     first, last = ends[0::2][: len(runs) // 2], ends[1::2]

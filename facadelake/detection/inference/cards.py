@@ -14,11 +14,11 @@ from facadelake.core.errors import ModelError
 from facadelake.detection.card import (
     CardInput,
     CardOutput,
-    Layout,
     ModelCard,
-    Resize,
-    card_path,
-    card_text,
+    OutputLayout,
+    ResizeMode,
+    format_card,
+    locate_card,
     parse_card,
     read_card,
 )
@@ -37,7 +37,7 @@ def find_card(model: Path, card: Path | None = None) -> ModelCard:
     """
     if card is not None:
         return read_card(card)
-    beside = card_path(model)
+    beside = locate_card(model)
     for path in (beside, beside.with_suffix(".yml"), beside.with_suffix(".json")):
         if path.is_file():
             return read_card(path)
@@ -55,7 +55,7 @@ def find_card(model: Path, card: Path | None = None) -> ModelCard:
 
 _IMAGENET = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
 _USUAL_SIZE_PX = 640
-_BY_CELL = {Layout.YOLOV5, Layout.YOLOV8, Layout.YOLOV5_SEG, Layout.YOLOV8_SEG}
+_BY_CELL = {OutputLayout.YOLOV5, OutputLayout.YOLOV8, OutputLayout.YOLOV5_SEG, OutputLayout.YOLOV8_SEG}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ def draft_card(session: ModelSession) -> Draft:
     names = _class_names(metadata)
     height, width = _input_size(session, metadata)
     outputs = _probe(session, height, width)
-    base = _card(session.model.stem, metadata, names, height, width, Layout.YOLOV8)
+    base = _card(session.model.stem, metadata, names, height, width, OutputLayout.YOLOV8)
     fitting: list[ModelCard] = []
     for layout in _possible(height, width) if outputs else ():
         card = _card(session.model.stem, metadata, names, height, width, layout)
@@ -84,7 +84,7 @@ def draft_card(session: ModelSession) -> Draft:
     if not fitting:
         found = ", ".join(f"{name} {values.shape}" for name, values in outputs.items()) or "it does not run"
         return Draft(
-            text=card_text(base if names else base.model_copy(update={"class_names": _numbered(1)})),
+            text=format_card(base if names else base.model_copy(update={"class_names": _numbered(1)})),
             remark=f"This draft is a guess: no layout fits the outputs of a probe image ({found}).",
         )
     # Usual names of outputs say more than shapes: RF-DETR and RT-DETR have the same.
@@ -92,23 +92,29 @@ def draft_card(session: ModelSession) -> Draft:
     others = [card.output.layout for card in fitting if card is not best]
     said = "its metadata and a probe image" if names else "a probe image (class names are unknown)"
     also = f"; {' or '.join(others)} would fit too" if others else ""
-    return Draft(text=card_text(best), remark=f"A draft from {said}, layout {best.output.layout}{also}.")
+    return Draft(text=format_card(best), remark=f"A draft from {said}, layout {best.output.layout}{also}.")
 
 
 def _card(
-    stem: str, metadata: Mapping[str, str], names: tuple[str, ...], height: int, width: int, layout: Layout
+    stem: str, metadata: Mapping[str, str], names: tuple[str, ...], height: int, width: int, layout: OutputLayout
 ) -> ModelCard:
     """A card with what models of this layout usually want."""
     size = {"width_px": width, "height_px": height}
     match layout:
-        case Layout.YOLOX:
-            spec = CardInput(**size, colour="bgr", scale=1.0, resize=Resize.CORNER)
-        case Layout.RTDETR | Layout.RTDETR_TRIPLE | Layout.RTDETR_ROWS | Layout.MAP | Layout.MAP_LOGITS:
-            spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=Resize.STRETCH)
-        case Layout.RFDETR | Layout.RFDETR_SEG:
-            spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=Resize.STRETCH, **_IMAGENET)
+        case OutputLayout.YOLOX:
+            spec = CardInput(**size, colour="bgr", scale=1.0, resize=ResizeMode.CORNER)
+        case (
+            OutputLayout.RTDETR
+            | OutputLayout.RTDETR_TRIPLE
+            | OutputLayout.RTDETR_ROWS
+            | OutputLayout.MAP
+            | OutputLayout.MAP_LOGITS
+        ):
+            spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=ResizeMode.STRETCH)
+        case OutputLayout.RFDETR | OutputLayout.RFDETR_SEG:
+            spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=ResizeMode.STRETCH, **_IMAGENET)
         case _:
-            spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=Resize.CENTRE)
+            spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=ResizeMode.CENTRE)
     return ModelCard(
         name=stem or "detector",
         licence=metadata.get("license") or "unknown",
@@ -120,10 +126,12 @@ def _card(
     )
 
 
-def _possible(height: int, width: int) -> tuple[Layout, ...]:
+def _possible(height: int, width: int) -> tuple[OutputLayout, ...]:
     """The layouts that an input of this size can have: YOLOX' grids must fit it."""
-    stride = max(CardOutput(layout=Layout.YOLOX).strides)
-    return tuple(layout for layout in Layout if layout is not Layout.YOLOX or not (height % stride or width % stride))
+    stride = max(CardOutput(layout=OutputLayout.YOLOX).strides)
+    return tuple(
+        layout for layout in OutputLayout if layout is not OutputLayout.YOLOX or not (height % stride or width % stride)
+    )
 
 
 def _probe(session: ModelSession, height: int, width: int) -> dict[str, Float32Array]:

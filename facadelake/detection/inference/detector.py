@@ -15,7 +15,7 @@ from facadelake.core.arrays import Float32Array, Int64Array, UInt8Image
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.detection.boxes import Box
-from facadelake.detection.card import ModelCard, calibrated, score_for
+from facadelake.detection.card import ModelCard, calibrate_scores, invert_calibration
 from facadelake.detection.inference.cards import find_card
 from facadelake.detection.inference.letterbox import Letterbox, letterbox
 from facadelake.detection.inference.outline import outline
@@ -58,7 +58,7 @@ class OnnxDetector:
         self.sha256 = hash_file(model)
         self._session.check_input(card.input)
         self._reader = READERS[card.output.layout]
-        self._threshold = score_for(card.score_threshold, card.score_calibration)
+        self._threshold = invert_calibration(card.score_threshold, card.score_calibration)
         # Noise rather than a flat image: it reaches every part of the network.
         spec = card.input
         noise = np.random.default_rng(0).integers(0, 256, (2, spec.height_px, spec.width_px, 3), dtype=np.uint8)
@@ -112,7 +112,7 @@ class OnnxDetector:
             _log.warning("%s: %d boxes of no size were dropped", self.name, int((~usable).sum()))
         kept = self._kept(candidates, np.flatnonzero(usable))
         corners = box.image_from_input(corners_input[kept])
-        scores = calibrated(candidates.scores[kept], self.card.score_calibration)
+        scores = calibrate_scores(candidates.scores[kept], self.card.score_calibration)
         return tuple(
             Found(
                 box=Box(x_px=left, y_px=top, width_px=right - left, height_px=bottom - top),

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from facadelake.core.arrays import Float32Array, Float64Array, UInt8Image
-from facadelake.detection.card import CardInput, Resize
+from facadelake.detection.card import CardInput, ResizeMode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,11 +74,11 @@ class Letterbox:
 def letterbox(spec: CardInput, *, image_width_px: int, image_height_px: int) -> Letterbox:
     """How a photograph of the given size goes into the input that ``spec`` describes."""
     width, height = spec.width_px, spec.height_px
-    if spec.resize is not Resize.STRETCH:
+    if spec.resize is not ResizeMode.STRETCH:
         gain = min(width / image_width_px, height / image_height_px)
         width = min(width, max(1, round(image_width_px * gain)))
         height = min(height, max(1, round(image_height_px * gain)))
-    centred = spec.resize is Resize.CENTRE
+    centred = spec.resize is ResizeMode.CENTRE
     return Letterbox(
         spec=spec,
         image_width_px=image_width_px,

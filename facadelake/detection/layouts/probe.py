@@ -9,7 +9,7 @@ import numpy as np
 
 from facadelake.core.arrays import Float32Array
 from facadelake.core.errors import ModelError
-from facadelake.detection.card import Layout, ModelCard
+from facadelake.detection.card import ModelCard, OutputLayout
 from facadelake.detection.layouts.reader import EVERYTHING, Part, fits
 from facadelake.detection.layouts.table import READERS
 
@@ -46,7 +46,7 @@ def assigned(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[str,
         named = _named(shapes, form, card)
         if named and fits([shapes[name] for name in named], form):
             return named
-    if not card.output.named and len(forms[0]) > 1:
+    if not card.output.output_names and len(forms[0]) > 1:
         for form in forms:
             ways = [way for way in permutations(shapes, len(form)) if fits([shapes[name] for name in way], form)]
             if len(ways) == 1:
@@ -65,10 +65,10 @@ def assigned(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[str,
     )
 
 
-def fitting_layouts(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[Layout, ...]:
+def fitting_layouts(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[OutputLayout, ...]:
     """The layouts that would do for ``card``'s class names and input, in shape and in values."""
     fitting = []
-    for layout in Layout:
+    for layout in OutputLayout:
         try:
             names = assigned(outputs, (as_declared := _declared_as(card, layout)))
         except ModelError:
@@ -100,7 +100,7 @@ def _with_classes(card: ModelCard, count: int) -> ModelCard:
     return card.model_copy(update={"class_names": ("",) * count})
 
 
-def _declared_as(card: ModelCard, layout: Layout) -> ModelCard:
+def _declared_as(card: ModelCard, layout: OutputLayout) -> ModelCard:
     """The card with another layout, its outputs to be found."""
     output = card.output.model_copy(update={"layout": layout, "name": None, "names": ()})
     return card.model_copy(update={"output": output})
@@ -128,7 +128,7 @@ def _others(outputs: Mapping[str, Float32Array], card: ModelCard) -> str:
 
 def _check_names(given: Sequence[str], form: Sequence[Part], card: ModelCard) -> None:
     """Raise ModelError where the card names outputs that the model has not, or too few or many."""
-    named = card.output.named
+    named = card.output.output_names
     missing = [name for name in named if name not in given]
     if missing:
         raise ModelError(f"it has no output '{missing[0]}' (it has {list(given)}), which the card's output names")
@@ -141,8 +141,8 @@ def _check_names(given: Sequence[str], form: Sequence[Part], card: ModelCard) ->
 
 def _named(shapes: Mapping[str, tuple[int, ...]], form: Sequence[Part], card: ModelCard) -> tuple[str, ...]:
     """The outputs that the card names or whose names are known; a layout of one output takes the first."""
-    if card.output.named:
-        return card.output.named
+    if card.output.output_names:
+        return card.output.output_names
     if len(form) == 1:
         return (next(iter(shapes)),)
     known = [[name for name in shapes if name.casefold() in part.known_as] for part in form]

@@ -13,7 +13,7 @@ import yaml
 
 from facadelake.core.errors import ModelError, StoreError
 from facadelake.core.hashing import hash_file
-from facadelake.detection import card_path, read_card
+from facadelake.detection import locate_card, read_card
 from facadelake.evaluation.detectors.false_alarms import FalseAlarms
 from facadelake.evaluation.detectors.figures import ClassFigures, Figures
 from facadelake.evaluation.detectors.image_level import ImageLevelFigures
@@ -65,7 +65,7 @@ def evaluations(metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _card_beside(model: Path) -> Path:
-    beside = card_path(model)
+    beside = locate_card(model)
     for path in (beside, beside.with_suffix(".yml"), beside.with_suffix(".json")):
         if path.is_file():
             return path

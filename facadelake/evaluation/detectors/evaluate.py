@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection import Crosswalk, crosswalk_with, default_model
+from facadelake.detection import Crosswalk, build_crosswalk, find_default_model
 from facadelake.evaluation.detectors.figures import Judgement, judge
 from facadelake.evaluation.detectors.image_level import ImageLevelFigures, judge_image_labels, open_image_labels
 from facadelake.evaluation.detectors.labels.format import Form
@@ -49,7 +49,7 @@ class Answer:
 
 def model_file(model: str) -> Path:
     """The file that ``--model`` names: an ONNX model, a COCO file, or ``default``."""
-    path = default_model() if model == "default" else Path(model)
+    path = find_default_model() if model == "default" else Path(model)
     if path.suffix.lower() not in {".onnx", ".json"} or not path.is_file():
         raise InputDataError(
             f"--model {model} is no file to be judged; give 'default', an ONNX model (.onnx), or detections in a COCO "
@@ -61,9 +61,9 @@ def model_file(model: str) -> Path:
 def looker_of(path: Path, threshold: float | None) -> tuple[Looker, Crosswalk]:
     """What looks, and how its class names are read; ``threshold`` goes over the card's."""
     if path.suffix.lower() == ".json":
-        return FileLooker(path, threshold or 0.0), crosswalk_with({})
+        return FileLooker(path, threshold or 0.0), build_crosswalk({})
     looker = OnnxLooker(path, threshold=threshold)
-    return looker, crosswalk_with(looker.card.classes)
+    return looker, build_crosswalk(looker.card.classes)
 
 
 def evaluate_looker(looker: Looker, crosswalk: Crosswalk, question: Question) -> Answer:

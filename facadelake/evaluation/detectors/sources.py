@@ -9,7 +9,7 @@ from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import hash_file
 from facadelake.detection import Box, ModelCard
-from facadelake.detection.coco import CocoAnnotation, number, read_coco
+from facadelake.detection.coco import CocoAnnotation, parse_number, read_coco
 from facadelake.detection.inference import Found, OnnxDetector, find_card
 from facadelake.detection.tiling import detect_image
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
@@ -109,9 +109,9 @@ class FileLooker:
 
 
 def _found(annotation: CocoAnnotation, class_name: str | None) -> Found | None:
-    values = [number(value) for value in annotation.bbox] if isinstance(annotation.bbox, list) else []
+    values = [parse_number(value) for value in annotation.bbox] if isinstance(annotation.bbox, list) else []
     numbers = [value for value in values if value is not None]
-    score = 1.0 if annotation.score is None else number(annotation.score)
+    score = 1.0 if annotation.score is None else parse_number(annotation.score)
     if class_name is None or len(numbers) != 4 or min(numbers[2:]) <= 0 or score is None or not 0 <= score <= 1:
         return None
     x, y, width, height = numbers

@@ -20,7 +20,7 @@ from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.tables import read_table, write_table
-from facadelake.detection import View, detect_photographs
+from facadelake.detection import SearchRegion, detect_photographs
 from facadelake.detection.inference import OnnxDetector, load_detector
 from facadelake.evaluation.model_comparison.against_reviews import OnWords, against_words
 from facadelake.evaluation.model_comparison.changes import Change, Changed, changes_between
@@ -116,7 +116,7 @@ def _compared(
     photos = tables["photos"].filter(pa.compute.is_in(tables["photos"].column("photo_id"), pa.array(chosen)))
     model, remark = _model(building, campaign_id, tables)
     masks = find_masks(root)
-    view_of = (lambda _: View()) if model is None else views_on_building(model, tables["poses"], masks)
+    view_of = (lambda _: SearchRegion()) if model is None else views_on_building(model, tables["poses"], masks)
     run_id = tables["runs"].column("run_id")[0].as_py()
     found = []
     for one in models:
@@ -178,7 +178,7 @@ def _found(
     root: Path,
     model: OnnxDetector,
     classes: Mapping[str, str],
-    view_of: Callable[[str], View],
+    view_of: Callable[[str], SearchRegion],
 ) -> pa.Table:
     """What a model finds, from the cache where it has looked at these photographs before."""
 

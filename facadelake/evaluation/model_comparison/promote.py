@@ -9,7 +9,14 @@ from typing import Any
 
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import hash_file
-from facadelake.detection import LIST, MODELS, Promotion, default_model, promote, promotions
+from facadelake.detection import (
+    MODEL_LIST,
+    MODELS_FOLDER,
+    Promotion,
+    add_promotion,
+    find_default_model,
+    read_promotions,
+)
 from facadelake.detection.inference import find_card, load_detector
 from facadelake.evaluation.detectors.card_results import evaluations
 from facadelake.evaluation.model_comparison.report import REPORT, Comparison, comparison_folder, read_comparison
@@ -86,7 +93,7 @@ def promote_model(
     why: str,
     lost_max: int,
     confirmed_min: int,
-    models: Path = MODELS,
+    models: Path = MODELS_FOLDER,
 ) -> tuple[Promotion, str]:
     """Make ``new`` the default detector where nothing speaks against it; also returns what it rests on, in words.
 
@@ -99,7 +106,7 @@ def promote_model(
             raise InputDataError(f"{name} is empty; a promotion says who decided it and why")
     new_sha256 = hash_file(new)
     old_sha256 = _default_sha256(models)
-    known = promotions(models)
+    known = read_promotions(models)
     if known and known[-1].sha256 == new_sha256:
         return known[-1], f"{new} is the default detector already"
     path = report or _report_of(lake, old_sha256, new_sha256)
@@ -117,14 +124,14 @@ def promote_model(
         listed = "\n".join(f"  - {one}" for one in against)
         raise ModelError(f"{new.name} was not promoted, the default stays as it was:\n{listed}")
     rests_on = evidence(comparison, lost_max=lost_max)
-    done = promote(new, by=by.strip(), why=why.strip(), evidence=rests_on, replaces=old_sha256, folder=models)
-    return done, f"{rests_on}; the models' list is {models / LIST}"
+    done = add_promotion(new, by=by.strip(), why=why.strip(), evidence=rests_on, replaces=old_sha256, folder=models)
+    return done, f"{rests_on}; the models' list is {models / MODEL_LIST}"
 
 
 def _default_sha256(models: Path) -> str | None:
     """The default detector's hash, None where there is none yet."""
     try:
-        return hash_file(default_model(models))
+        return hash_file(find_default_model(models))
     except ModelError as error:
         log.warning("%s", error)
         return None

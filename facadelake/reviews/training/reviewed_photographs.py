@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from facadelake.detection import Box
-from facadelake.detection.coco import polygons_of_text
+from facadelake.detection.coco import polygons_from_wkt
 from facadelake.reviews.review_matching import ReviewStatus
 from schemas.vocabulary import DefectClass
 
@@ -46,7 +46,7 @@ def collect_reviewed_photographs(judgement: ReviewStatus) -> tuple[ReviewedPhoto
         if word.box is None or word.defect_class is None:
             there.rejected.append(word.effective_box)
             continue
-        mask = None if word.mask is None else polygons_of_text(word.mask)
+        mask = None if word.mask is None else polygons_from_wkt(word.mask)
         there.defects.append(TrainingBox(box=word.box, defect_class=word.defect_class, mask=mask))
     for detection in judgement.unreviewed:
         if detection.photo_id in photographs:

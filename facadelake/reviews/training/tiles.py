@@ -12,7 +12,7 @@ from shapely import affinity
 
 from facadelake.core.arrays import UInt8Image
 from facadelake.detection import Box
-from facadelake.detection.coco import polygons_of
+from facadelake.detection.coco import extract_polygons
 from facadelake.reviews.training.reviewed_photographs import ReviewedPhotograph, TrainingBox
 
 _CONTEXT_FACTOR = 1.2  # a tile's side over its place's, so that what surrounds it is seen too
@@ -99,7 +99,7 @@ def _build_tile(material: ReviewedPhotograph, frame: tuple[int, int, int, int]) 
         kept.append(_round_outwards(seen))
         if one.mask is None:
             defects.append(TrainingBox(box=seen, defect_class=one.defect_class))
-        elif (mask := polygons_of(affinity.translate(one.mask.intersection(window), -left, -top))) is not None:
+        elif (mask := extract_polygons(affinity.translate(one.mask.intersection(window), -left, -top))) is not None:
             defects.append(TrainingBox(box=seen, defect_class=one.defect_class, mask=mask))
     kept += _clip_boxes(material.rejected, frame)
     hidden += _clip_boxes(material.unreviewed, frame)

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
-from facadelake.detection.card import ModelCard, Resize
+from facadelake.detection.card import ModelCard, ResizeMode
 from facadelake.detection.inference.cards import find_card
 from facadelake.detection.inference.detector import Found, OnnxDetector
 from tests.unit.detection.onnx_models import HEIGHT, WIDTH, card, save_spot_finder
@@ -46,7 +46,7 @@ def centre(found: Found) -> tuple[float, float]:
     return found.box.x_px + found.box.width_px / 2, found.box.y_px + found.box.height_px / 2
 
 
-@pytest.mark.parametrize("resize", list(Resize))
+@pytest.mark.parametrize("resize", list(ResizeMode))
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_spots_are_found_to_half_a_pixel(tmp_path: Path, resize: str, width: int, height: int) -> None:
     finder = detector(tmp_path / "spots.onnx", resize=resize)

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from facadelake.core.errors import ModelError
-from facadelake.detection.card import Layout, ModelCard, card_path, card_text, parse_card, read_card
+from facadelake.detection.card import ModelCard, OutputLayout, format_card, locate_card, parse_card, read_card
 from facadelake.detection.inference.cards import find_card
 from facadelake.detection.inference.detector import detector_fingerprint, load_detector
 from schemas.vocabulary import DefectClass
@@ -39,7 +39,7 @@ def test_yaml_json_and_metadata_say_the_same(tmp_path: Path) -> None:
     beside = tmp_path / "crack.card.json"
     beside.write_text(json.dumps({**FULL, "name": "json"}))
     assert find_card(model) == in_metadata.model_copy(update={"name": "json"})
-    card_path(model).write_text(yaml.safe_dump({**FULL, "name": "yaml"}))
+    locate_card(model).write_text(yaml.safe_dump({**FULL, "name": "yaml"}))
     assert find_card(model).name == "yaml"
     assert find_card(model, beside).name == "json"
     assert load_detector(model, beside).name == "json"
@@ -75,14 +75,14 @@ def test_an_old_card_reads_as_before() -> None:
 
 def test_a_card_written_reads_as_it_was() -> None:
     whole = ModelCard.model_validate({**FULL, "input": {**FULL["input"], "gsd_mm": [1.5, 6]}})
-    assert parse_card(card_text(whole), "card") == whole
+    assert parse_card(format_card(whole), "card") == whole
 
 
 def test_figures_in_a_card_make_no_detection_again(tmp_path: Path) -> None:
     model = save_model(tmp_path / "crack.onnx", answer("yolov8", [CRACK]))
     prints = []
     for changes in ({}, {"metrics": {"ap50": 0.9}}, {"licence": "MIT"}, {"score_calibration": {"slope": 2}}):
-        card_path(model).write_text(yaml.safe_dump(card("yolov8", **changes)))
+        locate_card(model).write_text(yaml.safe_dump(card("yolov8", **changes)))
         prints.append(detector_fingerprint(model, {}))
     assert prints[0] == prints[1] == prints[2] != prints[3]
 
@@ -92,8 +92,8 @@ def draft_of(model: Path) -> tuple[str, ModelCard]:
     with pytest.raises(ModelError) as raised:
         load_detector(model)
     said, text = str(raised.value).split(":\n\n")
-    card_path(model).write_text(text)
-    return said, read_card(card_path(model))
+    locate_card(model).write_text(text)
+    return said, read_card(locate_card(model))
 
 
 def test_a_draft_from_the_metadata_of_ultralytics_is_ready_to_use(tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_a_draft_from_the_metadata_of_ultralytics_is_ready_to_use(tmp_path: Path
     assert found.mask is not None
 
 
-@pytest.mark.parametrize("layout", [str(layout) for layout in Layout if layout is not Layout.RTDETR_TRIPLE])
+@pytest.mark.parametrize("layout", [str(layout) for layout in OutputLayout if layout is not OutputLayout.RTDETR_TRIPLE])
 def test_a_draft_without_metadata_finds_layout_and_number_of_classes(tmp_path: Path, layout: str) -> None:
     single = layout in ("yolox", "yolov5", "yolov8", "nms6")
     outputs = answer(layout, [CRACK]) if single else answers(layout, [CRACK])
@@ -128,7 +128,7 @@ def test_a_draft_for_an_input_that_no_grid_of_yolox_fits(tmp_path: Path) -> None
     """RF-DETR is exported at 560 px."""
     boxes, logits = np.full((1, 300, 4), 0.3), np.linspace(-4, 2, 1200).reshape(1, 300, 4)
     said, draft = draft_of(save_model(tmp_path / "rf.onnx", {"dets": boxes, "labels": logits}, shape=(1, 3, 560, 560)))
-    assert (draft.output.layout, draft.input.width_px) == (Layout.RFDETR, 560), said
+    assert (draft.output.layout, draft.input.width_px) == (OutputLayout.RFDETR, 560), said
 
 
 def test_a_draft_of_outputs_that_nothing_fits(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import build_crosswalk
 from schemas.vocabulary import DefectClass
 
 # Written down from the sets' own lists: dacl10k-toolkit's TARGET_LIST, CODEBRIM's paper.
@@ -27,7 +27,7 @@ WRITTEN_OUT = {
 
 @pytest.mark.parametrize(("name", "counterpart"), [*DACL10K.items(), *CODEBRIM.items(), *WRITTEN_OUT.items()])
 def test_every_name_is_known(name: str, counterpart: str | None) -> None:
-    crosswalk = crosswalk_with()
+    crosswalk = build_crosswalk()
     for written in (name, name.lower(), name.upper(), f" {name.replace(' ', '_')} "):
         assert crosswalk.defect_class(written) == counterpart
     if counterpart is None:
@@ -39,7 +39,7 @@ def test_the_sets_are_whole() -> None:
 
 
 def test_a_strange_name_is_not_guessed() -> None:
-    crosswalk = crosswalk_with()
+    crosswalk = build_crosswalk()
     assert crosswalk.defect_class("cracked pipe") is None
     assert crosswalk.why_unknown("cat") == (
         "class 'cat' stands for none of crack, spalling, moisture; "
@@ -50,9 +50,9 @@ def test_a_strange_name_is_not_guessed() -> None:
 
 def test_a_building_stands_over_a_card_and_a_card_over_the_table() -> None:
     card, building = {"Rust": DefectClass.MOISTURE, "Efflorescence": "spalling"}, {"rust": "spalling"}
-    crosswalk = crosswalk_with(card, building)
+    crosswalk = build_crosswalk(card, building)
     assert crosswalk.defect_class("RUST") is DefectClass.SPALLING
     assert crosswalk.defect_class("efflorescence") is DefectClass.SPALLING
     assert crosswalk.defect_class("Wetspot") is DefectClass.MOISTURE
     with pytest.raises(InputDataError, match="'rust' is set to 'corrosion', which is not a defect class; use one of"):
-        crosswalk_with(card, {"rust": "corrosion"})
+        build_crosswalk(card, {"rust": "corrosion"})

@@ -11,7 +11,7 @@ import yaml
 from onnx import TensorProto
 
 from facadelake.core.errors import ModelError
-from facadelake.detection.card import ModelCard, card_path, read_card
+from facadelake.detection.card import ModelCard, locate_card, read_card
 from facadelake.detection.inference.detector import OnnxDetector, detector_fingerprint, load_detector
 from tests.unit.detection.onnx_models import CLASSES, answer, card, cells, save_model
 
@@ -136,8 +136,8 @@ def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
 
 
 def write_card(model: Path, content: Any) -> Path:
-    card_path(model).write_text(yaml.safe_dump(content))
-    return card_path(model)
+    locate_card(model).write_text(yaml.safe_dump(content))
+    return locate_card(model)
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_cards_that_cannot_be_right(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="is 100 x 64 px; layout yolox needs multiples of its largest stride, 32"):
         read_card(write_card(tmp_path / "fixed.onnx", content))
     with pytest.raises(ModelError, match=r"fixed2.card.yaml does not exist; every detector needs one beside it"):
-        read_card(card_path(tmp_path / "fixed2.onnx"))
+        read_card(locate_card(tmp_path / "fixed2.onnx"))
     with pytest.raises(ModelError, match="holds no keys"):
         read_card(write_card(tmp_path / "fixed.onnx", "crack"))
 

@@ -11,7 +11,7 @@ import shapely
 from onnx import TensorProto, helper
 
 from facadelake.core.errors import ModelError
-from facadelake.detection.card import Layout, ModelCard
+from facadelake.detection.card import ModelCard, OutputLayout
 from facadelake.detection.inference.detector import OnnxDetector, load_detector
 from facadelake.detection.inference.letterbox import letterbox
 from facadelake.detection.inference.outline import outline
@@ -150,10 +150,10 @@ def test_a_mask_reaches_the_border_of_the_photograph() -> None:
 SAME = {("rtdetr", "rfdetr"), ("rfdetr_seg", "rfdetr")}
 
 
-@pytest.mark.parametrize("layout", [str(layout) for layout in Layout])
+@pytest.mark.parametrize("layout", [str(layout) for layout in OutputLayout])
 def test_another_layout_than_declared_is_refused(tmp_path: Path, layout: str) -> None:
     path = model_of(tmp_path, layout, [CRACK, LARGE])
-    for other in Layout:
+    for other in OutputLayout:
         if other == layout or (layout, other) in SAME:
             assert OnnxDetector(path, declared(other)).detect(IMAGE)
             continue
@@ -260,7 +260,7 @@ def test_a_background_is_no_finding_and_makes_a_softmax(tmp_path: Path) -> None:
 def test_numbers_that_are_none_are_refused_at_load_and_told_later(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    for layout in Layout:
+    for layout in OutputLayout:
         path = tmp_path / "fixed.onnx"
         given = answer(layout, [CRACK]) if layout in ("yolox", "yolov5", "yolov8", "nms6") else answers(layout, [CRACK])
         if layout != "rtdetr_triple":

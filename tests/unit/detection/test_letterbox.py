@@ -6,16 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from facadelake.detection.card import CardInput, Resize
+from facadelake.detection.card import CardInput, ResizeMode
 from facadelake.detection.inference.letterbox import letterbox
 
 INPUT = {"width_px": 416, "height_px": 320, "colour": "bgr", "scale": 1.0, "pad_value": 0}
 SIZES = [(3072, 2048), (2048, 3072), (4000, 501), (333, 1999), (200, 150), (416, 320), (1, 1)]
 
 
-@pytest.mark.parametrize("resize", list(Resize))
+@pytest.mark.parametrize("resize", list(ResizeMode))
 @pytest.mark.parametrize(("width", "height"), SIZES[:5])
-def test_a_rectangle_comes_back_where_it_was(resize: Resize, width: int, height: int) -> None:
+def test_a_rectangle_comes_back_where_it_was(resize: ResizeMode, width: int, height: int) -> None:
     left, top, right, bottom = width // 5, height // 3, width - width // 7, height - height // 9
     image = np.zeros((height, width, 3), dtype=np.uint8)
     image[top:bottom, left:right] = 255
@@ -35,9 +35,9 @@ def test_a_rectangle_comes_back_where_it_was(resize: Resize, width: int, height:
     assert found == pytest.approx([left, top, right, bottom], rel=0, abs=edge_px)  # px
 
 
-@pytest.mark.parametrize("resize", list(Resize))
+@pytest.mark.parametrize("resize", list(ResizeMode))
 @pytest.mark.parametrize(("width", "height"), SIZES)
-def test_the_whole_photograph_fits_exactly(resize: Resize, width: int, height: int) -> None:
+def test_the_whole_photograph_fits_exactly(resize: ResizeMode, width: int, height: int) -> None:
     spec = CardInput(**INPUT, resize=resize)
     box = letterbox(spec, image_width_px=width, image_height_px=height)
     right, bottom = box.left_px + box.resized_width_px, box.top_px + box.resized_height_px
@@ -47,10 +47,10 @@ def test_the_whole_photograph_fits_exactly(resize: Resize, width: int, height: i
     assert box.resized_width_px == 416 or box.resized_height_px == 320
     corners = np.array([[box.left_px, box.top_px, right, bottom]], dtype=np.float64)
     assert box.image_from_input(corners)[0] == pytest.approx([0, 0, width, height], rel=0, abs=1e-9)  # px
-    if resize is Resize.CENTRE:
+    if resize is ResizeMode.CENTRE:
         assert abs((416 - right) - box.left_px) <= 1
         assert abs((320 - bottom) - box.top_px) <= 1
-    elif resize is Resize.CORNER:
+    elif resize is ResizeMode.CORNER:
         assert (box.left_px, box.top_px) == (0, 0)
 
 
@@ -58,7 +58,7 @@ def test_colours_scaling_and_padding() -> None:
     image = np.full((100, 50, 3), (10, 20, 30), dtype=np.uint8)  # blue, green, red
     spec = CardInput(
         width_px=64, height_px=64, colour="rgb", scale=1 / 255, mean=(0.1, 0.2, 0.3), std=(0.5, 0.25, 0.2),
-        resize=Resize.CENTRE, pad_value=128,
+        resize=ResizeMode.CENTRE, pad_value=128,
     )  # fmt: skip
     values = letterbox(spec, image_width_px=50, image_height_px=100).input_from_image(image)
     assert values.shape == (1, 3, 64, 64)

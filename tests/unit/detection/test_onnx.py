@@ -11,7 +11,7 @@ import pytest
 from PIL import Image as PillowImage
 
 from facadelake.core.tables import get_stage_schema, table_from_rows
-from facadelake.detection.campaign import OnnxDetector, View, detect_photographs
+from facadelake.detection.campaign import OnnxDetector, SearchRegion, detect_photographs
 from facadelake.detection.card import ModelCard
 from tests.unit.detection.onnx_models import answer, card, save_model
 
@@ -65,7 +65,9 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
         assert (crack["detector"], crack["detector_sha256"]) == ("onnx:fixed", detector.sha256)
     named = detect_photographs(photos, root, detector, class_names={"car": "moisture"}).to_pylist()
     assert [row["defect_class"] for row in named[:2]] == ["crack", "moisture"]
-    told = detect_photographs(photos, root, detector, view_of=lambda photo_id: View(remark=f"{photo_id} has no pose"))
+    told = detect_photographs(
+        photos, root, detector, view_of=lambda photo_id: SearchRegion(remark=f"{photo_id} has no pose")
+    )
     assert told.column("reason").to_pylist()[0] == "near/wide.jpg has no pose"
 
 
@@ -74,6 +76,6 @@ def test_nothing_is_looked_for_where_the_building_is_not(tmp_path: Path) -> None
     row = {"photo_id": "sky.jpg", "sha256": "0", "bytes": 1, "photo_outcome": "accepted"}
     photos = table_from_rows("photos", [{**row, "prior_source": "none", "prior_height_datum": "unknown"}])
     detector = OnnxDetector(save_model(tmp_path / "fixed.onnx", answer("yolov8", [CRACK])), ModelCard(**card("yolov8")))
-    nowhere = View(gsd_mm=1.0, target=np.zeros((8, 19), dtype=bool))
+    nowhere = SearchRegion(gsd_mm=1.0, target=np.zeros((8, 19), dtype=bool))
     assert len(detect_photographs(photos, tmp_path, detector)) == 1
     assert len(detect_photographs(photos, tmp_path, detector, view_of=lambda _: nowhere)) == 0

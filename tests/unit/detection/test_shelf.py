@@ -9,8 +9,14 @@ import yaml
 from facadelake.core.errors import ModelError
 from facadelake.core.hashing import hash_file
 from facadelake.detection.card import read_card
-from facadelake.detection.configured import model_file, resolve_default_model
-from facadelake.detection.model_registry import LIST, SHIPPED, default_model, promote, promotions
+from facadelake.detection.configured import locate_model, resolve_default_model
+from facadelake.detection.model_registry import (
+    MODEL_LIST,
+    SHIPPED_MODEL,
+    add_promotion,
+    find_default_model,
+    read_promotions,
+)
 from facadelake.registry import Building, OnnxDetectorSetting
 from tests.unit.detection.onnx_models import card, save_model
 
@@ -25,13 +31,13 @@ def _model(folder: Path, name: str, number: float) -> Path:
 def test_shipped_model_is_the_default_until_another_is_promoted(tmp_path: Path) -> None:
     shelf = tmp_path / "shelf"
     with pytest.raises(ModelError, match=r"default detector .*facadelake-nano.onnx does not exist; restore it"):
-        default_model(shelf)
-    shipped = _model(shelf, SHIPPED.removesuffix(".onnx"), 0.1)
-    assert default_model(shelf) == shipped
+        find_default_model(shelf)
+    shipped = _model(shelf, SHIPPED_MODEL.removesuffix(".onnx"), 0.1)
+    assert find_default_model(shelf) == shipped
     new = _model(tmp_path, "second try", 0.2)
     given = {"by": "A. Mason", "why": "fewer joints", "evidence": "7 of 7", "folder": shelf}
-    done = promote(new, replaces=hash_file(shipped), **given)
-    held = default_model(shelf)
+    done = add_promotion(new, replaces=hash_file(shipped), **given)
+    held = find_default_model(shelf)
     assert held.name == done.file == f"second-try-{hash_file(new)[:12]}.onnx"
     assert hash_file(held) == hash_file(new)
     assert read_card(held.with_suffix(".card.yaml")).name == "second try"
@@ -42,40 +48,40 @@ def test_shipped_model_is_the_default_until_another_is_promoted(tmp_path: Path) 
 def test_again_changes_nothing_and_back_is_one_more_entry(tmp_path: Path) -> None:
     shelf, old, new = tmp_path / "shelf", _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
     given = {"by": "A. Mason", "why": "a trial", "evidence": "", "folder": shelf}
-    first = promote(old, replaces=None, **given)
-    promote(new, replaces=first.sha256, **given)
-    assert promote(new, replaces=first.sha256, **given) == promotions(shelf)[-1]
-    promote(old, replaces=hash_file(new), **given)
-    assert [entry.sha256 for entry in promotions(shelf)] == [first.sha256, hash_file(new), first.sha256]
-    assert hash_file(default_model(shelf)) == first.sha256
+    first = add_promotion(old, replaces=None, **given)
+    add_promotion(new, replaces=first.sha256, **given)
+    assert add_promotion(new, replaces=first.sha256, **given) == read_promotions(shelf)[-1]
+    add_promotion(old, replaces=hash_file(new), **given)
+    assert [entry.sha256 for entry in read_promotions(shelf)] == [first.sha256, hash_file(new), first.sha256]
+    assert hash_file(find_default_model(shelf)) == first.sha256
 
 
 def test_changed_model_and_damaged_list_are_refused(tmp_path: Path) -> None:
     shelf = tmp_path / "shelf"
-    promote(_model(tmp_path, "new", 0.2), by="A", why="b", evidence="", replaces=None, folder=shelf)
-    default_model(shelf).write_bytes(b"other")
+    add_promotion(_model(tmp_path, "new", 0.2), by="A", why="b", evidence="", replaces=None, folder=shelf)
+    find_default_model(shelf).write_bytes(b"other")
     with pytest.raises(ModelError, match=r"was changed since A promoted it .* restore it, or promote it anew"):
-        default_model(shelf)
-    (shelf / LIST).write_text("- file: ../elsewhere.onnx\n")
+        find_default_model(shelf)
+    (shelf / MODEL_LIST).write_text("- file: ../elsewhere.onnx\n")
     with pytest.raises(ModelError, match=r"(?s)models.yaml, the list of promoted detectors, cannot be read"):
-        default_model(shelf)
+        find_default_model(shelf)
 
 
 def test_model_without_card_leaves_the_default(tmp_path: Path) -> None:
     bare = save_model(tmp_path / "bare.onnx", np.full((1, 6, 4), 0.1))
     with pytest.raises(ModelError, match=r"bare\.card\.yaml does not exist"):
-        promote(bare, by="A", why="b", evidence="", replaces=None, folder=tmp_path / "shelf")
-    assert promotions(tmp_path / "shelf") == ()
+        add_promotion(bare, by="A", why="b", evidence="", replaces=None, folder=tmp_path / "shelf")
+    assert read_promotions(tmp_path / "shelf") == ()
 
 
 def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     shelf = tmp_path / "shelf"
     shipped, second, third = (_model(tmp_path, name, 0.1 * i) for i, name in enumerate(("first", "second", "third")))
     given = {"by": "A. Mason", "why": "a trial", "evidence": "", "folder": shelf}
-    promote(second, replaces=hash_file(shipped), **given)
+    add_promotion(second, replaces=hash_file(shipped), **given)
     with pytest.raises(ModelError, match=rf"but the default is {hash_file(second)[:12]} since A. Mason promoted it"):
-        promote(third, replaces=hash_file(shipped), **given)
-    assert hash_file(default_model(shelf)) == hash_file(second)
+        add_promotion(third, replaces=hash_file(shipped), **given)
+    assert hash_file(find_default_model(shelf)) == hash_file(second)
 
 
 def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,6 +91,6 @@ def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pyte
     begun = resolve_default_model(Building.model_validate(given))
     monkeypatch.setattr("facadelake.detection.configured.default_model", lambda: new)
     assert isinstance(begun.detector, OnnxDetectorSetting)
-    assert (model_file(begun.detector), resolve_default_model(begun)) == (old, begun)
+    assert (locate_model(begun.detector), resolve_default_model(begun)) == (old, begun)
     own = Building.model_validate({**given, "detector": {"kind": "onnx", "model": str(tmp_path / "own.onnx")}})
     assert resolve_default_model(own) == own

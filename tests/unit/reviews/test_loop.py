@@ -15,7 +15,7 @@ from cli.main import app
 from cli.options import console
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import hash_file
-from facadelake.detection.model_registry import default_model, promotions
+from facadelake.detection.model_registry import find_default_model, read_promotions
 from facadelake.evaluation.model_comparison.compare import compare_models
 from facadelake.evaluation.model_comparison.promote import promote_model
 from facadelake.registry import Portfolio, read_portfolio
@@ -121,14 +121,14 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     settings = {"lake": lake, "report": None, "by": "A. Mason", "why": "a trial", "models": shelf}
     with pytest.raises(ModelError, match=r"(?s)was not promoted.*loses 1 of the 1 confirmed defects.*defect-0000"):
         promote_model(blind, **settings, lost_max=0, confirmed_min=1)
-    assert promotions(shelf) == ()
+    assert read_promotions(shelf) == ()
     entry, told = promote_model(blind, **settings, lost_max=1, confirmed_min=1)
     assert (entry.by, entry.replaces) == ("A. Mason", hash_file(finds))
     assert "1 of 1 confirmed defects lost (allowed 1)" in told
-    assert hash_file(default_model(shelf)) == hash_file(blind)
+    assert hash_file(find_default_model(shelf)) == hash_file(blind)
     assert promote_model(blind, **settings, lost_max=0, confirmed_min=1)[0] == entry
     back, _ = promote_model(finds, **settings, lost_max=0, confirmed_min=1)
-    assert (back.replaces, len(promotions(shelf))) == (hash_file(blind), 2)
+    assert (back.replaces, len(read_promotions(shelf))) == (hash_file(blind), 2)
 
 
 def test_command_line_exports_imports_and_lists(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import Box
 from facadelake.detection.coco.import_detections import import_coco
-from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import build_crosswalk
 from facadelake.evaluation.detectors.labels.open import open_labels
 from facadelake.evaluation.detectors.labels.sites import with_sites
 from facadelake.reviews.review_items import create_missed_review, create_review, list_review_items
@@ -123,7 +123,7 @@ def test_rejected_place_is_a_picture_without_box_and_the_unjudged_is_grey(sets: 
 
 @pytest.mark.parametrize("form", list(TrainingLabelFormat))
 def test_evaluation_reads_the_same_boxes_and_sites(sets: Path, form: TrainingLabelFormat) -> None:
-    labelled = open_labels(sets / form, crosswalk_with({}), split="test")
+    labelled = open_labels(sets / form, build_crosswalk({}), split="test")
     assert not labelled.left_out
     sited = with_sites(labelled, sets / form / "sites.csv", "test")
     assert {image.site for image in sited.images} == {"two"}

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import build_crosswalk
 from facadelake.reviews.coco_import import read_coco_reviews
 from facadelake.reviews.csv_import import read_csv_reviews
 from facadelake.reviews.review import reviews_from_table, select_current_reviews, table_from_reviews
@@ -28,7 +28,7 @@ FOUND = (
     ("p1.jpg", "moisture", box(50, 50, 300, 300)),
 )
 SHOWN = unreviewed(*FOUND)
-NAMES = crosswalk_with({})
+NAMES = build_crosswalk({})
 
 
 def task() -> ReviewTask:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facadelake.detection.card import Layout, calibrated, card_text, parse_card
+from facadelake.detection.card import OutputLayout, calibrate_scores, format_card, parse_card
 from training.calibrate import Told, base_card, platt
 
 
@@ -16,7 +16,7 @@ def test_the_line_that_drew_the_hits_is_found() -> None:
     line = platt(score, rng.random(20_000) < right)
     assert line.slope == pytest.approx(1.8, abs=0.1)
     assert line.intercept == pytest.approx(-0.7, abs=0.1)
-    said = calibrated(score.astype(np.float32), line)
+    said = calibrate_scores(score.astype(np.float32), line)
     assert np.abs(said - right).max() < 0.03  # of probability
 
 
@@ -37,6 +37,6 @@ def test_f1_and_alarms_count_what_is_shown() -> None:
 
 def test_the_card_can_be_read_again() -> None:
     card = base_card("facadelake-nano", nms_iou=0.6)
-    again = parse_card(card_text(card), "test")
+    again = parse_card(format_card(card), "test")
     assert again == card
-    assert again.output.layout is Layout.YOLOX and again.input.width_px == 416
+    assert again.output.layout is OutputLayout.YOLOX and again.input.width_px == 416

@@ -10,11 +10,11 @@ import pytest
 
 from facadelake.core.hashing import hash_file
 from facadelake.detection.inference.detector import OnnxDetector, load_detector
-from facadelake.detection.model_registry import MODELS, SHIPPED
+from facadelake.detection.model_registry import MODELS_FOLDER, SHIPPED_MODEL
 from facadelake.detection.tiling.tiled_detection import detect_image
 from training.data.sample import CLASSES
 
-MODEL = MODELS / SHIPPED
+MODEL = MODELS_FOLDER / SHIPPED_MODEL
 LOOSE_PX = 10.0  # people draw boxes of cracks so
 
 

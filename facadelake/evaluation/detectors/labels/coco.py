@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from facadelake.detection import Box, Crosswalk
-from facadelake.detection.coco import CocoAnnotation, CocoImage, box_about, number, read_coco
+from facadelake.detection.coco import CocoAnnotation, CocoImage, bound_segmentation, parse_number, read_coco
 from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
 
 
@@ -80,8 +80,8 @@ def _same_size(image: CocoImage, size: tuple[int, int]) -> bool:
 def _box(annotation: CocoAnnotation, size: tuple[int, int]) -> Box | None:
     bbox = annotation.bbox
     if bbox is None:
-        bbox = box_about(annotation.segmentation, *size)
-    values = [number(value) for value in bbox] if isinstance(bbox, list) else []
+        bbox = bound_segmentation(annotation.segmentation, *size)
+    values = [parse_number(value) for value in bbox] if isinstance(bbox, list) else []
     numbers = [value for value in values if value is not None]
     if len(values) != 4 or len(numbers) != 4:
         return None

@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import build_crosswalk
 from facadelake.evaluation.detectors.labels.format import Form
 from facadelake.evaluation.detectors.labels.labels import LabelledSet, joined, labelled_only, sound_photographs
 from facadelake.evaluation.detectors.labels.open import open_labels
 from facadelake.evaluation.detectors.labels.sites import with_scale, with_sites
 from tests.unit.evaluation.detectors.labelled import CRACK, MOISTURE, SPALLING, picture
 
-CROSSWALK = crosswalk_with({})
+CROSSWALK = build_crosswalk({})
 
 
 def coco(folder: Path, annotations: list[dict[str, Any]] | None = None, images: str = "images", **more: Any) -> Path:

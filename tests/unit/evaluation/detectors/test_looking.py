@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from facadelake.detection.crosswalk import crosswalk_with
+from facadelake.detection.crosswalk import build_crosswalk
 from facadelake.detection.inference.detector import load_detector
 from facadelake.detection.tiling.tiled_detection import detect_image
 from facadelake.evaluation.detectors.predictions import collect
@@ -60,7 +60,7 @@ def test_boxes_of_a_file_are_filtered_and_found_by_the_end_of_their_path(tmp_pat
     one = image("walls/north/a.png")
     one = replace(one, path=picture(tmp_path / "a.png"))
     other = replace(one, key="walls/south/a.png")
-    found = collect(looker, [one, other], crosswalk_with({}))
+    found = collect(looker, [one, other], build_crosswalk({}))
     assert [(p.score, p.box.width_px) for p in found.shown[one.key]] == [(1.0, 5), (0.9, 30)]  # cut to 100 px
     assert len(found.down_to_floor[one.key]) == 3 and not found.shown[other.key]
     assert found.left_out == {"boxes found of class 'person', which stands for no defect class": 1}
@@ -76,6 +76,6 @@ def test_a_broken_photograph_is_left_out(tmp_path: Path) -> None:
     (tmp_path / "torn.jpg").write_bytes(jpeg[: len(jpeg) // 2])  # OpenCV opens it, half of it grey
     names = ("broken.png", "torn.jpg", "whole.jpg")
     images = [replace(image(name), path=tmp_path / name) for name in names]
-    found = collect(FileLooker(file), images, crosswalk_with({}))
+    found = collect(FileLooker(file), images, build_crosswalk({}))
     assert [one.key for one in found.images] == ["whole.jpg"]
     assert found.left_out == {"photographs that cannot be decoded": 2}
