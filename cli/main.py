@@ -112,13 +112,13 @@ def demo(
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
     """Generate the demo building with two campaigns of photographs, inspect both, and list the results."""
-    from cli.terminal.inspection import show_inspection, show_where_to_look
+    from cli.terminal.inspection import show_inspection, show_next_steps
     from cli.terminal.run import make_demo_in_terminal
 
     results = make_demo_in_terminal(console, folder=folder, lake=lake, recipe=DEMO_RECIPE, portfolio=portfolio)
     for result in results:
         show_inspection(console, lake, result)
-    show_where_to_look(console, lake, results)
+    show_next_steps(console, lake, results)
 
 
 app.command()(results.campaigns)

@@ -58,7 +58,8 @@ def _wait_until_healthy(server: subprocess.Popen[bytes], url: str, log: Path) ->
     while time.monotonic() < deadline:
         if server.poll() is not None:
             raise StoreError(
-                f"Prefect's server exited with status {server.returncode}; if the port is in use, choose another with --port. Log: {log}"
+                f"Prefect's server exited with status {server.returncode}; if the port is in use, choose another with "
+                f"--port. Log: {log}"
             )
         try:
             with urllib.request.urlopen(f"{url}/health", timeout=2) as answer:

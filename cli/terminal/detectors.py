@@ -1,4 +1,4 @@
-"""What a detector's evaluation says, in the terminal and as pictures."""
+"""The evaluation of a detector in the terminal and as plots."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MOST_SITES = 40
 
 
 def show_answer(console: Console, answer: Answer) -> None:
-    """Tables of classes, sites, confusions, false alarms and image labels, then what to keep in mind."""
+    """Print tables of classes, sites, confusions, false alarms and image labels, then remarks."""
     if answer.boxes is not None:
         _show_figures(console, answer.boxes.figures)
     for figures in answer.image_labels:
@@ -31,7 +31,7 @@ def show_answer(console: Console, answer: Answer) -> None:
 
 
 def write_pictures(answer: Answer, folder: Path) -> list[Path]:
-    """Curves and sheets of the worst into ``folder``."""
+    """Write curves and contact sheets of the worst errors to ``folder``; returns their paths."""
     if answer.boxes is None:
         return []
     return [
@@ -43,43 +43,43 @@ def write_pictures(answer: Answer, folder: Path) -> list[Path]:
 def _show_figures(console: Console, figures: Figures) -> None:
     judged, data = figures.judged, figures.data
     if figures.classes:
-        _table(
+        _print_table(
             console,
             f"{judged.name} ({judged.sha256[:12]}) on {data.name}{f', split {data.split}' if data.split else ''}: "
-            f"{data.photographs} photographs, {data.sites} sites; shown from a score of {judged.threshold:g}",
+            f"{data.photographs} photographs, {data.sites} sites; score threshold {judged.threshold:g}",
             ("class", "truths", "AP50", "95 % by sites", "by photographs", "AP50:95", *_COUNTS, "ECE", "expected"),
             [
                 (
-                    one.defect_class, str(one.truths), _share(one.ap50), _span(one.ap50_by_sites),
-                    _span(one.ap50_by_photographs), _share(one.ap50_95), *_counts(one.operating),
-                    _share(one.calibration.ece), _share(one.calibration.expected_precision),
+                    one.defect_class, str(one.truths), _format_share(one.ap50), _format_interval(one.ap50_by_sites),
+                    _format_interval(one.ap50_by_photographs), _format_share(one.ap50_95), *_format_counts(one.operating),
+                    _format_share(one.calibration.ece), _format_share(one.calibration.expected_precision),
                 )
                 for one in figures.classes
             ],
         )  # fmt: skip
         ordered = sorted(figures.sites, key=lambda one: (one.defect_class, -one.truths))
-        _table(
+        _print_table(
             console,
             "By site" + (f" (the {_MOST_SITES} with most)" if len(ordered) > _MOST_SITES else ""),
             ("site", "class", "photographs", "truths", "AP50", "AP50:95", *_COUNTS),
             [
                 (
-                    one.site, one.defect_class, str(one.photographs), str(one.truths), _share(one.ap50),
-                    _share(one.ap50_95), *_counts(one.operating),
+                    one.site, one.defect_class, str(one.photographs), str(one.truths), _format_share(one.ap50),
+                    _format_share(one.ap50_95), *_format_counts(one.operating),
                 )
                 for one in ordered[:_MOST_SITES]
             ],
         )  # fmt: skip
-        _table(
+        _print_table(
             console,
-            "What was taken for what",
-            ("labelled", "shown as", "boxes (IoU 0.5)"),
+            "Confusions",
+            ("labelled", "predicted", "boxes (IoU 0.5)"),
             [(one.truth, one.shown, str(one.count)) for one in figures.confusions],
         )
     if figures.negatives is not None:
-        _table(
+        _print_table(
             console,
-            f"False alarms where there is no defect: {figures.negatives.name}",
+            f"False alarms on photographs without defects: {figures.negatives.name}",
             ("class", "photographs", "m2", "false alarms", "photographs with one", "per 10 m2", "95 %"),
             [
                 (
@@ -93,49 +93,51 @@ def _show_figures(console: Console, figures: Figures) -> None:
         )  # fmt: skip
     if figures.megapixels_per_s is not None and figures.photographs_per_s is not None:
         speed = f"{figures.photographs_per_s:.1f} photographs/s, {figures.megapixels_per_s:.1f} Mpx/s"
-        console.print(f"looked at {speed} (down to faint boxes)", highlight=False)
+        console.print(f"speed {speed} (at a low score threshold)", highlight=False)
     for name, count in figures.unjudged.items():
-        console.print(f"{count} boxes of {name} shown where nothing is labelled of it: nobody knows", highlight=False)
-    _left_out(console, data.left_out)
+        console.print(
+            f"{count} boxes of {name} predicted on data without labels of that class: not evaluated", highlight=False
+        )
+    _print_left_out(console, data.left_out)
     for remark in figures.remarks:
         console.print(remark, highlight=False, markup=False, soft_wrap=True)
 
 
 def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
-    _table(
+    _print_table(
         console,
-        f"{figures.judged.name} ({figures.judged.sha256[:12]}) on whole photographs of {figures.name}; sound: "
+        f"{figures.judged.name} ({figures.judged.sha256[:12]}) on photographs labelled as a whole, {figures.name}; without defect: "
         + ", ".join(figures.sound_folders),
-        ("class", "with it", "sound", "AUROC", "95 %", "average precision", "share found", "sound with an alarm"),
+        ("class", "with defect", "without", "AUROC", "95 %", "average precision", "recall", "false alarm share"),
         [
             (
-                one.defect_class, str(one.with_defect), str(one.sound), _share(one.auroc), _span(one.auroc_by_sites),
-                _share(one.average_precision), _share(one.recall), _share(one.false_alarm_share),
+                one.defect_class, str(one.with_defect), str(one.sound), _format_share(one.auroc), _format_interval(one.auroc_by_sites),
+                _format_share(one.average_precision), _format_share(one.recall), _format_share(one.false_alarm_share),
             )
             for one in figures.classes
         ],
     )  # fmt: skip
-    _left_out(console, figures.left_out)
+    _print_left_out(console, figures.left_out)
 
 
 _COUNTS = ("precision", "recall", "F1", "hits / false / missed")
 
 
-def _counts(one: Operating) -> tuple[str, ...]:
+def _format_counts(one: Operating) -> tuple[str, ...]:
     return (
-        _share(one.precision),
-        _share(one.recall),
-        _share(one.f1),
+        _format_share(one.precision),
+        _format_share(one.recall),
+        _format_share(one.f1),
         f"{one.hits} / {one.false_alarms} / {one.misses}",
     )
 
 
-def _left_out(console: Console, counts: dict[str, int]) -> None:
+def _print_left_out(console: Console, counts: dict[str, int]) -> None:
     for reason, count in counts.items():
         console.print(f"left out: {count} {reason}", highlight=False, markup=False, soft_wrap=True)
 
 
-def _table(console: Console, title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def _print_table(console: Console, title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     table = RichTable(title=escape(title), title_justify="left")
     for index, name in enumerate(head):
         table.add_column(name, justify="left" if index == 0 else "right")
@@ -144,9 +146,9 @@ def _table(console: Console, title: str, head: Sequence[str], rows: Sequence[Seq
     console.print(table)
 
 
-def _share(value: float | None) -> str:
+def _format_share(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _span(interval: Interval | None) -> str:
+def _format_interval(interval: Interval | None) -> str:
     return "-" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"

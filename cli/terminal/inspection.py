@@ -1,4 +1,4 @@
-"""The summary at the end of an inspection, and where to look."""
+"""The summary at the end of an inspection, and where its results are."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult
 
 
-def _counted(values: Sequence[Any]) -> str:
+def _count_values(values: Sequence[Any]) -> str:
     counts = Counter("none" if value is None else str(value) for value in values)
     return ", ".join(f"{n} {name}" for name, n in sorted(counts.items(), key=lambda item: -item[1])) or "none"
 
 
 def show_inspection(console: Console, lake: Path, result: InspectionResult) -> None:
-    """Photographs, alignment, detections by outcome, defects by class and storey, where the files are."""
+    """Print photographs, georeference, detections by outcome, defects by class and storey, and the files."""
 
     def rows(name: str) -> list[dict[str, Any]]:
         table = read_table(lake, name, building_id=result.building_id, campaign_id=result.campaign_id)
@@ -50,17 +50,17 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     table.add_row("photographs", f"{len(photos)} in, {len(localised)} localised, {len(refused)} rejected")
     _add_examples(table, "rejected", refused)
     _add_examples(table, "not localised", [pose for pose in poses if not PoseSource(pose["pose_source"]).measured])
-    table.add_row("alignment", escape("\n".join(alignment_lines(passport))))
+    table.add_row("georeference", escape("\n".join(format_georeference(passport))))
     if passport["remarks"]:
         table.add_row("", escape(passport["remarks"]))
     found = [row["detection_outcome"] for row in detections if row["detection_outcome"] != "accepted"]
     detectors = ", ".join(sorted({row["detector"] for row in detections}))
     by = f" by {escape(detectors)}" if detectors else ""
-    table.add_row("detections", f"{len(detections)}{by}: {_counted([*found, *_outcomes(observations)])}")
-    table.add_row("defects", f"{len(defects)}: {_counted([row['defect_class'] for row in defects])}")
-    table.add_row("  by storey", _counted([row["storey"] for row in defects]))
-    table.add_row("  by facade", _counted([row["facade"] for row in defects]))
-    table.add_row("  by severity", _counted([row["severity"] for row in defects]))
+    table.add_row("detections", f"{len(detections)}{by}: {_count_values([*found, *_list_outcomes(observations)])}")
+    table.add_row("defects", f"{len(defects)}: {_count_values([row['defect_class'] for row in defects])}")
+    table.add_row("  by storey", _count_values([row["storey"] for row in defects]))
+    table.add_row("  by facade", _count_values([row["facade"] for row in defects]))
+    table.add_row("  by severity", _count_values([row["severity"] for row in defects]))
     if views:
         table.add_row(
             "model check", f"SSIM of as-built and model depth: mean {sum(views) / len(views):.2f} in {len(views)} views"
@@ -68,17 +68,17 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     table.add_row("checks", f"{sum(check['passed'] for check in checks)} of {len(checks)} passed")
     table.add_row(
         "lake",
-        f"version {result.version}" + ("" if result.changed else ", unchanged: the same inputs were there already"),
+        f"version {result.version}" + ("" if result.changed else ", unchanged: it was made of the same inputs"),
     )
-    table.add_row("time", _times(result))
+    table.add_row("time", _format_times(result))
     table.add_row("files", str(result.release))
     for warning in result.warnings:
         table.add_row("[yellow]warning[/yellow]", escape(warning))
     console.print(table)
 
 
-def alignment_lines(passport: Mapping[str, Any]) -> list[str]:
-    """A row of table ``georeference`` in a few lines: by what, what is left, how well it is known, what GPS was off."""
+def format_georeference(passport: Mapping[str, Any]) -> list[str]:
+    """A row of table ``georeference`` in a few lines: control, residuals, standard deviations, GPS offset."""
     axes = ("east", "north", "up")
     imported = passport["residual_mean_m"] is None
     placed = (
@@ -95,33 +95,33 @@ def alignment_lines(passport: Mapping[str, Any]) -> list[str]:
         )
     else:
         placed += "no held-out points"
-    known = " / ".join(f"{passport[f'sigma_{axis}_m']:.3f}" for axis in axes)
-    lines = [placed, f"known to {known} m east / north / up (one sigma); {_where(passport)}"]
-    found = [passport[f"gps_offset_{axis}_m"] for axis in axes]
-    if passport["control"] != ControlKind.GPS and None not in found:
-        lines.append(f"GPS found off by {' / '.join(f'{part:+.2f}' for part in found)} m east / north / up")
+    sigmas = " / ".join(f"{passport[f'sigma_{axis}_m']:.3f}" for axis in axes)
+    lines = [placed, f"sigma {sigmas} m east / north / up; {_format_frame(passport)}"]
+    offsets = [passport[f"gps_offset_{axis}_m"] for axis in axes]
+    if passport["control"] != ControlKind.GPS and None not in offsets:
+        lines.append(f"GPS offset {' / '.join(f'{part:+.2f}' for part in offsets)} m east / north / up")
     return lines
 
 
-def _where(passport: Mapping[str, Any]) -> str:
-    words = f"{passport['map_crs']}, heights {passport['vertical_datum']}"
+def _format_frame(passport: Mapping[str, Any]) -> str:
+    text = f"{passport['map_crs']}, heights {passport['vertical_datum']}"
     earlier = passport["reference_campaign"]
-    return words if earlier is None else f"{words}, in the frame of campaign {earlier}"
+    return text if earlier is None else f"{text}, in the frame of campaign {earlier}"
 
 
 def _add_examples(table: RichTable, what: str, rows: Sequence[dict[str, Any]]) -> None:
-    """The photographs that were not used: the first three with their reasons, the others counted."""
+    """Add the first three photographs that were not used with their reasons, and count the others."""
     for row in rows[:3]:
         table.add_row("", f"{what}: {escape(row['photo_id'])}, {escape(row['reason'] or '')}")
     if len(rows) > 3:
         table.add_row("", f"{what}: {len(rows) - 3} more (facadelake sql photographs_rejected)")
 
 
-def _outcomes(observations: Sequence[dict[str, Any]]) -> list[str]:
+def _list_outcomes(observations: Sequence[dict[str, Any]]) -> list[str]:
     return [row["observation_outcome"] for row in observations]
 
 
-def _times(result: InspectionResult) -> str:
+def _format_times(result: InspectionResult) -> str:
     fresh = [stage for stage in result.stages if not stage.hit]
     cached = len(result.stages) - len(fresh)
     parts = [f"{stage.stage} {stage.seconds:.0f} s" for stage in fresh if stage.seconds >= 1]
@@ -134,15 +134,15 @@ def _times(result: InspectionResult) -> str:
     return text
 
 
-def show_where_to_look(console: Console, lake: Path, results: Sequence[InspectionResult]) -> None:
-    """The last lines of the demo: what to open, what to ask; on a desktop the report opens by itself."""
-    console.print("\n[bold]Look at[/bold]")
+def show_next_steps(console: Console, lake: Path, results: Sequence[InspectionResult]) -> None:
+    """Print what to open and to query after the demo; on a desktop the report is opened."""
+    console.print("\n[bold]Reports[/bold]")
     for result in results:
         console.print(f"  {result.release / 'report.html'}", soft_wrap=True, highlight=False)
     last = results[-1]
     if console.is_terminal and any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
         webbrowser.open((last.release / "report.html").as_uri())
-    console.print("[bold]Ask[/bold]")
+    console.print("[bold]Queries[/bold]")
     console.print(f"  .venv/bin/facadelake defects {last.building_id} {last.campaign_id}", highlight=False)
     console.print(
         '  .venv/bin/facadelake sql "SELECT campaign_id, defect_class, count(*) AS n FROM defects '
@@ -151,4 +151,4 @@ def show_where_to_look(console: Console, lake: Path, results: Sequence[Inspectio
         highlight=False,
     )
     console.print("  .venv/bin/facadelake sql --list", highlight=False)
-    console.print(f"[bold]Open in QGIS[/bold]\n  {last.release / 'defects.gpkg'}", soft_wrap=True, highlight=False)
+    console.print(f"[bold]In QGIS[/bold]\n  {last.release / 'defects.gpkg'}", soft_wrap=True, highlight=False)

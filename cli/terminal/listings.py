@@ -140,7 +140,7 @@ def show_regrading(console: Console, found: Regrading, releases: Sequence[Path],
         console.print(f"files {release}", soft_wrap=True, highlight=False)
     if registered not in (None, found.rules):
         console.print(
-            f"the portfolio grades {found.building_id} by {registered}, and so will a new inspection of changed inputs; "
+            f"the portfolio grades {found.building_id} by {registered}, as will a new inspection of changed inputs; "
             f"set severity_rules: {found.rules} there to keep these grades",
             soft_wrap=True,
         )

@@ -19,7 +19,7 @@ _MOST = 10
 
 
 def show_task(console: Console, task: ReviewTask, files: Sequence[Path]) -> None:
-    """Where the task is and how it comes back."""
+    """Print the files of a task and the command that imports it."""
     coco, table, photographs = files
     console.print(
         f"{len(task.items)} boxes on {len(task.photographs)} photographs of {task.building_id} {task.campaign_id}"
@@ -27,35 +27,35 @@ def show_task(console: Console, task: ReviewTask, files: Sequence[Path]) -> None
     for path, use in (
         (coco, "open in CVAT or Label Studio (COCO) with the photographs"),
         (photographs, "the photographs to upload there"),
-        (table, "or fill in column verdict by hand, a line a defect"),
+        (table, "or fill in column verdict by hand, one line per defect"),
     ):
         console.print(f"  {path}: {use}", soft_wrap=True, highlight=False)
     console.print(
-        f"back with: facadelake review import {task.building_id} {task.campaign_id} FILE --task {coco} --reviewer NAME",
+        f"import with: facadelake review import {task.building_id} {task.campaign_id} FILE --task {coco} --reviewer NAME",
         soft_wrap=True,
         highlight=False,
     )
 
 
 def show_import(console: Console, done: ReviewImport) -> None:
-    """How many words of each verdict, what could not be used, and what they meet."""
+    """Print the number of reviews by verdict, entries not used, and reviews without a detection."""
     counts = Counter(str(review.verdict) for review in done.parsed.reviews)
     console.print(", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict]))
     if done.added.version is None:
-        console.print("nothing new: every word stands in the lake already")
+        console.print("nothing new: every review is already in the lake")
     else:
-        console.print(f"{done.added.added} words added in lake version {done.added.version}", end="")
-        console.print(f", {done.added.unchanged} stood there already" if done.added.unchanged else "")
+        console.print(f"{done.added.added} reviews added in lake version {done.added.version}", end="")
+        console.print(f", {done.added.unchanged} were already there" if done.added.unchanged else "")
     _some(console, f"{len(done.parsed.remarks)} entries were not used:", done.parsed.remarks)
     _unmatched(console, done.unmatched)
 
 
 def show_reviews(console: Console, campaigns: Sequence[ReviewedCampaign], *, lines: bool) -> None:
-    """Counts of the words that hold, a line a campaign; with ``lines`` each word."""
-    table = RichTable(title="Reviews that hold", title_justify="left")
+    """Print the current reviews by verdict, one line per campaign; with ``lines`` each review."""
+    table = RichTable(title="Current reviews", title_justify="left")
     table.add_column("building")
     table.add_column("campaign")
-    for name in (*Verdict, "not reviewed", "without detection now"):
+    for name in (*Verdict, "not reviewed", "without detection"):
         table.add_column(str(name), justify="right")
     for campaign in campaigns:
         counts = Counter(one.review.verdict for one in campaign.status.current)
@@ -80,7 +80,7 @@ def show_reviews(console: Console, campaigns: Sequence[ReviewedCampaign], *, lin
 
 def _unmatched(console: Console, reviews: Sequence[Review]) -> None:
     told = [f"{word.verdict} {word.reviewed_class} at {word.subject}" for word in reviews]
-    _some(console, f"{len(told)} words are on places where the campaign has no such detection now:", told)
+    _some(console, f"{len(told)} reviews are of detections that the campaign no longer has:", told)
 
 
 def _some(console: Console, head: str, lines: Sequence[str]) -> None:
@@ -94,7 +94,7 @@ def _some(console: Console, head: str, lines: Sequence[str]) -> None:
 
 
 def show_training_set(console: Console, done: TrainingSet, placed: Mapping[str, Split]) -> None:
-    """A line a split, what was left out, and what is missing to judge a model by."""
+    """Print one line per split, what was left out, and which splits are empty."""
     table = RichTable(title="Training set", title_justify="left")
     table.add_column("split")
     table.add_column("buildings")
@@ -109,22 +109,22 @@ def show_training_set(console: Console, done: TrainingSet, placed: Mapping[str, 
         console.print(f"left out: {number} {reason}")
     bare = sorted(placed.keys() - {picture.building_id for picture in done.pictures})
     if bare:
-        console.print(f"nothing is of {', '.join(bare)}: no detection there was reviewed")
+        console.print(f"nothing from {', '.join(bare)}: no detection there was reviewed")
     empty = [split for split in Split if not counts[split]["pictures"]]
     if empty:
         console.print(
-            f"nothing is in {' and '.join(empty)}: a model needs buildings it has not learned from to be judged by; "
-            "name more buildings, or choose with --split BUILDING=test",
+            f"nothing in {' and '.join(empty)}: a model must be evaluated on buildings it was not trained on; "
+            "name more buildings, or assign one with --split BUILDING=test",
             soft_wrap=True,
         )
-    console.print(f"written to {done.folder}; {MANIFEST} says whence, and under which terms", soft_wrap=True)
+    console.print(f"written to {done.folder}; {MANIFEST} lists sources and terms of use", soft_wrap=True)
 
 
 _MOST = 10
 
 
 def show_comparison(console: Console, done: Compared) -> None:
-    """A line for each campaign, place and class; what persons said; what is lost; where pictures are."""
+    """Print one line per campaign, place and class, the comparison with reviews, lost defects and the files."""
     comparison = done.comparison
     table = RichTable(
         title=f"{escape(comparison.old.name)} {comparison.old.sha256[:12]} -> "
@@ -165,7 +165,7 @@ def _rows(table: RichTable, campaign: CampaignComparison) -> None:
 
 def _words(console: Console, words: dict[str, int]) -> None:
     if not words.get("confirmed") and not words.get("rejected"):
-        console.print("nobody has reviewed these photographs, so that nothing tells which changes are good")
+        console.print("these photographs have no reviews, so it is unknown which changes are improvements")
         return
     console.print(
         f"of {words['confirmed']} confirmed defects the old finds {words['confirmed_by_old']}, the new "

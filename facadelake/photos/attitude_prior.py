@@ -40,30 +40,30 @@ class AttitudePrior:
 NO_ATTITUDE = AttitudePrior()
 
 
-def attitude_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> AttitudePrior:
+def derive_attitude_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> AttitudePrior:
     """The gimbal's attitude, else the yaw of a camera with a compass, else that of the aircraft, else none."""
-    prior = _of_gimbal(drone) if drone is not None else NO_ATTITUDE
+    prior = _read_gimbal_attitude(drone) if drone is not None else NO_ATTITUDE
     if math.isfinite(prior.yaw_deg):
         return prior
     if 0 <= exif.direction_deg <= 360:
         magnetic = exif.direction_magnetic
         return replace(
             prior,
-            yaw_deg=_normalised(exif.direction_deg),
+            yaw_deg=_wrap_angle(exif.direction_deg),
             sigma_yaw_deg=SIGMA_YAW_MAGNETIC_DEG if magnetic else SIGMA_YAW_COMPASS_DEG,
             evidence=f"EXIF GPSImgDirection ({'magnetic' if magnetic else 'true'} north)",
         )
     if drone is not None and 0 < abs(drone.aircraft_yaw_deg) <= 360:
         return replace(
             prior,
-            yaw_deg=_normalised(drone.aircraft_yaw_deg),
+            yaw_deg=_wrap_angle(drone.aircraft_yaw_deg),
             sigma_yaw_deg=SIGMA_YAW_AIRCRAFT_DEG,
             evidence="XMP FlightYawDegree (the aircraft's)",
         )
     return prior
 
 
-def _of_gimbal(drone: DroneMetadata) -> AttitudePrior:
+def _read_gimbal_attitude(drone: DroneMetadata) -> AttitudePrior:
     angles = (drone.yaw_deg, drone.pitch_deg, drone.roll_deg)
     if not all(math.isfinite(angle) for angle in angles):
         return NO_ATTITUDE
@@ -80,7 +80,7 @@ def _of_gimbal(drone: DroneMetadata) -> AttitudePrior:
     sigma_tilt = drone.stated_sigma_tilt_deg if drone.stated_sigma_tilt_deg > 0 else SIGMA_TILT_DRONE_DEG
     level = abs(math.cos(math.radians(drone.pitch_deg)))
     return AttitudePrior(
-        yaw_deg=_normalised(drone.yaw_deg),
+        yaw_deg=_wrap_angle(drone.yaw_deg),
         pitch_deg=drone.pitch_deg,
         roll_deg=drone.roll_deg,
         sigma_yaw_deg=min(180.0, sigma_yaw / max(level, 1e-9)),
@@ -89,12 +89,12 @@ def _of_gimbal(drone: DroneMetadata) -> AttitudePrior:
     )
 
 
-def _normalised(angle_deg: float) -> float:
+def _wrap_angle(angle_deg: float) -> float:
     """The angle in (-180, 180]; as it is where it is there already."""
     return angle_deg if -180 < angle_deg <= 180 else 180 - (180 - angle_deg) % 360
 
 
-def pitch_is_djis(camera_pitches_deg: Iterable[float]) -> bool:
+def is_dji_pitch(camera_pitches_deg: Iterable[float]) -> bool:
     """Whether one camera's values of Camera:Pitch (NaN where unused) are in DJI's convention, 0 at the horizon.
 
     Autel's XL715 does that (issue 62 of OpenAthenaIOS). Pix4D's pitch is 0 at nadir and 90 at the horizon; below 0 the
@@ -103,6 +103,6 @@ def pitch_is_djis(camera_pitches_deg: Iterable[float]) -> bool:
     return any(pitch < -1.0 for pitch in camera_pitches_deg)
 
 
-def with_dji_pitch(drone: DroneMetadata) -> DroneMetadata:
+def apply_dji_pitch(drone: DroneMetadata) -> DroneMetadata:
     """The same with Camera:Pitch read in DJI's convention."""
     return replace(drone, pitch_deg=drone.camera_pitch_deg, attitude_tags="Camera:Yaw/Pitch/Roll, pitch as DJI's")

@@ -34,7 +34,7 @@ _XMP_ANGLE = re.compile(r"(\d+),(\d+(?:\.\d+)?)(?:,(\d+(?:\.\d+)?))?([NSEW])")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dewarp:
+class DewarpCalibration:
     """DJI's calibration of the single camera: px of the full photograph, centre from the photograph's centre."""
 
     fx_px: float
@@ -85,11 +85,11 @@ class DroneMetadata:
     calibrated_focal_px: float = math.nan
     calibrated_width_px: float = math.nan
     factory_calibrated: bool = False
-    dewarp: Dewarp | None = None
+    dewarp: DewarpCalibration | None = None
     dewarped: bool = False
 
 
-def _dewarp(text: str) -> Dewarp | None:
+def _parse_dewarp(text: str) -> DewarpCalibration | None:
     """``2022-03-02;fx,fy,cx,cy,k1,k2,p1,p2,k3``; None for anything else, and for the zeros of uncalibrated cameras."""
     parts = text.rpartition(";")[2].split(",")
     try:
@@ -98,57 +98,57 @@ def _dewarp(text: str) -> Dewarp | None:
         return None
     if not (fx > 0 and fy > 0 and all(math.isfinite(x) for x in (fx, fy, cx, cy, k1, k2, p1, p2, k3))):
         return None
-    return Dewarp(fx_px=fx, fy_px=fy, centre_x_px=cx, centre_y_px=cy, k1=k1, k2=k2, p1=p1, p2=p2, k3=k3)
+    return DewarpCalibration(fx_px=fx, fy_px=fy, centre_x_px=cx, centre_y_px=cy, k1=k1, k2=k2, p1=p1, p2=p2, k3=k3)
 
 
-def _dji(xmp: XmpPacket) -> DroneMetadata:
-    flag = xmp.number(DJI, "RtkFlag")
+def _read_dji(xmp: XmpPacket) -> DroneMetadata:
+    flag = xmp.get_number(DJI, "RtkFlag")
     return DroneMetadata(
         maker="DJI",
-        body=xmp.text(DJI, "DroneSerialNumber", "DroneID", "CameraSerialNumber"),
-        lat_deg=xmp.number(DJI, "GpsLatitude"),
-        lon_deg=xmp.number(DJI, "GpsLongitude", "GpsLongtitude"),
-        absolute_altitude_m=xmp.number(DJI, "AbsoluteAltitude"),
-        relative_altitude_m=xmp.number(DJI, "RelativeAltitude"),
-        altitude_type=xmp.text(DJI, "AltitudeType"),
-        gps_status=xmp.text(DJI, "GpsStatus"),
+        body=xmp.get_text(DJI, "DroneSerialNumber", "DroneID", "CameraSerialNumber"),
+        lat_deg=xmp.get_number(DJI, "GpsLatitude"),
+        lon_deg=xmp.get_number(DJI, "GpsLongitude", "GpsLongtitude"),
+        absolute_altitude_m=xmp.get_number(DJI, "AbsoluteAltitude"),
+        relative_altitude_m=xmp.get_number(DJI, "RelativeAltitude"),
+        altitude_type=xmp.get_text(DJI, "AltitudeType"),
+        gps_status=xmp.get_text(DJI, "GpsStatus"),
         rtk_flag=int(flag) if math.isfinite(flag) else None,
-        rtk_std_lon_m=xmp.number(DJI, "RtkStdLon"),
-        rtk_std_lat_m=xmp.number(DJI, "RtkStdLat"),
-        rtk_std_height_m=xmp.number(DJI, "RtkStdHgt"),
-        yaw_deg=xmp.number(DJI, "GimbalYawDegree"),
-        pitch_deg=xmp.number(DJI, "GimbalPitchDegree"),
-        roll_deg=xmp.number(DJI, "GimbalRollDegree"),
+        rtk_std_lon_m=xmp.get_number(DJI, "RtkStdLon"),
+        rtk_std_lat_m=xmp.get_number(DJI, "RtkStdLat"),
+        rtk_std_height_m=xmp.get_number(DJI, "RtkStdHgt"),
+        yaw_deg=xmp.get_number(DJI, "GimbalYawDegree"),
+        pitch_deg=xmp.get_number(DJI, "GimbalPitchDegree"),
+        roll_deg=xmp.get_number(DJI, "GimbalRollDegree"),
         attitude_tags="Gimbal*Degree",
-        upside_down=1 in (xmp.number(DJI, "CamReverse"), xmp.number(DJI, "GimbalReverse")),
-        aircraft_yaw_deg=xmp.number(DJI, "FlightYawDegree"),
-        calibrated_focal_px=xmp.number(DJI, "CalibratedFocalLength"),
-        calibrated_width_px=2 * xmp.number(DJI, "CalibratedOpticalCenterX"),
-        dewarp=_dewarp(xmp.text(DJI, "DewarpData")),
-        dewarped=xmp.number(DJI, "DewarpFlag") == 1,
+        upside_down=1 in (xmp.get_number(DJI, "CamReverse"), xmp.get_number(DJI, "GimbalReverse")),
+        aircraft_yaw_deg=xmp.get_number(DJI, "FlightYawDegree"),
+        calibrated_focal_px=xmp.get_number(DJI, "CalibratedFocalLength"),
+        calibrated_width_px=2 * xmp.get_number(DJI, "CalibratedOpticalCenterX"),
+        dewarp=_parse_dewarp(xmp.get_text(DJI, "DewarpData")),
+        dewarped=xmp.get_number(DJI, "DewarpFlag") == 1,
     )
 
 
-def _skydio(xmp: XmpPacket) -> DroneMetadata:
+def _read_skydio(xmp: XmpPacket) -> DroneMetadata:
     ned = "CameraOrientationNED"
     return DroneMetadata(
         maker="Skydio",
-        lat_deg=xmp.number(SKYDIO, "Latitude"),
-        lon_deg=xmp.number(SKYDIO, "Longitude"),
-        absolute_altitude_m=xmp.number(SKYDIO, "AbsoluteAltitude"),
-        relative_altitude_m=xmp.number(SKYDIO, "RelativeAltitude"),
-        yaw_deg=xmp.number(SKYDIO, f"{ned}/Yaw"),
-        pitch_deg=xmp.number(SKYDIO, f"{ned}/Pitch"),
-        roll_deg=xmp.number(SKYDIO, f"{ned}/Roll"),
+        lat_deg=xmp.get_number(SKYDIO, "Latitude"),
+        lon_deg=xmp.get_number(SKYDIO, "Longitude"),
+        absolute_altitude_m=xmp.get_number(SKYDIO, "AbsoluteAltitude"),
+        relative_altitude_m=xmp.get_number(SKYDIO, "RelativeAltitude"),
+        yaw_deg=xmp.get_number(SKYDIO, f"{ned}/Yaw"),
+        pitch_deg=xmp.get_number(SKYDIO, f"{ned}/Pitch"),
+        roll_deg=xmp.get_number(SKYDIO, f"{ned}/Roll"),
         attitude_tags=ned,
-        calibrated_focal_px=xmp.number(SKYDIO, "CalibratedFocalLengthX"),
+        calibrated_focal_px=xmp.get_number(SKYDIO, "CalibratedFocalLengthX"),
         # Skydio's example centre of a 4056 px wide photograph is 2027.5: it counts pixels' centres from 0.
-        calibrated_width_px=2 * xmp.number(SKYDIO, "CalibratedOpticalCenterX") + 1,
+        calibrated_width_px=2 * xmp.get_number(SKYDIO, "CalibratedOpticalCenterX") + 1,
         factory_calibrated=True,
     )
 
 
-def _xmp_angle(text: str) -> float:
+def _parse_angle(text: str) -> float:
     """``48,21.1367729N`` (degrees, minutes) or ``48,21,8N`` as signed degrees; NaN for anything else."""
     found = _XMP_ANGLE.fullmatch(text)
     if found is None:
@@ -157,40 +157,40 @@ def _xmp_angle(text: str) -> float:
     return -degrees if found[4] in "SW" else degrees
 
 
-def _parrot(xmp: XmpPacket) -> DroneMetadata:
-    below = xmp.text(EXIF_SCHEMA, "GPSAltitudeRef").lower() in ("1", "below sea level")
+def _read_parrot(xmp: XmpPacket) -> DroneMetadata:
+    below = xmp.get_text(EXIF_SCHEMA, "GPSAltitudeRef").lower() in ("1", "below sea level")
     return DroneMetadata(
         maker="Parrot",
-        body=xmp.text(PARROT, "SerialNumber"),
-        lat_deg=_xmp_angle(xmp.text(EXIF_SCHEMA, "GPSLatitude")),
-        lon_deg=_xmp_angle(xmp.text(EXIF_SCHEMA, "GPSLongitude")),
-        absolute_altitude_m=xmp.number(EXIF_SCHEMA, "GPSAltitude") * (-1 if below else 1),
-        yaw_deg=xmp.number(PARROT, "CameraYawDegree"),
-        pitch_deg=xmp.number(PARROT, "CameraPitchDegree"),
-        roll_deg=xmp.number(PARROT, "CameraRollDegree"),
+        body=xmp.get_text(PARROT, "SerialNumber"),
+        lat_deg=_parse_angle(xmp.get_text(EXIF_SCHEMA, "GPSLatitude")),
+        lon_deg=_parse_angle(xmp.get_text(EXIF_SCHEMA, "GPSLongitude")),
+        absolute_altitude_m=xmp.get_number(EXIF_SCHEMA, "GPSAltitude") * (-1 if below else 1),
+        yaw_deg=xmp.get_number(PARROT, "CameraYawDegree"),
+        pitch_deg=xmp.get_number(PARROT, "CameraPitchDegree"),
+        roll_deg=xmp.get_number(PARROT, "CameraRollDegree"),
         attitude_tags="Camera*Degree",
     )
 
 
-def _with_camera_schema(drone: DroneMetadata, xmp: XmpPacket, schema: str) -> DroneMetadata:
+def _add_camera_schema(drone: DroneMetadata, xmp: XmpPacket, schema: str) -> DroneMetadata:
     """What Pix4D's schema adds: accuracies and the flight, and the attitude where the maker's own tags have none."""
-    tilts = [xmp.number(schema, f"IMU{angle}Accuracy") for angle in ("Pitch", "Roll")]
+    tilts = [xmp.get_number(schema, f"IMU{angle}Accuracy") for angle in ("Pitch", "Roll")]
     drone = replace(
         drone,
-        flight_id=xmp.text(schema, "FlightUUID"),
-        stated_sigma_horizontal_m=xmp.number(schema, "GPSXYAccuracy"),
-        stated_sigma_vertical_m=xmp.number(schema, "GPSZAccuracy"),
-        stated_sigma_yaw_deg=xmp.number(schema, "IMUYawAccuracy"),
+        flight_id=xmp.get_text(schema, "FlightUUID"),
+        stated_sigma_horizontal_m=xmp.get_number(schema, "GPSXYAccuracy"),
+        stated_sigma_vertical_m=xmp.get_number(schema, "GPSZAccuracy"),
+        stated_sigma_yaw_deg=xmp.get_number(schema, "IMUYawAccuracy"),
         stated_sigma_tilt_deg=max((tilt for tilt in tilts if math.isfinite(tilt)), default=math.nan),
     )
-    pitch = xmp.number(schema, "Pitch")
+    pitch = xmp.get_number(schema, "Pitch")
     if not math.isnan(drone.pitch_deg) or math.isnan(pitch):
         return drone
     return replace(
         drone,
-        yaw_deg=xmp.number(schema, "Yaw"),
+        yaw_deg=xmp.get_number(schema, "Yaw"),
         pitch_deg=pitch - 90,
-        roll_deg=xmp.number(schema, "Roll"),
+        roll_deg=xmp.get_number(schema, "Roll"),
         attitude_tags="Camera:Yaw/Pitch/Roll",
         camera_pitch_deg=pitch,
     )
@@ -201,9 +201,9 @@ def parse_drone_metadata(packet: bytes) -> DroneMetadata | None:
     xmp = parse_packet(packet)
     if xmp is None:
         return None
-    readers = ((DJI, _dji), (SKYDIO, _skydio), (PARROT, _parrot))
-    drone = next((read(xmp) for namespace, read in readers if xmp.says(namespace)), None)
+    readers = ((DJI, _read_dji), (SKYDIO, _read_skydio), (PARROT, _read_parrot))
+    drone = next((read(xmp) for namespace, read in readers if xmp.has_namespace(namespace)), None)
     for schema in CAMERA_SCHEMAS:
-        if xmp.says(schema):
-            return _with_camera_schema(drone or DroneMetadata(maker="Pix4D's Camera schema"), xmp, schema)
+        if xmp.has_namespace(schema):
+            return _add_camera_schema(drone or DroneMetadata(maker="Pix4D's Camera schema"), xmp, schema)
     return drone

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-_SUFFIX = "_mask"
-_FOLDER = "masks"
+_MASK_SUFFIX = "_mask"
+_MASK_FOLDER = "masks"
 
 
-def mask_files(paths: Iterable[Path], root: Path) -> Mapping[Path, Path]:
+def pair_masks(paths: Iterable[Path], root: Path) -> Mapping[Path, Path]:
     """The mask of each photograph that has one, among image files ``paths`` below ``root``.
 
     A file that is named like a mask but whose photograph is not there is taken for a photograph.
@@ -27,11 +27,11 @@ def mask_files(paths: Iterable[Path], root: Path) -> Mapping[Path, Path]:
     for path in files:
         name = path.relative_to(root)
         stem = name.with_suffix("").as_posix()
-        if name.parts[0] == _FOLDER and path.suffix.lower() == ".png":
-            bare = stem.removeprefix(f"{_FOLDER}/")
+        if name.parts[0] == _MASK_FOLDER and path.suffix.lower() == ".png":
+            bare = stem.removeprefix(f"{_MASK_FOLDER}/")
             photographs = [of_name[bare]] if bare in of_name else of_stem.get(bare, [])
-        elif stem.endswith(_SUFFIX):
-            photographs = of_stem.get(stem.removesuffix(_SUFFIX), [])
+        elif stem.endswith(_MASK_SUFFIX):
+            photographs = of_stem.get(stem.removesuffix(_MASK_SUFFIX), [])
         else:
             continue
         for photograph in photographs:

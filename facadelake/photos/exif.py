@@ -48,33 +48,33 @@ class ExifMetadata:
     direction_magnetic: bool = False
 
 
-def _number(value: Any) -> float:
+def _parse_number(value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError, ZeroDivisionError):
         return math.nan
 
 
-def _positive(value: Any) -> float:
-    number = _number(value)
+def _parse_positive(value: Any) -> float:
+    number = _parse_number(value)
     return number if number > 0 and math.isfinite(number) else math.nan
 
 
-def _text(value: Any) -> str:
+def _parse_text(value: Any) -> str:
     text = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value or "")
     return text.split("\0")[0].strip()
 
 
-def _degrees(value: Any, ref: Any, negative: str) -> float:
+def _parse_degrees(value: Any, ref: Any, negative: str) -> float:
     """Degrees, minutes, seconds as signed degrees; NaN for anything else."""
     if not isinstance(value, tuple | list) or len(value) != 3:
         return math.nan
-    degrees, minutes, seconds = (_number(part) for part in value)
+    degrees, minutes, seconds = (_parse_number(part) for part in value)
     magnitude = degrees + minutes / 60 + seconds / 3600
-    return -magnitude if _text(ref).upper() == negative else magnitude
+    return -magnitude if _parse_text(ref).upper() == negative else magnitude
 
 
-def _step_deg(*angles: Any) -> float:
+def _find_step(*angles: Any) -> float:
     """The finest step that degrees, minutes, seconds are written in, by denominators (reading reduces fractions)."""
     steps = [
         1 / (unit * part.denominator)
@@ -86,10 +86,10 @@ def _step_deg(*angles: Any) -> float:
     return min(steps, default=math.nan)
 
 
-def _taken_at(block: dict[int, Any]) -> datetime | None:
-    text = _text(block.get(Base.DateTimeOriginal))
-    offset = _text(block.get(Base.OffsetTimeOriginal)).replace(":", "")
-    digits = _text(block.get(Base.SubsecTimeOriginal))
+def _parse_time(block: dict[int, Any]) -> datetime | None:
+    text = _parse_text(block.get(Base.DateTimeOriginal))
+    offset = _parse_text(block.get(Base.OffsetTimeOriginal)).replace(":", "")
+    digits = _parse_text(block.get(Base.SubsecTimeOriginal))
     second = Fraction(int(digits), 10 ** len(digits)) if digits.isdecimal() and len(digits) < 10 else Fraction(0)
     try:
         if offset:
@@ -101,25 +101,25 @@ def _taken_at(block: dict[int, Any]) -> datetime | None:
     return taken.replace(microsecond=int(second * 10**6))
 
 
-def _gps_time(gps: dict[int, Any]) -> datetime | None:
+def _parse_gps_time(gps: dict[int, Any]) -> datetime | None:
     clock = gps.get(GPS.GPSTimeStamp)
     if not isinstance(clock, tuple | list) or len(clock) != 3:
         return None
-    seconds = sum(_number(part) * unit for part, unit in zip(clock, (3600, 60, 1), strict=True))
+    seconds = sum(_parse_number(part) * unit for part, unit in zip(clock, (3600, 60, 1), strict=True))
     try:
-        day = datetime.strptime(_text(gps.get(GPS.GPSDateStamp)), "%Y:%m:%d").replace(tzinfo=UTC)
+        day = datetime.strptime(_parse_text(gps.get(GPS.GPSDateStamp)), "%Y:%m:%d").replace(tzinfo=UTC)
         return datetime.fromtimestamp(day.timestamp() + seconds, tz=UTC)
     except (ValueError, OverflowError, OSError):
         return None
 
 
-def _focal_plane_px(block: dict[int, Any], width_px: int) -> float:
-    per_unit = _positive(block.get(Base.FocalPlaneXResolution))
-    mm = _MM_PER_UNIT.get(int(_positive(block.get(Base.FocalPlaneResolutionUnit, 2)) or 2), math.nan)
+def _compute_focal_plane_px(block: dict[int, Any], width_px: int) -> float:
+    per_unit = _parse_positive(block.get(Base.FocalPlaneXResolution))
+    mm = _MM_PER_UNIT.get(int(_parse_positive(block.get(Base.FocalPlaneResolutionUnit, 2)) or 2), math.nan)
     # The resolution is that of the stored size only where EXIF's own size agrees with it (no resizing since).
-    if _number(block.get(Base.ExifImageWidth)) != width_px:
+    if _parse_number(block.get(Base.ExifImageWidth)) != width_px:
         return math.nan
-    return _positive(_positive(block.get(Base.FocalLength)) * per_unit / mm)
+    return _parse_positive(_parse_positive(block.get(Base.FocalLength)) * per_unit / mm)
 
 
 def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
@@ -132,25 +132,25 @@ def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
     ref = gps.get(GPS.GPSAltitudeRef)
     altitude_ref = ref[0] if isinstance(ref, bytes) and ref else ref if isinstance(ref, int) else None
     return ExifMetadata(
-        make=_text(exif.get(Base.Make)),
-        model=_text(exif.get(Base.Model)),
-        body_serial=_text(block.get(Base.BodySerialNumber)),
-        lens_model=_text(block.get(Base.LensModel)),
-        taken_at=_taken_at(block),
-        gps_time=_gps_time(gps),
-        focal_length_mm=_positive(block.get(Base.FocalLength)),
-        focal_length_35mm_mm=_positive(block.get(Base.FocalLengthIn35mmFilm)),
-        focal_plane_focal_px=_focal_plane_px(block, width_px),
-        lat_deg=_degrees(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLatitudeRef), "S"),
-        lon_deg=_degrees(gps.get(GPS.GPSLongitude), gps.get(GPS.GPSLongitudeRef), "W"),
-        position_step_deg=_step_deg(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLongitude)),
-        altitude_m=_number(gps.get(GPS.GPSAltitude)) * (-1 if altitude_ref in (1, 3) else 1),
+        make=_parse_text(exif.get(Base.Make)),
+        model=_parse_text(exif.get(Base.Model)),
+        body_serial=_parse_text(block.get(Base.BodySerialNumber)),
+        lens_model=_parse_text(block.get(Base.LensModel)),
+        taken_at=_parse_time(block),
+        gps_time=_parse_gps_time(gps),
+        focal_length_mm=_parse_positive(block.get(Base.FocalLength)),
+        focal_length_35mm_mm=_parse_positive(block.get(Base.FocalLengthIn35mmFilm)),
+        focal_plane_focal_px=_compute_focal_plane_px(block, width_px),
+        lat_deg=_parse_degrees(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLatitudeRef), "S"),
+        lon_deg=_parse_degrees(gps.get(GPS.GPSLongitude), gps.get(GPS.GPSLongitudeRef), "W"),
+        position_step_deg=_find_step(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLongitude)),
+        altitude_m=_parse_number(gps.get(GPS.GPSAltitude)) * (-1 if altitude_ref in (1, 3) else 1),
         altitude_ref=altitude_ref,
-        position_error_m=_positive(gps.get(GPS.GPSHPositioningError)),
-        dop=_positive(gps.get(GPS.GPSDOP)),
-        two_dimensional=_text(gps.get(GPS.GPSMeasureMode)) == "2",
-        void=_text(gps.get(GPS.GPSStatus)).upper() == "V",
-        map_datum=_text(gps.get(GPS.GPSMapDatum)),
-        direction_deg=_number(gps.get(GPS.GPSImgDirection)),
-        direction_magnetic=_text(gps.get(GPS.GPSImgDirectionRef)).upper() == "M",
+        position_error_m=_parse_positive(gps.get(GPS.GPSHPositioningError)),
+        dop=_parse_positive(gps.get(GPS.GPSDOP)),
+        two_dimensional=_parse_text(gps.get(GPS.GPSMeasureMode)) == "2",
+        void=_parse_text(gps.get(GPS.GPSStatus)).upper() == "V",
+        map_datum=_parse_text(gps.get(GPS.GPSMapDatum)),
+        direction_deg=_parse_number(gps.get(GPS.GPSImgDirection)),
+        direction_magnetic=_parse_text(gps.get(GPS.GPSImgDirectionRef)).upper() == "M",
     )

@@ -9,9 +9,9 @@ from pathlib import Path
 from PIL import Image, UnidentifiedImageError
 
 from facadelake.core.errors import InputDataError
-from facadelake.photos.exclusion_masks import mask_files
+from facadelake.photos.exclusion_masks import pair_masks
 
-FORMATS_OF_SUFFIX: dict[str, frozenset[str]] = {
+FORMATS_BY_SUFFIX: dict[str, frozenset[str]] = {
     # MPO is what DJI and others write into .JPG when a preview follows the photograph.
     ".jpg": frozenset({"JPEG", "MPO"}),
     ".jpeg": frozenset({"JPEG", "MPO"}),
@@ -23,7 +23,7 @@ RAW_SUFFIXES = frozenset({".dng"})
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decoded:
+class DecodedImage:
     """Size as stored and the metadata blocks of a photograph that decodes to its last row."""
 
     width_px: int
@@ -37,21 +37,21 @@ def find_photographs(root: Path) -> list[Path]:
 
     Raises InputDataError where ``root`` is no folder.
     """
-    images = _images(root)
-    masks = set(mask_files(images, root).values())
+    images = _list_images(root)
+    masks = set(pair_masks(images, root).values())
     return [path for path in images if path not in masks]
 
 
 def find_masks(root: Path) -> dict[str, Path]:
     """The masks below ``root`` by the photo_id of their photographs, the path below ``root`` with forward slashes."""
-    return {photo.relative_to(root).as_posix(): mask for photo, mask in mask_files(_images(root), root).items()}
+    return {photo.relative_to(root).as_posix(): mask for photo, mask in pair_masks(_list_images(root), root).items()}
 
 
-def _images(root: Path) -> list[Path]:
+def _list_images(root: Path) -> list[Path]:
     """All image files below ``root``, sorted by path; hidden files and folders are left out."""
     if not root.is_dir():
         raise InputDataError(f"photographs' folder {root} does not exist; check the path in the portfolio")
-    suffixes = FORMATS_OF_SUFFIX.keys() | RAW_SUFFIXES
+    suffixes = FORMATS_BY_SUFFIX.keys() | RAW_SUFFIXES
     return sorted(
         path
         for path in root.rglob("*")
@@ -61,7 +61,7 @@ def _images(root: Path) -> list[Path]:
     )
 
 
-def decode(path: Path) -> Decoded:
+def decode_photograph(path: Path) -> DecodedImage:
     """Decode the whole photograph (a truncated file opens well and fails late) and hand back what it says.
 
     Width and height are those of the stored pixels. The EXIF orientation is *not* applied, neither here nor by
@@ -72,7 +72,7 @@ def decode(path: Path) -> Decoded:
         raise InputDataError("raw photograph: it must be developed first; export it as JPEG or TIFF")
     if path.stat().st_size == 0:
         raise InputDataError("the file is empty (0 bytes); copy it again from the camera's card")
-    allowed = FORMATS_OF_SUFFIX[path.suffix.lower()]
+    allowed = FORMATS_BY_SUFFIX[path.suffix.lower()]
     try:
         with Image.open(path) as image:
             found = image.format or "unknown"
@@ -93,7 +93,7 @@ def decode(path: Path) -> Decoded:
         raise InputDataError(
             f"the photograph does not decode to its end ({error}); copy it again from the card"
         ) from error
-    return Decoded(
+    return DecodedImage(
         width_px=width_px, height_px=height_px, exif=exif, xmp=xmp.encode() if isinstance(xmp, str) else bytes(xmp)
     )
 

@@ -18,7 +18,7 @@ SHARE_FOCAL_PLANE = 0.02
 # 26 mm for 28.8 mm on a FC220.
 SHARE_35MM = 0.06
 # Statements further apart than this cannot both be of this photograph (digital zoom, another lens, resizing).
-_DISAGREE = 0.25
+_MAX_LOG_RATIO = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,13 +36,13 @@ class FocalPrior:
     warning: str = ""
 
 
-def focal_prior(drone: DroneMetadata | None, exif: ExifMetadata, *, width_px: int, height_px: int) -> FocalPrior:
+def derive_focal_prior(drone: DroneMetadata | None, exif: ExifMetadata, *, width_px: int, height_px: int) -> FocalPrior:
     """The best statement about the focal length: calibrated, designed, then EXIF's."""
-    stated = _of_exif(exif, width_px, height_px)
-    calibrated = _of_drone(drone, width_px, height_px) if drone is not None else FocalPrior()
+    stated = _read_exif_focal(exif, width_px, height_px)
+    calibrated = _read_drone_focal(drone, width_px, height_px) if drone is not None else FocalPrior()
     if not math.isfinite(calibrated.px):
         return stated
-    if math.isfinite(stated.px) and abs(math.log(calibrated.px / stated.px)) > _DISAGREE:
+    if math.isfinite(stated.px) and abs(math.log(calibrated.px / stated.px)) > _MAX_LOG_RATIO:
         return FocalPrior(
             px=stated.px,
             sigma_px=stated.sigma_px,
@@ -53,11 +53,11 @@ def focal_prior(drone: DroneMetadata | None, exif: ExifMetadata, *, width_px: in
     return calibrated
 
 
-def _of_exif(exif: ExifMetadata, width_px: int, height_px: int) -> FocalPrior:
+def _read_exif_focal(exif: ExifMetadata, width_px: int, height_px: int) -> FocalPrior:
     by_plane = exif.focal_plane_focal_px
     by_35mm = exif.focal_length_35mm_mm * math.hypot(width_px, height_px) / FULL_FRAME_DIAGONAL_MM
     # The focal plane's figure has more digits, but some phones write nonsense: it must agree with the equivalent.
-    plane_is_right = math.isnan(by_35mm) or abs(math.log(by_plane / by_35mm)) < _DISAGREE
+    plane_is_right = math.isnan(by_35mm) or abs(math.log(by_plane / by_35mm)) < _MAX_LOG_RATIO
     if math.isfinite(by_plane) and plane_is_right:
         evidence = "EXIF FocalLength and FocalPlaneXResolution"
         return FocalPrior(px=by_plane, sigma_px=SHARE_FOCAL_PLANE * by_plane, evidence=evidence)
@@ -75,7 +75,7 @@ def _of_exif(exif: ExifMetadata, width_px: int, height_px: int) -> FocalPrior:
     )
 
 
-def _of_drone(drone: DroneMetadata, width_px: int, height_px: int) -> FocalPrior:
+def _read_drone_focal(drone: DroneMetadata, width_px: int, height_px: int) -> FocalPrior:
     # The stated centre tells which size the figures are for; makers state it for the full photograph.
     scale = width_px / drone.calibrated_width_px if drone.calibrated_width_px > 0 else 1.0
     scale = 1.0 if abs(scale - 1) < 0.01 else scale

@@ -20,14 +20,14 @@ EGM96 = "EPSG:4326+5773"
 
 
 @dataclass(frozen=True, kw_only=True)
-class StatedDatum:
+class HeightDatumEvidence:
     """What a height refers to, and how that is known."""
 
     datum: HeightDatum
     evidence: str
 
 
-def stated_datum(drone: DroneMetadata | None, exif: ExifMetadata) -> StatedDatum:
+def infer_height_datum(drone: DroneMetadata | None, exif: ExifMetadata) -> HeightDatumEvidence:
     """Ellipsoidal or orthometric only with evidence.
 
     An RTK fix is ellipsoidal (differential positions are). DJI's AltitudeType says RtkAlt without a fix too, and
@@ -36,17 +36,17 @@ def stated_datum(drone: DroneMetadata | None, exif: ExifMetadata) -> StatedDatum
     ellipsoidal heights beside it: unknown. EXIF 3.0's references 2 and 3 are the ellipsoid's.
     """
     if drone is not None and drone.rtk_flag == RTK_FIXED:
-        return StatedDatum(datum=HeightDatum.ELLIPSOIDAL, evidence="ellipsoidal by the RTK fix")
+        return HeightDatumEvidence(datum=HeightDatum.ELLIPSOIDAL, evidence="ellipsoidal by the RTK fix")
     if drone is not None and drone.maker == "Parrot" and exif.model.upper().replace(" ", "").startswith("ANAFI"):
         if exif.model.upper().replace(" ", "").startswith("ANAFIAI"):
-            return StatedDatum(datum=HeightDatum.ELLIPSOIDAL, evidence="ellipsoidal by Parrot's documentation")
-        return StatedDatum(datum=HeightDatum.ORTHOMETRIC, evidence="above EGM96 by Parrot's documentation")
+            return HeightDatumEvidence(datum=HeightDatum.ELLIPSOIDAL, evidence="ellipsoidal by Parrot's documentation")
+        return HeightDatumEvidence(datum=HeightDatum.ORTHOMETRIC, evidence="above EGM96 by Parrot's documentation")
     if exif.altitude_ref in (2, 3):
-        return StatedDatum(datum=HeightDatum.ELLIPSOIDAL, evidence="ellipsoidal by EXIF GPSAltitudeRef")
-    return StatedDatum(datum=HeightDatum.UNKNOWN, evidence="of unknown datum")
+        return HeightDatumEvidence(datum=HeightDatum.ELLIPSOIDAL, evidence="ellipsoidal by EXIF GPSAltitudeRef")
+    return HeightDatumEvidence(datum=HeightDatum.UNKNOWN, evidence="of unknown datum")
 
 
-def ellipsoidal_of_egm96(lon_deg: float, lat_deg: float, height_m: float) -> tuple[float, str] | None:
+def ellipsoidal_from_egm96(lon_deg: float, lat_deg: float, height_m: float) -> tuple[float, str] | None:
     """The ellipsoidal height and the grid it rests on; None where no EGM96 grid is on this machine."""
     try:
         geo = transform(np.array([[lon_deg, lat_deg, height_m]]), EGM96, GEO)

@@ -16,15 +16,15 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.core.tables import table_from_rows
-from facadelake.photos.clock import is_set
+from facadelake.photos.clock import is_clock_set
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.photos.files import find_photographs
-from facadelake.photos.metadata import Metadata, Statement, statements_of
+from facadelake.photos.metadata import PhotoMetadata, PhotoPriors, derive_priors
 from facadelake.photos.read import Photo, read_photos
 from schemas.vocabulary import HeightDatum, PhotoOutcome, PhotoRole, PositionSource
 
 
-def _folder_role(photo_id: str) -> PhotoRole | None:
+def _role_from_folder(photo_id: str) -> PhotoRole | None:
     for part in photo_id.split("/")[:-1]:
         word = part.lower().replace("-", "").replace("_", "").replace(" ", "")
         if word in ("multiview", "closerange"):
@@ -32,13 +32,13 @@ def _folder_role(photo_id: str) -> PhotoRole | None:
     return None
 
 
-def _roles(
+def _assign_roles(
     photo_ids: Sequence[str],
-    statements: dict[str, Statement],
+    statements: dict[str, PhotoPriors],
     distance_to_model_m: Callable[[Float64Array], Float64Array] | None,
     close_range_below_m: float,
 ) -> list[PhotoRole]:
-    roles = [_folder_role(photo_id) for photo_id in photo_ids]
+    roles = [_role_from_folder(photo_id) for photo_id in photo_ids]
     open_ones = [
         i
         for i, (photo_id, role) in enumerate(zip(photo_ids, roles, strict=True))
@@ -53,13 +53,13 @@ def _roles(
     return [role or PhotoRole.MULTIVIEW for role in roles]
 
 
-def _statements(
+def _derive_priors(
     photos: dict[str, Photo], distance_to_model_m: Callable[[Float64Array], Float64Array] | None
-) -> tuple[dict[str, Statement], dict[str, str]]:
+) -> tuple[dict[str, PhotoPriors], dict[str, str]]:
     """What the readable photographs say; a file of the same bytes as another says the same, and no more."""
     first_of_hash: dict[str, str] = {}
     twin_of: dict[str, str] = {}
-    readable: list[Metadata] = []
+    readable: list[PhotoMetadata] = []
     for photo_id, photo in photos.items():
         if photo.exif is None:
             continue
@@ -68,7 +68,7 @@ def _statements(
             twin_of[photo_id] = first
             continue
         readable.append(
-            Metadata(
+            PhotoMetadata(
                 photo_id=photo_id,
                 width_px=photo.width_px,
                 height_px=photo.height_px,
@@ -76,15 +76,15 @@ def _statements(
                 drone=photo.drone,
             )
         )
-    said = {one.photo_id: s for one, s in zip(readable, statements_of(readable, distance_to_model_m), strict=True)}
+    said = {one.photo_id: s for one, s in zip(readable, derive_priors(readable, distance_to_model_m), strict=True)}
     return said | {twin: said[first] for twin, first in twin_of.items()}, twin_of
 
 
-def _or_none(value: float | None) -> float | None:
+def _none_unless_finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _row(photo_id: str, photo: Photo, role: PhotoRole, said: Statement | None) -> dict[str, Any]:
+def _build_row(photo_id: str, photo: Photo, role: PhotoRole, said: PhotoPriors | None) -> dict[str, Any]:
     row: dict[str, Any] = {
         "photo_id": photo_id,
         "sha256": photo.sha256,
@@ -108,25 +108,25 @@ def _row(photo_id: str, photo: Photo, role: PhotoRole, said: Statement | None) -
         "camera_model": exif.model or None,
         "camera_serial": said.serial or None,
         "lens_model": exif.lens_model or None,
-        "focal_length_mm": _or_none(exif.focal_length_mm),
-        "focal_length_35mm_mm": _or_none(focal.px * FULL_FRAME_DIAGONAL_MM / diagonal_px),
-        "taken_at": exif.taken_at if is_set(exif.taken_at) else None,
+        "focal_length_mm": _none_unless_finite(exif.focal_length_mm),
+        "focal_length_35mm_mm": _none_unless_finite(focal.px * FULL_FRAME_DIAGONAL_MM / diagonal_px),
+        "taken_at": exif.taken_at if is_clock_set(exif.taken_at) else None,
         "prior_source": position.source,
-        "prior_lon_deg": _or_none(position.lon_deg),
-        "prior_lat_deg": _or_none(position.lat_deg),
-        "prior_height_m": _or_none(position.height_m),
+        "prior_lon_deg": _none_unless_finite(position.lon_deg),
+        "prior_lat_deg": _none_unless_finite(position.lat_deg),
+        "prior_height_m": _none_unless_finite(position.height_m),
         "prior_height_datum": position.height_datum,
-        "prior_height_relative_m": _or_none(drone.relative_altitude_m) if drone else None,
+        "prior_height_relative_m": _none_unless_finite(drone.relative_altitude_m) if drone else None,
         "prior_sigma_horizontal_m": position.sigma.horizontal_m if located else None,
         "prior_sigma_vertical_m": position.sigma.vertical_m if located else None,
-        "prior_yaw_deg": _or_none(attitude.yaw_deg),
-        "prior_pitch_deg": _or_none(attitude.pitch_deg),
-        "prior_roll_deg": _or_none(attitude.roll_deg),
-        "prior_sigma_yaw_deg": _or_none(attitude.sigma_yaw_deg),
-        "prior_sigma_tilt_deg": _or_none(attitude.sigma_tilt_deg),
+        "prior_yaw_deg": _none_unless_finite(attitude.yaw_deg),
+        "prior_pitch_deg": _none_unless_finite(attitude.pitch_deg),
+        "prior_roll_deg": _none_unless_finite(attitude.roll_deg),
+        "prior_sigma_yaw_deg": _none_unless_finite(attitude.sigma_yaw_deg),
+        "prior_sigma_tilt_deg": _none_unless_finite(attitude.sigma_tilt_deg),
         "prior_evidence": said.evidence or None,
-        "prior_focal_px": _or_none(focal.px),
-        "prior_sigma_focal_px": _or_none(focal.sigma_px),
+        "prior_focal_px": _none_unless_finite(focal.px),
+        "prior_sigma_focal_px": _none_unless_finite(focal.sigma_px),
         "prior_focal_evidence": focal.evidence or None,
         "prior_calibration": focal.calibration or None,
         "prior_warnings": "; ".join(said.warnings) or None,
@@ -157,10 +157,10 @@ def ingest_photographs(
             photo.path.relative_to(root).as_posix(): photo
             for photo in track(read_photos(paths), label="Reading photographs", total=len(paths))
         }
-    said, twin_of = _statements(photos, distance_to_model_m)
-    roles = _roles(list(photos), said, distance_to_model_m, close_range_below_m)
+    said, twin_of = _derive_priors(photos, distance_to_model_m)
+    roles = _assign_roles(list(photos), said, distance_to_model_m, close_range_below_m)
     rows = [
-        _row(photo_id, photo, role, said.get(photo_id))
+        _build_row(photo_id, photo, role, said.get(photo_id))
         for (photo_id, photo), role in zip(photos.items(), roles, strict=True)
     ]
     for row in rows:

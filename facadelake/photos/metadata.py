@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 from facadelake.core.arrays import Float64Array
-from facadelake.photos.attitude_prior import AttitudePrior, attitude_prior, pitch_is_djis, with_dji_pitch
-from facadelake.photos.clock import Tick, clock_warnings, is_set
+from facadelake.photos.attitude_prior import AttitudePrior, apply_dji_pitch, derive_attitude_prior, is_dji_pitch
+from facadelake.photos.clock import ClockReading, check_clocks, is_clock_set
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.flights import Shot, flights_of
-from facadelake.photos.focal_prior import FocalPrior, focal_prior
-from facadelake.photos.plausibility import Located, check_priors
-from facadelake.photos.position_prior import PositionPrior, position_prior
+from facadelake.photos.flights import Exposure, assign_flights
+from facadelake.photos.focal_prior import FocalPrior, derive_focal_prior
+from facadelake.photos.plausibility import TimedPrior, check_priors
+from facadelake.photos.position_prior import PositionPrior, derive_position_prior
 
 
 @dataclass(frozen=True, kw_only=True)
-class Metadata:
+class PhotoMetadata:
     """The metadata of one readable photograph."""
 
     photo_id: str
@@ -45,7 +45,7 @@ class Metadata:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Statement:
+class PhotoPriors:
     """The priors of one photograph, its body's serial number, its flight (from 1) and all warnings."""
 
     position: PositionPrior
@@ -61,29 +61,32 @@ class Statement:
         return "; ".join(part for part in (self.position.evidence, self.attitude.evidence) if part)
 
 
-def statements_of(
-    photos: Sequence[Metadata], distance_to_model_m: Callable[[Float64Array], Float64Array] | None = None
-) -> list[Statement]:
+def derive_priors(
+    photos: Sequence[PhotoMetadata], distance_to_model_m: Callable[[Float64Array], Float64Array] | None = None
+) -> list[PhotoPriors]:
     """The statements of a campaign's photographs; ``distance_to_model_m`` as in ``plausibility.check_priors``."""
-    photos = _with_common_step(photos)
-    drones = _with_settled_pitch(photos)
+    photos = _unify_position_steps(photos)
+    drones = _resolve_pitch_convention(photos)
     clocks = [
-        Tick(photo_id=p.photo_id, body=p.body, taken_at=p.exif.taken_at, gps_time=p.exif.gps_time) for p in photos
+        ClockReading(photo_id=p.photo_id, body=p.body, taken_at=p.exif.taken_at, gps_time=p.exif.gps_time)
+        for p in photos
     ]
-    clock = clock_warnings(clocks)
-    flights = flights_of([_shot(photo) for photo in photos])
+    clock = check_clocks(clocks)
+    flights = assign_flights([_build_exposure(photo) for photo in photos])
     located = [
-        Located(prior=position_prior(drone, photo.exif), flight=flight, time_s=_seconds(_time(photo)))
+        TimedPrior(
+            prior=derive_position_prior(drone, photo.exif), flight=flight, time_s=_seconds_from_time(_get_time(photo))
+        )
         for photo, drone, flight in zip(photos, drones, flights, strict=True)
     ]
     positions = check_priors(located, distance_to_model_m)
     out = []
     for i, photo in enumerate(photos):
-        attitude = attitude_prior(drones[i], photo.exif)
-        focal = focal_prior(drones[i], photo.exif, width_px=photo.width_px, height_px=photo.height_px)
+        attitude = derive_attitude_prior(drones[i], photo.exif)
+        focal = derive_focal_prior(drones[i], photo.exif, width_px=photo.width_px, height_px=photo.height_px)
         warnings = (*positions[i].warnings, attitude.warning, focal.warning, clock[i])
         out.append(
-            Statement(
+            PhotoPriors(
                 position=positions[i],
                 attitude=attitude,
                 focal=focal,
@@ -95,26 +98,26 @@ def statements_of(
     return out
 
 
-def _time(photo: Metadata) -> datetime | None:
-    return photo.exif.taken_at if is_set(photo.exif.taken_at) else None
+def _get_time(photo: PhotoMetadata) -> datetime | None:
+    return photo.exif.taken_at if is_clock_set(photo.exif.taken_at) else None
 
 
-def _seconds(time: datetime | None) -> float:
+def _seconds_from_time(time: datetime | None) -> float:
     return time.timestamp() if time is not None else math.nan
 
 
-def _shot(photo: Metadata) -> Shot:
+def _build_exposure(photo: PhotoMetadata) -> Exposure:
     drone = photo.drone
-    return Shot(
+    return Exposure(
         photo_id=photo.photo_id,
         body=photo.body,
-        taken_at=_time(photo),
+        taken_at=_get_time(photo),
         flight_id=drone.flight_id if drone else "",
         take_off_height_m=drone.absolute_altitude_m - drone.relative_altitude_m if drone else math.nan,
     )
 
 
-def _with_common_step(photos: Sequence[Metadata]) -> list[Metadata]:
+def _unify_position_steps(photos: Sequence[PhotoMetadata]) -> list[PhotoMetadata]:
     """The step that each camera writes positions in: the finest of its photographs' (fractions are often reduced)."""
     steps: dict[str, list[float]] = {}
     for photo in photos:
@@ -126,15 +129,15 @@ def _with_common_step(photos: Sequence[Metadata]) -> list[Metadata]:
     return [replace(p, exif=replace(p.exif, position_step_deg=finest[p.camera])) for p in photos]
 
 
-def _with_settled_pitch(photos: Sequence[Metadata]) -> list[DroneMetadata | None]:
+def _resolve_pitch_convention(photos: Sequence[PhotoMetadata]) -> list[DroneMetadata | None]:
     """The drones' metadata, Camera:Pitch in the convention that the photographs of the same camera show."""
     djis = {
         camera
         for camera in {photo.camera for photo in photos}
-        if pitch_is_djis(photo.drone.camera_pitch_deg for photo in photos if photo.camera == camera and photo.drone)
+        if is_dji_pitch(photo.drone.camera_pitch_deg for photo in photos if photo.camera == camera and photo.drone)
     }
     return [
-        with_dji_pitch(photo.drone)
+        apply_dji_pitch(photo.drone)
         if photo.drone and photo.camera in djis and math.isfinite(photo.drone.camera_pitch_deg)
         else photo.drone
         for photo in photos

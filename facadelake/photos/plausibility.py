@@ -10,7 +10,7 @@ from itertools import groupby
 import numpy as np
 
 from facadelake.core.arrays import Float64Array, Int64Array
-from facadelake.photos.position_prior import METRES_PER_DEGREE, PositionPrior, Sigma
+from facadelake.photos.position_prior import METRES_PER_DEGREE, PositionPrior, PositionSigma
 from schemas.vocabulary import PositionSource
 
 # Further from the building, or from the other photographs, no photograph of it is taken.
@@ -31,7 +31,7 @@ _LONGEST_JUMP = 50
 
 
 @dataclass(frozen=True, kw_only=True)
-class Located:
+class TimedPrior:
     """A photograph's prior, the flight it is of, and when it was taken (s since 1970; NaN where unknown)."""
 
     prior: PositionPrior
@@ -39,23 +39,23 @@ class Located:
     time_s: float
 
 
-def _none(prior: PositionPrior, reason: str) -> PositionPrior:
+def _discard(prior: PositionPrior, reason: str) -> PositionPrior:
     return PositionPrior(source=PositionSource.NONE, reason=reason, warnings=(*prior.warnings, reason))
 
 
-def _warned(prior: PositionPrior, warning: str) -> PositionPrior:
+def _add_warning(prior: PositionPrior, warning: str) -> PositionPrior:
     return replace(prior, warnings=(*prior.warnings, warning))
 
 
 def check_priors(
-    located: Sequence[Located], distance_to_model_m: Callable[[Float64Array], Float64Array] | None = None
+    located: Sequence[TimedPrior], distance_to_model_m: Callable[[Float64Array], Float64Array] | None = None
 ) -> list[PositionPrior]:
     """The priors after all checks: kept, warned about and widened, or NONE with the reason.
 
     ``distance_to_model_m`` gives the horizontal distance (n,) of places (n, 2: lon_deg, lat_deg) to the building.
     """
-    priors = [_with_possible_height(one.prior) for one in located]
-    priors = _near_the_rest(priors, distance_to_model_m)
+    priors = [_check_height_range(one.prior) for one in located]
+    priors = _check_distances(priors, distance_to_model_m)
     times_s = np.array([one.time_s for one in located])
     for flight in sorted({one.flight for one in located}):
         members = [i for i, one in enumerate(located) if one.flight == flight and math.isfinite(one.time_s)]
@@ -65,20 +65,20 @@ def check_priors(
     return priors
 
 
-def _has(prior: PositionPrior) -> bool:
+def _has_position(prior: PositionPrior) -> bool:
     return prior.source is not PositionSource.NONE
 
 
-def _with_possible_height(prior: PositionPrior) -> PositionPrior:
+def _check_height_range(prior: PositionPrior) -> PositionPrior:
     if math.isnan(prior.height_m) or LOWEST_M <= prior.height_m <= HIGHEST_M:
         return prior
     warning = (
         f"height {prior.height_m:.0f} m is no height of a photograph ({LOWEST_M:.0f} to {HIGHEST_M:.0f} m); left out"
     )
-    return replace(_warned(prior, warning), height_m=math.nan)
+    return replace(_add_warning(prior, warning), height_m=math.nan)
 
 
-def _metres(lon_lat_deg: Float64Array, reference: Float64Array) -> Float64Array:
+def _east_north_from_lon_lat(lon_lat_deg: Float64Array, reference: Float64Array) -> Float64Array:
     """East and north (n, 2) of places near ``reference`` (lon, lat): rough, and enough to tell near from far."""
     east = (lon_lat_deg[:, 0] - reference[0] + 180) % 360 - 180
     out: Float64Array = METRES_PER_DEGREE * np.column_stack(
@@ -87,18 +87,18 @@ def _metres(lon_lat_deg: Float64Array, reference: Float64Array) -> Float64Array:
     return out
 
 
-def _near_the_rest(
+def _check_distances(
     priors: list[PositionPrior], distance_to_model_m: Callable[[Float64Array], Float64Array] | None
 ) -> list[PositionPrior]:
     """What lies far from the building (or, where that is unknown, from most photographs) is a mistake of writing."""
-    index = [i for i, prior in enumerate(priors) if _has(prior)]
+    index = [i for i, prior in enumerate(priors) if _has_position(prior)]
     if not index:
         return priors
-    places = np.array([_place(priors[i]) for i in index])
+    places = np.array([_get_lon_lat(priors[i]) for i in index])
     middle = np.median(places, axis=0)
 
     def from_middle(lon_lat_deg: Float64Array) -> Float64Array:
-        distance: Float64Array = np.hypot(*_metres(lon_lat_deg, middle).T)
+        distance: Float64Array = np.hypot(*_east_north_from_lon_lat(lon_lat_deg, middle).T)
         return distance
 
     distance = distance_to_model_m or from_middle
@@ -110,14 +110,14 @@ def _near_the_rest(
     out = list(priors)
     most_are_far = far.mean() > 0.5
     for k in np.flatnonzero(far):
-        said = f"the position lies {metres[k] / 1000:.0f} km from {what}{_offer(places[k], distance)}"
+        said = f"the position lies {metres[k] / 1000:.0f} km from {what}{_suggest_correction(places[k], distance)}"
         prior = priors[index[k]]
         # A few among many are dropped; if most are so, the mistake may be the model's place: the pose stage decides.
-        out[index[k]] = _warned(prior, said) if most_are_far else _none(prior, said)
+        out[index[k]] = _add_warning(prior, said) if most_are_far else _discard(prior, said)
     return out
 
 
-def _offer(place: Float64Array, distance: Callable[[Float64Array], Float64Array]) -> str:
+def _suggest_correction(place: Float64Array, distance: Callable[[Float64Array], Float64Array]) -> str:
     """Which slip of writing explains the place: the one that brings it near."""
     lon, lat = place
     slips = {
@@ -137,36 +137,38 @@ def _offer(place: Float64Array, distance: Callable[[Float64Array], Float64Array]
 
 def _mark_jumps(priors: list[PositionPrior], members: list[int], times_s: Float64Array) -> None:
     """Photographs whose place or height no drone could have come from and gone to in the time there was."""
-    members = [i for i in members if _has(priors[i])]
+    members = [i for i in members if _has_position(priors[i])]
     if len(members) < 3:
         return
     times = times_s[members]
-    places = np.array([_place(priors[i]) for i in members])
+    places = np.array([_get_lon_lat(priors[i]) for i in members])
     sigma_m = np.array([[priors[i].sigma.horizontal_m, priors[i].sigma.vertical_m] for i in members])
-    metres = _metres(places, np.median(places, axis=0))
-    for i in _off_chain(metres, times, _NOISE_SIGMAS * sigma_m[:, 0], FASTEST_ACROSS_M_S):
-        k = _neighbour(i, len(members))
+    metres = _east_north_from_lon_lat(places, np.median(places, axis=0))
+    for i in _find_off_chain(metres, times, _NOISE_SIGMAS * sigma_m[:, 0], FASTEST_ACROSS_M_S):
+        k = _choose_neighbour(i, len(members))
         apart, seconds = float(np.hypot(*(metres[i] - metres[k]))), abs(times[i] - times[k])
         when = f"{seconds:.0f} s {'before' if k < i else 'later'}"
         reason = (
             f"the position lies {apart:.0f} m from that of the photograph {when}, "
             f"faster than {FASTEST_ACROSS_M_S:.0f} m/s; its neighbours agree without it"
         )
-        priors[members[i]] = _none(priors[members[i]], reason)
+        priors[members[i]] = _discard(priors[members[i]], reason)
     heights = np.array([[priors[i].height_m] for i in members])
     known = np.isfinite(heights[:, 0])
     numbers = np.flatnonzero(known)
-    for j in _off_chain(heights[known], times[known], _NOISE_SIGMAS * sigma_m[known, 1], FASTEST_UP_M_S):
+    for j in _find_off_chain(heights[known], times[known], _NOISE_SIGMAS * sigma_m[known, 1], FASTEST_UP_M_S):
         i = members[numbers[j]]
         warning = f"height {priors[i].height_m:.1f} m does not go with its neighbours' in time; left out"
-        priors[i] = replace(_warned(priors[i], warning), height_m=math.nan)
+        priors[i] = replace(_add_warning(priors[i], warning), height_m=math.nan)
 
 
-def _neighbour(i: int, count: int) -> int:
+def _choose_neighbour(i: int, count: int) -> int:
     return i - 1 if i > 0 else min(1, count - 1)
 
 
-def _off_chain(points_m: Float64Array, times_s: Float64Array, noise_m: Float64Array, fastest_m_s: float) -> Int64Array:
+def _find_off_chain(
+    points_m: Float64Array, times_s: Float64Array, noise_m: Float64Array, fastest_m_s: float
+) -> Int64Array:
     """Those outside the longest chain in time order whose neighbours could all be reached from one another.
 
     The longest chain does not depend on a start, so that one bad point (even the first) condemns itself alone. Where
@@ -195,30 +197,30 @@ def _off_chain(points_m: Float64Array, times_s: Float64Array, noise_m: Float64Ar
 
 def _mark_frozen(priors: list[PositionPrior], members: list[int], times_s: Float64Array) -> None:
     """Runs of one and the same position: as uncertain as the way that was flown meanwhile."""
-    members = [i for i in members if _has(priors[i])]
-    runs = [list(run) for _, run in groupby(members, key=lambda i: _place(priors[i]))]
+    members = [i for i in members if _has_position(priors[i])]
+    runs = [list(run) for _, run in groupby(members, key=lambda i: _get_lon_lat(priors[i]))]
     for number, run in enumerate(runs):
         if len({times_s[i] for i in run}) < _FROZEN_SHOTS:
             continue
-        if len({_place(prior) for prior in priors if _has(prior)}) == 1:
+        if len({_get_lon_lat(prior) for prior in priors if _has_position(prior)}) == 1:
             reason = f"all {len(run)} photographs have the same position: no receiver's, or cut-off digits"
             for i in run:
-                priors[i] = _none(priors[i], reason)
+                priors[i] = _discard(priors[i], reason)
             continue
         # The camera was somewhere between the places before and after; where there are none, as far as it could get.
         ends = [runs[k][0] for k in (number - 1, number + 1) if 0 <= k < len(runs)]
-        places = np.array([_place(priors[i]) for i in [run[0], *ends]])
-        reach_m = float(np.hypot(*_metres(places, places[0]).T).max())
+        places = np.array([_get_lon_lat(priors[i]) for i in [run[0], *ends]])
+        reach_m = float(np.hypot(*_east_north_from_lon_lat(places, places[0]).T).max())
         reach_m = reach_m or USUAL_M_S * float(times_s[run[-1]] - times_s[run[0]])
         frozen_height = len({priors[i].height_m for i in run}) == 1
         for i in run:
             sigma = priors[i].sigma
             up_m = max(sigma.vertical_m, reach_m) if frozen_height else sigma.vertical_m
-            wide = Sigma(horizontal_m=max(sigma.horizontal_m, reach_m), vertical_m=up_m)
+            wide = PositionSigma(horizontal_m=max(sigma.horizontal_m, reach_m), vertical_m=up_m)
             priors[i] = replace(
-                _warned(priors[i], f"{len(run)} photographs in a row have this very position"), sigma=wide
+                _add_warning(priors[i], f"{len(run)} photographs in a row have this very position"), sigma=wide
             )
 
 
-def _place(prior: PositionPrior) -> tuple[float, float]:
+def _get_lon_lat(prior: PositionPrior) -> tuple[float, float]:
     return prior.lon_deg, prior.lat_deg

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.height_datum import RTK_FIXED, ellipsoidal_of_egm96, stated_datum
+from facadelake.photos.height_datum import RTK_FIXED, ellipsoidal_from_egm96, infer_height_datum
 from schemas.vocabulary import HeightDatum, PositionSource
 
 # DJI's manuals: 32 to 49 float, 34 in the older ones.
@@ -16,7 +16,7 @@ METRES_PER_DEGREE = 111_320.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sigma:
+class PositionSigma:
     """One sigma in metres: each horizontal axis, and height."""
 
     horizontal_m: float
@@ -25,16 +25,16 @@ class Sigma:
 
 # Carrier phase ambiguities fixed: the makers state 1 cm + 1 ppm and 1.5 cm + 1 ppm rms; doubled, because the antenna's
 # offset from the camera and the shutter's delay come on top.
-SIGMA_RTK_FIXED = Sigma(horizontal_m=0.02, vertical_m=0.04)
+SIGMA_RTK_FIXED = PositionSigma(horizontal_m=0.02, vertical_m=0.04)
 # Ambiguities not fixed: decimetres.
-SIGMA_RTK_FLOAT = Sigma(horizontal_m=0.5, vertical_m=1.0)
+SIGMA_RTK_FLOAT = PositionSigma(horizontal_m=0.5, vertical_m=1.0)
 # A drone's single-frequency receiver in the open (hover accuracy is stated as 1.5 m); near a facade, signals are
 # shaded and reflected. The height is fused with a barometer that drifts.
-SIGMA_DRONE = Sigma(horizontal_m=3.0, vertical_m=5.0)
+SIGMA_DRONE = PositionSigma(horizontal_m=3.0, vertical_m=5.0)
 # A receiver's own estimate leaves out what all its signals share (reflections at the facade).
-SIGMA_OWN_ESTIMATE = Sigma(horizontal_m=1.0, vertical_m=2.0)
+SIGMA_OWN_ESTIMATE = PositionSigma(horizontal_m=1.0, vertical_m=2.0)
 # A phone or a camera's own receiver between buildings.
-SIGMA_HANDHELD = Sigma(horizontal_m=5.0, vertical_m=10.0)
+SIGMA_HANDHELD = PositionSigma(horizontal_m=5.0, vertical_m=10.0)
 # Range error between buildings that a dilution of precision multiplies.
 _RANGE_ERROR_M = 3.0
 # A two-dimensional fix assumes a height, a void one has lost the satellites.
@@ -54,13 +54,13 @@ class PositionPrior:
     lat_deg: float = math.nan
     height_m: float = math.nan
     height_datum: HeightDatum = HeightDatum.UNKNOWN
-    sigma: Sigma = SIGMA_HANDHELD
+    sigma: PositionSigma = SIGMA_HANDHELD
     evidence: str = ""
     warnings: tuple[str, ...] = ()
     reason: str = ""
 
 
-def position_problem(lon_deg: float, lat_deg: float) -> str:
+def check_position(lon_deg: float, lat_deg: float) -> str:
     """Why the coordinates cannot be a place where a photograph was taken; empty where they can."""
     if math.isnan(lon_deg) or math.isnan(lat_deg):
         return "no position"
@@ -71,12 +71,12 @@ def position_problem(lon_deg: float, lat_deg: float) -> str:
     return ""
 
 
-def _drone_sigma(drone: DroneMetadata) -> tuple[Sigma, str]:
+def _estimate_drone_sigma(drone: DroneMetadata) -> tuple[PositionSigma, str]:
     flag = drone.rtk_flag
     if flag == RTK_FIXED:
         lon, lat, height = drone.rtk_std_lon_m, drone.rtk_std_lat_m, drone.rtk_std_height_m
         if lon > 0 and lat > 0 and height > 0:
-            sigma = Sigma(horizontal_m=max(lon, lat), vertical_m=height)
+            sigma = PositionSigma(horizontal_m=max(lon, lat), vertical_m=height)
             return sigma, f"RtkFlag 50 (fixed), RtkStd {lon:g}/{lat:g}/{height:g} m"
         return SIGMA_RTK_FIXED, "RtkFlag 50 (fixed)"
     if flag in RTK_FLOAT:
@@ -88,21 +88,23 @@ def _drone_sigma(drone: DroneMetadata) -> tuple[Sigma, str]:
         stated = (
             f"GPSXYAccuracy {drone.stated_sigma_horizontal_m:.3g} m, GPSZAccuracy {drone.stated_sigma_vertical_m:.3g} m"
         )
-        return Sigma(horizontal_m=across, vertical_m=up), stated
+        return PositionSigma(horizontal_m=across, vertical_m=up), stated
     return SIGMA_DRONE, "a drone's receiver without corrections" + ("" if flag is None else f" (RtkFlag {flag})")
 
 
-def _exif_sigma(exif: ExifMetadata) -> tuple[Sigma, str]:
+def _estimate_exif_sigma(exif: ExifMetadata) -> tuple[PositionSigma, str]:
     if math.isfinite(exif.position_error_m):
-        sigma = Sigma(horizontal_m=exif.position_error_m, vertical_m=2 * exif.position_error_m)
+        sigma = PositionSigma(horizontal_m=exif.position_error_m, vertical_m=2 * exif.position_error_m)
         return sigma, f"GPSHPositioningError {exif.position_error_m:g} m"
     if math.isfinite(exif.dop):
         across = max(SIGMA_HANDHELD.horizontal_m, _RANGE_ERROR_M * exif.dop)
-        return Sigma(horizontal_m=across, vertical_m=2 * across), f"GPSDOP {exif.dop:g} of {_RANGE_ERROR_M:g} m"
+        return PositionSigma(horizontal_m=across, vertical_m=2 * across), f"GPSDOP {exif.dop:g} of {_RANGE_ERROR_M:g} m"
     return SIGMA_HANDHELD, "a handheld receiver"
 
 
-def _widened(sigma: Sigma, exif: ExifMetadata, source: PositionSource) -> tuple[Sigma, tuple[str, ...]]:
+def _widen_sigma(
+    sigma: PositionSigma, exif: ExifMetadata, source: PositionSource
+) -> tuple[PositionSigma, tuple[str, ...]]:
     """The sigma with what EXIF says against the fix, and the warnings."""
     across, up, warnings = sigma.horizontal_m, sigma.vertical_m, []
     if source is PositionSource.EXIF:
@@ -118,16 +120,16 @@ def _widened(sigma: Sigma, exif: ExifMetadata, source: PositionSource) -> tuple[
             warnings.append("EXIF GPSMeasureMode is 2: the height is not measured")
         if exif.map_datum and not exif.map_datum.upper().replace(" ", "").replace("-", "").startswith("WGS84"):
             warnings.append(f"EXIF GPSMapDatum is {exif.map_datum}; taken as WGS 84")
-    return Sigma(horizontal_m=across, vertical_m=up), tuple(warnings)
+    return PositionSigma(horizontal_m=across, vertical_m=up), tuple(warnings)
 
 
-def _disagreement(drone: DroneMetadata, exif: ExifMetadata) -> tuple[str, ...]:
+def _compare_with_exif(drone: DroneMetadata, exif: ExifMetadata) -> tuple[str, ...]:
     """Where XMP and EXIF of one photograph differ by more than rounding; XMP's is used."""
     warnings = []
     north = exif.lat_deg - drone.lat_deg
     east = (exif.lon_deg - drone.lon_deg) * math.cos(math.radians(drone.lat_deg))
     apart_m = math.hypot(north, east) * METRES_PER_DEGREE
-    if apart_m > 5.0 and not position_problem(exif.lon_deg, exif.lat_deg):
+    if apart_m > 5.0 and not check_position(exif.lon_deg, exif.lat_deg):
         warnings.append(f"EXIF's position is {apart_m:.0f} m from XMP's, which is used")
     if abs(exif.altitude_m - drone.absolute_altitude_m) > 2.0:
         warnings.append(
@@ -136,38 +138,38 @@ def _disagreement(drone: DroneMetadata, exif: ExifMetadata) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def position_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> PositionPrior:
+def derive_position_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> PositionPrior:
     """XMP's position if it is a possible one, else EXIF's (some firmware truncates it), else none, with the reason."""
     problems: list[str] = []
     if drone is not None:
-        problem = position_problem(drone.lon_deg, drone.lat_deg)
+        problem = check_position(drone.lon_deg, drone.lat_deg)
         if drone.gps_status.lower() == "invalid":
             problem = "GpsStatus is Invalid"
         if not problem:
-            return _prior(PositionSource.XMP, drone.lon_deg, drone.lat_deg, drone, exif)
+            return _build_prior(PositionSource.XMP, drone.lon_deg, drone.lat_deg, drone, exif)
         problems.append(f"XMP: {problem}")
-    problem = position_problem(exif.lon_deg, exif.lat_deg)
+    problem = check_position(exif.lon_deg, exif.lat_deg)
     if problem:
         return PositionPrior(source=PositionSource.NONE, reason="; ".join([*problems, f"EXIF: {problem}"]))
-    return _prior(PositionSource.EXIF, exif.lon_deg, exif.lat_deg, drone, exif)
+    return _build_prior(PositionSource.EXIF, exif.lon_deg, exif.lat_deg, drone, exif)
 
 
-def _prior(
+def _build_prior(
     source: PositionSource, lon_deg: float, lat_deg: float, drone: DroneMetadata | None, exif: ExifMetadata
 ) -> PositionPrior:
-    sigma, sigma_evidence = _drone_sigma(drone) if drone is not None else _exif_sigma(exif)
-    sigma, warnings = _widened(sigma, exif, source)
+    sigma, sigma_evidence = _estimate_drone_sigma(drone) if drone is not None else _estimate_exif_sigma(exif)
+    sigma, warnings = _widen_sigma(sigma, exif, source)
     if drone is not None:
-        warnings += _disagreement(drone, exif)
+        warnings += _compare_with_exif(drone, exif)
     height_m = drone.absolute_altitude_m if drone is not None else math.nan
     height_source = "EXIF"
     if drone is not None and math.isfinite(height_m):
         height_source = f"XMP {drone.altitude_type}".strip()
     height_m = height_m if math.isfinite(height_m) else exif.altitude_m
-    stated = stated_datum(drone, exif)
+    stated = infer_height_datum(drone, exif)
     datum, height_evidence = stated.datum, f"{height_source} height {stated.evidence}"
     if datum is HeightDatum.ORTHOMETRIC and math.isfinite(height_m):
-        converted = ellipsoidal_of_egm96(lon_deg, lat_deg, height_m)
+        converted = ellipsoidal_from_egm96(lon_deg, lat_deg, height_m)
         if converted is not None:
             height_evidence += f", {height_m:.2f} m made ellipsoidal by grid {converted[1]}"
             height_m, datum = converted[0], HeightDatum.ELLIPSOIDAL

@@ -12,7 +12,7 @@ from pathlib import Path
 from facadelake.core.errors import InputDataError
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata, read_exif
-from facadelake.photos.files import decode, hash_and_size
+from facadelake.photos.files import decode_photograph, hash_and_size
 
 # One photograph is decoded at a time in each thread, so memory stays below WORKERS decoded photographs.
 WORKERS = max(2, min(8, os.cpu_count() or 2))
@@ -39,7 +39,7 @@ def read_photo(path: Path) -> Photo:
     except OSError as error:
         return Photo(path=path, sha256="", bytes=0, problem=f"the file cannot be read ({error.strerror})")
     try:
-        decoded = decode(path)
+        decoded = decode_photograph(path)
     except InputDataError as error:
         return Photo(path=path, sha256=sha256, bytes=size, problem=str(error))
     return Photo(

@@ -14,7 +14,7 @@ from defusedxml.ElementTree import fromstring
 _PACKET = re.compile(rb"<x:xmpmeta\b.*?</x:xmpmeta>", re.DOTALL)
 _RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 # Real packets nest 5 deep (x:xmpmeta, rdf:RDF, rdf:Description, a structure, its member); deeper ones are an attack.
-_DEEPEST = 12
+_MAX_DEPTH = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +26,7 @@ class XmpPacket:
 
     properties: Mapping[str, str]
 
-    def text(self, namespace: str, *names: str) -> str:
+    def get_text(self, namespace: str, *names: str) -> str:
         """The first of the named properties that is there; empty where none is."""
         for name in names:
             value = self.properties.get(f"{namespace}|{name}", "").strip()
@@ -34,20 +34,20 @@ class XmpPacket:
                 return value
         return ""
 
-    def number(self, namespace: str, *names: str) -> float:
+    def get_number(self, namespace: str, *names: str) -> float:
         """The first of the named properties that is a finite number or a fraction (``527/100``); NaN where none is."""
         for name in names:
-            number = _number(self.text(namespace, name))
+            number = _parse_number(self.get_text(namespace, name))
             if math.isfinite(number):
                 return number
         return math.nan
 
-    def says(self, namespace: str) -> bool:
+    def has_namespace(self, namespace: str) -> bool:
         """Whether there is any property of the namespace."""
         return any(key.startswith(f"{namespace}|") for key in self.properties)
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     numerator, _, denominator = text.partition("/")
     try:
         number = float(numerator) / (float(denominator) if denominator else 1.0)
@@ -56,28 +56,28 @@ def _number(text: str) -> float:
     return number if math.isfinite(number) else math.nan
 
 
-def _split(tag: str) -> tuple[str, str]:
+def _split_tag(tag: str) -> tuple[str, str]:
     namespace, _, name = tag.rpartition("}")
     return namespace.lstrip("{").rstrip("/"), name
 
 
-def _collect(element: Element, owner: str, depth: int, properties: dict[str, str]) -> None:
+def _collect_properties(element: Element, owner: str, depth: int, properties: dict[str, str]) -> None:
     def key_of(tag: str) -> str:
-        namespace, name = _split(tag)
+        namespace, name = _split_tag(tag)
         return f"{owner}/{name}" if owner else f"{namespace}|{name}"
 
     for tag, text in element.attrib.items():
-        if _split(tag)[0] != _RDF:
+        if _split_tag(tag)[0] != _RDF:
             properties.setdefault(key_of(tag), text)
-    if depth == _DEEPEST:
+    if depth == _MAX_DEPTH:
         return
     for child in element:
         inside = owner
-        if _split(child.tag)[0] not in (_RDF, "adobe:ns:meta"):
+        if _split_tag(child.tag)[0] not in (_RDF, "adobe:ns:meta"):
             inside = key_of(child.tag)
-            if child.text and child.text.strip():
-                properties.setdefault(inside, child.text)
-        _collect(child, inside, depth + 1, properties)
+            if child.get_text and child.get_text.strip():
+                properties.setdefault(inside, child.get_text)
+        _collect_properties(child, inside, depth + 1, properties)
 
 
 def parse_packet(packet: bytes) -> XmpPacket | None:
@@ -90,5 +90,5 @@ def parse_packet(packet: bytes) -> XmpPacket | None:
     except (ParseError, DefusedXmlException):
         return None
     properties: dict[str, str] = {}
-    _collect(root, "", 0, properties)
+    _collect_properties(root, "", 0, properties)
     return XmpPacket(properties=properties)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cli.terminal.inspection import alignment_lines
+from cli.terminal.inspection import format_georeference
 
 PASSPORT: dict[str, Any] = {
     "control": "gcp", "method": "control points", "points_used": 5, "points_total": 6, "residual_mean_m": 0.0052,
@@ -16,7 +16,7 @@ PASSPORT: dict[str, Any] = {
 
 
 def test_the_alignment_is_told_in_three_lines() -> None:
-    assert alignment_lines(PASSPORT) == [
+    assert format_georeference(PASSPORT) == [
         "gcp (control points): 5 of 6 points used, residual mean 0.005 m, max 0.010 m; 6 held out: mean 0.019 m, "
         "max 0.040 m",
         "known to 0.009 / 0.010 / 0.009 m east / north / up (one sigma); EPSG:25832, heights ellipsoidal, in the frame "
@@ -27,9 +27,9 @@ def test_the_alignment_is_told_in_three_lines() -> None:
 
 def test_what_is_not_known_is_not_told() -> None:
     none = {f"gps_offset_{axis}_m": None for axis in ("east", "north", "up")}
-    lines = alignment_lines(PASSPORT | none | {"check_points": 0, "reference_campaign": None})
+    lines = format_georeference(PASSPORT | none | {"check_points": 0, "reference_campaign": None})
     assert len(lines) == 2
     assert lines[0].endswith("no held-out points")
     assert "campaign" not in lines[1]
     # By GPS alone there is nothing to tell its offset from.
-    assert len(alignment_lines(PASSPORT | {"control": "gps"})) == 2
+    assert len(format_georeference(PASSPORT | {"control": "gps"})) == 2

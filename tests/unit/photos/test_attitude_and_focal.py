@@ -5,21 +5,21 @@ from dataclasses import replace
 
 import pytest
 
-from facadelake.photos.attitude_prior import attitude_prior
-from facadelake.photos.drone_xmp import Dewarp, DroneMetadata
+from facadelake.photos.attitude_prior import derive_attitude_prior
+from facadelake.photos.drone_xmp import DewarpCalibration, DroneMetadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.focal_prior import focal_prior
+from facadelake.photos.focal_prior import derive_focal_prior
 
 NOTHING = ExifMetadata()
 GIMBAL = DroneMetadata(maker="DJI", yaw_deg=10.0, pitch_deg=-20.0, roll_deg=0.0, attitude_tags="Gimbal*Degree")
-DEWARP = Dewarp(
+DEWARP = DewarpCalibration(
     fx_px=3678.87, fy_px=3671.84, centre_x_px=10.1, centre_y_px=27.29, k1=-0.27, k2=0.11, p1=0.0, p2=0.0, k3=-0.04
 )
 
 
 @pytest.mark.parametrize(("pitch", "sigma"), [(0.0, 5.0), (-60.0, 10.0), (60.0, 10.0), (-89.0, 180.0), (-90.0, 180.0)])
 def test_yaw_is_less_sure_the_steeper_the_view_and_the_plumb_line_is_not(pitch: float, sigma: float) -> None:
-    prior = attitude_prior(replace(GIMBAL, pitch_deg=pitch), NOTHING)
+    prior = derive_attitude_prior(replace(GIMBAL, pitch_deg=pitch), NOTHING)
     assert prior.sigma_yaw_deg == pytest.approx(sigma, rel=0, abs=1e-6)  # deg
     assert prior.sigma_tilt_deg == 1.0
 
@@ -28,7 +28,9 @@ def test_yaw_is_less_sure_the_steeper_the_view_and_the_plumb_line_is_not(pitch: 
     ("yaw", "same"), [(190.0, -170.0), (-180.0, 180.0), (180.0, 180.0), (359.5, -0.5), (47.8, 47.8)]
 )
 def test_yaw_is_brought_into_one_turn(yaw: float, same: float) -> None:
-    assert attitude_prior(replace(GIMBAL, yaw_deg=yaw), NOTHING).yaw_deg == pytest.approx(same, rel=0, abs=1e-9)  # deg
+    assert derive_attitude_prior(replace(GIMBAL, yaw_deg=yaw), NOTHING).yaw_deg == pytest.approx(
+        same, rel=0, abs=1e-9
+    )  # deg
 
 
 @pytest.mark.parametrize(
@@ -41,7 +43,7 @@ def test_yaw_is_brought_into_one_turn(yaw: float, same: float) -> None:
     ],
 )
 def test_an_attitude_that_cannot_be_used_is_none_and_says_why(changed: dict[str, float], warning: str) -> None:
-    prior = attitude_prior(replace(GIMBAL, **changed), NOTHING)
+    prior = derive_attitude_prior(replace(GIMBAL, **changed), NOTHING)
     assert math.isnan(prior.yaw_deg)
     assert math.isnan(prior.sigma_yaw_deg)
     assert warning in prior.warning
@@ -50,7 +52,7 @@ def test_an_attitude_that_cannot_be_used_is_none_and_says_why(changed: dict[str,
 
 @pytest.mark.parametrize(("magnetic", "sigma"), [(False, 15.0), (True, 25.0)])
 def test_a_compass_gives_yaw_alone(magnetic: bool, sigma: float) -> None:
-    prior = attitude_prior(None, ExifMetadata(direction_deg=200.0, direction_magnetic=magnetic))
+    prior = derive_attitude_prior(None, ExifMetadata(direction_deg=200.0, direction_magnetic=magnetic))
     assert (prior.yaw_deg, prior.sigma_yaw_deg) == (-160.0, sigma)
     assert math.isnan(prior.pitch_deg)
     assert math.isnan(prior.sigma_tilt_deg)
@@ -59,11 +61,11 @@ def test_a_compass_gives_yaw_alone(magnetic: bool, sigma: float) -> None:
 
 def test_without_a_gimbals_attitude_the_aircrafts_nose_is_better_than_nothing() -> None:
     drone = replace(GIMBAL, yaw_deg=0.0, pitch_deg=0.0, aircraft_yaw_deg=-148.96)
-    prior = attitude_prior(drone, NOTHING)
+    prior = derive_attitude_prior(drone, NOTHING)
     assert (prior.yaw_deg, prior.sigma_yaw_deg, math.isnan(prior.pitch_deg)) == (-148.96, 30.0, True)
     assert prior.evidence == "XMP FlightYawDegree (the aircraft's)"
     assert "are all 0" in prior.warning
-    assert attitude_prior(replace(GIMBAL, aircraft_yaw_deg=99.0), NOTHING).yaw_deg == 10.0
+    assert derive_attitude_prior(replace(GIMBAL, aircraft_yaw_deg=99.0), NOTHING).yaw_deg == 10.0
 
 
 def test_calibration_goes_before_design_before_the_focal_plane_before_the_35_mm_equivalent() -> None:
@@ -73,22 +75,22 @@ def test_calibration_goes_before_design_before_the_focal_plane_before_the_35_mm_
     designed = DroneMetadata(maker="DJI", calibrated_focal_px=3666.5, calibrated_width_px=5472.0)
     dewarp = replace(designed, dewarp=DEWARP)
     found = [
-        focal_prior(None, exif, **size),
-        focal_prior(None, plane, **size),
-        focal_prior(designed, plane, **size),
-        focal_prior(dewarp, plane, **size),
+        derive_focal_prior(None, exif, **size),
+        derive_focal_prior(None, plane, **size),
+        derive_focal_prior(designed, plane, **size),
+        derive_focal_prior(dewarp, plane, **size),
     ]
     # 24 mm of 43.267 mm, times 6576.6 px
     assert [prior.px for prior in found] == pytest.approx([3648.0, 3650.0, 3666.5, 3675.355], rel=0, abs=0.1)  # px
     assert [prior.sigma_px for prior in found] == pytest.approx([218.9, 73.0, 110.0, 11.0], rel=0, abs=0.1)  # px
     assert [prior.warning for prior in found] == [""] * 4
     assert found[3].calibration == "3678.87, 3671.84, 2746.1, 1851.29, -0.27, 0.11, 0, 0, -0.04"
-    assert math.isnan(focal_prior(None, NOTHING, **size).px)
+    assert math.isnan(derive_focal_prior(None, NOTHING, **size).px)
 
 
 def test_a_resized_photograph_scales_the_calibration() -> None:
     drone = DroneMetadata(maker="DJI", calibrated_width_px=5472.0, dewarp=DEWARP)
-    prior = focal_prior(drone, NOTHING, width_px=2736, height_px=1824)
+    prior = derive_focal_prior(drone, NOTHING, width_px=2736, height_px=1824)
     assert prior.px == pytest.approx(3675.355 / 2, rel=0, abs=1e-6)  # px
     assert prior.evidence == "XMP DewarpData, scaled by 0.5000 to the stored size"
     cx, cy = (float(number) for number in prior.calibration.split(",")[2:4])
@@ -97,13 +99,13 @@ def test_a_resized_photograph_scales_the_calibration() -> None:
 
 def test_a_photograph_dewarped_in_the_camera_has_no_distortion_left_to_state() -> None:
     drone = DroneMetadata(maker="DJI", calibrated_width_px=5472.0, dewarp=DEWARP, dewarped=True)
-    prior = focal_prior(drone, NOTHING, width_px=5472, height_px=3648)
+    prior = derive_focal_prior(drone, NOTHING, width_px=5472, height_px=3648)
     assert (prior.calibration, prior.sigma_px) == ("", pytest.approx(73.5, rel=0, abs=0.1))  # px
 
 
 def test_a_calibration_of_another_zoom_is_not_used() -> None:
     drone = DroneMetadata(maker="DJI", calibrated_focal_px=3666.5)
-    prior = focal_prior(drone, ExifMetadata(focal_length_35mm_mm=96.0), width_px=5472, height_px=3648)
+    prior = derive_focal_prior(drone, ExifMetadata(focal_length_35mm_mm=96.0), width_px=5472, height_px=3648)
     assert prior.evidence == "EXIF FocalLengthIn35mmFilm 96 mm"
     assert prior.warning == (
         "focal length: XMP CalibratedFocalLength says 3666 px, EXIF FocalLengthIn35mmFilm 96 mm 14592 px; "
@@ -113,6 +115,6 @@ def test_a_calibration_of_another_zoom_is_not_used() -> None:
 
 def test_a_nonsensical_focal_plane_gives_way_to_the_35_mm_equivalent() -> None:
     exif = ExifMetadata(focal_length_35mm_mm=26.0, focal_plane_focal_px=120.0)
-    prior = focal_prior(None, exif, width_px=4032, height_px=3024)
+    prior = derive_focal_prior(None, exif, width_px=4032, height_px=3024)
     assert prior.px == pytest.approx(3028.6, rel=0, abs=0.1)  # px
     assert "FocalPlaneXResolution gives 120 px" in prior.warning

@@ -9,10 +9,10 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from facadelake.photos.attitude_prior import attitude_prior
+from facadelake.photos.attitude_prior import derive_attitude_prior
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata, read_exif
-from facadelake.photos.position_prior import PositionPrior, Sigma, position_prior
+from facadelake.photos.position_prior import PositionPrior, PositionSigma, derive_position_prior
 
 Tags = dict[int, object]
 
@@ -43,7 +43,7 @@ PLACE: Tags = {
 
 def prior_of(**gps: object) -> PositionPrior:
     """The prior of PLACE with some tags (by ``t`` and number) added."""
-    return position_prior(None, exif_of(PLACE | {int(name[1:]): value for name, value in gps.items()}))
+    return derive_position_prior(None, exif_of(PLACE | {int(name[1:]): value for name, value in gps.items()}))
 
 
 def test_a_phone_states_its_error_its_direction_and_its_lens() -> None:
@@ -60,11 +60,11 @@ def test_a_phone_states_its_error_its_direction_and_its_lens() -> None:
     )
     assert (exif.make, exif.lens_model) == ("Apple", "iPhone 15 Pro back triple camera 6.765mm")
     assert exif.taken_at == datetime(2026, 4, 14, 13, 0, 5, 125000, tzinfo=UTC)
-    prior = position_prior(None, exif)
+    prior = derive_position_prior(None, exif)
     assert (prior.lat_deg, prior.lon_deg) == pytest.approx((-33.8567, -70.662686), rel=0, abs=1e-6)  # deg
-    assert prior.sigma == Sigma(horizontal_m=4.7, vertical_m=9.4)
+    assert prior.sigma == PositionSigma(horizontal_m=4.7, vertical_m=9.4)
     assert prior.evidence == "EXIF position, GPSHPositioningError 4.7 m; EXIF height of unknown datum"
-    attitude = attitude_prior(None, exif)
+    attitude = derive_attitude_prior(None, exif)
     assert attitude.yaw_deg == pytest.approx(234.5678 - 360, rel=0, abs=1e-6)  # deg
     assert attitude.evidence == "EXIF GPSImgDirection (true north)"
 
@@ -77,25 +77,27 @@ def test_a_camera_states_its_body_and_its_focal_plane() -> None:
     )
     assert exif.body_serial == "04512345"
     assert exif.focal_plane_focal_px == pytest.approx(35 * 222.22, rel=0, abs=1e-6)  # px
-    assert attitude_prior(None, exif).evidence == "EXIF GPSImgDirection (magnetic north)"
+    assert derive_attitude_prior(None, exif).evidence == "EXIF GPSImgDirection (magnetic north)"
     resized = exif_of({}, {37386: IFDRational(35, 1), 41486: IFDRational(22222, 10), 41488: 3, 40962: 6000})
     assert math.isnan(resized.focal_plane_focal_px)
 
 
 def test_dilution_of_precision_widens_and_never_narrows() -> None:
-    assert prior_of(t11=IFDRational(8, 10)).sigma == Sigma(horizontal_m=5.0, vertical_m=10.0)
-    assert prior_of(t11=IFDRational(4, 1)).sigma == Sigma(horizontal_m=12.0, vertical_m=24.0)
+    assert prior_of(t11=IFDRational(8, 10)).sigma == PositionSigma(horizontal_m=5.0, vertical_m=10.0)
+    assert prior_of(t11=IFDRational(4, 1)).sigma == PositionSigma(horizontal_m=12.0, vertical_m=24.0)
 
 
 @pytest.mark.parametrize(
     ("tag", "value", "sigma", "warning"),
     [
-        ("t9", "V", Sigma(horizontal_m=50.0, vertical_m=50.0), "GPSStatus is V (void)"),
-        ("t10", "2", Sigma(horizontal_m=5.0, vertical_m=50.0), "the height is not measured"),
-        ("t18", "TOKYO", Sigma(horizontal_m=5.0, vertical_m=10.0), "GPSMapDatum is TOKYO; taken as WGS 84"),
+        ("t9", "V", PositionSigma(horizontal_m=50.0, vertical_m=50.0), "GPSStatus is V (void)"),
+        ("t10", "2", PositionSigma(horizontal_m=5.0, vertical_m=50.0), "the height is not measured"),
+        ("t18", "TOKYO", PositionSigma(horizontal_m=5.0, vertical_m=10.0), "GPSMapDatum is TOKYO; taken as WGS 84"),
     ],
 )
-def test_what_speaks_against_the_fix_widens_and_is_told(tag: str, value: str, sigma: Sigma, warning: str) -> None:
+def test_what_speaks_against_the_fix_widens_and_is_told(
+    tag: str, value: str, sigma: PositionSigma, warning: str
+) -> None:
     prior = prior_of(**{tag: value})
     assert prior.sigma == sigma
     assert len(prior.warnings) == 1
@@ -124,8 +126,8 @@ def test_gps_time_is_the_receivers() -> None:
 def test_xmp_goes_first_and_what_exif_says_otherwise_is_told() -> None:
     drone = DroneMetadata(maker="DJI", lat_deg=-33.8567, lon_deg=-70.6627, absolute_altitude_m=-30.04)
     close = ExifMetadata(lat_deg=-33.8567, lon_deg=-70.66271, altitude_m=-30.0)
-    assert position_prior(drone, close).warnings == ()
-    prior = position_prior(drone, ExifMetadata(lat_deg=-33.8567, lon_deg=-70.66, altitude_m=30.04))
+    assert derive_position_prior(drone, close).warnings == ()
+    prior = derive_position_prior(drone, ExifMetadata(lat_deg=-33.8567, lon_deg=-70.66, altitude_m=30.04))
     assert (prior.source, prior.lon_deg, prior.height_m) == ("xmp", -70.6627, -30.04)
     assert prior.warnings == (
         "EXIF's position is 250 m from XMP's, which is used",

@@ -5,16 +5,16 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from facadelake.photos.clock import Tick, clock_warnings
-from facadelake.photos.flights import Shot, flights_of
+from facadelake.photos.clock import ClockReading, check_clocks
+from facadelake.photos.flights import Exposure, assign_flights
 
 START = datetime(2026, 4, 14, 10, 0, tzinfo=UTC)
 
 
-def shots(*seconds: float, heights: list[float] | None = None, body: str = "A", first: int = 0) -> list[Shot]:
+def shots(*seconds: float, heights: list[float] | None = None, body: str = "A", first: int = 0) -> list[Exposure]:
     """Photographs of one body."""
     return [
-        Shot(
+        Exposure(
             photo_id=f"{body}{first + k:03d}.jpg",
             body=body,
             taken_at=START + timedelta(seconds=second),
@@ -25,21 +25,21 @@ def shots(*seconds: float, heights: list[float] | None = None, body: str = "A", 
 
 
 def test_a_gap_of_more_than_ten_minutes_ends_a_flight() -> None:
-    assert flights_of(shots(0, 5, 600, 1200, 1801, 1900)) == [1, 1, 1, 1, 2, 2]
+    assert assign_flights(shots(0, 5, 600, 1200, 1801, 1900)) == [1, 1, 1, 1, 2, 2]
 
 
 def test_flights_are_numbered_in_time_whatever_the_order_of_files() -> None:
-    assert flights_of([*shots(9000, 9005), *shots(0, 5, first=2)]) == [2, 2, 1, 1]
+    assert assign_flights([*shots(9000, 9005), *shots(0, 5, first=2)]) == [2, 2, 1, 1]
 
 
 def test_two_bodies_in_the_air_at_once_are_two_flights() -> None:
-    assert flights_of([*shots(0, 10, 20), *shots(5, 15, body="B")]) == [1, 1, 1, 2, 2]
+    assert assign_flights([*shots(0, 10, 20), *shots(5, 15, body="B")]) == [1, 1, 1, 2, 2]
 
 
 def test_the_makers_own_flight_id_parts_flights_without_a_gap() -> None:
     first, second = shots(0, 10), shots(60, 70, first=2)
-    named = [Shot(photo_id=s.photo_id, body=s.body, taken_at=s.taken_at, flight_id="x") for s in second]
-    assert flights_of([*first, *named]) == [1, 1, 2, 2]
+    named = [Exposure(photo_id=s.photo_id, body=s.body, taken_at=s.taken_at, flight_id="x") for s in second]
+    assert assign_flights([*first, *named]) == [1, 1, 2, 2]
 
 
 @pytest.mark.parametrize(
@@ -53,28 +53,28 @@ def test_the_makers_own_flight_id_parts_flights_without_a_gap() -> None:
     ],
 )
 def test_a_new_take_off_height_that_holds_ends_a_flight(heights: list[float], flights: list[int]) -> None:
-    assert flights_of(shots(0, 10, 20, 90, 100, 110, heights=heights)) == flights
+    assert assign_flights(shots(0, 10, 20, 90, 100, 110, heights=heights)) == flights
 
 
 def test_photographs_without_a_time_are_one_flight_of_their_body() -> None:
-    untimed = [Shot(photo_id=f"u{k}.jpg", body="A", taken_at=None) for k in range(3)]
-    assert flights_of([*untimed, *shots(0, 10)]) == [2, 2, 2, 1, 1]
-    assert flights_of([]) == []
+    untimed = [Exposure(photo_id=f"u{k}.jpg", body="A", taken_at=None) for k in range(3)]
+    assert assign_flights([*untimed, *shots(0, 10)]) == [2, 2, 2, 1, 1]
+    assert assign_flights([]) == []
 
 
-def ticks(*seconds: float | None, gps_off: dict[int, float] | None = None) -> list[Tick]:
+def ticks(*seconds: float | None, gps_off: dict[int, float] | None = None) -> list[ClockReading]:
     """Photographs DJI_0008.JPG and on, without leading zeros; the receiver's clock differs by ``gps_off``."""
     out = []
     for k, second in enumerate(seconds):
         taken = None if second is None else START + timedelta(seconds=second)
         gps = taken - timedelta(seconds=7200 + gps_off.get(k, 0.0)) if taken and gps_off is not None else None
-        out.append(Tick(photo_id=f"day/DJI_{8 + k}.JPG", body="A", taken_at=taken, gps_time=gps))
+        out.append(ClockReading(photo_id=f"day/DJI_{8 + k}.JPG", body="A", taken_at=taken, gps_time=gps))
     return out
 
 
 def marked(*args: float | None, **kwargs: dict[int, float]) -> list[int]:
     """Numbers of the photographs with a warning."""
-    return [k for k, warning in enumerate(clock_warnings(ticks(*args, **kwargs))) if warning]
+    return [k for k, warning in enumerate(check_clocks(ticks(*args, **kwargs))) if warning]
 
 
 def test_file_names_in_order_of_time_are_fine() -> None:
@@ -97,5 +97,5 @@ def test_a_clock_that_was_not_set() -> None:
 def test_a_clock_that_jumps_against_gps_time_is_marked_and_a_zone_is_not() -> None:
     assert marked(0, 2, 4, 6, 8, gps_off={}) == []
     assert marked(0, 2, 4, 6, 8, gps_off={3: 75.0}) == [3]
-    (warning,) = {text for text in clock_warnings(ticks(0, 2, 4, 6, 8, gps_off={3: 75.0})) if text}
+    (warning,) = {text for text in check_clocks(ticks(0, 2, 4, 6, 8, gps_off={3: 75.0})) if text}
     assert warning == "the camera's clock is +75 s off GPS time, against the other photographs'"

@@ -10,8 +10,8 @@ import pytest
 
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.height_datum import stated_datum
-from facadelake.photos.position_prior import position_prior
+from facadelake.photos.height_datum import infer_height_datum
+from facadelake.photos.position_prior import derive_position_prior
 
 PARROT = DroneMetadata(maker="Parrot", lat_deg=48.94, lon_deg=8.4, absolute_altitude_m=120.0)
 
@@ -30,11 +30,11 @@ PARROT = DroneMetadata(maker="Parrot", lat_deg=48.94, lon_deg=8.4, absolute_alti
     ],
 )
 def test_a_datum_needs_evidence(drone: DroneMetadata | None, exif: ExifMetadata, datum: str) -> None:
-    assert stated_datum(drone, exif).datum == datum
+    assert infer_height_datum(drone, exif).datum == datum
 
 
 def test_without_a_grid_a_height_above_the_geoid_stays_what_it_is() -> None:
-    prior = position_prior(PARROT, ExifMetadata(model="ANAFI"))
+    prior = derive_position_prior(PARROT, ExifMetadata(model="ANAFI"))
     assert (prior.height_m, prior.height_datum) == (120.0, "orthometric")
     assert prior.evidence.endswith("XMP height above EGM96 by Parrot's documentation")
 
@@ -51,7 +51,12 @@ def test_with_a_grid_it_is_made_ellipsoidal_and_the_grid_is_named(tmp_path: Path
     )
     root = Path(__file__).parents[3]
     done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path)], cwd=root, capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code, str(tmp_path)],
+        cwd=root,
+        capture_output=True,
+        get_text=True,
+        timeout=60,
+        check=True,
     )
     height, datum, evidence = done.stdout.strip().split("|")
     assert float(height) == pytest.approx(167.25, rel=0, abs=1e-4)  # m

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from facadelake.photos.attitude_prior import attitude_prior, pitch_is_djis, with_dji_pitch
+from facadelake.photos.attitude_prior import apply_dji_pitch, derive_attitude_prior, is_dji_pitch
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.position_prior import Sigma, position_prior
+from facadelake.photos.position_prior import PositionSigma, derive_position_prior
 from facadelake.photos.xmp import parse_packet
 
 RDF = '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
@@ -98,22 +98,22 @@ def test_dji_the_gimbals_attitude_not_the_aircrafts() -> None:
 
 
 def test_dji_without_a_fix_has_a_drones_sigma_whatever_altitude_type_says() -> None:
-    prior = position_prior(read(DJI_P1), ExifMetadata())
-    assert (prior.sigma, prior.height_datum) == (Sigma(horizontal_m=3.0, vertical_m=5.0), "unknown")
+    prior = derive_position_prior(read(DJI_P1), ExifMetadata())
+    assert (prior.sigma, prior.height_datum) == (PositionSigma(horizontal_m=3.0, vertical_m=5.0), "unknown")
     assert prior.evidence == (
         "XMP position, a drone's receiver without corrections (RtkFlag 16); XMP RtkAlt height of unknown datum"
     )
 
 
 def test_dji_says_that_its_position_is_invalid() -> None:
-    prior = position_prior(read(DJI_P1.replace('GpsStatus="Normal"', 'GpsStatus="Invalid"')), ExifMetadata())
+    prior = derive_position_prior(read(DJI_P1.replace('GpsStatus="Normal"', 'GpsStatus="Invalid"')), ExifMetadata())
     assert (prior.source, prior.reason) == ("none", "XMP: GpsStatus is Invalid; EXIF: no position")
 
 
 @pytest.mark.parametrize("flag", [32, 34, 49])
 def test_all_flags_from_32_to_49_are_float(flag: int) -> None:
-    prior = position_prior(read(DJI_P1.replace('RtkFlag="16"', f'RtkFlag="{flag}"')), ExifMetadata())
-    assert prior.sigma == Sigma(horizontal_m=0.5, vertical_m=1.0)
+    prior = derive_position_prior(read(DJI_P1.replace('RtkFlag="16"', f'RtkFlag="{flag}"')), ExifMetadata())
+    assert prior.sigma == PositionSigma(horizontal_m=0.5, vertical_m=1.0)
     assert f"RtkFlag {flag} (float)" in prior.evidence
 
 
@@ -122,7 +122,7 @@ def test_autels_newer_firmware_writes_djis_tags() -> None:
     assert (said.lat_deg, said.lon_deg) == (47.64368732, 16.47592717)
     assert (said.yaw_deg, said.pitch_deg, said.rtk_flag) == (-150.1, -30.0, 50)
     assert said.calibrated_focal_px == 4404.166667
-    assert position_prior(said, ExifMetadata()).sigma == Sigma(horizontal_m=0.01439, vertical_m=0.02969)
+    assert derive_position_prior(said, ExifMetadata()).sigma == PositionSigma(horizontal_m=0.01439, vertical_m=0.02969)
 
 
 def test_autels_older_firmware_measures_pitch_from_nadir() -> None:
@@ -134,9 +134,9 @@ def test_autels_older_firmware_measures_pitch_from_nadir() -> None:
 def test_a_negative_camera_pitch_gives_djis_convention_away() -> None:
     """Autel's XL715 writes 0 at the horizon; one photograph below it tells for all of that camera."""
     level, down = (read(AUTEL_OLD.replace("70.5", pitch)) for pitch in ("0.0", "-30.0"))
-    assert not pitch_is_djis([70.5, 0.0, math.nan])
-    assert pitch_is_djis([level.camera_pitch_deg, down.camera_pitch_deg])
-    assert [with_dji_pitch(said).pitch_deg for said in (level, down)] == [0.0, -30.0]
+    assert not is_dji_pitch([70.5, 0.0, math.nan])
+    assert is_dji_pitch([level.camera_pitch_deg, down.camera_pitch_deg])
+    assert [apply_dji_pitch(said).pitch_deg for said in (level, down)] == [0.0, -30.0]
 
 
 def test_parrot_says_one_attitude_in_two_conventions() -> None:
@@ -156,8 +156,8 @@ def test_parrots_position_is_in_the_exif_schema_with_its_own_estimate_of_accurac
     assert said.lon_deg == pytest.approx(2 + 49.15540455031244 / 60, rel=0, abs=1e-12)  # deg
     assert said.absolute_altitude_m == pytest.approx(75.86, rel=0, abs=0.01)  # m
     assert (said.body, said.flight_id) == ("PI040416BA8G059745", "E424837D31F3240CFB94681E1D293DE3")
-    prior = position_prior(said, ExifMetadata(make="Parrot", model="ANAFI Ai"))
-    assert prior.sigma == Sigma(horizontal_m=1.0, vertical_m=2.0)  # 0.40 and 0.61 m leave reflections out
+    prior = derive_position_prior(said, ExifMetadata(make="Parrot", model="ANAFI Ai"))
+    assert prior.sigma == PositionSigma(horizontal_m=1.0, vertical_m=2.0)  # 0.40 and 0.61 m leave reflections out
     assert prior.evidence.startswith("XMP position, GPSXYAccuracy 0.403 m, GPSZAccuracy 0.61 m")
     assert prior.height_datum == "ellipsoidal"
     south = read(PARROT.replace("9995753N", "9995753S").replace("<exif:GPSAltitudeRef>0", "<exif:GPSAltitudeRef>1"))
@@ -171,15 +171,15 @@ def test_skydio_writes_structures_in_two_forms(form: str) -> None:
     assert (said.lat_deg, said.lon_deg, said.absolute_altitude_m) == (32.4187, -110.924547, 1034.44191)
     # the factory's centre 2027.5 of a 4056 px wide photograph counts from the middle of the first pixel
     assert (said.calibrated_focal_px, said.calibrated_width_px) == (2376.5625, 4056.0)
-    assert position_prior(said, ExifMetadata()).height_datum == "unknown"
+    assert derive_position_prior(said, ExifMetadata()).height_datum == "unknown"
 
 
 def test_sensefly_states_all_sigmas() -> None:
     said = read(SENSEFLY)
     assert said.pitch_deg == pytest.approx(-76.188771, rel=0, abs=1e-9)  # deg
-    prior = position_prior(said, ExifMetadata(lat_deg=46.5, lon_deg=6.5, altitude_m=500.0))
-    assert (prior.source, prior.sigma) == ("exif", Sigma(horizontal_m=0.024764, vertical_m=0.036845))
-    attitude = attitude_prior(said, ExifMetadata())
+    prior = derive_position_prior(said, ExifMetadata(lat_deg=46.5, lon_deg=6.5, altitude_m=500.0))
+    assert (prior.source, prior.sigma) == ("exif", PositionSigma(horizontal_m=0.024764, vertical_m=0.036845))
+    attitude = derive_attitude_prior(said, ExifMetadata())
     assert attitude.sigma_tilt_deg == 5.0
     assert attitude.sigma_yaw_deg == pytest.approx(10 / math.cos(math.radians(76.188771)), rel=0, abs=1e-6)  # deg
 
@@ -193,8 +193,8 @@ def test_fractions_bad_numbers_and_deep_nesting() -> None:
         packet('<rdf:Description xmlns:n="urn:n/" n:a="527/100" n:b="1/0" n:c="inf" n:d="x" n:e=" +2 "/>')
     )
     assert xmp is not None
-    assert [xmp.number("urn:n", name) for name in "ae"] == [5.27, 2.0]
-    assert all(math.isnan(xmp.number("urn:n", name)) for name in "bcdz")
+    assert [xmp.get_number("urn:n", name) for name in "ae"] == [5.27, 2.0]
+    assert all(math.isnan(xmp.get_number("urn:n", name)) for name in "bcdz")
     deep = parse_packet(packet('<n:a xmlns:n="urn:n">' * 5000 + "1" + "</n:a>" * 5000))
     assert deep is not None
     assert len(deep.properties) == 0

@@ -11,8 +11,8 @@ from facadelake.photos.position_prior import (
     SIGMA_HANDHELD,
     SIGMA_RTK_FIXED,
     SIGMA_RTK_FLOAT,
-    Sigma,
-    position_prior,
+    PositionSigma,
+    derive_position_prior,
 )
 from schemas.vocabulary import HeightDatum, PositionSource
 
@@ -68,7 +68,7 @@ PLACE = 'drone-dji:GpsLatitude="48.5" drone-dji:GpsLongitude="8.25" drone-dji:Ab
         ('drone-dji:RtkFlag="50"', SIGMA_RTK_FIXED, HeightDatum.ELLIPSOIDAL),
         (
             'drone-dji:RtkFlag="50" drone-dji:RtkStdLon=".011" drone-dji:RtkStdLat=".014" drone-dji:RtkStdHgt=".021"',
-            Sigma(horizontal_m=0.014, vertical_m=0.021),
+            PositionSigma(horizontal_m=0.014, vertical_m=0.021),
             HeightDatum.ELLIPSOIDAL,
         ),
         (
@@ -78,8 +78,8 @@ PLACE = 'drone-dji:GpsLatitude="48.5" drone-dji:GpsLongitude="8.25" drone-dji:Ab
         ),
     ],
 )
-def test_sigma_and_datum_need_evidence(rtk: str, sigma: Sigma, datum: HeightDatum) -> None:
-    prior = position_prior(
+def test_sigma_and_datum_need_evidence(rtk: str, sigma: PositionSigma, datum: HeightDatum) -> None:
+    prior = derive_position_prior(
         drone(f"{PLACE} {rtk}"), ExifMetadata(lat_deg=1.0, lon_deg=1.0, altitude_m=5.0, altitude_ref=0)
     )
     assert (prior.source, prior.height_m, prior.sigma, prior.height_datum) == (PositionSource.XMP, 200.0, sigma, datum)
@@ -90,9 +90,9 @@ def test_sigma_and_datum_need_evidence(rtk: str, sigma: Sigma, datum: HeightDatu
     [
         ({"altitude_ref": 0}, SIGMA_HANDHELD, HeightDatum.UNKNOWN),
         ({"altitude_ref": 2}, SIGMA_HANDHELD, HeightDatum.ELLIPSOIDAL),
-        ({"position_error_m": 4.0}, Sigma(horizontal_m=4.0, vertical_m=8.0), HeightDatum.UNKNOWN),
+        ({"position_error_m": 4.0}, PositionSigma(horizontal_m=4.0, vertical_m=8.0), HeightDatum.UNKNOWN),
     ],
 )
-def test_a_handheld_position(said: dict[str, float], sigma: Sigma, datum: HeightDatum) -> None:
-    prior = position_prior(None, ExifMetadata(lat_deg=55.0, lon_deg=13.0, altitude_m=37.0, **said))
+def test_a_handheld_position(said: dict[str, float], sigma: PositionSigma, datum: HeightDatum) -> None:
+    prior = derive_position_prior(None, ExifMetadata(lat_deg=55.0, lon_deg=13.0, altitude_m=37.0, **said))
     assert (prior.source, prior.sigma, prior.height_datum) == (PositionSource.EXIF, sigma, datum)

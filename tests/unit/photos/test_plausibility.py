@@ -9,22 +9,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.photos.plausibility import Located, check_priors
-from facadelake.photos.position_prior import PositionPrior, Sigma
+from facadelake.photos.plausibility import TimedPrior, check_priors
+from facadelake.photos.position_prior import PositionPrior, PositionSigma
 from schemas.vocabulary import PositionSource
 
 LON, LAT = 8.4, 48.94
 ORIGIN = SiteOrigin(lon_deg=LON, lat_deg=LAT, height_ellipsoidal_m=180.0)
 
 
-def flown(count: int = 8, step_m: float = 5.0, **changed: dict[int, dict[str, float]]) -> list[Located]:
+def flown(count: int = 8, step_m: float = 5.0, **changed: dict[int, dict[str, float]]) -> list[TimedPrior]:
     """A flight to the east with a photograph every 2 s, by an independent path to degrees; some values changed."""
     xyz = np.column_stack([step_m * np.arange(count), np.zeros(count), np.full(count, 10.0)])
     out = []
     for k, (lon, lat, height) in enumerate(ORIGIN.geo_from_site(xyz)):
         said = {"lon_deg": lon, "lat_deg": lat, "height_m": height} | changed.get("at", {}).get(k, {})
-        prior = PositionPrior(source=PositionSource.XMP, sigma=Sigma(horizontal_m=3.0, vertical_m=5.0), **said)
-        out.append(Located(prior=prior, flight=1, time_s=1e9 + 2.0 * k))
+        prior = PositionPrior(source=PositionSource.XMP, sigma=PositionSigma(horizontal_m=3.0, vertical_m=5.0), **said)
+        out.append(TimedPrior(prior=prior, flight=1, time_s=1e9 + 2.0 * k))
     return out
 
 
@@ -122,7 +122,7 @@ def test_a_frozen_receiver_is_as_uncertain_as_the_way_flown_meanwhile() -> None:
     # the next different position is 80 m on
     assert {round(priors[k].sigma.horizontal_m) for k in marked} == {80}
     assert priors[3].warnings == ("4 photographs in a row have this very position",)
-    assert priors[2].sigma == Sigma(horizontal_m=3.0, vertical_m=5.0)
+    assert priors[2].sigma == PositionSigma(horizontal_m=3.0, vertical_m=5.0)
 
 
 def test_cameras_that_fire_together_share_a_position_rightly() -> None:
@@ -143,7 +143,7 @@ def test_a_person_who_stands_still_beside_a_flight_keeps_the_position() -> None:
     priors = check_priors([*flight, *standing])
     assert dropped(priors) == []
     # five photographs in 8 s, at 3 m/s
-    assert {prior.sigma for prior in priors[8:]} == {Sigma(horizontal_m=24.0, vertical_m=24.0)}
+    assert {prior.sigma for prior in priors[8:]} == {PositionSigma(horizontal_m=24.0, vertical_m=24.0)}
 
 
 def test_a_climb_with_a_frozen_place_keeps_its_heights_sigma() -> None:
@@ -167,7 +167,7 @@ def test_whatever_is_stated_a_prior_is_kept_widened_or_dropped_with_a_reason(
     said: list[tuple[float, float, float, float, int]],
 ) -> None:
     located = [
-        Located(
+        TimedPrior(
             prior=PositionPrior(source=PositionSource.EXIF, lon_deg=lon, lat_deg=lat, height_m=height),
             flight=flight,
             time_s=time,
