@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.building.model_georeference.control_pairs import ControlPair
+from facadelake.building.model_georeference.crs import ELLIPSOIDAL
 from facadelake.building.model_georeference.map_placement import MapPlacement
-from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import ModelError

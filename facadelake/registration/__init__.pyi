@@ -1,4 +1,3 @@
-from .patch import tangents_of as tangents_of
 from .register import register_detections as register_detections
 from .settings import registration_settings as registration_settings
 from .target_view import views_on_building as views_on_building

@@ -13,7 +13,7 @@ from facadelake.building.ifc.elements import build_elements_table
 from facadelake.building.ifc.meshes import drop_distant_elements, mesh_elements, open_ifc
 from facadelake.building.ifc.structure import IfcStorey, get_building, label_building, read_storeys
 from facadelake.building.model import BuildingModel, IfcModelSettings
-from facadelake.building.model_georeference.selection import Georeference, find_georeferences, select_georeference
+from facadelake.building.model_georeference.candidates import Georeference, find_georeferences, select_georeference
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array

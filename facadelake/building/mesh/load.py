@@ -13,9 +13,9 @@ from facadelake.building.mesh.facade_planes import build_plane_elements, segment
 from facadelake.building.mesh.files import MeshAxes, read_mesh_file
 from facadelake.building.mesh.offset import MeshOffset, read_mesh_offset
 from facadelake.building.model import BuildingModel
+from facadelake.building.model_georeference.crs import parse_vertical_datum, split_crs
 from facadelake.building.model_georeference.map_placement import MapPlacement, ModelGeoreference, geo_from_map
 from facadelake.building.model_georeference.site_placement import utm_from_lon_lat
-from facadelake.building.model_georeference.vertical_datum import parse_vertical_datum, split_crs
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array, Int64Array

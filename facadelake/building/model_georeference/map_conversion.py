@@ -14,8 +14,8 @@ import ifcopenshell.util.element
 import ifcopenshell.util.unit
 import numpy as np
 
+from facadelake.building.model_georeference.crs import ELLIPSOIDAL
 from facadelake.building.model_georeference.map_placement import MapPlacement
-from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import promote_to_3d
 

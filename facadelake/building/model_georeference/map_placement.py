@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL
+from facadelake.building.model_georeference.crs import ELLIPSOIDAL
 from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
 

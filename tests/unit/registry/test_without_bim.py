@@ -12,7 +12,7 @@ import trimesh
 import yaml
 
 from facadelake.building.model import read_building
-from facadelake.building.registered import mesh_settings_from_registry, read_registered_model
+from facadelake.building.registry_settings import mesh_settings_from_registry, read_registered_model
 from facadelake.campaigns.preflight import AUTO, check_control, check_files
 from facadelake.core.errors import InputDataError
 from facadelake.registry import Building, read_portfolio

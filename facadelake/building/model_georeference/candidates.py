@@ -15,6 +15,7 @@ import numpy as np
 import pyproj
 
 from facadelake.building.model_georeference.control_pairs import ControlPair, fit_placement
+from facadelake.building.model_georeference.crs import ELLIPSOIDAL, parse_vertical_datum, split_crs
 from facadelake.building.model_georeference.map_conversion import list_placements, read_coordinate_operation, read_crs
 from facadelake.building.model_georeference.map_placement import (
     GridFactors,
@@ -32,7 +33,6 @@ from facadelake.building.model_georeference.site_placement import (
     read_world_matrix,
     utm_from_lon_lat,
 )
-from facadelake.building.model_georeference.vertical_datum import ELLIPSOIDAL, parse_vertical_datum, split_crs
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
 
