@@ -1,15 +1,15 @@
-"""Which files are photographs, and whether their bytes decode."""
+"""Which files are photographs and which are their exclusion masks."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image, UnidentifiedImageError
 
 from facadelake.core.errors import InputDataError
-from facadelake.photos.exclusion_masks import pair_masks
 
 FORMATS_BY_SUFFIX: dict[str, frozenset[str]] = {
     # MPO is what DJI and others write into .JPG when a preview follows the photograph.
@@ -103,3 +103,33 @@ def hash_and_size(path: Path) -> tuple[str, int]:
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     return digest, path.stat().st_size
+
+
+_MASK_SUFFIX = "_mask"
+_MASK_FOLDER = "masks"
+
+
+def pair_masks(paths: Iterable[Path], root: Path) -> Mapping[Path, Path]:
+    """The mask of each photograph that has one, among image files ``paths`` below ``root``.
+
+    A file that is named like a mask but whose photograph is not there is taken for a photograph.
+    """
+    files = sorted(paths)
+    of_name = {path.relative_to(root).as_posix(): path for path in files}
+    of_stem: dict[str, list[Path]] = {}
+    for path in files:
+        of_stem.setdefault(path.relative_to(root).with_suffix("").as_posix(), []).append(path)
+    found: dict[Path, Path] = {}
+    for path in files:
+        name = path.relative_to(root)
+        stem = name.with_suffix("").as_posix()
+        if name.parts[0] == _MASK_FOLDER and path.suffix.lower() == ".png":
+            bare = stem.removeprefix(f"{_MASK_FOLDER}/")
+            photographs = [of_name[bare]] if bare in of_name else of_stem.get(bare, [])
+        elif stem.endswith(_MASK_SUFFIX):
+            photographs = of_stem.get(stem.removesuffix(_MASK_SUFFIX), [])
+        else:
+            continue
+        for photograph in photographs:
+            found.setdefault(photograph, path)
+    return found

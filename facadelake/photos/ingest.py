@@ -19,7 +19,7 @@ from facadelake.core.tables import table_from_rows
 from facadelake.photos.clock import is_clock_set
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.photos.files import find_photographs
-from facadelake.photos.metadata import PhotoMetadata, PhotoPriors, derive_priors
+from facadelake.photos.priors import PhotoMetadata, PhotoPriors, derive_priors
 from facadelake.photos.read import Photo, read_photos
 from schemas.vocabulary import HeightDatum, PhotoOutcome, PhotoRole, PositionSource
 

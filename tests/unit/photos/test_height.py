@@ -10,8 +10,7 @@ import pytest
 
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.height_datum import infer_height_datum
-from facadelake.photos.position_prior import derive_position_prior
+from facadelake.photos.position_prior import derive_position_prior, infer_height_datum
 
 PARROT = DroneMetadata(maker="Parrot", lat_deg=48.94, lon_deg=8.4, absolute_altitude_m=120.0)
 
