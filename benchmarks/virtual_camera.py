@@ -34,9 +34,9 @@ from facadelake.building.surface.virtual_view import write_scene
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.lake import read_tables
-from facadelake.registration import registration_settings
-from facadelake.registration.cast import cast
-from facadelake.registration.observe import observe
+from facadelake.registration import resolve_registration_settings
+from facadelake.registration.cast import cast_detections
+from facadelake.registration.observe import observe_detections
 from facadelake.registry import read_portfolio
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -128,7 +128,7 @@ def render_ready(folder: Path) -> None:
 def measure(building_id: str, campaign: str, lake: Path, portfolio: Path) -> None:
     """Print the table."""
     building = read_portfolio(portfolio).building(building_id)
-    model, settings = read_registered_model(building), registration_settings(building)
+    model, settings = read_registered_model(building), resolve_registration_settings(building)
     tables = read_tables(lake, ["poses", "detections"], building_id=building_id, campaign_id=campaign)
     cameras, covariances = read_posed_cameras(tables["poses"]), read_pose_covariances(tables["poses"])
     found = tables["detections"].filter(pc.equal(tables["detections"].column("detection_outcome"), "accepted"))
@@ -140,9 +140,9 @@ def measure(building_id: str, campaign: str, lake: Path, portfolio: Path) -> Non
     rows = boxes.to_pylist()
     photographs = len(set(found.column("photo_id").to_pylist()))
 
-    rays = cost_of(lambda: cast(rows, posed, surface, settings), 21)
-    alone = cost_of(lambda: observe(boxes, posed, model, surface, settings, covariances), 11)
-    campaign_wide = cost_of(lambda: observe(found, cameras, model, surface, settings, covariances), 3)
+    rays = cost_of(lambda: cast_detections(rows, posed, surface, settings), 21)
+    alone = cost_of(lambda: observe_detections(boxes, posed, model, surface, settings, covariances), 11)
+    campaign_wide = cost_of(lambda: observe_detections(found, cameras, model, surface, settings, covariances), 3)
     traced = cost_of(lambda: surface.render_depth(posed[photo], 1.0), 1)
     ready, whole = rendering(model, posed[photo])
     each = Cost(wall_s=campaign_wide.wall_s / photographs, cpu_s=campaign_wide.cpu_s / photographs)
@@ -151,7 +151,7 @@ def measure(building_id: str, campaign: str, lake: Path, portfolio: Path) -> Non
         f"{datetime.now(UTC):%Y-%m-%d}, {platform.machine()}, {os.cpu_count()} cores, CPython "
         f"{platform.python_version()}, load {psutil.getloadavg()[0]:.1f}; {building_id} {campaign}, "
         f"{len(model.triangles)} triangles; {photo} with {len(rows)} detections "
-        f"({len(cast(rows, posed, surface, settings).rays.direction_site)} rays) at {HUGE[0]} x {HUGE[1]}\n"
+        f"({len(cast_detections(rows, posed, surface, settings).rays.direction_site)} rays) at {HUGE[0]} x {HUGE[1]}\n"
     )
     print("| | wall s | processor s | to pyrender's pass | to all of pyrender | to ray casting |")
     print("|---|---|---|---|---|---|")

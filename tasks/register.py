@@ -12,7 +12,7 @@ from facadelake.building import read_building
 from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.photos import find_masks
-from facadelake.registration import register_detections, registration_settings
+from facadelake.registration import register_detections, resolve_registration_settings
 from facadelake.sfm import read_reconstruction
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -27,7 +27,7 @@ def register(
     block: StageResult | None,
 ) -> StageResult:
     """Table ``observations``, not yet merged; without a ``block`` (poses were imported) there are no tie points."""
-    settings = registration_settings(job.building)
+    settings = resolve_registration_settings(job.building)
     masks = find_masks(job.building.photographs_of(job.campaign_id))
 
     def make(folder: Path) -> Counts:

@@ -1,3 +1,3 @@
 from .register import register_detections as register_detections
-from .settings import registration_settings as registration_settings
-from .target_view import views_on_building as views_on_building
+from .settings import resolve_registration_settings as resolve_registration_settings
+from .target_view import prepare_building_views as prepare_building_views

@@ -13,7 +13,7 @@ _FILLINGS = ("IfcWindow", "IfcDoor")  # and their standard cases
 _ACROSS_COSINE = 0.5  # a face turned by more than 60 deg from its window's own plane stands across the opening
 
 
-class Attribution:
+class ElementAttribution:
     """Elements of patches on ``building``; ``reach_m`` is how far the real surface may stand off the model's.
 
     An element wins by the votes of the patch's rays (see ``outlines_of``), so a border, a joint or a bar that the
@@ -32,9 +32,9 @@ class Attribution:
         self._facing = np.full((len(rows), 3), np.nan)
         self._hosts: Surface | None = None
         if (self._host >= 0).any():
-            self._prepare(building)
+            self._index_hosts(building)
 
-    def _prepare(self, building: BuildingModel) -> None:
+    def _index_hosts(self, building: BuildingModel) -> None:
         owner = building.element_of_triangle
         corners = building.vertices_site_m[building.triangles]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -47,13 +47,13 @@ class Attribution:
         if hosts.any():
             self._hosts = Surface.from_mesh(building.vertices_site_m, building.triangles[hosts], owner[hosts])
 
-    def elements_of(self, outlines: Outlines, hits: Hits, member: BoolArray) -> Int64Array:
+    def attribute_patches(self, outlines: Outlines, hits: Hits, member: BoolArray) -> Int64Array:
         """Row of the element (n,) that each patch is on; -1 where it has no member."""
         kept = np.flatnonzero(member)
-        element = self._element_of_hits(hits, kept)
-        return most_voted(outlines.detection[kept], element, outlines.vote[kept], len(outlines))
+        element = self._attribute_hits(hits, kept)
+        return find_majority_elements(outlines.detection[kept], element, outlines.weight[kept], len(outlines))
 
-    def _element_of_hits(self, hits: Hits, kept: Int64Array) -> Int64Array:
+    def _attribute_hits(self, hits: Hits, kept: Int64Array) -> Int64Array:
         element = hits.element[kept].copy()
         if self._hosts is None:
             return element
@@ -67,10 +67,12 @@ class Attribution:
         return element
 
 
-def most_voted(detection: Int64Array, element: Int64Array, vote: Float64Array, detections: int) -> Int64Array:
+def find_majority_elements(
+    detection: Int64Array, element: Int64Array, vote: Float64Array, detections: int
+) -> Int64Array:
     """The element (n,) with most of each detection's votes; -1 where there are none.
 
-    ``detection``, ``element`` and ``vote`` (k,) say which of the n ``detections`` votes how much for which element.
+    ``detection``, ``element`` and ``weight`` (k,) say which of the n ``detections`` votes how much for which element.
     """
     elements = int(element.max(initial=0)) + 1
     pair, where = np.unique(detection * elements + element, return_inverse=True)

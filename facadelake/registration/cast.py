@@ -12,12 +12,18 @@ from numpy.typing import NDArray
 from facadelake.building.surface import Hits, Surface
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.registration.centre import middle_of_mask, middles_of_boxes
-from facadelake.registration.continuity import main_side, members_of
-from facadelake.registration.outline import Outlines, outlines_of
-from facadelake.registration.patch import LEAST_COSINE, extents, mapped, nearest_member, on_planes
-from facadelake.registration.rays import PixelRays, rays_of
-from facadelake.registration.settings import RegisterSettings
+from facadelake.registration.centre import find_box_centres, find_mask_centre
+from facadelake.registration.continuity import find_patch_members, select_main_side
+from facadelake.registration.outline import Outlines, sample_outlines
+from facadelake.registration.patch import (
+    COSINE_MIN,
+    find_nearest_member,
+    intersect_planes,
+    map_outlines,
+    measure_extents,
+)
+from facadelake.registration.rays import PixelRays, compute_pixel_rays
+from facadelake.registration.settings import RegistrationSettings
 
 Row = dict[str, Any]
 
@@ -53,36 +59,36 @@ class Patches:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Casts:
+class RaycastBatch:
     """Detections of localised photographs on the surface: rows of table ``detections`` (n), the photographs' cameras,
-    ``camera_of`` (n,) in them, the pixels of their outlines (k), these pixels' rays and hits, and the patches (n)."""
+    ``camera_index`` (n,) in them, the pixels of their outlines (k), these pixels' rays and hits, and the patches (n)."""
 
     detections: Sequence[Row]
     cameras: list[PosedCamera]
-    camera_of: Int64Array
+    camera_index: Int64Array
     outlines: Outlines
     rays: PixelRays
     hits: Hits
     patches: Patches
 
 
-def cast(
-    detections: Sequence[Row], posed: Mapping[str, PosedCamera], surface: Surface, settings: RegisterSettings
-) -> Casts:
+def cast_detections(
+    detections: Sequence[Row], posed: Mapping[str, PosedCamera], surface: Surface, settings: RegistrationSettings
+) -> RaycastBatch:
     """The rays of accepted ``detections`` on localised photographs, and the patches they make."""
     names = sorted({row["photo_id"] for row in detections})
     cameras = [posed[name] for name in names]
     number = {name: i for i, name in enumerate(names)}
     camera_of = np.array([number[row["photo_id"]] for row in detections], dtype=np.int64)
-    outlines = outlines_of(detections, settings.rays_per_side)
-    rays = rays_of(cameras, camera_of[outlines.detection], outlines.xy_img)
+    outlines = sample_outlines(detections, settings.rays_per_side)
+    rays = compute_pixel_rays(cameras, camera_of[outlines.detection], outlines.xy_img)
     seen = surface.cast(rays.origin_site_m + settings.near_m * rays.direction_site, rays.direction_site)
     hits = replace(seen, distance_m=seen.distance_m + settings.near_m)
-    patches = patches_of(outlines, hits, rays, cameras, camera_of, settings.step_m)
-    return Casts(
+    patches = compute_patches(outlines, hits, rays, cameras, camera_of, settings.step_m)
+    return RaycastBatch(
         detections=detections,
         cameras=cameras,
-        camera_of=camera_of,
+        camera_index=camera_of,
         outlines=outlines,
         rays=rays,
         hits=hits,
@@ -90,7 +96,7 @@ def cast(
     )
 
 
-def patches_of(
+def compute_patches(
     outlines: Outlines,
     hits: Hits,
     rays: PixelRays,
@@ -100,13 +106,13 @@ def patches_of(
 ) -> Patches:
     """Patches of ``outlines`` (n), whose pixels' ``rays`` met the surface at ``hits``.
 
-    ``camera_of`` (n,): the outlines' cameras in ``cameras``. ``step_m`` as in ``members_of``.
+    ``camera_index`` (n,): the outlines' cameras in ``cameras``. ``step_m`` as in ``find_patch_members``.
     """
     count, owner = len(outlines), outlines.detection
-    member = members_of(outlines, hits, step_m)
+    member = find_patch_members(outlines, hits, step_m)
     sampled = np.bincount(owner, minlength=count)
-    cosine = np.maximum(-np.einsum("ij,ij->i", rays.direction_site, hits.normal_site), LEAST_COSINE)
-    pixel_m2 = np.where(member, hits.distance_m**2 * rays.solid_angle / cosine, 0.0)
+    cosine = np.maximum(-np.einsum("ij,ij->i", rays.direction_site, hits.normal_site), COSINE_MIN)
+    pixel_m2 = np.where(member, hits.distance_m**2 * rays.solid_angle_sr / cosine, 0.0)
     area = np.bincount(owner, weights=pixel_m2, minlength=count) * outlines.area_px2 / sampled
     target_share = np.bincount(owner, weights=hits.hit, minlength=count) / sampled
 
@@ -118,20 +124,20 @@ def patches_of(
     polygons = np.full(count, None, dtype=object)
     middle = outlines.centre_img.copy()
     if found.any():
-        shapes = mapped(outlines, hits, member, some_member, cameras, camera_of)
+        shapes = map_outlines(outlines, hits, member, some_member, cameras, camera_of)
         polygons[found] = shapes.polygon_site
-        for row in np.flatnonzero(found & outlines.masked):
-            middle[row] = middle_of_mask(outlines, hits, pixel_m2, int(row), polygons[row], cameras[camera_of[row]])
-        boxes = np.flatnonzero(found & ~outlines.masked)
-        middle[boxes] = middles_of_boxes(outlines, hits.distance_m * rays.forward, member, boxes)
-    anchor = nearest_member(outlines, main_side(outlines, hits, member), np.arange(count), middle)
-    ray = rays_of(cameras, camera_of, middle)
+        for row in np.flatnonzero(found & outlines.has_mask):
+            middle[row] = find_mask_centre(outlines, hits, pixel_m2, int(row), polygons[row], cameras[camera_of[row]])
+        boxes = np.flatnonzero(found & ~outlines.has_mask)
+        middle[boxes] = find_box_centres(outlines, hits.distance_m * rays.forward_cosine, member, boxes)
+    anchor = find_nearest_member(outlines, select_main_side(outlines, hits, member), np.arange(count), middle)
+    ray = compute_pixel_rays(cameras, camera_of, middle)
     xyz, normal = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
-    xyz[found] = on_planes(ray.origin_site_m[found], ray.direction_site[found], hits, anchor[found])
+    xyz[found] = intersect_planes(ray.origin_site_m[found], ray.direction_site[found], hits, anchor[found])
     normal[found] = hits.normal_site[anchor[found]]
     sizes = np.full((count, 3), np.nan)
     if found.any():
-        sizes[found] = extents(shapes.vertex_site_m, shapes.of_vertex, xyz[found], normal[found])
+        sizes[found] = measure_extents(shapes.vertex_site_m, shapes.patch_of_vertex, xyz[found], normal[found])
     return Patches(
         member=member,
         xyz_site_m=xyz,

@@ -11,12 +11,12 @@ from facadelake.building.surface import Hits
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.camera import PosedCamera
 from facadelake.registration.outline import Outlines
-from facadelake.registration.patch import tangents_of
+from facadelake.registration.patch import compute_tangents
 
 _BENT_COSINE = 0.87  # 30 deg: a curved wall bends less within a defect, a corner more
 
 
-def middle_of_mask(
+def find_mask_centre(
     outlines: Outlines, hits: Hits, pixel_m2: Float64Array, row: int, polygon_site: Any, camera: PosedCamera
 ) -> Float64Array:
     """The pixel (2,) of a mask's middle: the centroid of its area on the surface.
@@ -32,14 +32,14 @@ def middle_of_mask(
     facing = weight @ normals
     facing /= max(float(np.linalg.norm(facing)), 1e-12)
     if np.all(normals @ facing > _BENT_COSINE):
-        axes = np.vstack([*(tangent[0] for tangent in tangents_of(facing[None])), facing])
+        axes = np.vstack([*(tangent[0] for tangent in compute_tangents(facing[None])), facing])
         flat = shapely.transform(polygon_site, lambda xyz: (xyz - middle) @ axes.T, include_z=True)
         middle = middle + shapely.get_coordinates(shapely.centroid(flat))[0] @ axes[:2]
     pixel: Float64Array = camera.project_site(middle[None])[0]
     return pixel
 
 
-def middles_of_boxes(outlines: Outlines, depth_m: Float64Array, member: BoolArray, rows: RowIndices) -> Float64Array:
+def find_box_centres(outlines: Outlines, depth_m: Float64Array, member: BoolArray, rows: RowIndices) -> Float64Array:
     """The pixels (m, 2) of the middles of what boxes ``rows`` (m,) enclose; ``depth_m``, ``member`` (k,) of all pixels.
 
     What is nearer looks larger, so a box's centre lies too near: the image of a segment's middle is the mean of its

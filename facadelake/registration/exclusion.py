@@ -22,7 +22,7 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import report_progress
 from facadelake.core.tables import table_from_rows
-from facadelake.registration.exclusion_mask import masked_shares
+from facadelake.registration.exclusion_mask import compute_masked_shares
 from facadelake.registration.occlusion import Occluders, OcclusionSettings
 from facadelake.registration.tie_points import TiePoints
 from schemas.vocabulary import ObservationOutcome
@@ -30,7 +30,7 @@ from schemas.vocabulary import ObservationOutcome
 _log = logging.getLogger(__name__)
 Row = dict[str, Any]
 
-_PLACED = (ObservationOutcome.REGISTERED, ObservationOutcome.GRAZING)
+_ON_SURFACE = (ObservationOutcome.REGISTERED, ObservationOutcome.GRAZING)
 _NOT_IN_PICTURE = (ObservationOutcome.UNLOCALISED, ObservationOutcome.OUTSIDE)
 
 
@@ -47,24 +47,24 @@ class ExclusionSettings:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class ExclusionEvidence:
     """What is known of the campaign beside its cameras: tie points, where it has any, and masks by photo_id.
 
     ``placement_sigma_m``: one sigma of where the campaign as a whole lies to the model.
     """
 
-    points: TiePoints | None = None
+    tie_points: TiePoints | None = None
     masks: Mapping[str, Path] = field(default_factory=dict)
     placement_sigma_m: float = 0.0
 
 
-def exclude(
+def exclude_observations(
     observations: pa.Table,
     detections: pa.Table,
     posed: Mapping[str, PosedCamera],
     elements: pa.Table,
     surface: Surface,
-    scene: Scene,
+    scene: ExclusionEvidence,
     settings: ExclusionSettings,
 ) -> pa.Table:
     """Table ``observations`` with those off target, masked or occluded that are, each with its reason, order kept.
@@ -79,15 +79,15 @@ def exclude(
             ["detection_id", "box_x_px", "box_y_px", "box_width_px", "box_height_px"]
         ).to_pylist()
     }
-    _off_building(rows, elements)
+    _exclude_off_building(rows, elements)
     by_photo: dict[str, list[Row]] = {}
     for row in rows:
         if row["observation_outcome"] not in _NOT_IN_PICTURE:
             by_photo.setdefault(row["photo_id"], []).append(row)
     occluders = None
-    if scene.points is not None:
+    if scene.tie_points is not None:
         occluders = Occluders(
-            scene.points,
+            scene.tie_points,
             posed,
             surface,
             placement_sigma_m=scene.placement_sigma_m,
@@ -97,15 +97,15 @@ def exclude(
         for photo_id, mine in sorted(by_photo.items()):
             boxes = np.array([box_of[row["detection_id"]] for row in mine], dtype=np.float64)
             if photo_id in scene.masks:
-                _mask(mine, boxes, scene.masks[photo_id], posed[photo_id], settings.masked_share_min)
+                _exclude_masked(mine, boxes, scene.masks[photo_id], posed[photo_id], settings.masked_share_min)
             if occluders is not None:
-                _occlude(photo_id, mine, boxes, occluders, settings.occlusion.share_min)
+                _exclude_occluded(photo_id, mine, boxes, occluders, settings.occlusion.share_min)
             step.advance()
     _log.info("%s", Counter(str(row["observation_outcome"]) for row in rows))
     return table_from_rows("observations", rows)
 
 
-def _off_building(rows: list[Row], elements: pa.Table) -> None:
+def _exclude_off_building(rows: list[Row], elements: pa.Table) -> None:
     """What lies on an element that is no part of the building is off target."""
     beside = {
         row["element_guid"]: f"{row['ifc_class']} '{row['element_name'] or row['element_guid']}'"
@@ -113,14 +113,14 @@ def _off_building(rows: list[Row], elements: pa.Table) -> None:
         if not target
     }
     for row in rows:
-        if row["observation_outcome"] in _PLACED and row["element_guid"] in beside:
+        if row["observation_outcome"] in _ON_SURFACE and row["element_guid"] in beside:
             row["observation_outcome"] = str(ObservationOutcome.OFF_TARGET)
             row["reason"] = f"it lies on {beside[row['element_guid']]}, which is no part of the building"
 
 
-def _mask(rows: list[Row], boxes: Float64Array, mask: Path, posed: PosedCamera, share_min: float) -> None:
+def _exclude_masked(rows: list[Row], boxes: Float64Array, mask: Path, posed: PosedCamera, share_min: float) -> None:
     try:
-        shares = masked_shares(mask, posed.camera, boxes)
+        shares = compute_masked_shares(mask, posed.camera, boxes)
     except InputDataError as error:
         _log.warning("%s; the mask is not used", error)
         return
@@ -130,11 +130,13 @@ def _mask(rows: list[Row], boxes: Float64Array, mask: Path, posed: PosedCamera, 
             row["reason"] = f"{share:.0%} of the box is black in the mask {mask.name}; the limit is {share_min:.0%}"
 
 
-def _occlude(photo_id: str, rows: list[Row], boxes: Float64Array, occluders: Occluders, share_min: float) -> None:
-    placed = [i for i, row in enumerate(rows) if row["observation_outcome"] in _PLACED]
+def _exclude_occluded(
+    photo_id: str, rows: list[Row], boxes: Float64Array, occluders: Occluders, share_min: float
+) -> None:
+    placed = [i for i, row in enumerate(rows) if row["observation_outcome"] in _ON_SURFACE]
     if not placed:
         return
-    hidden = occluders.before(photo_id, boxes[placed])
+    hidden = occluders.measure_occlusion(photo_id, boxes[placed])
     for k, i in enumerate(placed):
         if hidden.share[k] >= share_min:
             rows[i]["observation_outcome"] = str(ObservationOutcome.OCCLUDED)

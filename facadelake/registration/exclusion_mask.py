@@ -30,7 +30,7 @@ def read_mask(mask: Path, camera: Camera) -> BoolArray:
     return np.asarray(grey < _BLACK_BELOW)
 
 
-def masked_shares(mask: Path, camera: Camera, boxes_px: Float64Array) -> Float64Array:
+def compute_masked_shares(mask: Path, camera: Camera, boxes_px: Float64Array) -> Float64Array:
     """Share (n,) of each box (n, 4; x, y, width, height) that the mask blackens; 0 for a box outside the photograph.
 
     Raises InputDataError as ``read_mask`` does.

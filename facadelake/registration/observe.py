@@ -20,11 +20,11 @@ from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.progress import report_progress
 from facadelake.core.tables import table_from_rows
-from facadelake.registration.attribution import Attribution
-from facadelake.registration.cast import Casts, cast
-from facadelake.registration.columns import Places
-from facadelake.registration.rays import ray_covariance, surface_covariance
-from facadelake.registration.settings import RegisterSettings
+from facadelake.registration.attribution import ElementAttribution
+from facadelake.registration.cast import RaycastBatch, cast_detections
+from facadelake.registration.columns import ObservationColumns
+from facadelake.registration.rays import compute_ray_covariance, compute_surface_covariance
+from facadelake.registration.settings import RegistrationSettings
 from schemas.vocabulary import DetectionOutcome, ObservationOutcome
 
 _log = logging.getLogger(__name__)
@@ -33,19 +33,19 @@ _NO_COVARIANCE: Mapping[str, Float64Array] = {}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
+class OutcomeDecision:
     """What becomes of a detection, and why in words (None where it is registered)."""
 
     outcome: ObservationOutcome
     reason: str | None = None
 
 
-def observe(
+def observe_detections(
     detections: pa.Table,
     posed: Mapping[str, PosedCamera],
     building: BuildingModel,
     surface: Surface,
-    settings: RegisterSettings,
+    settings: RegistrationSettings,
     covariances: Mapping[str, Float64Array] = _NO_COVARIANCE,
 ) -> pa.Table:
     """Table ``observations``: one row an accepted detection, with its outcome; ``defect_id`` is left to ``merge``.
@@ -60,17 +60,17 @@ def observe(
     rows: list[Row] = []
     on_photo: list[Row] = []
     for row in accepted:
-        verdict = _without_a_ray(row, posed)
+        verdict = _decide_without_ray(row, posed)
         if verdict is None:
             on_photo.append(row)
         else:
-            rows.append(_row(row, verdict, 0.0))
+            rows.append(_build_row(row, verdict, 0.0))
     on_photo.sort(key=lambda row: (row["photo_id"], row["detection_id"]))
-    places = Places(building, Attribution(building, settings.model_sigma_m))
+    places = ObservationColumns(building, ElementAttribution(building, settings.model_sigma_m))
     with report_progress("Registering detections", len(on_photo)) as step:
         for start in range(0, len(on_photo), settings.detections_per_cast):
-            casts = cast(on_photo[start : start + settings.detections_per_cast], posed, surface, settings)
-            rows.extend(_placed(casts, judged(casts, settings), places, settings, covariances))
+            casts = cast_detections(on_photo[start : start + settings.detections_per_cast], posed, surface, settings)
+            rows.extend(_build_rows(casts, assign_outcomes(casts, settings), places, settings, covariances))
             step.advance(len(casts.detections))
     rows.sort(key=lambda row: str(row["detection_id"]))
     counts = {
@@ -80,48 +80,48 @@ def observe(
     return table_from_rows("observations", rows)
 
 
-def judged(casts: Casts, settings: RegisterSettings) -> list[Verdict]:
+def assign_outcomes(casts: RaycastBatch, settings: RegistrationSettings) -> list[OutcomeDecision]:
     """What becomes of each of the detections, by how much of it meets the building and how flat."""
     verdicts = []
     for share, angle in zip(casts.patches.target_share, casts.patches.incidence_deg, strict=True):
         if share < settings.target_share_min or not np.isfinite(angle):
             reason = f"{share:.1%} of its rays meet the building, the limit is {settings.target_share_min:.0%}"
-            verdicts.append(Verdict(outcome=ObservationOutcome.OFF_TARGET, reason=reason))
+            verdicts.append(OutcomeDecision(outcome=ObservationOutcome.OFF_TARGET, reason=reason))
         elif angle > settings.grazing_above_deg:
             reason = f"its ray meets the surface at {angle:.1f} deg, the limit is {settings.grazing_above_deg:g} deg"
-            verdicts.append(Verdict(outcome=ObservationOutcome.GRAZING, reason=reason))
+            verdicts.append(OutcomeDecision(outcome=ObservationOutcome.GRAZING, reason=reason))
         else:
-            verdicts.append(Verdict(outcome=ObservationOutcome.REGISTERED))
+            verdicts.append(OutcomeDecision(outcome=ObservationOutcome.REGISTERED))
     return verdicts
 
 
-def _without_a_ray(row: Row, posed: Mapping[str, PosedCamera]) -> Verdict | None:
+def _decide_without_ray(row: Row, posed: Mapping[str, PosedCamera]) -> OutcomeDecision | None:
     camera = posed.get(row["photo_id"])
     if camera is None:
         reason = "the photograph has no measured pose; see table poses"
-        return Verdict(outcome=ObservationOutcome.UNLOCALISED, reason=reason)
+        return OutcomeDecision(outcome=ObservationOutcome.UNLOCALISED, reason=reason)
     if not (row["box_width_px"] > 0 and row["box_height_px"] > 0):
         reason = f"its box of {row['box_width_px']:g} x {row['box_height_px']:g} px has no area, so it shows nothing"
-        return Verdict(outcome=ObservationOutcome.OUTSIDE, reason=reason)
+        return OutcomeDecision(outcome=ObservationOutcome.OUTSIDE, reason=reason)
     x, y = row["box_x_px"] + row["box_width_px"] / 2, row["box_y_px"] + row["box_height_px"] / 2
     if camera.camera.is_inside(np.array([[x, y]]))[0]:
         return None
     size = f"{camera.camera.width_px} x {camera.camera.height_px} px"
     reason = f"its middle at {x:.1f}, {y:.1f} px lies outside the photograph of {size}"
-    return Verdict(outcome=ObservationOutcome.OUTSIDE, reason=reason)
+    return OutcomeDecision(outcome=ObservationOutcome.OUTSIDE, reason=reason)
 
 
-def _row(detection: Row, verdict: Verdict, target_share: float, **found: Any) -> Row:
+def _build_row(detection: Row, verdict: OutcomeDecision, target_share: float, **found: Any) -> Row:
     kept = {name: detection[name] for name in ("detection_id", "photo_id", "defect_class")}
     outcome = {"observation_outcome": str(verdict.outcome), "reason": verdict.reason}
     return {**kept, **outcome, "target_share": target_share, **found}
 
 
-def _placed(
-    casts: Casts,
-    verdicts: Sequence[Verdict],
-    places: Places,
-    settings: RegisterSettings,
+def _build_rows(
+    casts: RaycastBatch,
+    verdicts: Sequence[OutcomeDecision],
+    places: ObservationColumns,
+    settings: RegistrationSettings,
     covariances: Mapping[str, Float64Array],
 ) -> list[Row]:
     """Rows of the detections, with their places where the building was met."""
@@ -132,18 +132,18 @@ def _placed(
     )
     found: list[Row] = [{} for _ in verdicts]
     if len(kept):
-        covariance = position_covariance(casts, kept, settings, covariances)
-        columns = places.columns(casts, kept, covariance)
+        covariance = compute_position_covariance(casts, kept, settings, covariances)
+        columns = places.build(casts, kept, covariance)
         for place, index in enumerate(kept.tolist()):
             found[index] = {name: values[place] for name, values in columns.items()}
     return [
-        _row(row, verdict, float(share), **extra)
+        _build_row(row, verdict, float(share), **extra)
         for row, verdict, share, extra in zip(casts.detections, verdicts, shares, found, strict=True)
     ]
 
 
-def position_covariance(
-    casts: Casts, kept: Int64Array, settings: RegisterSettings, covariances: Mapping[str, Float64Array]
+def compute_position_covariance(
+    casts: RaycastBatch, kept: Int64Array, settings: RegistrationSettings, covariances: Mapping[str, Float64Array]
 ) -> Float64Array:
     """Covariance (m, 3, 3) in m2 of the positions of the detections ``kept`` (m,), by rays and surface together."""
     patches = casts.patches
@@ -152,13 +152,13 @@ def position_covariance(
         [[casts.detections[i]["box_width_px"], casts.detections[i]["box_height_px"]] for i in kept], dtype=np.float64
     )
     poses = np.array([covariances.get(casts.detections[i]["photo_id"], np.zeros((6, 6))) for i in kept])
-    by_ray = ray_covariance(
+    by_ray = compute_ray_covariance(
         direction,
         patches.distance_m[kept],
         normal,
-        patches.ray.by_pixel[kept],
+        patches.ray.direction_per_px[kept],
         np.hypot(settings.pixel_sigma_px, settings.box_sigma_share * sizes),
-        np.array([casts.cameras[camera].site_from_cam.rotation for camera in casts.camera_of[kept]]),
+        np.array([casts.cameras[camera].site_from_cam.rotation for camera in casts.camera_index[kept]]),
         poses,
     )
-    return by_ray + surface_covariance(direction, normal, settings.model_sigma_m)
+    return by_ray + compute_surface_covariance(direction, normal, settings.model_sigma_m)

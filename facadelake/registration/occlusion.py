@@ -26,8 +26,10 @@ from facadelake.registration.tie_points import TiePoints
 
 _DIRECTIONS = 8  # of walls; what lies level is a ninth
 _LEVEL_DEG = 60.0
-_CONFIRMED_BY = 3  # own sightings that an occluder must have: what others saw may have been there at another time
-_FOLDED = 0.02  # a point this far off the ray of its own pixel, by its distance, was not projected truly
+_CONFIRMING_POINTS_MIN = (
+    3  # own sightings that an occluder must have: what others saw may have been there at another time
+)
+_FOLDED_MAX = 0.02  # a point this far off the ray of its own pixel, by its distance, was not projected truly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +54,7 @@ class OcclusionSettings:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hidden:
+class BoxOcclusion:
     """Of n boxes: the share (n,) of their rays that an occluder stops, the limit of the gap (n,) and its median (n,),
     metres along the ray, NaN where nothing is hidden."""
 
@@ -62,14 +64,14 @@ class Hidden:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _InPicture:
+class _ImageTiePoints:
     """Tie points in one photograph: pixels (k, 2), rows of the tie points, whether the photograph itself saw them,
     whether they stand before the model, and by how much they must."""
 
     xy_img: Float64Array
     point: Int64Array
-    own: BoolArray
-    standing: BoolArray
+    observed: BoolArray
+    before_model: BoolArray
     limit_m: Float64Array
 
 
@@ -87,42 +89,42 @@ class Occluders:
     ) -> None:
         self._points, self._posed, self._surface, self._settings = points, posed, surface, settings
         self._apart_m = surface.measure_distance(points.xyz_site_m) if len(points.xyz_site_m) else np.zeros(0)
-        self._offsets_m = np.hypot(self._offsets(), placement_sigma_m)
+        self._offsets_m = np.hypot(self._estimate_offsets(), placement_sigma_m)
 
-    def _offsets(self) -> Float64Array:
+    def _estimate_offsets(self) -> Float64Array:
         """How far the facades of each direction stand off the model (_DIRECTIONS + 1,): the median over tie points.
 
         A campaign placed by GPS alone is metres off, and then that is no occluder.
         """
         off, facing = [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
-        for photo_id, sights in self._points.sights.items():
+        for photo_id, sights in self._points.image_points.items():
             origins, directions = self._posed[photo_id].rays_site_from_img(sights.xy_img)
             hits = self._surface.cast(origins, directions)
             met = hits.hit
             between = hits.xyz_site_m[met] - self._points.xyz_site_m[sights.point[met]]
             off.append(np.abs(np.einsum("ij,ij->i", between, hits.normal_site[met])))
-            facing.append(_facing(hits.normal_site[met]))
+            facing.append(_group_by_direction(hits.normal_site[met]))
         distance, direction = np.concatenate(off), np.concatenate(facing)
         usual = float(np.median(distance)) if len(distance) else 0.0
         groups = [distance[direction == k] for k in range(_DIRECTIONS + 1)]
         return np.array([np.median(group) if len(group) else usual for group in groups])
 
-    def before(self, photo_id: str, boxes_px: Float64Array) -> Hidden:
+    def measure_occlusion(self, photo_id: str, boxes_px: Float64Array) -> BoxOcclusion:
         """What stands before the model in the boxes (n, 4; x, y, width, height) of one photograph."""
         n, side = len(boxes_px), self._settings.rays_per_side
-        nothing = Hidden(share=np.zeros(n), gap_m=np.full(n, np.nan), limit_m=np.full(n, np.nan))
-        seen = self._in_picture(photo_id)
-        if seen is None or seen.standing.sum() < 3:
+        nothing = BoxOcclusion(share=np.zeros(n), gap_m=np.full(n, np.nan), limit_m=np.full(n, np.nan))
+        seen = self._project_tie_points(photo_id)
+        if seen is None or seen.before_model.sum() < 3:
             return nothing
         try:
             mesh = Delaunay(seen.xy_img)
         except QhullError:  # all on one line
             return nothing
-        corners = mesh.simplices[seen.standing[mesh.simplices].all(axis=1)]
+        corners = mesh.simplices[seen.before_model[mesh.simplices].all(axis=1)]
         corners_xyz = self._points.xyz_site_m[seen.point[corners]]
         longest = np.linalg.norm(corners_xyz - np.roll(corners_xyz, 1, axis=1), axis=2).max(axis=1, initial=0.0)
         corners = corners[longest <= self._settings.hole_max_m]
-        corners = corners[_confirmed(corners, seen.own)]
+        corners = corners[_are_confirmed(corners, seen.observed)]
         if not len(corners):
             return nothing
         share = (np.arange(side) + 0.5) / side
@@ -137,21 +139,21 @@ class Occluders:
         met = hits.hit[inside]
         covered, triangle = inside[met], corners[facet[first[met]]]
         xyz = self._points.xyz_site_m[seen.point[triangle]]
-        gap[covered] = hits.distance_m[covered] - _along(origins[covered], directions[covered], xyz)
+        gap[covered] = hits.distance_m[covered] - _intersect_triangles(origins[covered], directions[covered], xyz)
         wanted[covered] = seen.limit_m[triangle].max(axis=1)
         hidden = (np.nan_to_num(gap, nan=-np.inf) > np.nan_to_num(wanted, nan=np.inf)).reshape(n, -1)
         on_model = hits.hit.reshape(n, -1).sum(axis=1)
         found = hidden.any(axis=1)
         gap, wanted = (np.where(hidden, values.reshape(n, -1), np.nan) for values in (gap, wanted))
-        return Hidden(
+        return BoxOcclusion(
             share=hidden.sum(axis=1) / np.maximum(on_model, 1),
-            gap_m=_median(gap, found),
-            limit_m=_median(wanted, found),
+            gap_m=_compute_row_medians(gap, found),
+            limit_m=_compute_row_medians(wanted, found),
         )
 
-    def _in_picture(self, photo_id: str) -> _InPicture | None:
+    def _project_tie_points(self, photo_id: str) -> _ImageTiePoints | None:
         """The photograph's own tie points, and others' that stand before the model in it; None without its own."""
-        sights = self._points.sights.get(photo_id)
+        sights = self._points.image_points.get(photo_id)
         if sights is None or not len(sights.point):
             return None
         posed = self._posed[photo_id]
@@ -159,18 +161,20 @@ class Occluders:
         pixels = posed.project_site(self._points.xyz_site_m[others])
         inside = posed.camera.is_inside(pixels)
         others, pixels = others[inside], pixels[inside]
-        standing, limit = self._standing(posed, pixels, others)
-        mine, my_limit = self._standing(posed, sights.xy_img, sights.point)
+        standing, limit = self._find_before_model(posed, pixels, others)
+        mine, my_limit = self._find_before_model(posed, sights.xy_img, sights.point)
         kept = np.flatnonzero(standing)
-        return _InPicture(
+        return _ImageTiePoints(
             xy_img=np.vstack([sights.xy_img, pixels[kept]]),
             point=np.concatenate([sights.point, others[kept]]),
-            own=np.arange(len(mine) + len(kept)) < len(mine),
-            standing=np.concatenate([mine, standing[kept]]),
+            observed=np.arange(len(mine) + len(kept)) < len(mine),
+            before_model=np.concatenate([mine, standing[kept]]),
             limit_m=np.concatenate([my_limit, limit[kept]]),
         )
 
-    def _standing(self, posed: PosedCamera, xy_img: Float64Array, point: Int64Array) -> tuple[BoolArray, Float64Array]:
+    def _find_before_model(
+        self, posed: PosedCamera, xy_img: Float64Array, point: Int64Array
+    ) -> tuple[BoolArray, Float64Array]:
         """Which tie points (k,) at pixels (k, 2) stand in the open before the model, and the gap each must have."""
         origins, directions = posed.rays_site_from_img(xy_img)
         hits = self._surface.cast(origins, directions)
@@ -178,31 +182,31 @@ class Occluders:
         across = np.linalg.norm(self._points.xyz_site_m[point] - origins - along[:, None] * directions, axis=1)
         variance = np.einsum("ki,kij,kj->k", directions, self._points.covariance_site_m2[point], directions)
         offset = np.full(len(directions), self._offsets_m.max())
-        offset[hits.hit] = self._offsets_m[_facing(hits.normal_site[hits.hit])]
+        offset[hits.hit] = self._offsets_m[_group_by_direction(hits.normal_site[hits.hit])]
         limit = np.maximum(self._settings.gap_min_m, self._settings.gap_sigmas * np.sqrt(variance + offset**2))
         # Along a grazing ray a little relief makes a long gap: the point must stand off the model in every direction.
         standing: BoolArray = (hits.distance_m - along > limit) & (self._apart_m[point] > limit)
         # Far outside the picture Brown's polynomial folds points back into it.
-        return standing & (across < _FOLDED * along), limit
+        return standing & (across < _FOLDED_MAX * along), limit
 
 
-def _facing(normals: Float64Array) -> Int64Array:
+def _group_by_direction(normals: Float64Array) -> Int64Array:
     """Group (n,) of unit normals (n, 3): the compass direction of walls, _DIRECTIONS for what lies level."""
     azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1]))
     group = np.round(azimuth / (360 / _DIRECTIONS)).astype(np.int64) % _DIRECTIONS
     return np.where(np.abs(normals[:, 2]) > np.sin(np.radians(_LEVEL_DEG)), _DIRECTIONS, group)
 
 
-def _confirmed(corners: Int64Array, own: BoolArray) -> BoolArray:
+def _are_confirmed(corners: Int64Array, own: BoolArray) -> BoolArray:
     """Which triangles (t, 3) hang together with enough points that the photograph itself saw, (k,)."""
     edges = np.vstack([corners[:, [0, 1]], corners[:, [1, 2]]]).T
     graph = coo_array((np.ones(edges.shape[1], dtype=bool), (edges[0], edges[1])), shape=(len(own), len(own)))
     count, body = connected_components(graph, directed=False)
-    enough = np.bincount(body[own], minlength=count) >= _CONFIRMED_BY
+    enough = np.bincount(body[own], minlength=count) >= _CONFIRMING_POINTS_MIN
     return np.asarray(enough[body[corners[:, 0]]])
 
 
-def _along(origins: Float64Array, directions: Float64Array, corners: Float64Array) -> Float64Array:
+def _intersect_triangles(origins: Float64Array, directions: Float64Array, corners: Float64Array) -> Float64Array:
     """Where rays (n, 3) meet the planes of their triangles (n, 3, 3), kept between the triangle's own distances."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     slope = np.einsum("ij,ij->i", normal, directions)
@@ -214,7 +218,7 @@ def _along(origins: Float64Array, directions: Float64Array, corners: Float64Arra
     return kept
 
 
-def _median(values: Float64Array, found: BoolArray) -> Float64Array:
+def _compute_row_medians(values: Float64Array, found: BoolArray) -> Float64Array:
     """Median of each row (n, k) without its NaN; NaN in rows that are not ``found``."""
     out = np.full(len(values), np.nan)
     out[found] = np.nanmedian(values[found], axis=1)

@@ -15,18 +15,18 @@ from facadelake.building.surface import Hits
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.registration.outline import APART, Outlines
-from facadelake.registration.rays import rays_of
+from facadelake.registration.outline import TREE_SEPARATION, Outlines
+from facadelake.registration.rays import compute_pixel_rays
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FLAT_COSINE = np.cos(np.radians(0.2))  # a patch whose normals turn by less is flat: its corners are enough
-LEAST_COSINE = 0.02  # a plane seen flatter than this is not prolonged
-_MOST_STRETCH = 2.0  # nor to more than this multiple of the distance at which it was met
-_CORNER = 1.5  # pitches: the cells around one
-_FEW = 8  # vertices: up to so many, as of boxes, patches are measured together
+COSINE_MIN = 0.02  # a plane seen flatter than this is not prolonged
+_STRETCH_MAX = 2.0  # nor to more than this multiple of the distance at which it was met
+_CORNER_PITCHES = 1.5  # pitches: the cells around one
+_BATCHED_VERTICES_MAX = 8  # vertices: up to so many, as of boxes, patches are measured together
 
 
-def tangents_of(normals_site: Float64Array) -> tuple[Float64Array, Float64Array]:
+def compute_tangents(normals_site: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Unit horizontal and upward tangents (n, 3) of surfaces with ``normals_site`` (n, 3).
 
     On a level surface, which has no horizontal tangent of its own, they are east and north.
@@ -39,7 +39,7 @@ def tangents_of(normals_site: Float64Array) -> tuple[Float64Array, Float64Array]
     return across, upward / np.linalg.norm(upward, axis=-1, keepdims=True)
 
 
-def patches_on_the_globe(polygons_site: NDArray[Any], origin: SiteOrigin) -> list[bytes]:
+def convert_patches_to_wkb(polygons_site: NDArray[Any], origin: SiteOrigin) -> list[bytes]:
     """Site polygons (n,) as WKB in EPSG:4979."""
     placed = shapely.transform(polygons_site, origin.geo_from_site, include_z=True)
     wkb: list[bytes] = shapely.to_wkb(placed, output_dimension=3).tolist()
@@ -52,7 +52,7 @@ def patches_in_site(patches: list[bytes], origin: SiteOrigin) -> NDArray[Any]:
     return in_site
 
 
-def nearest_member(outlines: Outlines, member: BoolArray, rows: Int64Array, xy_img: Float64Array) -> Int64Array:
+def find_nearest_member(outlines: Outlines, member: BoolArray, rows: Int64Array, xy_img: Float64Array) -> Int64Array:
     """The member (m,) nearest to each pixel ``xy_img`` (m, 2) of detection ``rows`` (m,); -1 where there is none."""
     kept = np.flatnonzero(member)
     if not len(kept):
@@ -60,42 +60,44 @@ def nearest_member(outlines: Outlines, member: BoolArray, rows: Int64Array, xy_i
     # Distances count in pitches, so that a flat box's rows are as far apart as its columns.
     pitch = outlines.pitch_px
     tree = cKDTree(
-        np.column_stack([outlines.xy_img[kept] / pitch[outlines.detection[kept]], APART * outlines.detection[kept]])
+        np.column_stack(
+            [outlines.xy_img[kept] / pitch[outlines.detection[kept]], TREE_SEPARATION * outlines.detection[kept]]
+        )
     )
-    _, nearest = tree.query(np.column_stack([xy_img / pitch[rows], APART * rows]))
+    _, nearest = tree.query(np.column_stack([xy_img / pitch[rows], TREE_SEPARATION * rows]))
     chosen = kept[nearest]
     return np.where(outlines.detection[chosen] == rows, chosen, -1)
 
 
-def on_planes(origin: Float64Array, direction: Float64Array, hits: Hits, anchor: Int64Array) -> Float64Array:
+def intersect_planes(origin: Float64Array, direction: Float64Array, hits: Hits, anchor: Int64Array) -> Float64Array:
     """Where rays (m, 3) meet the planes of the hits ``anchor`` (m,); the hit itself where the plane is too flat."""
     normal, at = hits.normal_site[anchor], hits.xyz_site_m[anchor]
     cosine = np.einsum("ij,ij->i", normal, direction)
     height = np.einsum("ij,ij->i", normal, at - origin)
-    distance = np.divide(height, cosine, out=np.full(len(height), np.nan), where=np.abs(cosine) > LEAST_COSINE)
+    distance = np.divide(height, cosine, out=np.full(len(height), np.nan), where=np.abs(cosine) > COSINE_MIN)
     ratio = distance / hits.distance_m[anchor]
-    sound = (ratio > 1 / _MOST_STRETCH) & (ratio < _MOST_STRETCH)
+    sound = (ratio > 1 / _STRETCH_MAX) & (ratio < _STRETCH_MAX)
     placed: Float64Array = np.where(sound[:, None], origin + distance[:, None] * direction, at)
     return placed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Mapped:
+class SurfaceOutlines:
     """Outlines of the m patches in site, their vertices (c, 3), and which patch a vertex is of (c,), ascending."""
 
     polygon_site: NDArray[Any]
     vertex_site_m: Float64Array
-    of_vertex: Int64Array
+    patch_of_vertex: Int64Array
 
 
-def mapped(
+def map_outlines(
     outlines: Outlines,
     hits: Hits,
     member: BoolArray,
     some_member: Int64Array,
     cameras: list[PosedCamera],
     camera_of: Int64Array,
-) -> Mapped:
+) -> SurfaceOutlines:
     """Outlines of the patches that have a member (``some_member`` (n,), else -1), on the surface.
 
     Every vertex lies in the plane of the member next to it, so a patch that ends at an edge of the building does not
@@ -105,7 +107,7 @@ def mapped(
     polygons = outlines.polygon_img.copy()
     whole = np.bincount(owner, weights=member, minlength=len(outlines)) == np.bincount(owner, minlength=len(outlines))
     for row in rows[~whole[rows]]:
-        polygons[row] = _cut(outlines, member, int(row))
+        polygons[row] = _clip_to_members(outlines, member, int(row))
     turned = np.where(member, np.einsum("ij,ij->i", hits.normal_site, hits.normal_site[some_member[owner]]), 1.0)
     flattest = np.ones(len(outlines))
     np.minimum.at(flattest, owner, turned)
@@ -118,14 +120,14 @@ def mapped(
     rings, per_polygon, per_many = (np.asarray(level, dtype=np.int64) for level in offsets)
     of_vertex = np.searchsorted(rings[per_polygon[per_many]], np.arange(len(xy)), side="right") - 1
     detection = rows[of_vertex]
-    anchor = nearest_member(outlines, member, detection, xy)
-    edge = rays_of(cameras, camera_of[detection], xy)
-    vertex = on_planes(edge.origin_site_m, edge.direction_site, hits, anchor)
+    anchor = find_nearest_member(outlines, member, detection, xy)
+    edge = compute_pixel_rays(cameras, camera_of[detection], xy)
+    vertex = intersect_planes(edge.origin_site_m, edge.direction_site, hits, anchor)
     placed = shapely.from_ragged_array(shapely.GeometryType.MULTIPOLYGON, vertex, offsets)
-    return Mapped(polygon_site=_single(placed), vertex_site_m=vertex, of_vertex=of_vertex)
+    return SurfaceOutlines(polygon_site=_unwrap_single_parts(placed), vertex_site_m=vertex, patch_of_vertex=of_vertex)
 
 
-def _cut(outlines: Outlines, member: BoolArray, row: int) -> Any:
+def _clip_to_members(outlines: Outlines, member: BoolArray, row: int) -> Any:
     """The part of an outline that lies in the cells of its members: its own surface's, to half a pitch.
 
     A cell that an outline only cuts a corner off has no pixel of its own; it goes with the pixel next to it.
@@ -137,7 +139,7 @@ def _cut(outlines: Outlines, member: BoolArray, row: int) -> Any:
     low, high = place.min(axis=0) - 1, place.max(axis=0) + 1
     grid = np.stack(np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True))), axis=-1)
     gap, nearest = cKDTree(place).query(grid.reshape(-1, 2))
-    cell = grid.reshape(-1, 2)[(gap < _CORNER) & member[first:last][nearest]]
+    cell = grid.reshape(-1, 2)[(gap < _CORNER_PITCHES) & member[first:last][nearest]]
     cells = shapely.coverage_union_all(
         shapely.box(*(xy[0] + (cell - 0.5) * pitch).T, *(xy[0] + (cell + 0.5) * pitch).T)
     )
@@ -146,14 +148,16 @@ def _cut(outlines: Outlines, member: BoolArray, row: int) -> Any:
     return shapely.multipolygons(parts) if parts else cells
 
 
-def _single(polygons: NDArray[Any]) -> NDArray[Any]:
+def _unwrap_single_parts(polygons: NDArray[Any]) -> NDArray[Any]:
     """Multipolygons of one part as polygons."""
     return np.where(shapely.get_num_geometries(polygons) == 1, shapely.get_geometry(polygons, 0), polygons)
 
 
-def extents(coords: Float64Array, of_vertex: Int64Array, xyz: Float64Array, normal: Float64Array) -> Float64Array:
+def measure_extents(
+    coords: Float64Array, of_vertex: Int64Array, xyz: Float64Array, normal: Float64Array
+) -> Float64Array:
     """Horizontal, upward and longest extent (n, 3) of vertices (c, 3), given in the order of their patches."""
-    across, upward = tangents_of(normal)
+    across, upward = compute_tangents(normal)
     starts = np.searchsorted(of_vertex, np.arange(len(xyz)))
     away = coords - xyz[of_vertex]
     out = np.empty((len(xyz), 3))
@@ -161,10 +165,10 @@ def extents(coords: Float64Array, of_vertex: Int64Array, xyz: Float64Array, norm
         along = np.einsum("ij,ij->i", away, tangent[of_vertex])
         out[:, axis] = np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
     counts = np.diff(np.append(starts, len(coords)))
-    for count in np.unique(counts[counts <= _FEW]):
+    for count in np.unique(counts[counts <= _BATCHED_VERTICES_MAX]):
         rows = np.flatnonzero(counts == count)
         points = coords[starts[rows, None] + np.arange(count)]
         out[rows, 2] = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1).max(axis=(1, 2))
-    for row in np.flatnonzero(counts > _FEW):
+    for row in np.flatnonzero(counts > _BATCHED_VERTICES_MAX):
         out[row, 2] = pdist(coords[starts[row] : starts[row] + counts[row]]).max()
     return out

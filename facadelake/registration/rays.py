@@ -13,18 +13,18 @@ from facadelake.core.camera import Camera, PosedCamera
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PixelRays:
-    """Rays of k pixels in site: ``origin_site_m`` (k, 3), ``direction_site`` (k, 3) unit, ``by_pixel`` (k, 3, 2) what
-    the direction turns by a pixel to the right and down, ``solid_angle`` (k,) steradian a square pixel, and
-    ``forward`` (k,) the share of a distance that is depth."""
+    """Rays of k pixels in site: ``origin_site_m`` (k, 3), ``direction_site`` (k, 3) unit, ``direction_per_px`` (k, 3, 2) what
+    the direction turns by a pixel to the right and down, ``solid_angle_sr`` (k,) steradian a square pixel, and
+    ``forward_cosine`` (k,) the share of a distance that is depth."""
 
     origin_site_m: Float64Array
     direction_site: Float64Array
-    by_pixel: Float64Array
-    solid_angle: Float64Array
-    forward: Float64Array
+    direction_per_px: Float64Array
+    solid_angle_sr: Float64Array
+    forward_cosine: Float64Array
 
 
-def rays_of(cameras: Sequence[PosedCamera], camera_of: Int64Array, xy_img: Float64Array) -> PixelRays:
+def compute_pixel_rays(cameras: Sequence[PosedCamera], camera_of: Int64Array, xy_img: Float64Array) -> PixelRays:
     """Rays of the pixels ``xy_img`` (k, 2), each of ``cameras[camera_of]`` (k,)."""
     count = len(xy_img)
     origin, direction = np.empty((count, 3)), np.empty((count, 3))
@@ -35,14 +35,18 @@ def rays_of(cameras: Sequence[PosedCamera], camera_of: Int64Array, xy_img: Float
         origin[own], direction[own] = posed.rays_site_from_img(xy_img[own])
         rotation = posed.site_from_cam.rotation
         forward[own] = direction[own] @ rotation[:, 2]
-        turned, solid[own] = _turned_by_a_pixel(posed.camera, direction[own] @ rotation)
+        turned, solid[own] = _differentiate_rays(posed.camera, direction[own] @ rotation)
         by_pixel[own] = rotation @ turned
     return PixelRays(
-        origin_site_m=origin, direction_site=direction, by_pixel=by_pixel, solid_angle=solid, forward=forward
+        origin_site_m=origin,
+        direction_site=direction,
+        direction_per_px=by_pixel,
+        solid_angle_sr=solid,
+        forward_cosine=forward,
     )
 
 
-def _turned_by_a_pixel(camera: Camera, rays_cam: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _differentiate_rays(camera: Camera, rays_cam: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Derivative (k, 3, 2) of unit rays by their pixel, and the pixel's solid angle (k,); Brown's model, inverted."""
     x, y = (rays_cam[:, :2] / rays_cam[:, 2:]).T
     r2 = x * x + y * y
@@ -62,20 +66,22 @@ def _turned_by_a_pixel(camera: Camera, rays_cam: Float64Array) -> tuple[Float64A
     return turned, solid
 
 
-_LEAST_COSINE = 0.01  # of a ray flatter than 89.4 deg to the normal nothing finite can be said
+_COSINE_MIN = 0.01  # of a ray flatter than 89.4 deg to the normal nothing finite can be said
 
 
-def surface_covariance(direction_site: Float64Array, normal_site: Float64Array, model_sigma_m: float) -> Float64Array:
+def compute_surface_covariance(
+    direction_site: Float64Array, normal_site: Float64Array, model_sigma_m: float
+) -> Float64Array:
     """Covariance (n, 3, 3) in m2 of places by a surface that stands ``model_sigma_m`` (one sigma) off its model.
 
     It has rank 1, along the ray; all sightings of a place share the surface.
     """
-    along = direction_site / _facing(direction_site, normal_site)[:, None]
+    along = direction_site / _compute_facing_cosine(direction_site, normal_site)[:, None]
     covariance: Float64Array = model_sigma_m**2 * along[:, :, None] * along[:, None, :]
     return covariance
 
 
-def ray_covariance(
+def compute_ray_covariance(
     direction_site: Float64Array,
     distance_m: Float64Array,
     normal_site: Float64Array,
@@ -86,11 +92,11 @@ def ray_covariance(
 ) -> Float64Array:
     """Covariance (n, 3, 3) in m2 of places by their rays alone, on a surface that is where the model has it.
 
-    ``direction_site`` (n, 3) unit, ``normal_site`` (n, 3); ``by_pixel`` (n, 3, 2): the direction's derivative by the
+    ``direction_site`` (n, 3) unit, ``normal_site`` (n, 3); ``direction_per_px`` (n, 3, 2): the direction's derivative by the
     pixel, ``pixel_sigma_px`` (n, 2) in x and y; ``site_from_cam`` (n, 3, 3) rotations; ``pose_covariance`` (n, 6, 6):
     centre (m, site) and attitude (rad, about the camera's own x, y, z).
     """
-    cosine = _facing(direction_site, normal_site)
+    cosine = _compute_facing_cosine(direction_site, normal_site)
     onto_plane = np.eye(3)[None] - direction_site[:, :, None] * normal_site[:, None, :] / cosine[:, None, None]
     by_pixels = distance_m[:, None, None] * by_pixel * pixel_sigma_px[:, None, :]
     # site_from_cam (I + [turn]x) ray_cam: a turn about the camera's axis k moves the ray by (axis k in site) x ray.
@@ -102,7 +108,7 @@ def ray_covariance(
     return (covariance + covariance.transpose(0, 2, 1)) / 2
 
 
-def _facing(direction_site: Float64Array, normal_site: Float64Array) -> Float64Array:
+def _compute_facing_cosine(direction_site: Float64Array, normal_site: Float64Array) -> Float64Array:
     """``normal . direction`` (n,): negative, as normals face the camera, and kept off zero."""
-    cosine: Float64Array = np.minimum(np.einsum("ij,ij->i", direction_site, normal_site), -_LEAST_COSINE)
+    cosine: Float64Array = np.minimum(np.einsum("ij,ij->i", direction_site, normal_site), -_COSINE_MIN)
     return cosine

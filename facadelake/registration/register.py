@@ -11,10 +11,10 @@ import pyarrow as pa
 from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
-from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.registration.observe import observe
-from facadelake.registration.settings import RegisterSettings
-from facadelake.registration.tie_points import Tracks, tie_points
+from facadelake.registration.exclusion import ExclusionEvidence, ExclusionSettings, exclude_observations
+from facadelake.registration.observe import observe_detections
+from facadelake.registration.settings import RegistrationSettings
+from facadelake.registration.tie_points import ImagePoints, triangulate_tie_points
 from facadelake.sfm import Reconstruction
 
 DEFAULT_EXCLUSION = ExclusionSettings()
@@ -26,7 +26,7 @@ def register_detections(
     building: BuildingModel,
     *,
     passport: Mapping[str, Any],
-    settings: RegisterSettings,
+    settings: RegistrationSettings,
     masks: Mapping[str, Path],
     block: Reconstruction | None,
     exclusion: ExclusionSettings = DEFAULT_EXCLUSION,
@@ -45,17 +45,19 @@ def register_detections(
         exclusion: limits of masks and occluders.
     """
     posed, surface = read_posed_cameras(poses), Surface(building)
-    table = observe(detections, posed, building, surface, settings=settings, covariances=read_pose_covariances(poses))
-    scene = Scene(
-        points=tie_points(_tracks(block), posed) if block else None,
+    table = observe_detections(
+        detections, posed, building, surface, settings=settings, covariances=read_pose_covariances(poses)
+    )
+    scene = ExclusionEvidence(
+        tie_points=triangulate_tie_points(_read_image_points(block), posed) if block else None,
         masks=masks,
         placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in ("east", "north", "up")),
     )
-    return exclude(table, detections, posed, building.elements, surface, scene, exclusion)
+    return exclude_observations(table, detections, posed, building.elements, surface, scene, exclusion)
 
 
-def _tracks(block: Reconstruction) -> Tracks:
-    return Tracks(
+def _read_image_points(block: Reconstruction) -> ImagePoints:
+    return ImagePoints(
         photo_ids=[photo.photo_id for photo in block.photos],
         photo=block.track_photo,
         point=block.track_point,

@@ -14,7 +14,7 @@ TIE_POINTS_GRAZING_DEG = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class RegisterSettings:
+class RegistrationSettings:
     """How detections are put on the surface.
 
     ``rays_per_side``: each box is sampled by that many rays squared; odd, so that one is the centre.
@@ -56,11 +56,11 @@ class RegisterSettings:
             )
 
 
-def registration_settings(building: Building) -> RegisterSettings:
+def resolve_registration_settings(building: Building) -> RegistrationSettings:
     """The registry's tolerances, as registration takes them."""
     limits = building.tolerances
     on_tie_points = building.surface_kind is SurfaceKind.AS_BUILT
-    return RegisterSettings(
+    return RegistrationSettings(
         grazing_above_deg=min(limits.grazing_above_deg, TIE_POINTS_GRAZING_DEG if on_tie_points else 90.0),
         target_share_min=limits.target_share_min,
         model_sigma_m=limits.model_sigma_m,

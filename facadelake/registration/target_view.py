@@ -41,7 +41,9 @@ class TargetView:
     gsd_mm: float
 
 
-def target_view(posed: PosedCamera, surface: Surface, elements: pa.Table, mask: Path | None = None) -> TargetView:
+def render_target_view(
+    posed: PosedCamera, surface: Surface, elements: pa.Table, mask: Path | None = None
+) -> TargetView:
     """What a photograph taken at ``posed`` shows of the building, whose ``elements`` the surface's triangles are.
 
     ``mask`` is the user's own, if there is one; one that cannot be used is left out with a warning.
@@ -62,7 +64,7 @@ def target_view(posed: PosedCamera, surface: Surface, elements: pa.Table, mask: 
     return TargetView(target=target, gsd_mm=gsd_mm)
 
 
-def views_on_building(
+def prepare_building_views(
     building: BuildingModel, poses: pa.Table, masks: Mapping[str, Path]
 ) -> Callable[[str], SearchRegion]:
     """What is known of each photograph, by its photo_id, from table ``poses`` and the user's masks."""
@@ -71,7 +73,7 @@ def views_on_building(
     def view_of(photo_id: str) -> SearchRegion:
         if photo_id not in posed:
             return SearchRegion(remark=WITHOUT_POSE)
-        seen = target_view(posed[photo_id], surface, building.elements, masks.get(photo_id))
+        seen = render_target_view(posed[photo_id], surface, building.elements, masks.get(photo_id))
         # A surface made of tie points has holes where a wall is bare.
         target = None if building.surface_kind is SurfaceKind.AS_BUILT else seen.target
         return SearchRegion(gsd_mm=None if math.isnan(seen.gsd_mm) else seen.gsd_mm, target=target)

@@ -28,8 +28,8 @@ from facadelake.georeferencing.imported.placement import PlacedByImport, place_i
 from facadelake.georeferencing.imported.read import read_poses
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.registration.observe import observe
-from facadelake.registration.settings import RegisterSettings
+from facadelake.registration.observe import observe_detections
+from facadelake.registration.settings import RegistrationSettings
 from schemas.vocabulary import ControlKind
 
 pytestmark = pytest.mark.realdata
@@ -59,7 +59,9 @@ class Castle:
     def figures(self, placed: PlacedByImport, boxes: str) -> Figures:
         posed, covariances = read_posed_cameras(placed.poses), read_pose_covariances(placed.poses)
         found = import_coco(self.root / boxes, self.photos, class_names={})
-        seen = observe(found, posed, self.model, self.surface, settings=RegisterSettings(), covariances=covariances)
+        seen = observe_detections(
+            found, posed, self.model, self.surface, settings=RegistrationSettings(), covariances=covariances
+        )
         merged = merge_observations(
             seen, found, self.model, posed, prefix="castle", settings=MergeSettings.under(ControlKind.IMPORTED),
             covariances=covariances,

@@ -22,8 +22,8 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.tables import table_from_rows
 from facadelake.deduplication.merge import MergeResult, merge_observations
-from facadelake.registration.observe import observe
-from facadelake.registration.settings import RegisterSettings
+from facadelake.registration.observe import observe_detections
+from facadelake.registration.settings import RegistrationSettings
 
 pytestmark = pytest.mark.realdata
 XYZ = ("x_site_m", "y_site_m", "z_site_m")
@@ -66,7 +66,7 @@ class Castle:
                 for note in coco["annotations"]
             ],
         )  # fmt: skip
-        seen = observe(detections, self.posed, self.building, self.surface, RegisterSettings())
+        seen = observe_detections(detections, self.posed, self.building, self.surface, RegistrationSettings())
         return merge_observations(seen, detections, self.building, self.posed, prefix="castle")
 
     def truth(self, file: str) -> dict[str, str]:

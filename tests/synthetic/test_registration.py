@@ -19,10 +19,10 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.deduplication.merge import MergeResult, merge_observations
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.registration.observe import observe
-from facadelake.registration.settings import RegisterSettings
-from facadelake.registration.tie_points import Tracks, tie_points
+from facadelake.registration.exclusion import ExclusionEvidence, ExclusionSettings, exclude_observations
+from facadelake.registration.observe import observe_detections
+from facadelake.registration.settings import RegistrationSettings
+from facadelake.registration.tie_points import ImagePoints, triangulate_tie_points
 from schemas.vocabulary import ObservationOutcome
 from tests.synthetic.registration_scene import (
     HEIGHT,
@@ -39,7 +39,7 @@ from tests.synthetic.registration_scene import (
     shot_of,
 )
 
-REGISTER, MERGE = RegisterSettings(), MergeSettings()
+REGISTER, MERGE = RegistrationSettings(), MergeSettings()
 KINDS = ("flat", "cylinder", "setback")
 FAN = (-60.0, -30.0, 0.0, 30.0, 60.0)
 CHI2_95, CHI2_68 = 7.815, 3.527  # of three degrees of freedom
@@ -64,7 +64,7 @@ def observed(
 ) -> pa.Table:
     model = building_of(walls)
     stated = {} if covariance is None else dict.fromkeys(posed, covariance)
-    return observe(found.table, posed, model, Surface(model), settings=REGISTER, covariances=stated)
+    return observe_detections(found.table, posed, model, Surface(model), settings=REGISTER, covariances=stated)
 
 
 def merged(
@@ -338,14 +338,14 @@ def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
     posed = exact(shots)
     model = building_of(walls)
     surface = Surface(model)
-    seen = observe(table, posed, model, surface, settings=REGISTER)
+    seen = observe_detections(table, posed, model, surface, settings=REGISTER)
 
     # The post stands 2 m before the wall and hides what is behind it: no photograph has tie points of that.
     post = np.array([(u, -2.0, v) for u in np.linspace(-0.6, 0.6, 7) for v in np.linspace(2.5, 5.5, 16)])
     bare = [(u, v, 0.0) for u in np.arange(-5, 5.1, 0.3) for v in np.arange(1, 7.1, 0.3) if abs(u) > 1.5]
     on_wall = walls[0].points(bare)
     sighted = [shot.pixels(np.vstack([post, on_wall])) for shot in facing]
-    tracks = Tracks(
+    tracks = ImagePoints(
         photo_ids=[shot.name for shot in facing],
         photo=np.repeat(np.arange(len(facing)), len(sighted[0])),
         point=np.tile(np.arange(len(sighted[0])), len(facing)),
@@ -355,8 +355,10 @@ def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
     x, y = facing[0].pixels(masked.xyz(walls)[None])[0].astype(int)
     covered[y - 120 : y + 120, x - 120 : x + 120] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), covered)
-    scene = Scene(points=tie_points(tracks, posed), masks={facing[0].name: tmp_path / "mask.png"})
-    rows = exclude(seen, table, posed, model.elements, surface, scene, ExclusionSettings()).to_pylist()
+    scene = ExclusionEvidence(
+        points=triangulate_tie_points(tracks, posed), masks={facing[0].name: tmp_path / "mask.png"}
+    )
+    rows = exclude_observations(seen, table, posed, model.elements, surface, scene, ExclusionSettings()).to_pylist()
 
     outcome = {row["detection_id"]: row["observation_outcome"] for row in rows}
     assert set(outcome.values()) == {str(word) for word in ObservationOutcome}, outcome

@@ -13,8 +13,8 @@ from facadelake.deduplication.grouping import grouped
 from facadelake.deduplication.merge import merge_observations
 from facadelake.deduplication.observations import Sightings
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.registration.observe import observe
-from facadelake.registration.settings import RegisterSettings
+from facadelake.registration.observe import observe_detections
+from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import looking
 
 MERGE = MergeSettings()
@@ -124,7 +124,7 @@ def test_a_campaign_that_stands_off_the_model_still_merges(wall, detections_of):
         u, v = posed.project_site(np.array([[0.2, 0.0, 1.4]]))[0]
         made.append((name, name, "crack", (u - 15, v - 15, 30, 30)))
     detections = detections_of(*made)
-    observations = observe(detections, placed, wall, Surface(wall), RegisterSettings())
+    observations = observe_detections(detections, placed, wall, Surface(wall), RegistrationSettings())
     strict = merge_observations(observations, detections, wall, placed, prefix="x")
     wide = merge_observations(observations, detections, wall, placed, prefix="x", settings=MergeSettings(offset_m=1.0))
     assert len(strict.defects) == 3
@@ -158,7 +158,7 @@ def inspected(wall, detections_of):
             u, v = posed.project_site(np.array([[x, 0.0, z]]))[0]
             made.append((f"{name}-{photo}", photo, "crack", (u - 10, v - 10, 20, 20)))
     detections = detections_of(*made)
-    observations = observe(detections, cameras, wall, Surface(wall), RegisterSettings())
+    observations = observe_detections(detections, cameras, wall, Surface(wall), RegistrationSettings())
     return detections, observations, cameras
 
 
@@ -192,7 +192,7 @@ def test_a_facade_named_by_its_degrees_is_walked_along_from_its_own_left(wall, i
         field = elements.schema.field(place)
         elements = elements.set_column(place, field, pa.array(values, field.type))
     turned = replace(wall, elements=elements)
-    seen = observe(detections, cameras, turned, Surface(turned), RegisterSettings())
+    seen = observe_detections(detections, cameras, turned, Surface(turned), RegistrationSettings())
     rows = merge_observations(seen, detections, turned, cameras, prefix="x").defects.to_pylist()
     assert {row["facade"] for row in rows} == {"S-170"}
     assert [round(row["x_site_m"], 1) for row in rows] == [-2.0, -1.8, 1.0, 0.0]  # m
@@ -210,7 +210,7 @@ def test_shuffled_rows_give_the_same_tables(wall, inspected):
 def test_what_is_not_registered_belongs_to_no_defect(wall, detections_of):
     camera = looking([0.0, -10.0, 2.5], [0.0, 0.0, 3.0])
     detections = detections_of(("a", "gone", "crack", (10, 10, 20, 20)), ("b", "p", "crack", (990, 5, 20, 20)))
-    observations = observe(detections, {"p": camera}, wall, Surface(wall), RegisterSettings())
+    observations = observe_detections(detections, {"p": camera}, wall, Surface(wall), RegistrationSettings())
     result = merge_observations(observations, detections, wall, {"p": camera}, prefix="x")
     assert len(result.defects) == 0
     assert result.observations.column("defect_id").to_pylist() == [None, None]

@@ -9,11 +9,11 @@ import shapely
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.deduplication.crack_width import Evidence, crack_evidence
-from facadelake.registration.observe import observe
-from facadelake.registration.settings import RegisterSettings
+from facadelake.registration.observe import observe_detections
+from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import looking
 
-SETTINGS = RegisterSettings()
+SETTINGS = RegistrationSettings()
 ASIDE = looking([-8.0, -6.0, 2.0], [0.0, 0.0, 2.0])  # 53 deg from the wall's normal
 
 
@@ -33,7 +33,7 @@ def measured(detections_of, posed, wall, line, **columns):
         crack_width_outcome="measured",
         **columns,
     )
-    [row] = observe(made, {"p": posed}, wall, Surface(wall), SETTINGS).to_pylist()
+    [row] = observe_detections(made, {"p": posed}, wall, Surface(wall), SETTINGS).to_pylist()
     return row
 
 

@@ -12,10 +12,10 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.tables import table_from_rows
-from facadelake.registration.exclusion import ExclusionSettings, Scene, exclude
-from facadelake.registration.exclusion_mask import masked_shares
+from facadelake.registration.exclusion import ExclusionEvidence, ExclusionSettings, exclude_observations
+from facadelake.registration.exclusion_mask import compute_masked_shares
 from facadelake.registration.occlusion import OcclusionSettings
-from facadelake.registration.tie_points import Tracks, tie_points
+from facadelake.registration.tie_points import ImagePoints, triangulate_tie_points
 from tests.unit.registration.wall_scene import looking
 
 CAMERAS = {f"p{i}": looking([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-3.0, 0.0, 3.0))}
@@ -36,7 +36,7 @@ def tracks_of(points, cameras=CAMERAS, seed=7, noise_px=NOISE_PX):
         photo.append(np.full(len(seen), index))
         point.append(seen)
         xy.append(pixels)
-    return Tracks(
+    return ImagePoints(
         photo_ids=list(cameras), photo=np.concatenate(photo), point=np.concatenate(point), xy_img=np.vstack(xy)
     )
 
@@ -67,13 +67,15 @@ def excluded(wall, made, scene, cameras=CAMERAS):
             for row in made.to_pylist()
         ],
     )  # fmt: skip
-    rows = exclude(observed, made, cameras, wall.elements, Surface(wall), scene, ExclusionSettings()).to_pylist()
+    rows = exclude_observations(
+        observed, made, cameras, wall.elements, Surface(wall), scene, ExclusionSettings()
+    ).to_pylist()
     return {row["detection_id"]: row for row in rows}
 
 
 def test_tie_points_are_where_they_were_and_their_covariance_says_how_well():
     cameras = {f"p{i}": looking([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-6.0, -3, 0.0, 3, 6.0))}
-    found = tie_points(tracks_of(WALL, cameras, noise_px=0.6), cameras)
+    found = triangulate_tie_points(tracks_of(WALL, cameras, noise_px=0.6), cameras)
     error = found.xyz_site_m - WALL[cKDTree(WALL).query(found.xyz_site_m)[1]]  # a quarter of a metre lies between them
     normalised = np.einsum("ki,kij,kj->k", error, np.linalg.inv(found.covariance_site_m2), error) / 3
     assert 0.6 < np.mean(normalised) < 1.6  # of 1: two-sided, a covariance too wide is wrong too
@@ -84,10 +86,10 @@ def test_a_wrong_match_is_no_tie_point():
     tracks = tracks_of(WALL)
     wrong = tracks.xy_img.copy()
     wrong[100] += [0, 25.0]  # px, across the epipolar lines
-    found = tie_points(
-        Tracks(photo_ids=tracks.photo_ids, photo=tracks.photo, point=tracks.point, xy_img=wrong), CAMERAS
+    found = triangulate_tie_points(
+        ImagePoints(photo_ids=tracks.photo_ids, photo=tracks.photo, point=tracks.point, xy_img=wrong), CAMERAS
     )
-    assert len(found.xyz_site_m) == len(tie_points(tracks, CAMERAS).xyz_site_m) - 1
+    assert len(found.xyz_site_m) == len(triangulate_tie_points(tracks, CAMERAS).xyz_site_m) - 1
 
 
 def test_what_the_board_hides_is_occluded_and_how_far_it_stands_is_told(wall, detections_of):
@@ -97,7 +99,7 @@ def test_what_the_board_hides_is_occluded_and_how_far_it_stands_is_told(wall, de
         ("beside", "p1", "crack", box_at(posed, [2.5, 0.0, 2.0])),
         ("over the edge", "p1", "crack", box_at(posed, [1.2, -BOARD_M, 2.0], 60)),
     )
-    scene = Scene(points=tie_points(tracks_of(np.vstack([WALL, BOARD])), CAMERAS))
+    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, BOARD])), CAMERAS))
     rows = excluded(wall, made, scene)
     assert rows["behind"]["observation_outcome"] == "occluded"
     np.testing.assert_allclose(rows["behind"]["occluder_gap_m"], BOARD_M, rtol=0, atol=0.1)  # m
@@ -109,7 +111,7 @@ def test_what_the_board_hides_is_occluded_and_how_far_it_stands_is_told(wall, de
 def test_the_board_alone_decides(wall, detections_of):
     """The same box, the same wall points: without the board's points it is registered."""
     made = detections_of(("behind", "p1", "crack", box_at(CAMERAS["p1"], [0.0, -BOARD_M, 2.0])))
-    scene = Scene(points=tie_points(tracks_of(WALL), CAMERAS))
+    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(WALL), CAMERAS))
     assert excluded(wall, made, scene)["behind"]["observation_outcome"] == "registered"
 
 
@@ -117,7 +119,7 @@ def test_the_board_alone_decides(wall, detections_of):
 def test_relief_hides_nothing(wall, detections_of, relief_m):
     made = detections_of(("on it", "p1", "crack", box_at(CAMERAS["p1"], [0.0, -relief_m, 2.0])))
     relief = grid(np.arange(-1, 1.01, 0.25), -relief_m, np.arange(1, 3.01, 0.25))
-    scene = Scene(points=tie_points(tracks_of(np.vstack([WALL, relief])), CAMERAS))
+    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, relief])), CAMERAS))
     assert excluded(wall, made, scene)["on it"]["observation_outcome"] == "registered"
 
 
@@ -126,7 +128,7 @@ def test_an_oblique_view_of_relief_is_no_gap(wall, detections_of):
     cameras = {f"p{i}": looking([-14.0, -2.9, z], [0.0, 0.0, 2.0]) for i, z in enumerate((1.0, 2.0, 3.0))}
     relief = grid(np.arange(-1, 1.01, 0.25), -0.2, np.arange(1, 3.01, 0.25))
     made = detections_of(("on it", "p1", "crack", box_at(cameras["p1"], [0.0, -0.2, 2.0], 10)))
-    scene = Scene(points=tie_points(tracks_of(relief, cameras), cameras))
+    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(relief, cameras), cameras))
     assert excluded(wall, made, scene, cameras)["on it"]["observation_outcome"] == "registered"
 
 
@@ -144,9 +146,11 @@ def test_a_campaign_that_lies_metres_off_is_not_all_occluded(wall, detections_of
     }
     places = [[x, 0.0, z] for x in (-4.0, -2.0, 0.0, 2.0, 4.0) for z in (1.5, 2.5, 3.5)]
     made = detections_of(*[(f"d{i}", "p1", "crack", box_at(CAMERAS["p1"], place)) for i, place in enumerate(places)])
-    scene = Scene(points=tie_points(tracks_of(WALL), moved))
+    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(WALL), moved))
     assert {row["observation_outcome"] for row in excluded(wall, made, scene, moved).values()} == {"registered"}
-    stated = Scene(points=tie_points(tracks_of(np.vstack([WALL, BOARD])), CAMERAS), placement_sigma_m=1.0)
+    stated = ExclusionEvidence(
+        tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, BOARD])), CAMERAS), placement_sigma_m=1.0
+    )
     behind = detections_of(("behind", "p1", "crack", box_at(CAMERAS["p1"], [0.0, -BOARD_M, 2.0])))
     assert excluded(wall, behind, stated)["behind"]["observation_outcome"] == "registered"
 
@@ -163,7 +167,7 @@ def test_what_others_matched_hides_too_where_the_photograph_confirms_it(wall, de
     kept[np.setdiff1d(mine, np.random.default_rng(3).choice(inner, own, replace=False))] = False
     tracks = replace(tracks, photo=tracks.photo[kept], point=tracks.point[kept], xy_img=tracks.xy_img[kept])
     made = detections_of(("behind", "p1", "crack", box_at(cameras["p1"], [0.1, -BOARD_M, 2.1])))
-    rows = excluded(wall, made, Scene(points=tie_points(tracks, cameras)), cameras)
+    rows = excluded(wall, made, ExclusionEvidence(tie_points=triangulate_tie_points(tracks, cameras)), cameras)
     assert rows["behind"]["observation_outcome"] == outcome
 
 
@@ -185,14 +189,14 @@ def test_what_stands_behind_or_beside_the_camera_hides_nothing(wall, detections_
     )
     places = [[x, 0.0, z] for x in (-1.0, 0.0, 1.0) for z in (1.5, 2.0, 2.5)]
     made = detections_of(*[(f"d{i}", "near", "crack", box_at(cameras["near"], p)) for i, p in enumerate(places)])
-    rows = excluded(wall, made, Scene(points=tie_points(tracks, cameras)), cameras)
+    rows = excluded(wall, made, ExclusionEvidence(tie_points=triangulate_tie_points(tracks, cameras)), cameras)
     assert {row["observation_outcome"] for row in rows.values()} == {"registered"}
 
 
 def test_few_and_far_tie_points_hide_nothing(wall, detections_of):
     corners = grid([-1, 1], -BOARD_M, [1, 3])  # 2 m apart: one may look between them
     made = detections_of(("between", "p1", "crack", box_at(CAMERAS["p1"], [0.0, -BOARD_M, 2.0])))
-    scene = Scene(points=tie_points(tracks_of(np.vstack([WALL, corners])), CAMERAS))
+    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, corners])), CAMERAS))
     assert excluded(wall, made, scene)["between"]["observation_outcome"] == "registered"
 
 
@@ -207,7 +211,7 @@ def test_black_in_the_mask_is_masked_whatever_the_ray_met(wall, detections_of, t
         ("sky", "p1", "crack", (500, 10, 20, 20)),
         ("elsewhere", "nowhere", "crack", (500, 10, 20, 20)),
     )
-    rows = excluded(wall, made, Scene(masks={"p1": tmp_path / "p1_mask.png"}))
+    rows = excluded(wall, made, ExclusionEvidence(masks={"p1": tmp_path / "p1_mask.png"}))
     assert {name: row["observation_outcome"] for name, row in rows.items()} == {
         "black": "masked", "white": "registered", "mostly white": "registered", "sky": "masked",
         "elsewhere": "unlocalised",
@@ -221,19 +225,21 @@ def test_masks_are_counted_by_pixels_and_checked_for_size(tmp_path):
     mask[100:110, 200:230] = 0
     cv2.imwrite(str(tmp_path / "a.png"), mask)
     boxes = np.array([[200, 100, 60, 10], [205.5, 100, 10, 20], [-50, -50, 20, 20]], dtype=float)
-    np.testing.assert_allclose(masked_shares(tmp_path / "a.png", camera, boxes), [0.5, 0.5, 0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        compute_masked_shares(tmp_path / "a.png", camera, boxes), [0.5, 0.5, 0], rtol=0, atol=1e-9
+    )
     cv2.imwrite(str(tmp_path / "small.png"), mask[:100])
     with pytest.raises(InputDataError, match="2000x100 pixels, its photograph 2000x1500"):
-        masked_shares(tmp_path / "small.png", camera, boxes)
+        compute_masked_shares(tmp_path / "small.png", camera, boxes)
     with pytest.raises(InputDataError, match="cannot be decoded"):
-        masked_shares(tmp_path / "none.png", camera, boxes)
+        compute_masked_shares(tmp_path / "none.png", camera, boxes)
 
 
 def test_a_mask_of_the_wrong_size_is_told_and_not_used(wall, detections_of, tmp_path, caplog):
     cv2.imwrite(str(tmp_path / "m.png"), np.zeros((10, 10), dtype=np.uint8))
     made = detections_of(("a", "p1", "crack", (900, 700, 40, 40)))
     with caplog.at_level("WARNING"):
-        rows = excluded(wall, made, Scene(masks={"p1": tmp_path / "m.png"}))
+        rows = excluded(wall, made, ExclusionEvidence(masks={"p1": tmp_path / "m.png"}))
     assert rows["a"]["observation_outcome"] == "registered"
     assert "10x10" in caplog.text and "not used" in caplog.text
 
@@ -242,7 +248,7 @@ def test_on_a_bench_it_is_off_target(wall, detections_of):
     kinds = ("IfcFurniture", "IfcWall")
     rows = [{**row, "ifc_class": kind} for row, kind in zip(wall.elements.to_pylist(), kinds, strict=True)]
     made = detections_of(*[(name, "p1", "crack", (900, 700, 40, 40)) for name in ("low", "high")])
-    found = excluded(replace(wall, elements=table_from_rows("elements", rows)), made, Scene())
+    found = excluded(replace(wall, elements=table_from_rows("elements", rows)), made, ExclusionEvidence())
     assert {name: row["observation_outcome"] for name, row in found.items()} == {
         "low": "off_target", "high": "registered",
     }  # fmt: skip

@@ -7,12 +7,12 @@ import shapely
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import GEO, transform
-from facadelake.registration.observe import observe
-from facadelake.registration.settings import RegisterSettings
+from facadelake.registration.observe import observe_detections
+from facadelake.registration.settings import RegistrationSettings
 from schemas.vocabulary import ObservationOutcome
 from tests.unit.registration.wall_scene import looking
 
-SETTINGS = RegisterSettings()
+SETTINGS = RegistrationSettings()
 AHEAD = looking([0.0, -10.0, 2.0], [0.0, 0.0, 2.0])
 
 
@@ -26,7 +26,7 @@ def box_of(posed, centre, width_m, height_m):
 
 
 def one(detections, posed, wall, settings=SETTINGS):
-    rows = observe(detections, posed, wall, Surface(wall), settings).to_pylist()
+    rows = observe_detections(detections, posed, wall, Surface(wall), settings).to_pylist()
     assert len(rows) == 1
     return rows[0]
 
@@ -87,7 +87,7 @@ def test_every_accepted_detection_has_a_row_with_an_outcome(wall, detections_of)
         ("d", "p", "crack", (990, 10, 20, 20)),
         ("e", "shallow", "crack", ahead),
     )
-    rows = observe(made, {"p": AHEAD, "shallow": shallow}, wall, Surface(wall), SETTINGS).to_pylist()
+    rows = observe_detections(made, {"p": AHEAD, "shallow": shallow}, wall, Surface(wall), SETTINGS).to_pylist()
     assert [(row["detection_id"], row["observation_outcome"]) for row in rows] == [
         ("a", "registered"), ("b", "unlocalised"), ("c", "outside"), ("d", "off_target"), ("e", "grazing"),
     ]  # fmt: skip
@@ -111,7 +111,7 @@ def test_a_box_that_mostly_misses_is_off_target_though_its_centre_hits(wall, det
     row = one(detections_of(("a", "p", "crack", box)), {"p": AHEAD}, wall)
     assert row["observation_outcome"] == "registered"
     assert 0.4 < row["target_share"] < 0.6
-    strict = RegisterSettings(target_share_min=0.7)
+    strict = RegistrationSettings(target_share_min=0.7)
     assert (
         one(detections_of(("a", "p", "crack", box)), {"p": AHEAD}, wall, strict)["observation_outcome"] == "off_target"
     )
@@ -119,7 +119,7 @@ def test_a_box_that_mostly_misses_is_off_target_though_its_centre_hits(wall, det
 
 def test_what_was_not_accepted_is_not_observed(wall, detections_of):
     refused = detections_of(("a", "p", "crack", (900, 700, 30, 30)), detection_outcome="bad_box", reason="no width")
-    assert len(observe(refused, {"p": AHEAD}, wall, Surface(wall), SETTINGS)) == 0
+    assert len(observe_detections(refused, {"p": AHEAD}, wall, Surface(wall), SETTINGS)) == 0
 
 
 def test_a_patch_ends_where_the_depth_jumps(wall, detections_of):
@@ -131,7 +131,9 @@ def test_a_patch_ends_where_the_depth_jumps(wall, detections_of):
         np.array([0, 0, 1, 1, 1, 1]),
     )
     box = (1000 - 75, 750 - 50, 150, 100)
-    row = observe(detections_of(("a", "p", "crack", box)), {"p": AHEAD}, wall, surface, SETTINGS).to_pylist()[0]
+    row = observe_detections(
+        detections_of(("a", "p", "crack", box)), {"p": AHEAD}, wall, surface, SETTINGS
+    ).to_pylist()[0]
     np.testing.assert_allclose(row["y_site_m"], -2.0, rtol=0, atol=1e-6)  # m
     assert 0.2 < row["width_m"] <= 0.4 + 1e-6  # m, sampled by 11 rays
     np.testing.assert_allclose(row["height_m"], 100 * 8 / 1500, rtol=0, atol=1e-6)  # m
@@ -141,8 +143,8 @@ def test_a_patch_ends_where_the_depth_jumps(wall, detections_of):
 def test_batches_do_not_change_the_answer(wall, detections_of):
     cameras = {f"p{i}": looking([i - 3.0, -9.0 - i, 2.0], [0.0, 0.0, 2.0]) for i in range(4)}
     made = detections_of(*[(f"d{i:02d}", f"p{i % 4}", "crack", (500 + 30 * i, 700, 40, 30)) for i in range(20)])
-    whole = observe(made, cameras, wall, Surface(wall), SETTINGS)
-    small = observe(made, cameras, wall, Surface(wall), RegisterSettings(detections_per_cast=3))
+    whole = observe_detections(made, cameras, wall, Surface(wall), SETTINGS)
+    small = observe_detections(made, cameras, wall, Surface(wall), RegistrationSettings(detections_per_cast=3))
     numbers = [field.name for field in whole.schema if field.type == "double" and not field.name.startswith("crack_")]
     for name in whole.schema.names:
         if name in numbers:
@@ -157,9 +159,9 @@ def test_batches_do_not_change_the_answer(wall, detections_of):
 
 def test_settings_out_of_range_are_refused():
     with pytest.raises(InputDataError, match="odd"):
-        RegisterSettings(rays_per_side=10)
+        RegistrationSettings(rays_per_side=10)
     with pytest.raises(InputDataError, match="out of range"):
-        RegisterSettings(grazing_above_deg=120.0)
+        RegistrationSettings(grazing_above_deg=120.0)
 
 
 def test_a_surface_nearer_than_anyone_flies_is_not_what_the_photograph_shows(wall, detections_of):
@@ -167,7 +169,7 @@ def test_a_surface_nearer_than_anyone_flies_is_not_what_the_photograph_shows(wal
     near = looking([0.0, -0.3, 2.0], [0.0, 0.0, 2.0])
     box = box_of(near, [0.0, 0, 2.0], 0.01, 0.01)
     assert one(detections_of(("a", "p", "crack", box)), {"p": near}, wall)["observation_outcome"] == "off_target"
-    allowed = one(detections_of(("a", "p", "crack", box)), {"p": near}, wall, RegisterSettings(near_m=0.0))
+    allowed = one(detections_of(("a", "p", "crack", box)), {"p": near}, wall, RegistrationSettings(near_m=0.0))
     assert allowed["observation_outcome"] == "registered"
     np.testing.assert_allclose(allowed["distance_m"], 0.3, rtol=0, atol=1e-6)  # m
 
@@ -176,6 +178,6 @@ def test_a_surface_nearer_than_anyone_flies_is_not_what_the_photograph_shows(wal
 def test_a_box_without_area_is_a_row_and_the_rest_goes_on(wall, detections_of, size):
     """As a detector may make them: a COCO file's are refused on import."""
     made = detections_of(("a", "p", "crack", (990, 740, *size)), ("b", "p", "crack", (990, 740, 20, 20)))
-    rows = observe(made, {"p": AHEAD}, wall, Surface(wall), SETTINGS).to_pylist()
+    rows = observe_detections(made, {"p": AHEAD}, wall, Surface(wall), SETTINGS).to_pylist()
     assert [row["observation_outcome"] for row in rows] == ["outside", "registered"]
     assert "no area" in rows[0]["reason"]

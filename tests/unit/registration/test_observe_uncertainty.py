@@ -11,8 +11,8 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.pose_table import read_pose_covariances
 from facadelake.core.tables import table_from_rows
-from facadelake.registration.observe import observe
-from facadelake.registration.settings import RegisterSettings
+from facadelake.registration.observe import observe_detections
+from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import CAMERA, looking
 
 DISTORTED = Camera(
@@ -50,17 +50,17 @@ def drawn_again(posed, settings, covariance, rng) -> np.ndarray:
 @pytest.mark.parametrize(
     ("eye", "settings", "covariance"),
     [
-        ([-6.0, -9.0, 4.0], RegisterSettings(model_sigma_m=0.03), pose_covariance(0.02, 0.1)),
-        ([-12.0, -4.5, 5.0], RegisterSettings(model_sigma_m=0.03), pose_covariance(0.002, 0.01)),
-        ([1.0, -5.0, 2.0], RegisterSettings(model_sigma_m=1e-4, box_sigma_share=0.0), pose_covariance(0.05, 0.3)),
-        ([-6.0, -9.0, 4.0], RegisterSettings(model_sigma_m=1e-4), np.zeros((6, 6))),
+        ([-6.0, -9.0, 4.0], RegistrationSettings(model_sigma_m=0.03), pose_covariance(0.02, 0.1)),
+        ([-12.0, -4.5, 5.0], RegistrationSettings(model_sigma_m=0.03), pose_covariance(0.002, 0.01)),
+        ([1.0, -5.0, 2.0], RegistrationSettings(model_sigma_m=1e-4, box_sigma_share=0.0), pose_covariance(0.05, 0.3)),
+        ([-6.0, -9.0, 4.0], RegistrationSettings(model_sigma_m=1e-4), np.zeros((6, 6))),
     ],
     ids=["all of it", "the wall off its model, obliquely", "the pose", "the box"],
 )
 def test_the_covariance_is_that_of_places_drawn_again(wall, detections_of, eye, settings, covariance):
     posed = replace(looking(eye, [-1.0, 0.0, 1.5]), camera=DISTORTED)
     made = detections_of(("a", "p", "crack", BOX))
-    row = observe(made, {"p": posed}, wall, Surface(wall), settings, {"p": covariance}).to_pylist()[0]
+    row = observe_detections(made, {"p": posed}, wall, Surface(wall), settings, {"p": covariance}).to_pylist()[0]
     assert row["observation_outcome"] == "registered"
     stated = np.array(row["covariance_site"]).reshape(3, 3)
     np.testing.assert_allclose(stated, stated.T, rtol=0, atol=1e-15)  # m2
@@ -79,11 +79,11 @@ def test_the_covariance_is_that_of_places_drawn_again(wall, detections_of, eye, 
 
 
 def test_a_grazing_ray_makes_of_the_walls_deviation_a_large_shift_along_the_wall(wall, detections_of):
-    settings = RegisterSettings(model_sigma_m=0.03, box_sigma_share=0.0)
+    settings = RegistrationSettings(model_sigma_m=0.03, box_sigma_share=0.0)
     steep = np.radians(75.0)
     posed = looking([-10 * np.sin(steep), -10 * np.cos(steep), 2.0], [0.0, 0.0, 2.0])
     made = detections_of(("a", "p", "crack", (995.0, 745.0, 10.0, 10.0)))
-    row = observe(made, {"p": posed}, wall, Surface(wall), settings).to_pylist()[0]
+    row = observe_detections(made, {"p": posed}, wall, Surface(wall), settings).to_pylist()[0]
     # Half a pixel at 10 m is 3.3 mm, on this wall 13 mm; the wall's 3 cm shift the place by 3 cm tan(75 deg).
     half_pixel = 0.5 * 10 / 1500 / np.cos(steep)
     np.testing.assert_allclose(row["sigma_east_m"], np.hypot(0.03 * np.tan(steep), half_pixel), rtol=0, atol=5e-4)  # m
@@ -116,10 +116,12 @@ def test_a_pose_without_covariance_counts_as_exact(wall, detections_of):
         ),
     )
     made = detections_of(("a", "p", "crack", BOX))
-    without = observe(made, {"p": posed}, wall, Surface(wall), RegisterSettings()).to_pylist()[0]
-    exact = observe(made, {"p": posed}, wall, Surface(wall), RegisterSettings(), {"p": np.zeros((6, 6))}).to_pylist()[0]
-    loose = observe(
-        made, {"p": posed}, wall, Surface(wall), RegisterSettings(), {"p": pose_covariance(0.05, 0.3)}
+    without = observe_detections(made, {"p": posed}, wall, Surface(wall), RegistrationSettings()).to_pylist()[0]
+    exact = observe_detections(
+        made, {"p": posed}, wall, Surface(wall), RegistrationSettings(), {"p": np.zeros((6, 6))}
+    ).to_pylist()[0]
+    loose = observe_detections(
+        made, {"p": posed}, wall, Surface(wall), RegistrationSettings(), {"p": pose_covariance(0.05, 0.3)}
     ).to_pylist()[0]
     assert without["covariance_site"] == exact["covariance_site"]
     assert loose["sigma_up_m"] > 1.3 * exact["sigma_up_m"]
@@ -128,21 +130,21 @@ def test_a_pose_without_covariance_counts_as_exact(wall, detections_of):
 def test_a_measured_surface_stands_off_the_building_by_its_own_sigma(wall, detections_of):
     made = detections_of(("a", "p", "crack", BOX))
     posed = {"p": looking([0, -10, 2], [0, 0, 2])}
-    declared = RegisterSettings(model_sigma_m=0.03)
+    declared = RegistrationSettings(model_sigma_m=0.03)
     measured = replace(wall, surface_sigma_m=0.007)
-    [one] = observe(made, posed, wall, Surface(wall), declared).to_pylist()
-    [other] = observe(made, posed, measured, Surface(wall), declared).to_pylist()
+    [one] = observe_detections(made, posed, wall, Surface(wall), declared).to_pylist()
+    [other] = observe_detections(made, posed, measured, Surface(wall), declared).to_pylist()
     np.testing.assert_allclose([one["sigma_north_m"], other["sigma_north_m"]], [0.03, 0.007], rtol=0, atol=1e-9)  # m
 
 
 def test_along_the_wall_itself_the_covariance_is_still_a_number(wall, detections_of):
     posed = looking([-9.9, -1e-3, 2.0], [9.0, 0.0, 2.0])
-    [row] = observe(
+    [row] = observe_detections(
         detections_of(("a", "p", "crack", (995.0, 745.0, 10.0, 10.0))),
         {"p": posed},
         wall,
         Surface(wall),
-        RegisterSettings(target_share_min=0.1),
+        RegistrationSettings(target_share_min=0.1),
         {"p": pose_covariance(0.02, 0.1)},
     ).to_pylist()
     assert row["observation_outcome"] == "grazing"

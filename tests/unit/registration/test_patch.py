@@ -9,12 +9,12 @@ import shapely
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.tables import table_from_rows
-from facadelake.registration.observe import observe
-from facadelake.registration.patch import patches_in_site, patches_on_the_globe
-from facadelake.registration.settings import RegisterSettings
+from facadelake.registration.observe import observe_detections
+from facadelake.registration.patch import convert_patches_to_wkb, patches_in_site
+from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import looking, sheet
 
-SETTINGS = RegisterSettings()
+SETTINGS = RegistrationSettings()
 AHEAD = looking([0.0, -10.0, 2.0], [0.0, 0.0, 2.0])
 OBLIQUE = looking([-8.0, -6.0, 4.0], [0.0, 0.0, 2.0])
 
@@ -81,7 +81,7 @@ CRACK = np.array([[-1.0, 0, 1.2], [0.2, 0, 2.1], [0.2, 0, 2.112], [-1.0, 0, 1.21
 @pytest.mark.parametrize("posed", [AHEAD, OBLIQUE], ids=["ahead", "oblique"])
 def test_a_slanting_cracks_mask_has_its_length_area_and_middle_from_wherever_it_is_seen(wall, detections_of, posed):
     made = masked(detections_of(("a", "p", "crack", (0, 0, 1, 1))), seen_as(posed, CRACK))
-    row = only(observe(made, {"p": posed}, wall, Surface(wall), SETTINGS))
+    row = only(observe_detections(made, {"p": posed}, wall, Surface(wall), SETTINGS))
     assert row["observation_outcome"] == "registered"
     np.testing.assert_allclose(row["length_m"], np.hypot(1.2, 0.912), rtol=0, atol=1e-3)  # m
     np.testing.assert_allclose(row["area_m2"], 1.2 * 0.012, rtol=0, atol=1e-4)  # m2
@@ -104,22 +104,22 @@ def test_a_crack_width_in_pixels_is_measured_across_the_crack(wall, detections_o
     made = masked(made, seen_as(aside, level), seen_as(aside, upright))
     wide = {
         row["detection_id"]: row["crack_width_mm"]
-        for row in observe(made, {"p": aside}, wall, Surface(wall), SETTINGS).to_pylist()
+        for row in observe_detections(made, {"p": aside}, wall, Surface(wall), SETTINGS).to_pylist()
     }
     np.testing.assert_allclose(wide["level"], 2 * 10000 / 1500, rtol=0.01, atol=0)  # mm: two pixels at 10 m
     np.testing.assert_allclose(wide["upright"], 2 * 10000 / 1500 / 0.6, rtol=0.01, atol=0)  # mm
     box = detections_of(("a", "p", "crack", (990, 740, 20, 20)), crack_width_px=2.0)
-    of_box = only(observe(box, {"p": aside}, wall, Surface(wall), SETTINGS))["crack_width_mm"]
+    of_box = only(observe_detections(box, {"p": aside}, wall, Surface(wall), SETTINGS))["crack_width_mm"]
     np.testing.assert_allclose(of_box, 2 * 10000 / 1500 / np.sqrt(0.6), rtol=0.01, atol=0)  # mm
     without = detections_of(("a", "p", "crack", (990, 740, 20, 20)))
-    assert only(observe(without, {"p": aside}, wall, Surface(wall), SETTINGS))["crack_width_mm"] is None
+    assert only(observe_detections(without, {"p": aside}, wall, Surface(wall), SETTINGS))["crack_width_mm"] is None
 
 
 def test_a_mask_in_pieces_is_one_patch_of_its_pieces(wall, detections_of):
     halves = [np.array([[x, 0, 1.0], [x + 0.3, 0, 1.0], [x + 0.3, 0, 1.1], [x, 0, 1.1]]) for x in (-0.5, 0.2)]
     outline = shapely.MultiPolygon([seen_as(AHEAD, half) for half in halves])
     made = masked(detections_of(("a", "p", "crack", (0, 0, 1, 1))), outline)
-    row = only(observe(made, {"p": AHEAD}, wall, Surface(wall), SETTINGS))
+    row = only(observe_detections(made, {"p": AHEAD}, wall, Surface(wall), SETTINGS))
     np.testing.assert_allclose(row["area_m2"], 0.06, rtol=0, atol=6e-4)  # m2
     np.testing.assert_allclose(row["width_m"], 1.0, rtol=0, atol=1e-3)  # m
     np.testing.assert_allclose(xyz(row), [0, 0, 1.05], rtol=0, atol=0.001)  # m
@@ -128,7 +128,9 @@ def test_a_mask_in_pieces_is_one_patch_of_its_pieces(wall, detections_of):
 
 def test_a_boxs_patch_is_its_four_corners_on_the_wall(wall, detections_of):
     row = only(
-        observe(detections_of(("a", "p", "crack", (700, 600, 90, 60))), {"p": OBLIQUE}, wall, Surface(wall), SETTINGS)
+        observe_detections(
+            detections_of(("a", "p", "crack", (700, 600, 90, 60))), {"p": OBLIQUE}, wall, Surface(wall), SETTINGS
+        )
     )
     corners = shapely.get_coordinates(patch_in_site(row, wall), include_z=True)
     assert len(corners) == 5
@@ -151,7 +153,7 @@ def test_a_patch_goes_round_a_corner_and_both_sides_count(wall, detections_of):
     posed = looking([7.0, -7.0, 2.0], [0.0, 0.0, 2.0])
     ends = np.array([[-0.4, 0, 1.9], [-0.4, 0, 2.1], [0, 0.6, 1.9], [0, 0.6, 2.1]])
     made = detections_of(("a", "p", "crack", box_about(posed, ends)))
-    row = only(observe(made, {"p": posed}, corner, Surface(corner), SETTINGS))
+    row = only(observe_detections(made, {"p": posed}, corner, Surface(corner), SETTINGS))
     assert row["element_guid"] == "east"  # the box's middle is there
     outline = shapely.get_coordinates(patch_in_site(row, corner), include_z=True)
     on_south, on_east = np.abs(outline[:, 1]) < 1e-4, np.abs(outline[:, 0]) < 1e-4
@@ -168,7 +170,7 @@ def test_a_wall_behind_a_railing_is_what_the_defect_is_on_though_the_middle_ray_
     ]
     building = building_of(wall, ("wall", "IfcWall", None, sheet([-10, 0, 0], [20, 0, 0], [0, 0, 6])), *bars)
     made = detections_of(("a", "p", "crack", (1000 - 45, 750 - 30, 90, 60)))
-    row = only(observe(made, {"p": AHEAD}, building, Surface(building), SETTINGS))
+    row = only(observe_detections(made, {"p": AHEAD}, building, Surface(building), SETTINGS))
     assert row["element_guid"] == "wall"
     np.testing.assert_allclose(xyz(row), [0, 0, 2], rtol=0, atol=1e-6)  # m: where the middle ray would go on to
     np.testing.assert_allclose(row["width_m"], 0.6, rtol=0, atol=1e-3)  # m
@@ -198,7 +200,7 @@ def deep_window(wall, depth_m=0.25):
 
 def element_under(building, detections_of, posed, corners_site):
     made = detections_of(("a", "p", "crack", box_about(posed, np.asarray(corners_site, dtype=float))))
-    row = only(observe(made, {"p": posed}, building, Surface(building), SETTINGS))
+    row = only(observe_detections(made, {"p": posed}, building, Surface(building), SETTINGS))
     assert row["observation_outcome"] == "registered"
     return row
 
@@ -230,14 +232,17 @@ def test_what_is_on_a_reveal_is_on_the_wall_that_hosts_the_window(wall, detectio
     strict = replace(SETTINGS, model_sigma_m=0.005)
     box = box_about(from_right, np.array([[-0.48, 0.05, 1.4], [-0.48, 0.2, 1.4], [-0.48, 0.2, 1.6]]))
     made = detections_of(("a", "p", "crack", box))
-    assert only(observe(made, {"p": from_right}, building, Surface(building), strict))["element_guid"] == "window"
+    assert (
+        only(observe_detections(made, {"p": from_right}, building, Surface(building), strict))["element_guid"]
+        == "window"
+    )
 
 
 def test_patches_come_back_from_the_globe_where_they_were(wall):
     polygons = shapely.from_wkt(
         ["POLYGON Z ((0 0 1, 1 0 1, 1 0 2, 0 0 2, 0 0 1))", "MULTIPOLYGON Z (((5 5 1, 6 5 1, 6 6 2, 5 5 1)))"]
     )
-    there = patches_on_the_globe(polygons, wall.origin)
+    there = convert_patches_to_wkb(polygons, wall.origin)
     lon_lat = shapely.get_coordinates(shapely.from_wkb(there))
     np.testing.assert_allclose(lon_lat, [[8.4078, 48.9405]] * len(lon_lat), rtol=0, atol=2e-4)  # deg
     assert shapely.equals_exact(patches_in_site(there, wall.origin), polygons, tolerance=1e-6).all()  # m
@@ -246,8 +251,8 @@ def test_patches_come_back_from_the_globe_where_they_were(wall):
 def test_a_mask_beside_its_box_leaves_the_box(wall, detections_of):
     made = detections_of(("a", "p", "crack", (900, 700, 30, 30)), mask="POLYGON ((0 0, 10 0, 10 10, 0 0))")
     plain = detections_of(("a", "p", "crack", (900, 700, 30, 30)))
-    assert observe(made, {"p": AHEAD}, wall, Surface(wall), SETTINGS).equals(
-        observe(plain, {"p": AHEAD}, wall, Surface(wall), SETTINGS)
+    assert observe_detections(made, {"p": AHEAD}, wall, Surface(wall), SETTINGS).equals(
+        observe_detections(plain, {"p": AHEAD}, wall, Surface(wall), SETTINGS)
     )
 
 
@@ -260,7 +265,7 @@ def test_a_mask_that_runs_over_a_jump_has_the_outline_and_area_of_its_part_on_th
     )
     crack = np.array([[0.2, 0, 1.3], [1.2, 0, 1.8], [1.2, 0, 1.83], [0.2, 0, 1.33]])  # 0.7 m of it on the wall
     made = masked(detections_of(("a", "p", "crack", (0, 0, 1, 1))), seen_as(AHEAD, crack))
-    row = only(observe(made, {"p": AHEAD}, building, Surface(building), SETTINGS))
+    row = only(observe_detections(made, {"p": AHEAD}, building, Surface(building), SETTINGS))
     assert row["element_guid"] == "wall"
     assert row["target_share"] == 1.0
     outline = shapely.Polygon(shapely.get_coordinates(patch_in_site(row, building), include_z=True)[:, [0, 2]])
@@ -277,7 +282,7 @@ def test_what_is_mostly_on_the_wall_lies_in_its_face_though_its_middle_is_over_t
     posed = looking([-3, -9, 1.5], [0.5, 0, 1.5])
     corners = np.array([[0.15, 0, 1.4], [0.8, 0, 1.4], [0.8, 0, 1.6]])
     made = detections_of(("a", "p", "crack", box_about(posed, corners)))
-    row = only(observe(made, {"p": posed}, building, Surface(building), SETTINGS))
+    row = only(observe_detections(made, {"p": posed}, building, Surface(building), SETTINGS))
     assert (row["observation_outcome"], row["element_guid"]) == ("registered", "wall")
     np.testing.assert_allclose([row["normal_x"], row["normal_y"]], [0, -1], rtol=0, atol=1e-9)
     np.testing.assert_allclose(row["y_site_m"], 0.0, rtol=0, atol=1e-6)  # m
@@ -290,12 +295,14 @@ def test_what_is_mostly_on_the_wall_lies_in_its_face_though_its_middle_is_over_t
 def test_through_a_lens_that_bends_a_boxs_area_is_that_of_its_corners(wall, detections_of):
     bent = replace(OBLIQUE, camera=replace(OBLIQUE.camera, k1=-0.12, k2=0.05, p1=3e-3, p2=-2e-3, fy_px=1470.0))
     for box in ((250.0, 300.0, 30.0, 20.0), (1000.0, 1000.0, 20.0, 30.0)):
-        row = only(observe(detections_of(("a", "p", "crack", box)), {"p": bent}, wall, Surface(wall), SETTINGS))
+        row = only(
+            observe_detections(detections_of(("a", "p", "crack", box)), {"p": bent}, wall, Surface(wall), SETTINGS)
+        )
         corners = shapely.get_coordinates(patch_in_site(row, wall), include_z=True)
         np.testing.assert_allclose(row["area_m2"], shapely.Polygon(corners[:, [0, 2]]).area, rtol=1e-3, atol=0)  # m2
 
 
 def test_no_detections_make_no_observations(wall, detections_of):
-    assert len(observe(detections_of(), {"p": AHEAD}, wall, Surface(wall), SETTINGS)) == 0
+    assert len(observe_detections(detections_of(), {"p": AHEAD}, wall, Surface(wall), SETTINGS)) == 0
     one = detections_of(("a", "elsewhere", "crack", (0, 0, 10, 10)))
-    assert only(observe(one, {}, wall, Surface(wall), SETTINGS))["observation_outcome"] == "unlocalised"
+    assert only(observe_detections(one, {}, wall, Surface(wall), SETTINGS))["observation_outcome"] == "unlocalised"
