@@ -25,7 +25,7 @@ from skimage.morphology import skeletonize
 
 from facadelake.core.arrays import Float64Array, UInt8Image
 from facadelake.detection import Box
-from facadelake.detection.inference import Found
+from facadelake.detection.inference import DetectedBox
 from facadelake.evaluation.detectors.average_precision import average_precision, match
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Looks, Prediction, read_pixels
@@ -67,7 +67,7 @@ class ClassicalCracks:
         """Boxes of all components."""
         strength, gain = strengths(pixels_bgr)
         found = tuple(
-            Found(box=box, score=probability(features, self._setting), class_name=str(DefectClass.CRACK))
+            DetectedBox(box=box, score=probability(features, self._setting), class_name=str(DefectClass.CRACK))
             for box, features in pieces(strength, gain, self._setting)
         )
         return Looks(down_to_floor=found, shown=tuple(one for one in found if one.score >= self.threshold))

@@ -29,9 +29,9 @@ from benchmarks.detector_seams import compare
 from facadelake.core.arrays import UInt8Image
 from facadelake.detection import find_default_model
 from facadelake.detection.inference import load_detector
-from facadelake.detection.inference.letterbox import letterbox
+from facadelake.detection.inference.letterbox import fit_letterbox
 from facadelake.detection.tiling import detect_image
-from facadelake.detection.tiling.plan import plan_looks
+from facadelake.detection.tiling.plan import plan_tile_passes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,11 +47,11 @@ def throughput(model: Path, image: UInt8Image, threads: int, rounds: int) -> Non
     height, width = image.shape[:2]
     detector = load_detector(model, threads=1)
     spec = detector.card.input
-    tiles = [tile for look in plan_looks(spec, width_px=width, height_px=height) for tile in look.tiles]
+    tiles = [tile for look in plan_tile_passes(spec, width_px=width, height_px=height) for tile in look.tiles]
     ready = []
     for tile in tiles:
         crop = image[tile.top : tile.bottom, tile.left : tile.right]
-        box = letterbox(spec, image_width_px=crop.shape[1], image_height_px=crop.shape[0])
+        box = fit_letterbox(spec, image_width_px=crop.shape[1], image_height_px=crop.shape[0])
         ready.append(box.input_from_image(crop))
     encoded = cv2.imencode(".jpg", image)[1]
     ours, together, apart, decoding = [], [], [], []

@@ -20,9 +20,9 @@ from scipy.optimize import linear_sum_assignment
 from benchmarks.box_merging import Boxes, nmm, nms, wbf
 from facadelake.detection import Box
 from facadelake.detection.card import CardInput, ResizeMode
-from facadelake.detection.inference import Found
-from facadelake.detection.tiling.plan import Look, plan_looks
-from facadelake.detection.tiling.seams import TileFound, united_parts
+from facadelake.detection.inference import DetectedBox
+from facadelake.detection.tiling.plan import TilePass, plan_tile_passes
+from facadelake.detection.tiling.seams import TileDetection, merge_tile_detections
 
 WIDTH, HEIGHT, INPUT = 4000, 3000, 416
 _RIGHT = 0.7  # intersection over union with the crack's own box, from which it was found as one
@@ -55,7 +55,7 @@ KINDS = (
 def compare(scenes: int, seed: int = 7) -> Iterator[tuple[str, str, int, Counter[str]]]:
     """Kind of crack, way of uniting, number of cracks, and what became of them."""
     spec = CardInput(width_px=INPUT, height_px=INPUT, colour="bgr", scale=1.0, resize=ResizeMode.CORNER)
-    look = plan_looks(spec, width_px=WIDTH, height_px=HEIGHT)[0]
+    look = plan_tile_passes(spec, width_px=WIDTH, height_px=HEIGHT)[0]
     for kind in KINDS:
         rng = np.random.default_rng(seed)
         made = [_cracks(rng, kind) for _ in range(scenes)]
@@ -68,7 +68,7 @@ def compare(scenes: int, seed: int = 7) -> Iterator[tuple[str, str, int, Counter
             yield kind.name, name, sum(len(cracks) for cracks in made), total
 
 
-def _ways(look: Look) -> dict[str, Callable[[Sequence[TileFound]], Boxes]]:
+def _ways(look: TilePass) -> dict[str, Callable[[Sequence[TileDetection]], Boxes]]:
     return {
         "union": partial(_united, look=look),
         "union, masks": partial(_united, look=look),
@@ -98,8 +98,8 @@ def _cracks(rng: np.random.Generator, kind: Kind) -> list[shapely.LineString]:
 
 
 def _seen(
-    rng: np.random.Generator, cracks: Sequence[shapely.LineString], look: Look, kind: Kind
-) -> tuple[list[TileFound], list[TileFound]]:
+    rng: np.random.Generator, cracks: Sequence[shapely.LineString], look: TilePass, kind: Kind
+) -> tuple[list[TileDetection], list[TileDetection]]:
     """What the tiles show of the cracks: boxes alone, and with masks."""
     boxes, masks = [], []
     for tile in look.tiles:
@@ -112,24 +112,24 @@ def _seen(
                 mask = piece.buffer(_HALF_WIDTH_PX).intersection(frame)
                 left, top, right, bottom = np.array(mask.bounds) + rng.normal(0, kind.jitter_px, 4)
                 box = Box(x_px=left, y_px=top, width_px=max(right - left, 1.0), height_px=max(bottom - top, 1.0))
-                found = Found(box=box, score=float(rng.uniform(0.4, 0.95)), class_name="crack")
-                boxes.append(TileFound(tile=tile, found=found))
-                masked = Found(box=box, score=found.score, class_name="crack", mask=mask)
-                masks.append(TileFound(tile=tile, found=masked))
+                found = DetectedBox(box=box, score=float(rng.uniform(0.4, 0.95)), class_name="crack")
+                boxes.append(TileDetection(tile=tile, detection=found))
+                masked = DetectedBox(box=box, score=found.score, class_name="crack", mask=mask)
+                masks.append(TileDetection(tile=tile, detection=masked))
     return boxes, masks
 
 
-def _united(parts: Sequence[TileFound], look: Look) -> Boxes:
-    found = united_parts(parts, look, width_px=WIDTH, height_px=HEIGHT, nms_iou=0.5)
+def _united(parts: Sequence[TileDetection], look: TilePass) -> Boxes:
+    found = merge_tile_detections(parts, look, width_px=WIDTH, height_px=HEIGHT, nms_iou=0.5)
     return _boxes(found)
 
 
-def _arrays(parts: Sequence[TileFound]) -> tuple[Boxes, NDArray[np.float64]]:
-    found = [part.found for part in parts]
+def _arrays(parts: Sequence[TileDetection]) -> tuple[Boxes, NDArray[np.float64]]:
+    found = [part.detection for part in parts]
     return _boxes(found), np.array([one.score for one in found])
 
 
-def _boxes(found: Sequence[Found]) -> Boxes:
+def _boxes(found: Sequence[DetectedBox]) -> Boxes:
     boxes = [one.box for one in found]
     return np.array([[b.x_px, b.y_px, b.x_px + b.width_px, b.y_px + b.height_px] for b in boxes]).reshape(-1, 4)
 

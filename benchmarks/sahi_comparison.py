@@ -45,9 +45,9 @@ from numpy.typing import NDArray
 
 from facadelake.detection import ModelCard
 from facadelake.detection.card import OutputLayout
-from facadelake.detection.inference import Found, OnnxDetector, load_detector
+from facadelake.detection.inference import DetectedBox, OnnxDetector, load_detector
 from facadelake.detection.tiling import detect_image
-from facadelake.detection.tiling.plan import OVERLAP, plan_looks
+from facadelake.detection.tiling.plan import OVERLAP_RATIO, plan_tile_passes
 
 try:
     import sahi
@@ -118,7 +118,7 @@ def compare(image: Image, model: Path, card: Path | None, *, threads: int, repea
     all_in_one = load_detector(model, card, threads=threads)
     spec = one_each.card.input
     height, width = image.shape[:2]
-    looks = plan_looks(spec, width_px=width, height_px=height)
+    looks = plan_tile_passes(spec, width_px=width, height_px=height)
     tiles = sum(len(look.tiles) for look in looks)
     wrapped = Slices(model=all_in_one, confidence_threshold=one_each.card.score_threshold, image_size=spec.width_px)
     # One session of all threads, or a session of one thread fed by as many workers: each way has its faster one.
@@ -159,7 +159,7 @@ def _ours(detector: OnnxDetector, image: Image, workers: int) -> list[NDArray[np
     return [_labelled(detector, one) for one in detect_image(detector, image, workers=workers)]
 
 
-def _labelled(detector: OnnxDetector, one: Found) -> NDArray[np.float64]:
+def _labelled(detector: OnnxDetector, one: DetectedBox) -> NDArray[np.float64]:
     return np.array([*_corners(one), detector.card.class_names.index(one.class_name)], dtype=np.float64)
 
 
@@ -170,8 +170,8 @@ def _sahi(wrapped: DetectionModel, image: Image, width: int, height: int) -> lis
         wrapped,
         slice_width=width,
         slice_height=height,
-        overlap_width_ratio=OVERLAP,
-        overlap_height_ratio=OVERLAP,
+        overlap_width_ratio=OVERLAP_RATIO,
+        overlap_height_ratio=OVERLAP_RATIO,
         verbose=0,
     )
     return [np.array([*one.bbox.to_xyxy(), one.category.id], dtype=np.float64) for one in result.object_prediction_list]
@@ -206,11 +206,11 @@ def _session(model: Path, card: ModelCard, threads: int) -> tuple[Any, dict[str,
 
 def _slice_count(size: int, tile: int) -> int:
     """How many slices SAHI lays along a side: steps of a tile less its overlap, the last one moved back."""
-    step = tile - int(OVERLAP * tile)
+    step = tile - int(OVERLAP_RATIO * tile)
     return 1 if size <= tile else -(-(size - tile) // step) + 1
 
 
-def _corners(one: Found) -> list[float]:
+def _corners(one: DetectedBox) -> list[float]:
     box = one.box
     return [box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px]
 

@@ -9,7 +9,7 @@ from prefect import task
 
 from facadelake.core.tables import read_table, write_table
 from facadelake.detection.coco import import_coco
-from facadelake.detection.inference import detector_fingerprint
+from facadelake.detection.inference import hash_detector
 from facadelake.registry import CocoDetector
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -27,5 +27,5 @@ def import_detections(job: InspectionJob, photos: StageResult) -> StageResult:
         write_table("detections", table, folder)
         return Counter(table.column("detection_outcome").to_pylist())
 
-    inputs = {"detector": detector_fingerprint(file, detector.classes)}
+    inputs = {"detector": hash_detector(file, detector.classes)}
     return run_stage(job, "detect", reads={"photos": photos}, inputs=inputs, make=make)

@@ -50,9 +50,9 @@ def _show_figures(console: Console, figures: Figures) -> None:
             ("class", "truths", "AP50", "95 % by sites", "by photographs", "AP50:95", *_COUNTS, "ECE", "expected"),
             [
                 (
-                    one.defect_class, str(one.truths), _format_share(one.ap50), _format_interval(one.ap50_by_sites),
-                    _format_interval(one.ap50_by_photographs), _format_share(one.ap50_95), *_format_counts(one.operating),
-                    _format_share(one.calibration.ece), _format_share(one.calibration.expected_precision),
+                    one.defect_class, str(one.truths), _share(one.ap50), _interval(one.ap50_by_sites),
+                    _interval(one.ap50_by_photographs), _share(one.ap50_95), *_counts(one.operating),
+                    _share(one.calibration.ece), _share(one.calibration.expected_precision),
                 )
                 for one in figures.classes
             ],
@@ -64,8 +64,8 @@ def _show_figures(console: Console, figures: Figures) -> None:
             ("site", "class", "photographs", "truths", "AP50", "AP50:95", *_COUNTS),
             [
                 (
-                    one.site, one.defect_class, str(one.photographs), str(one.truths), _format_share(one.ap50),
-                    _format_share(one.ap50_95), *_format_counts(one.operating),
+                    one.site, one.defect_class, str(one.photographs), str(one.truths), _share(one.ap50),
+                    _share(one.ap50_95), *_counts(one.operating),
                 )
                 for one in ordered[:_MOST_SITES]
             ],
@@ -106,13 +106,13 @@ def _show_figures(console: Console, figures: Figures) -> None:
 def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
     _print_table(
         console,
-        f"{figures.judged.name} ({figures.judged.sha256[:12]}) on photographs labelled as a whole, {figures.name}; without defect: "
+        f"{figures.judged.name} ({figures.judged.sha256[:12]}) on whole photographs of {figures.name}; without defect: "
         + ", ".join(figures.sound_folders),
         ("class", "with defect", "without", "AUROC", "95 %", "average precision", "recall", "false alarm share"),
         [
             (
-                one.defect_class, str(one.with_defect), str(one.sound), _format_share(one.auroc), _format_interval(one.auroc_by_sites),
-                _format_share(one.average_precision), _format_share(one.recall), _format_share(one.false_alarm_share),
+                one.defect_class, str(one.with_defect), str(one.sound), _share(one.auroc), _interval(one.auroc_by_sites),
+                _share(one.average_precision), _share(one.recall), _share(one.false_alarm_share),
             )
             for one in figures.classes
         ],
@@ -123,11 +123,11 @@ def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
 _COUNTS = ("precision", "recall", "F1", "hits / false / missed")
 
 
-def _format_counts(one: Operating) -> tuple[str, ...]:
+def _counts(one: Operating) -> tuple[str, ...]:
     return (
-        _format_share(one.precision),
-        _format_share(one.recall),
-        _format_share(one.f1),
+        _share(one.precision),
+        _share(one.recall),
+        _share(one.f1),
         f"{one.hits} / {one.false_alarms} / {one.misses}",
     )
 
@@ -146,9 +146,9 @@ def _print_table(console: Console, title: str, head: Sequence[str], rows: Sequen
     console.print(table)
 
 
-def _format_share(value: float | None) -> str:
+def _share(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _format_interval(interval: Interval | None) -> str:
+def _interval(interval: Interval | None) -> str:
     return "-" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"

@@ -31,7 +31,7 @@ def show_task(console: Console, task: ReviewTask, files: Sequence[Path]) -> None
     ):
         console.print(f"  {path}: {use}", soft_wrap=True, highlight=False)
     console.print(
-        f"import with: facadelake review import {task.building_id} {task.campaign_id} FILE --task {coco} --reviewer NAME",
+        f"then: facadelake review import {task.building_id} {task.campaign_id} FILE --task {coco} --reviewer NAME",
         soft_wrap=True,
         highlight=False,
     )
@@ -118,9 +118,6 @@ def show_training_set(console: Console, done: TrainingSet, placed: Mapping[str, 
             soft_wrap=True,
         )
     console.print(f"written to {done.folder}; {MANIFEST} lists sources and terms of use", soft_wrap=True)
-
-
-_MOST = 10
 
 
 def show_comparison(console: Console, done: Compared) -> None:

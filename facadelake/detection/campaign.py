@@ -19,7 +19,7 @@ from facadelake.core.progress import track
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import clip_box
 from facadelake.detection.crosswalk import Crosswalk, build_crosswalk
-from facadelake.detection.inference.detector import Found, OnnxDetector
+from facadelake.detection.inference.detector import DetectedBox, OnnxDetector
 from facadelake.detection.inference.photograph import read_photograph
 from facadelake.detection.tiling.tiled_detection import detect_image
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome
@@ -84,7 +84,7 @@ def _build_row(
     detector: OnnxDetector,
     crosswalk: Crosswalk,
     rank: int,
-    found: Found,
+    found: DetectedBox,
     remark: str,
 ) -> dict[str, Any]:
     width, height = size_px

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from facadelake.detection.inference.detector import OnnxDetector, detector_fingerprint, load_detector
+from facadelake.detection.inference.detector import OnnxDetector, hash_detector, load_detector
 from facadelake.detection.model_registry import find_default_model
 from facadelake.registry import DEFAULT_MODEL, Building, OnnxDetectorSetting
 
@@ -37,8 +37,8 @@ def load_configured_detector(setting: OnnxDetectorSetting) -> OnnxDetector:
 
 
 def hash_configured_detector(setting: OnnxDetectorSetting) -> str:
-    """A key of what the model would find. Raises as ``detector_fingerprint`` does."""
-    return detector_fingerprint(locate_model(setting), setting.classes, _locate_configured_card(setting))
+    """A key of what the model would find. Raises as ``hash_detector`` does."""
+    return hash_detector(locate_model(setting), setting.classes, _locate_configured_card(setting))
 
 
 def count_threads(setting: OnnxDetectorSetting) -> int:

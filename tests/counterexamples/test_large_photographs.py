@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from facadelake.core.arrays import UInt8Image
-from facadelake.detection.inference.detector import Found
-from facadelake.detection.tiling.plan import plan_looks
+from facadelake.detection.inference.detector import DetectedBox
+from facadelake.detection.tiling.plan import plan_tile_passes
 from facadelake.detection.tiling.tiled_detection import detect_image
 from tests.unit.detection.blobs import BlobDetector, card
 
 INPUT_PX = 160
 WIDTH, HEIGHT = 1500, 1000
-TILES = plan_looks(card(INPUT_PX).input, width_px=WIDTH, height_px=HEIGHT)[0].tiles
+TILES = plan_tile_passes(card(INPUT_PX).input, width_px=WIDTH, height_px=HEIGHT)[0].tiles
 LEFTS = sorted({tile.left for tile in TILES})
 RIGHTS = sorted({tile.right for tile in TILES})
 Sides = tuple[int, int, int, int]
@@ -29,7 +29,7 @@ Sides = tuple[int, int, int, int]
 class NearSighted(BlobDetector):
     """Sees nothing in an image that would have to be shrunk by more than half."""
 
-    def _blobs(self, image: UInt8Image) -> tuple[Found, ...]:
+    def _blobs(self, image: UInt8Image) -> tuple[DetectedBox, ...]:
         return () if max(image.shape[:2]) > 2 * INPUT_PX + 1 else super()._blobs(image)
 
 
@@ -50,7 +50,7 @@ def blobs(image: UInt8Image) -> list[Sides]:
     return sorted((int(x), int(y), int(w), int(h)) for x, y, w, h, _ in stats[1:])
 
 
-def told(found: tuple[Found, ...]) -> list[Sides]:
+def told(found: tuple[DetectedBox, ...]) -> list[Sides]:
     boxes = [one.box for one in found]
     return sorted((round(b.x_px), round(b.y_px), round(b.width_px), round(b.height_px)) for b in boxes)
 
@@ -130,7 +130,7 @@ def test_spots_without_number_are_told_once_each() -> None:
 )
 def test_photographs_of_any_shape_are_covered(height: int, width: int) -> None:
     """From one pixel to a panorama: every pixel lies in a tile of the finest look, no tile reaches beyond."""
-    tiles = plan_looks(card(INPUT_PX).input, width_px=width, height_px=height)[0].tiles
+    tiles = plan_tile_passes(card(INPUT_PX).input, width_px=width, height_px=height)[0].tiles
     seen = np.zeros((height, width), dtype=bool)
     for tile in tiles:
         assert 0 <= tile.left < tile.right <= width

@@ -16,7 +16,7 @@ from benchmarks.published_poses import write_published
 from facadelake.building.model import read_building
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import read_posed_cameras
-from facadelake.detection.tiling.plan import SCALES_APART
+from facadelake.detection.tiling.plan import SCALE_RATIO_MIN
 from facadelake.lake.read import read_table
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
 from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model
@@ -83,7 +83,7 @@ def test_no_tile_of_sky_is_looked_at_and_all_of_the_building_is(looked_at: tuple
         depth, _ = surface.render_depth(camera, 1.0)
         shown = np.isfinite(depth)
         gain = float(np.median(depth[shown])) / camera.camera.fx_px * 1000 / GSD_MM
-        if gain <= SCALES_APART * min(WIDTH / wide, HEIGHT / high):
+        if gain <= SCALE_RATIO_MIN * min(WIDTH / wide, HEIGHT / high):
             continue  # from so near, the whole photograph is one tile
         middles = np.array(
             [

@@ -10,7 +10,7 @@ import pytest
 
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import ModelCard
-from facadelake.detection.inference.detector import Found, OnnxDetector
+from facadelake.detection.inference.detector import DetectedBox, OnnxDetector
 
 pytestmark = pytest.mark.realdata
 
@@ -43,7 +43,7 @@ def weights(shared_data: Path) -> Path:
     return path
 
 
-def overlap(found: Found, left: float, top: float, right: float, bottom: float) -> float:
+def overlap(found: DetectedBox, left: float, top: float, right: float, bottom: float) -> float:
     """Intersection over union with a box drawn by a person."""
     box = found.box
     wide = min(box.x_px + box.width_px, right) - max(box.x_px, left)

@@ -23,8 +23,8 @@ from facadelake.detection.card import (
     read_card,
 )
 from facadelake.detection.inference.session import ModelSession
-from facadelake.detection.layouts.probe import assigned, class_counts, fitting_layouts
-from facadelake.detection.layouts.reader import EVERYTHING
+from facadelake.detection.layouts.probe import assign_outputs, find_class_counts, find_fitting_layouts
+from facadelake.detection.layouts.reader import NO_THRESHOLD
 from facadelake.detection.layouts.table import READERS
 
 METADATA_KEY = "facadelake.card"
@@ -53,49 +53,49 @@ def find_card(model: Path, card: Path | None = None) -> ModelCard:
     )
 
 
-_IMAGENET = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
-_USUAL_SIZE_PX = 640
-_BY_CELL = {OutputLayout.YOLOV5, OutputLayout.YOLOV8, OutputLayout.YOLOV5_SEG, OutputLayout.YOLOV8_SEG}
+_IMAGENET_NORMALISATION = {"mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
+_INPUT_SIZE_DEFAULT_PX = 640
+_CANDIDATE_PER_CELL = {OutputLayout.YOLOV5, OutputLayout.YOLOV8, OutputLayout.YOLOV5_SEG, OutputLayout.YOLOV8_SEG}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Draft:
+class CardDraft:
     """A card's text and what it rests on."""
 
     text: str
     remark: str
 
 
-def draft_card(session: ModelSession) -> Draft:
+def draft_card(session: ModelSession) -> CardDraft:
     """The card that ``session``'s model seems to want. Its metadata is read as Ultralytics writes it."""
     metadata = session.metadata
-    names = _class_names(metadata)
-    height, width = _input_size(session, metadata)
-    outputs = _probe(session, height, width)
-    base = _card(session.model.stem, metadata, names, height, width, OutputLayout.YOLOV8)
+    names = _read_class_names(metadata)
+    height, width = _read_input_size(session, metadata)
+    outputs = _run_probe(session, height, width)
+    base = _build_card(session.model.stem, metadata, names, height, width, OutputLayout.YOLOV8)
     fitting: list[ModelCard] = []
-    for layout in _possible(height, width) if outputs else ():
-        card = _card(session.model.stem, metadata, names, height, width, layout)
-        for count in (len(names),) if names else (1, *class_counts(outputs, card)):
-            tried = card.model_copy(update={"class_names": names or _numbered(count)})
-            if layout in fitting_layouts(outputs, tried):
+    for layout in _list_possible_layouts(height, width) if outputs else ():
+        card = _build_card(session.model.stem, metadata, names, height, width, layout)
+        for count in (len(names),) if names else (1, *find_class_counts(outputs, card)):
+            tried = card.model_copy(update={"class_names": names or _number_classes(count)})
+            if layout in find_fitting_layouts(outputs, tried):
                 fitting.append(tried)
                 break
     if not fitting:
         found = ", ".join(f"{name} {values.shape}" for name, values in outputs.items()) or "it does not run"
-        return Draft(
-            text=format_card(base if names else base.model_copy(update={"class_names": _numbered(1)})),
+        return CardDraft(
+            text=format_card(base if names else base.model_copy(update={"class_names": _number_classes(1)})),
             remark=f"This draft is a guess: no layout fits the outputs of a probe image ({found}).",
         )
     # Usual names of outputs say more than shapes: RF-DETR and RT-DETR have the same.
-    best = max(fitting, key=lambda card: (_known_by_name(outputs, card), _enough_rows(outputs, card)))
+    best = max(fitting, key=lambda card: (_count_usual_names(outputs, card), _has_enough_rows(outputs, card)))
     others = [card.output.layout for card in fitting if card is not best]
     said = "its metadata and a probe image" if names else "a probe image (class names are unknown)"
     also = f"; {' or '.join(others)} would fit too" if others else ""
-    return Draft(text=format_card(best), remark=f"A draft from {said}, layout {best.output.layout}{also}.")
+    return CardDraft(text=format_card(best), remark=f"A draft from {said}, layout {best.output.layout}{also}.")
 
 
-def _card(
+def _build_card(
     stem: str, metadata: Mapping[str, str], names: tuple[str, ...], height: int, width: int, layout: OutputLayout
 ) -> ModelCard:
     """A card with what models of this layout usually want."""
@@ -112,21 +112,21 @@ def _card(
         ):
             spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=ResizeMode.STRETCH)
         case OutputLayout.RFDETR | OutputLayout.RFDETR_SEG:
-            spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=ResizeMode.STRETCH, **_IMAGENET)
+            spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=ResizeMode.STRETCH, **_IMAGENET_NORMALISATION)
         case _:
             spec = CardInput(**size, colour="rgb", scale=1 / 255, resize=ResizeMode.CENTRE)
     return ModelCard(
         name=stem or "detector",
         licence=metadata.get("license") or "unknown",
         source=metadata.get("description", ""),
-        class_names=names or _numbered(1),
+        class_names=names or _number_classes(1),
         input=spec,
         output=CardOutput(layout=layout),
         score_threshold=0.25,
     )
 
 
-def _possible(height: int, width: int) -> tuple[OutputLayout, ...]:
+def _list_possible_layouts(height: int, width: int) -> tuple[OutputLayout, ...]:
     """The layouts that an input of this size can have: YOLOX' grids must fit it."""
     stride = max(CardOutput(layout=OutputLayout.YOLOX).strides)
     return tuple(
@@ -134,7 +134,7 @@ def _possible(height: int, width: int) -> tuple[OutputLayout, ...]:
     )
 
 
-def _probe(session: ModelSession, height: int, width: int) -> dict[str, Float32Array]:
+def _run_probe(session: ModelSession, height: int, width: int) -> dict[str, Float32Array]:
     """The outputs for noise; none where the model does not run."""
     noise = np.random.default_rng(0).random((1, 3, height, width), dtype=np.float32)
     try:
@@ -144,46 +144,46 @@ def _probe(session: ModelSession, height: int, width: int) -> dict[str, Float32A
     return dict(zip(session.output_names, outputs, strict=True))
 
 
-def _known_by_name(outputs: Mapping[str, Float32Array], card: ModelCard) -> int:
+def _count_usual_names(outputs: Mapping[str, Float32Array], card: ModelCard) -> int:
     """How many outputs of the layout have the names that its exports use; 0 unless all have."""
-    names = assigned(outputs, card)
-    for form in READERS[card.output.layout].forms(card):
-        if all(name.casefold() in part.known_as for name, part in zip(names, form, strict=True)):
+    names = assign_outputs(outputs, card)
+    for form in READERS[card.output.layout].list_signatures(card):
+        if all(name.casefold() in part.usual_names for name, part in zip(names, form, strict=True)):
             return len(names)
     return 0
 
 
-def _enough_rows(outputs: Mapping[str, Float32Array], card: ModelCard) -> bool:
+def _has_enough_rows(outputs: Mapping[str, Float32Array], card: ModelCard) -> bool:
     """Whether a layout with a candidate for every cell has as many as the cells of two coarse grids."""
-    if card.output.layout not in _BY_CELL:
+    if card.output.layout not in _CANDIDATE_PER_CELL:
         return True
-    reader, names = READERS[card.output.layout], assigned(outputs, card)
-    count = len(reader.candidates([outputs[name][0] for name in names], card, EVERYTHING).rows)
+    reader, names = READERS[card.output.layout], assign_outputs(outputs, card)
+    count = len(reader.read_candidates([outputs[name][0] for name in names], card, NO_THRESHOLD).rows)
     return count >= sum((card.input.width_px // stride) * (card.input.height_px // stride) for stride in (16, 32))
 
 
-def _input_size(session: ModelSession, metadata: Mapping[str, str]) -> tuple[int, int]:
+def _read_input_size(session: ModelSession, metadata: Mapping[str, str]) -> tuple[int, int]:
     """Height and width: fixed by the graph, else of the metadata's ``imgsz``, else the usual."""
-    said = _literal(metadata.get("imgsz", ""))
+    said = _parse_literal(metadata.get("imgsz", ""))
     if isinstance(said, int):
         said = [said, said]
     if not (
         isinstance(said, list | tuple) and len(said) == 2 and all(isinstance(side, int) and side > 0 for side in said)
     ):
-        said = [_USUAL_SIZE_PX, _USUAL_SIZE_PX]
+        said = [_INPUT_SIZE_DEFAULT_PX, _INPUT_SIZE_DEFAULT_PX]
     height, width = session.input_shape[2:]
     return height or said[0], width or said[1]
 
 
-def _class_names(metadata: Mapping[str, str]) -> tuple[str, ...]:
+def _read_class_names(metadata: Mapping[str, str]) -> tuple[str, ...]:
     """Metadata's ``names``: a mapping of numbers to names, or a list; empty where it is neither."""
-    said = _literal(metadata.get("names", ""))
+    said = _parse_literal(metadata.get("names", ""))
     if isinstance(said, dict) and all(isinstance(key, int) for key in said):
         return tuple(str(said[key]) for key in sorted(said))
     return tuple(str(name) for name in said) if isinstance(said, list | tuple) else ()
 
 
-def _literal(text: str) -> object:
+def _parse_literal(text: str) -> object:
     try:
         value: object = ast.literal_eval(text)
     except (ValueError, SyntaxError):
@@ -191,5 +191,5 @@ def _literal(text: str) -> object:
     return value
 
 
-def _numbered(count: int) -> tuple[str, ...]:
+def _number_classes(count: int) -> tuple[str, ...]:
     return tuple(f"class {i}" for i in range(count))

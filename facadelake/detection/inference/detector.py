@@ -17,21 +17,21 @@ from facadelake.core.hashing import compute_key, hash_file
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard, calibrate_scores, invert_calibration
 from facadelake.detection.inference.cards import find_card
-from facadelake.detection.inference.letterbox import Letterbox, letterbox
-from facadelake.detection.inference.outline import outline
+from facadelake.detection.inference.letterbox import Letterbox, fit_letterbox
+from facadelake.detection.inference.outline import trace_mask
 from facadelake.detection.inference.session import ModelSession
 from facadelake.detection.layouts.probe import verify_outputs
-from facadelake.detection.layouts.reader import Candidates
+from facadelake.detection.layouts.reader import DetectionCandidates
 from facadelake.detection.layouts.table import READERS
 
 _log = logging.getLogger(__name__)
 
 # What of a card says nothing on what is found.
-_REMARKS = {"licence", "source", "training_data", "metrics"}
+_DESCRIPTIVE_KEYS = {"licence", "source", "training_data", "metrics"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class DetectedBox:
     """A box in pixels of the photograph, which may stick out of it; ``score`` is calibrated.
 
     ``mask`` is the outline of what was found inside the box, in the same pixels, where the model gives masks and
@@ -72,17 +72,17 @@ class OnnxDetector:
                 f"declares: {error}"
             ) from error
         self._outputs = verify_outputs(dict(zip(names, outputs, strict=True)), card, str(model))
-        self.takes_batches = self._takes_batches(probes)
+        self.supports_batches = self._takes_batches(probes)
 
-    def detect(self, image_bgr: UInt8Image) -> tuple[Found, ...]:
+    def detect(self, image_bgr: UInt8Image) -> tuple[DetectedBox, ...]:
         """What is found in a photograph (h, w, 3: blue, green, red), best first, suppressed within each class."""
         box = self._letterbox(image_bgr)
         outputs = self._session.run(box.input_from_image(image_bgr), self._outputs)
         return self._found([output[0] for output in outputs], box)
 
-    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[DetectedBox, ...], ...]:
         """What ``detect`` gives for each of the photographs, in one run of the model where its batch size is free."""
-        if not self.takes_batches or len(images_bgr) < 2:
+        if not self.supports_batches or len(images_bgr) < 2:
             return tuple(self.detect(image) for image in images_bgr)
         spec = self.card.input
         values = np.empty((len(images_bgr), 3, spec.height_px, spec.width_px), dtype=np.float32)
@@ -94,16 +94,16 @@ class OnnxDetector:
 
     def _letterbox(self, image_bgr: UInt8Image) -> Letterbox:
         height, width = image_bgr.shape[:2]
-        return letterbox(self.card.input, image_width_px=width, image_height_px=height)
+        return fit_letterbox(self.card.input, image_width_px=width, image_height_px=height)
 
-    def _found(self, outputs: Sequence[Float32Array], box: Letterbox) -> tuple[Found, ...]:
+    def _found(self, outputs: Sequence[Float32Array], box: Letterbox) -> tuple[DetectedBox, ...]:
         """What the outputs for one image say, in pixels of the photograph."""
         if any(np.isnan(output.min(initial=0)) for output in outputs):
             _log.warning(
                 "%s: outputs for an image of %d x %d px hold values that are no numbers (NaN); what they stand for is "
                 "not found", self.name, box.image_width_px, box.image_height_px,
             )  # fmt: skip
-        candidates = self._reader.candidates(outputs, self.card, self._threshold)
+        candidates = self._reader.read_candidates(outputs, self.card, self._threshold)
         if not len(candidates.scores):
             return ()
         corners_input = candidates.corners_input
@@ -114,22 +114,22 @@ class OnnxDetector:
         corners = box.image_from_input(corners_input[kept])
         scores = calibrate_scores(candidates.scores[kept], self.card.score_calibration)
         return tuple(
-            Found(
+            DetectedBox(
                 box=Box(x_px=left, y_px=top, width_px=right - left, height_px=bottom - top),
                 score=score,
                 class_name=self._class_name(int(candidates.classes[i])),
-                mask=None if candidates.masks is None else outline(candidates.masks, i, corners_input[i], box),
+                mask=None if candidates.masks is None else trace_mask(candidates.masks, i, corners_input[i], box),
             )
             for i, (left, top, right, bottom), score in zip(
                 kept.tolist(), corners.tolist(), scores.tolist(), strict=True
             )
         )
 
-    def _kept(self, found: Candidates, usable: Int64Array) -> Int64Array:
+    def _kept(self, found: DetectionCandidates, usable: Int64Array) -> Int64Array:
         """Which of the ``usable`` candidates stay, best first: suppressed within each class, and not too many."""
         scores = found.scores[usable]
         kept = np.arange(len(usable))
-        if self._reader.overlapping and len(usable):
+        if self._reader.needs_suppression and len(usable):
             corners = found.corners_input[usable]
             # From the origin: OpenCV tells classes apart by moving their boxes, which fails left of it.
             corners = corners - np.tile(corners[:, :2].min(axis=0), 2)
@@ -183,7 +183,7 @@ def load_detector(
     return OnnxDetector(model, said, threads=threads)
 
 
-def detector_fingerprint(file: Path, class_names: Mapping[str, str], card: Path | None = None) -> str:
+def hash_detector(file: Path, class_names: Mapping[str, str], card: Path | None = None) -> str:
     """A key of what a detector would find: a COCO file, or a model with its card, and the building's class names.
 
     Raises InputDataError where the file is not there, ModelError where a model has no card.
@@ -192,5 +192,5 @@ def detector_fingerprint(file: Path, class_names: Mapping[str, str], card: Path 
         raise InputDataError(f"detector {file} does not exist; correct the detector's path in the registry")
     parts: dict[str, object] = {"class_names": dict(class_names), "name": file.name, "file": hash_file(file)}
     if file.suffix.lower() == ".onnx":
-        parts["card"] = find_card(file, card).model_dump(mode="json", exclude=_REMARKS)
+        parts["card"] = find_card(file, card).model_dump(mode="json", exclude=_DESCRIPTIVE_KEYS)
     return compute_key(parts)

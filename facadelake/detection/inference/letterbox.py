@@ -71,7 +71,7 @@ class Letterbox:
         return canvas
 
 
-def letterbox(spec: CardInput, *, image_width_px: int, image_height_px: int) -> Letterbox:
+def fit_letterbox(spec: CardInput, *, image_width_px: int, image_height_px: int) -> Letterbox:
     """How a photograph of the given size goes into the input that ``spec`` describes."""
     width, height = spec.width_px, spec.height_px
     if spec.resize is not ResizeMode.STRETCH:

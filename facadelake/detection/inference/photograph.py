@@ -21,7 +21,7 @@ def read_photograph(path: Path) -> UInt8Image | None:
     return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
-def turned_by_exif(path: Path) -> bool:
+def has_exif_rotation(path: Path) -> bool:
     """Whether EXIF asks for another orientation than the pixels of a readable photograph are stored in."""
     with PilImage.open(path) as image:
         return bool(image.getexif().get(Base.Orientation, 1) not in (0, 1))

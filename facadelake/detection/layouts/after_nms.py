@@ -9,75 +9,87 @@ import numpy as np
 
 from facadelake.core.arrays import Float32Array
 from facadelake.detection.card import ModelCard
-from facadelake.detection.layouts.reader import Candidates, Free, Part, Reader, order_fault, reach_fault, score_fault
-from facadelake.detection.layouts.yolo import corners_of
+from facadelake.detection.layouts.reader import (
+    DetectionCandidates,
+    OutputReader,
+    OutputTensor,
+    SymbolicDimension,
+    check_box_centres,
+    check_corner_order,
+    check_scores,
+)
+from facadelake.detection.layouts.yolo import corners_from_centres
 
 
-class Nms6Reader(Reader):
+class Nms6Reader(OutputReader):
     """(1, N, 6): corners in pixels of the input, score, class."""
 
-    overlapping: ClassVar[bool] = False
+    needs_suppression: ClassVar[bool] = False
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """One output."""
-        return ((Part(name="boxes", shape=(1, Free(name="N"), 6)),),)
+        return ((OutputTensor(name="boxes", shape=(1, SymbolicDimension(name="N"), 6)),),)
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """Rows of enough score."""
         table = outputs[0]
         rows = np.flatnonzero(table[:, 4] >= threshold)
-        return Candidates(
+        return DetectionCandidates(
             corners_input=table[rows, :4],
             scores=table[rows, 4],
             classes=table[rows, 5].astype(np.int64),
             rows=rows,
         )
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Scores beyond 0..1, corners that are none, or normalised ones."""
         # Models pad their list with rows of score 0 or -1, whose corners say nothing.
-        real = _above_zero(found)
-        fault = score_fault(found, lowest=-1.0) or order_fault(real)
+        real = _select_positive(found)
+        fault = check_scores(found, lowest=-1.0) or check_corner_order(real)
         if fault or not len(real.scores):
             return fault
         if np.abs(real.corners_input).max() <= 1.5:
             return "boxes of a probe image lie within 0 to 1: they are normalised, not pixels of the input"
-        return reach_fault(real, card, least=0.0, units="pixels of the input")
+        return check_box_centres(real, card, least=0.0, units="pixels of the input")
 
 
-class RtdetrRowsReader(Reader):
+class RtdetrRowsReader(OutputReader):
     """(1, N, 6): centre and size normalised to 0..1, score, class, as RT-DETR is exported by Ultralytics since 2026."""
 
-    overlapping: ClassVar[bool] = False
+    needs_suppression: ClassVar[bool] = False
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """One output."""
-        return ((Part(name="queries", shape=(1, Free(name="N"), 6)),),)
+        return ((OutputTensor(name="queries", shape=(1, SymbolicDimension(name="N"), 6)),),)
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """Rows of enough score."""
         table = outputs[0]
         rows = np.flatnonzero(table[:, 4] >= threshold)
         size = np.array([card.input.width_px, card.input.height_px] * 2, dtype=np.float32)
-        return Candidates(
-            corners_input=corners_of(table[rows, :2], table[rows, 2:4]) * size,
+        return DetectionCandidates(
+            corners_input=corners_from_centres(table[rows, :2], table[rows, 2:4]) * size,
             scores=table[rows, 4],
             classes=table[rows, 5].astype(np.int64),
             rows=rows,
         )
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Scores beyond 0..1, sizes below 0, or boxes in pixels."""
         return (
-            score_fault(found)
-            or order_fault(found)
-            or reach_fault(found, card, least=0.0, units="normalised to 0..1 (pixels?)")
+            check_scores(found)
+            or check_corner_order(found)
+            or check_box_centres(found, card, least=0.0, units="normalised to 0..1 (pixels?)")
         )
 
 
-def _above_zero(found: Candidates) -> Candidates:
+def _select_positive(found: DetectionCandidates) -> DetectionCandidates:
     real = found.scores > 0
-    return Candidates(
+    return DetectionCandidates(
         corners_input=found.corners_input[real],
         scores=found.scores[real],
         classes=found.classes[real],

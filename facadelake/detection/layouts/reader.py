@@ -11,13 +11,13 @@ import numpy as np
 
 from facadelake.core.arrays import Float32Array, Int64Array
 from facadelake.detection.card import ModelCard
-from facadelake.detection.layouts.masks import Masks
+from facadelake.detection.layouts.masks import CandidateMasks
 
-EVERYTHING = -np.inf  # the threshold that lets every candidate pass
+NO_THRESHOLD = -np.inf  # the threshold that lets every candidate pass
 
 
 @dataclass(frozen=True, kw_only=True)
-class Free:
+class SymbolicDimension:
     """A size that the model chooses, ``plus`` a known number; the same name is the same size in all outputs."""
 
     name: str
@@ -29,19 +29,19 @@ class Free:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class OutputTensor:
     """One output of a layout: what it is called here, by which names exports know it, its shape for one image."""
 
     name: str
-    known_as: frozenset[str] = frozenset()
-    shape: tuple[int | Free, ...]
+    usual_names: frozenset[str] = frozenset()
+    shape: tuple[int | SymbolicDimension, ...]
 
     def __str__(self) -> str:
         return "(" + ", ".join(str(size) for size in self.shape) + ")"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Candidates:
+class DetectionCandidates:
     """Boxes before suppression: ``corners_input`` (n, 4: left, top, right, bottom) in pixels of the model's input.
 
     ``rows`` (n) is where each stands in the model's output; ``masks`` are there where the layout has them.
@@ -51,28 +51,30 @@ class Candidates:
     scores: Float32Array
     classes: Int64Array
     rows: Int64Array
-    masks: Masks | None = None
+    masks: CandidateMasks | None = None
 
 
-class Reader(ABC):
+class OutputReader(ABC):
     """How one layout is read. Outputs come in the order of its parts, each without its batch axis."""
 
-    overlapping: ClassVar[bool] = True  # several candidates for one thing: they need suppression
+    needs_suppression: ClassVar[bool] = True  # several candidates for one thing: they need suppression
 
     @abstractmethod
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """The sets of outputs that will do for ``card``; mostly one."""
 
     @abstractmethod
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """The candidates whose score, as the model gives it, reaches ``threshold``."""
 
     @abstractmethod
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Why the outputs of a probe image, and all candidates of them, cannot be of this layout; empty: they can."""
 
 
-def fits(shapes: Sequence[tuple[int, ...]], parts: Sequence[Part]) -> bool:
+def match_shapes(shapes: Sequence[tuple[int, ...]], parts: Sequence[OutputTensor]) -> bool:
     """Whether outputs of ``shapes`` are the parts, in their order."""
     chosen: dict[str, int] = {}
     for shape, part in zip(shapes, parts, strict=True):
@@ -89,7 +91,7 @@ def fits(shapes: Sequence[tuple[int, ...]], parts: Sequence[Part]) -> bool:
     return True
 
 
-def score_fault(found: Candidates, *, lowest: float = 0.0) -> str:
+def check_scores(found: DetectionCandidates, *, lowest: float = 0.0) -> str:
     """Why scores are no probabilities."""
     if not len(found.scores):
         return ""
@@ -102,7 +104,7 @@ def score_fault(found: Candidates, *, lowest: float = 0.0) -> str:
     )
 
 
-def reach_fault(found: Candidates, card: ModelCard, *, least: float, units: str) -> str:
+def check_box_centres(found: DetectionCandidates, card: ModelCard, *, least: float, units: str) -> str:
     """Why the boxes' middles cannot lie in the input: how far they reach, in its sizes, from ``least`` to 2."""
     if not len(found.scores):
         return ""
@@ -118,7 +120,7 @@ def reach_fault(found: Candidates, card: ModelCard, *, least: float, units: str)
     )
 
 
-def order_fault(found: Candidates) -> str:
+def check_corner_order(found: DetectionCandidates) -> str:
     """Why corners are none: left beyond right or top beyond bottom."""
     backwards = np.flatnonzero((found.corners_input[:, 2:] < found.corners_input[:, :2]).any(axis=1))
     if not len(backwards):

@@ -11,31 +11,43 @@ import numpy as np
 from facadelake.core.arrays import Float32Array, Float64Array, Int64Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import ComponentMasks
-from facadelake.detection.layouts.reader import Candidates, Free, Part, Reader
+from facadelake.detection.layouts.reader import DetectionCandidates, OutputReader, OutputTensor, SymbolicDimension
 
 _BACKGROUND = "background"
-_MOST_LOGIT = 16.0  # float32 knows no probability nearer to 1
+_LOGIT_MAX = 16.0  # float32 knows no probability nearer to 1
 
 
-class MapReader(Reader):
+class MapReader(OutputReader):
     """(1, nc, h, w): probabilities; the grid covers the input. A class called ``background`` is none.
 
     A candidate is a connected part (8 neighbours) of more than 0.5; its score is the mean probability in it.
     """
 
-    overlapping: ClassVar[bool] = False
+    needs_suppression: ClassVar[bool] = False
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """One output."""
         return (
-            (Part(name="map", shape=(1, len(card.class_names), Free(name="h", least=1), Free(name="w", least=1))),),
+            (
+                OutputTensor(
+                    name="map",
+                    shape=(
+                        1,
+                        len(card.class_names),
+                        SymbolicDimension(name="h", least=1),
+                        SymbolicDimension(name="w", least=1),
+                    ),
+                ),
+            ),
         )
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """Connected parts of enough mean probability."""
         return self._parts(self._probabilities(outputs[0], card), card, threshold)
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Probabilities beyond 0..1."""
         low, high = float(outputs[0].min()), float(outputs[0].max())
         if low >= -1e-3 and high <= 1 + 1e-3:
@@ -48,7 +60,7 @@ class MapReader(Reader):
     def _probabilities(self, given: Float32Array, card: ModelCard) -> Float32Array:
         return given
 
-    def _parts(self, probabilities: Float32Array, card: ModelCard, threshold: float) -> Candidates:
+    def _parts(self, probabilities: Float32Array, card: ModelCard, threshold: float) -> DetectionCandidates:
         classes, rows, columns = probabilities.shape
         cell = np.array([card.input.width_px / columns, card.input.height_px / rows] * 2)
         numbers = np.zeros(probabilities.shape, dtype=np.int32)
@@ -69,20 +81,20 @@ class MapReader(Reader):
         enough = np.flatnonzero(all_scores >= threshold)
         with np.errstate(divide="ignore", invalid="ignore"):
             logits = np.log(probabilities) - np.log1p(-probabilities)
-        logits = np.clip(np.nan_to_num(logits, nan=-_MOST_LOGIT), -_MOST_LOGIT, _MOST_LOGIT)
-        return Candidates(
+        logits = np.clip(np.nan_to_num(logits, nan=-_LOGIT_MAX), -_LOGIT_MAX, _LOGIT_MAX)
+        return DetectionCandidates(
             corners_input=np.concatenate(corners)[enough].astype(np.float32),
             scores=all_scores[enough],
             classes=all_parts[enough, 0],
             rows=enough,
-            masks=ComponentMasks(class_logits=logits, numbers=numbers, part=all_parts[enough]),
+            masks=ComponentMasks(class_logits=logits, labels=numbers, component=all_parts[enough]),
         )
 
 
 class MapLogitsReader(MapReader):
     """The same before its activation: softmax where a class is called ``background``, else a sigmoid for each class."""
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Logits that are probabilities."""
         low, high = float(outputs[0].min()), float(outputs[0].max())
         if low < 0 or high > 1:

@@ -10,35 +10,45 @@ import numpy as np
 from facadelake.core.arrays import Float32Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import QueryMasks
-from facadelake.detection.layouts.reader import Candidates, Free, Part, Reader, order_fault, reach_fault, score_fault
-from facadelake.detection.layouts.yolo import corners_of
+from facadelake.detection.layouts.reader import (
+    DetectionCandidates,
+    OutputReader,
+    OutputTensor,
+    SymbolicDimension,
+    check_box_centres,
+    check_corner_order,
+    check_scores,
+)
+from facadelake.detection.layouts.yolo import corners_from_centres
 
-_Q = Free(name="Q")
+_Q = SymbolicDimension(name="Q")
 _NORMALISED = "normalised to 0..1 (pixels?)"
 
 
-class RtdetrReader(Reader):
+class RtdetrReader(OutputReader):
     """Boxes (1, Q, 4: centre and size normalised to 0..1) and logits (1, Q, nc) (RT-DETR, Zhao et al. 2024; D-FINE)."""
 
-    overlapping: ClassVar[bool] = False
+    needs_suppression: ClassVar[bool] = False
     boxes_known_as: ClassVar[frozenset[str]] = frozenset({"pred_boxes", "boxes"})
     logits_known_as: ClassVar[frozenset[str]] = frozenset({"logits", "pred_logits"})
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """Two outputs."""
         return (self._form(len(card.class_names)),)
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """Pairs of a query and a class of enough score: the classes of a query are independent of one another."""
         boxes, logits = outputs[0], outputs[1][:, : len(card.class_names)]
         queries, classes = np.nonzero(logits >= _logit(threshold))
         with np.errstate(over="ignore"):
             scores = np.float32(1) / (np.float32(1) + np.exp(-logits[queries, classes]))
         size = np.array([card.input.width_px, card.input.height_px] * 2, dtype=np.float32)
-        corners = corners_of(boxes[queries, :2], boxes[queries, 2:]) * size
-        return Candidates(corners_input=corners, scores=scores, classes=classes, rows=queries)
+        corners = corners_from_centres(boxes[queries, :2], boxes[queries, 2:]) * size
+        return DetectionCandidates(corners_input=corners, scores=scores, classes=classes, rows=queries)
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Logits that are probabilities, sizes below 0, or boxes in pixels."""
         # The sigmoid of a probability lies between 0.5 and 0.731.
         if len(found.scores) and found.scores.min() >= 0.4999 and found.scores.max() <= 0.7312:
@@ -46,12 +56,12 @@ class RtdetrReader(Reader):
                 "logits of a probe image run from 0 to 1: they are probabilities already; export the model without "
                 "its sigmoid"
             )
-        return order_fault(found) or reach_fault(found, card, least=0.0, units=_NORMALISED)
+        return check_corner_order(found) or check_box_centres(found, card, least=0.0, units=_NORMALISED)
 
-    def _form(self, columns: int) -> tuple[Part, ...]:
+    def _form(self, columns: int) -> tuple[OutputTensor, ...]:
         return (
-            Part(name="boxes", known_as=self.boxes_known_as, shape=(1, _Q, 4)),
-            Part(name="logits", known_as=self.logits_known_as, shape=(1, _Q, columns)),
+            OutputTensor(name="boxes", usual_names=self.boxes_known_as, shape=(1, _Q, 4)),
+            OutputTensor(name="logits", usual_names=self.logits_known_as, shape=(1, _Q, columns)),
         )
 
 
@@ -61,7 +71,7 @@ class RfdetrReader(RtdetrReader):
     boxes_known_as: ClassVar[frozenset[str]] = frozenset({"dets"})
     logits_known_as: ClassVar[frozenset[str]] = frozenset({"labels"})
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """Two outputs, with the column of no object or without."""
         classes = len(card.class_names)
         return self._form(classes + 1), self._form(classes)
@@ -70,15 +80,21 @@ class RfdetrReader(RtdetrReader):
 class RfdetrSegReader(RfdetrReader):
     """RF-DETR with mask logits (1, Q, h, w) for each query."""
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """Three outputs."""
-        masks = Part(name="masks", known_as=frozenset({"masks"}), shape=(1, _Q, Free(name="h"), Free(name="w")))
-        return tuple((*form, masks) for form in super().forms(card))
+        masks = OutputTensor(
+            name="masks",
+            usual_names=frozenset({"masks"}),
+            shape=(1, _Q, SymbolicDimension(name="h"), SymbolicDimension(name="w")),
+        )
+        return tuple((*form, masks) for form in super().list_signatures(card))
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """The boxes with their queries' masks."""
-        found = super().candidates(outputs, card, threshold)
-        return Candidates(
+        found = super().read_candidates(outputs, card, threshold)
+        return DetectionCandidates(
             corners_input=found.corners_input,
             scores=found.scores,
             classes=found.classes,
@@ -87,43 +103,45 @@ class RfdetrSegReader(RfdetrReader):
         )
 
 
-class RtdetrTripleReader(Reader):
+class RtdetrTripleReader(OutputReader):
     """Labels (1, Q), boxes (1, Q, 4: corners) and scores (1, Q), as RT-DETR and D-FINE are exported.
 
     Their second input, ``orig_target_sizes``, is what the boxes are scaled to. It is given ones, so that boxes come
     normalised and it does not matter whether the export wants width or height first.
     """
 
-    overlapping: ClassVar[bool] = False
+    needs_suppression: ClassVar[bool] = False
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """Three outputs."""
         return (
             (
-                Part(name="labels", known_as=frozenset({"labels"}), shape=(1, _Q)),
-                Part(name="boxes", known_as=frozenset({"boxes"}), shape=(1, _Q, 4)),
-                Part(name="scores", known_as=frozenset({"scores"}), shape=(1, _Q)),
+                OutputTensor(name="labels", usual_names=frozenset({"labels"}), shape=(1, _Q)),
+                OutputTensor(name="boxes", usual_names=frozenset({"boxes"}), shape=(1, _Q, 4)),
+                OutputTensor(name="scores", usual_names=frozenset({"scores"}), shape=(1, _Q)),
             ),
         )
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """Queries of enough score."""
         labels, boxes, scores = outputs
         queries = np.flatnonzero(scores >= threshold)
         size = np.array([card.input.width_px, card.input.height_px] * 2, dtype=np.float32)
-        return Candidates(
+        return DetectionCandidates(
             corners_input=boxes[queries] * size,
             scores=scores[queries],
             classes=labels[queries].astype(np.int64),
             rows=queries,
         )
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Scores beyond 0..1, corners that are none, or boxes that are not scaled to the second input."""
         return (
-            score_fault(found)
-            or order_fault(found)
-            or reach_fault(found, card, least=0.0, units="scaled to the model's second input")
+            check_scores(found)
+            or check_corner_order(found)
+            or check_box_centres(found, card, least=0.0, units="scaled to the model's second input")
         )
 
 

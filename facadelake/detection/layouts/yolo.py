@@ -11,94 +11,109 @@ import numpy as np
 from facadelake.core.arrays import Float32Array, Int64Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import PrototypeMasks
-from facadelake.detection.layouts.reader import Candidates, Free, Part, Reader, reach_fault, score_fault
+from facadelake.detection.layouts.reader import (
+    DetectionCandidates,
+    OutputReader,
+    OutputTensor,
+    SymbolicDimension,
+    check_box_centres,
+    check_scores,
+)
 
-_N = Free(name="N")
+_N = SymbolicDimension(name="N")
 # Every cell of the input has its candidate, so the boxes' middles must spread over the input and not beyond.
-_LEAST_REACH = 0.25
+_REACH_MIN = 0.25
 
 
-class YoloxReader(Reader):
+class YoloxReader(OutputReader):
     """(1, N, 5+nc): raw offsets in grid cells, log sizes, objectness, class scores (YOLOX, Ge et al. 2021)."""
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """One output; its candidates are the cells of all strides."""
-        count = len(_cells(card.input.width_px, card.input.height_px, card.output.strides))
-        return ((Part(name="candidates", shape=(1, count, 5 + len(card.class_names))),),)
+        count = len(_list_cells(card.input.width_px, card.input.height_px, card.output.strides))
+        return ((OutputTensor(name="candidates", shape=(1, count, 5 + len(card.class_names))),),)
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """Cells whose objectness times best class score is enough."""
         table = outputs[0]
-        rows, scores, classes = _scored_by_objectness(table, threshold)
-        cells = _cells(card.input.width_px, card.input.height_px, card.output.strides)[rows]
+        rows, scores, classes = _score_candidates(table, threshold)
+        cells = _list_cells(card.input.width_px, card.input.height_px, card.output.strides)[rows]
         strides = cells[:, 2:]
         with np.errstate(over="ignore"):
             centres, sizes = (table[rows, :2] + cells[:, :2]) * strides, np.exp(table[rows, 2:4]) * strides
-        return Candidates(corners_input=corners_of(centres, sizes), scores=scores, classes=classes, rows=rows)
+        return DetectionCandidates(
+            corners_input=corners_from_centres(centres, sizes), scores=scores, classes=classes, rows=rows
+        )
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Scores beyond 0..1, or boxes that are not spread over the input."""
-        return score_fault(found) or reach_fault(
-            found, card, least=_LEAST_REACH, units="offsets in grid cells (decoded boxes are layout yolov5)"
+        return check_scores(found) or check_box_centres(
+            found, card, least=_REACH_MIN, units="offsets in grid cells (decoded boxes are layout yolov5)"
         )
 
 
-class Yolov5Reader(Reader):
+class Yolov5Reader(OutputReader):
     """(1, N, 5+nc): centre and size in pixels of the input, objectness, class scores."""
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """One output."""
-        return ((Part(name="candidates", shape=(1, _N, 5 + len(card.class_names))),),)
+        return ((OutputTensor(name="candidates", shape=(1, _N, 5 + len(card.class_names))),),)
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """Candidates whose objectness times best class score is enough."""
         table = outputs[0]
-        rows, scores, classes = _scored_by_objectness(table, threshold)
-        corners = corners_of(table[rows, :2], table[rows, 2:4])
-        return Candidates(corners_input=corners, scores=scores, classes=classes, rows=rows)
+        rows, scores, classes = _score_candidates(table, threshold)
+        corners = corners_from_centres(table[rows, :2], table[rows, 2:4])
+        return DetectionCandidates(corners_input=corners, scores=scores, classes=classes, rows=rows)
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Scores beyond 0..1, or boxes that are not spread over the input."""
-        return score_fault(found) or reach_fault(
-            found, card, least=_LEAST_REACH, units="pixels of the input (normalised to 0..1, or offsets in grid cells?)"
+        return check_scores(found) or check_box_centres(
+            found, card, least=_REACH_MIN, units="pixels of the input (normalised to 0..1, or offsets in grid cells?)"
         )
 
 
-class Yolov8Reader(Reader):
+class Yolov8Reader(OutputReader):
     """(1, 4+nc, N): centre and size in pixels of the input, class scores."""
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """One output."""
-        return ((Part(name="candidates", shape=(1, 4 + len(card.class_names), _N)),),)
+        return ((OutputTensor(name="candidates", shape=(1, 4 + len(card.class_names), _N)),),)
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """Candidates whose best class score is enough."""
         table = outputs[0]
         by_class = table[4:]
         rows = np.flatnonzero(by_class.max(axis=0) >= threshold)
         by_class = by_class[:, rows]
         classes = by_class.argmax(axis=0)
-        return Candidates(
-            corners_input=corners_of(table[:2, rows].T, table[2:4, rows].T),
+        return DetectionCandidates(
+            corners_input=corners_from_centres(table[:2, rows].T, table[2:4, rows].T),
             scores=by_class[classes, np.arange(len(rows))],
             classes=classes,
             rows=rows,
         )
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """Scores beyond 0..1, or boxes that are not spread over the input."""
-        return score_fault(found) or reach_fault(
-            found, card, least=_LEAST_REACH, units="pixels of the input (normalised to 0..1?)"
+        return check_scores(found) or check_box_centres(
+            found, card, least=_REACH_MIN, units="pixels of the input (normalised to 0..1?)"
         )
 
 
-def corners_of(centres: Float32Array, sizes: Float32Array) -> Float32Array:
+def corners_from_centres(centres: Float32Array, sizes: Float32Array) -> Float32Array:
     """Left, top, right, bottom (n, 4) of centres (n, 2) and sizes (n, 2)."""
     corners: Float32Array = np.concatenate([centres - sizes / 2, centres + sizes / 2], axis=1)
     return corners
 
 
-def _scored_by_objectness(table: Float32Array, threshold: float) -> tuple[Int64Array, Float32Array, Int64Array]:
+def _score_candidates(table: Float32Array, threshold: float) -> tuple[Int64Array, Float32Array, Int64Array]:
     """Rows of enough score, their scores and classes; as class scores are at most 1, objectness rules most out."""
     # With room for class scores a little above 1 in half precision.
     hopeful = np.flatnonzero(table[:, 4] >= threshold * 0.999) if threshold > 0 else np.arange(len(table))
@@ -110,7 +125,7 @@ def _scored_by_objectness(table: Float32Array, threshold: float) -> tuple[Int64A
 
 
 @lru_cache(maxsize=8)
-def _cells(width_px: int, height_px: int, strides: tuple[int, ...]) -> Float32Array:
+def _list_cells(width_px: int, height_px: int, strides: tuple[int, ...]) -> Float32Array:
     """Column, row and stride (N, 3) of every YOLOX candidate, row by row, finest grid first."""
     grids = []
     for stride in strides:
@@ -121,40 +136,42 @@ def _cells(width_px: int, height_px: int, strides: tuple[int, ...]) -> Float32Ar
     return cells
 
 
-class PrototypeReader(Reader):
+class PrototypeReader(OutputReader):
     """``boxes``' own layout with k more numbers along its axis of numbers, and prototypes (1, k, h, w)."""
 
-    def __init__(self, boxes: Reader, *, axis: int) -> None:
+    def __init__(self, boxes: OutputReader, *, axis: int) -> None:
         """``axis`` (0 or 1) of ``boxes``' output, without the batch's, is that of a candidate's numbers."""
         self._boxes = boxes
         self._axis = axis
-        self.overlapping = boxes.overlapping  # type: ignore[misc]
+        self.needs_suppression = boxes.needs_suppression  # type: ignore[misc]
 
-    def forms(self, card: ModelCard) -> tuple[tuple[Part, ...], ...]:
+    def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
         """Two outputs."""
-        ((part,),) = self._boxes.forms(card)
+        ((part,),) = self._boxes.list_signatures(card)
         known = part.shape[self._axis + 1]
         assert isinstance(known, int)
         shape = list(part.shape)
-        shape[self._axis + 1] = Free(name="k", plus=known, least=1)
-        prototypes = (1, Free(name="k", least=1), Free(name="h"), Free(name="w"))
+        shape[self._axis + 1] = SymbolicDimension(name="k", plus=known, least=1)
+        prototypes = (1, SymbolicDimension(name="k", least=1), SymbolicDimension(name="h"), SymbolicDimension(name="w"))
         return (
             (
-                Part(name=part.name, known_as=frozenset({"output0"}), shape=tuple(shape)),
-                Part(name="prototypes", known_as=frozenset({"output1"}), shape=prototypes),
+                OutputTensor(name=part.name, usual_names=frozenset({"output0"}), shape=tuple(shape)),
+                OutputTensor(name="prototypes", usual_names=frozenset({"output1"}), shape=prototypes),
             ),
         )
 
-    def candidates(self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float) -> Candidates:
+    def read_candidates(
+        self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
+    ) -> DetectionCandidates:
         """The boxes with their coefficients."""
         table, prototypes = outputs
         numbers = table.shape[self._axis] - len(prototypes)
         boxes, coefficients = np.split(table, [numbers], axis=self._axis)
-        found = self._boxes.candidates((boxes,), card, threshold)
+        found = self._boxes.read_candidates((boxes,), card, threshold)
         own = coefficients.take(found.rows, axis=1 - self._axis)
         masks = PrototypeMasks(coefficients=own.T if self._axis == 0 else own, prototypes=prototypes)
         return replace(found, masks=masks)
 
-    def fault(self, outputs: Sequence[Float32Array], found: Candidates, card: ModelCard) -> str:
+    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
         """What is wrong with the boxes; any number may be a coefficient."""
-        return self._boxes.fault(outputs[:1], found, card)
+        return self._boxes.explain_mismatch(outputs[:1], found, card)

@@ -18,17 +18,17 @@ from facadelake.core.arrays import BoolArray
 from facadelake.detection.card import CardInput
 
 # Up to this many inputs long, a photograph is looked at whole: it loses at most half of its resolution.
-WHOLE_UP_TO_INPUTS = 2.0
+WHOLE_INPUTS_MAX = 2.0
 # Neighbouring tiles share at least this part of a tile, so that what is smaller lies whole in one of them.
-OVERLAP = 0.2
+OVERLAP_RATIO = 0.2
 # Enlarging shows nothing new; this much spares a tile plan of another scale for a photograph that is nearly right.
 GAIN_MAX = 1.25
 # Two scales nearer than this factor show the same.
-SCALES_APART = 1.5
+SCALE_RATIO_MIN = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tile:
+class DetectorTile:
     """A part of the photograph in whole pixels, ``right`` and ``bottom`` not included."""
 
     left: int
@@ -38,16 +38,16 @@ class Tile:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look:
+class TilePass:
     """All tiles of one scale; a pixel of the photograph is ``gain`` pixels of the model's input."""
 
     gain: float
-    tiles: tuple[Tile, ...]
+    tiles: tuple[DetectorTile, ...]
 
 
-def plan_looks(
+def plan_tile_passes(
     spec: CardInput, *, width_px: int, height_px: int, gsd_mm: float | None = None, target: BoolArray | None = None
-) -> tuple[Look, ...]:
+) -> tuple[TilePass, ...]:
     """The looks at a photograph of ``width_px`` x ``height_px``, finest first.
 
     ``gsd_mm``: millimetres on the facade a pixel of the photograph; None, or no positive number, where unknown.
@@ -58,50 +58,54 @@ def plan_looks(
         return ()
     if gsd_mm is not None and not 0 < gsd_mm < math.inf:
         gsd_mm = None
-    whole = Look(
+    whole = TilePass(
         gain=min(spec.width_px / width_px, spec.height_px / height_px),
-        tiles=(Tile(left=0, top=0, right=width_px, bottom=height_px),),
+        tiles=(DetectorTile(left=0, top=0, right=width_px, bottom=height_px),),
     )
-    if max(width_px, height_px) <= WHOLE_UP_TO_INPUTS * max(spec.width_px, spec.height_px):
+    if max(width_px, height_px) <= WHOLE_INPUTS_MAX * max(spec.width_px, spec.height_px):
         return (whole,)
-    gains = _gains(spec, gsd_mm)
-    looks = [_tiled(spec, gain, width_px, height_px, target) for gain in gains if gain > whole.gain * SCALES_APART]
+    gains = _plan_gains(spec, gsd_mm)
+    looks = [
+        _tile_target(spec, gain, width_px, height_px, target) for gain in gains if gain > whole.gain * SCALE_RATIO_MIN
+    ]
     if len(looks) < len(gains) or not spec.gsd_mm or gsd_mm is None:
         looks.append(whole)
     return tuple(looks)
 
 
-def _gains(spec: CardInput, gsd_mm: float | None) -> list[float]:
+def _plan_gains(spec: CardInput, gsd_mm: float | None) -> list[float]:
     """Pixels of the input a pixel of the photograph, largest first; what is nearly the same once."""
     if not spec.gsd_mm or gsd_mm is None:
         return [1.0]
     wanted = sorted((min(gsd_mm / one, GAIN_MAX) for one in spec.gsd_mm), reverse=True)
-    return [gain for i, gain in enumerate(wanted) if i == 0 or wanted[i - 1] > gain * SCALES_APART]
+    return [gain for i, gain in enumerate(wanted) if i == 0 or wanted[i - 1] > gain * SCALE_RATIO_MIN]
 
 
-def _tiled(spec: CardInput, gain: float, width_px: int, height_px: int, target: BoolArray | None) -> Look:
+def _tile_target(spec: CardInput, gain: float, width_px: int, height_px: int, target: BoolArray | None) -> TilePass:
     """Tiles over the box around the target, those left out that show nothing of it."""
     tile_width = min(width_px, round(spec.width_px / gain))
     tile_height = min(height_px, round(spec.height_px / gain))
-    left, top, right, bottom = (0, 0, width_px, height_px) if target is None else _box_of(target, width_px, height_px)
-    tiles = tuple(
-        Tile(left=x, top=y, right=x + tile_width, bottom=y + tile_height)
-        for y in _starts(top, bottom, tile_height, height_px)
-        for x in _starts(left, right, tile_width, width_px)
+    left, top, right, bottom = (
+        (0, 0, width_px, height_px) if target is None else _bound_target(target, width_px, height_px)
     )
-    return Look(gain=gain, tiles=tiles if target is None else _showing(target, tiles, width_px, height_px))
+    tiles = tuple(
+        DetectorTile(left=x, top=y, right=x + tile_width, bottom=y + tile_height)
+        for y in _distribute_starts(top, bottom, tile_height, height_px)
+        for x in _distribute_starts(left, right, tile_width, width_px)
+    )
+    return TilePass(gain=gain, tiles=tiles if target is None else _select_tiles(target, tiles, width_px, height_px))
 
 
-def _starts(low: int, high: int, tile: int, limit: int) -> list[int]:
+def _distribute_starts(low: int, high: int, tile: int, limit: int) -> list[int]:
     """Where tiles begin that cover ``low`` to ``high`` evenly and stay within 0 to ``limit``."""
     if high - low <= tile:
         return [min(max(0, (low + high - tile) // 2), limit - tile)]
-    overlap = round(OVERLAP * tile)
+    overlap = round(OVERLAP_RATIO * tile)
     count = math.ceil((high - low - overlap) / (tile - overlap))
     return [round(start) for start in np.linspace(low, high - tile, count)]
 
 
-def _box_of(target: BoolArray, width_px: int, height_px: int) -> tuple[int, int, int, int]:
+def _bound_target(target: BoolArray, width_px: int, height_px: int) -> tuple[int, int, int, int]:
     """The box (left, top, right, bottom) about the target, in pixels of the photograph."""
     rows, columns = np.flatnonzero(target.any(axis=1)), np.flatnonzero(target.any(axis=0))
     across, down = width_px / target.shape[1], height_px / target.shape[0]
@@ -113,7 +117,9 @@ def _box_of(target: BoolArray, width_px: int, height_px: int) -> tuple[int, int,
     )
 
 
-def _showing(target: BoolArray, tiles: tuple[Tile, ...], width_px: int, height_px: int) -> tuple[Tile, ...]:
+def _select_tiles(
+    target: BoolArray, tiles: tuple[DetectorTile, ...], width_px: int, height_px: int
+) -> tuple[DetectorTile, ...]:
     """The tiles in which at least a pixel of the target lies."""
     height, width = target.shape
     sums = cv2.integral(target.astype(np.uint8))

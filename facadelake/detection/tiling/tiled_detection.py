@@ -12,12 +12,12 @@ from shapely.affinity import translate
 from facadelake.core.arrays import BoolArray, UInt8Image
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard
-from facadelake.detection.inference.detector import Found
-from facadelake.detection.tiling.plan import Look, Tile, plan_looks
-from facadelake.detection.tiling.scales import united_scales
-from facadelake.detection.tiling.seams import TileFound, united_parts
+from facadelake.detection.inference.detector import DetectedBox
+from facadelake.detection.tiling.plan import DetectorTile, TilePass, plan_tile_passes
+from facadelake.detection.tiling.scales import merge_scales
+from facadelake.detection.tiling.seams import TileDetection, merge_tile_detections
 
-BATCH = 4  # tiles a call
+TILES_PER_BATCH = 4  # tiles a call
 
 
 class Detector(Protocol):
@@ -27,7 +27,7 @@ class Detector(Protocol):
     def card(self) -> ModelCard:
         """How the model sees."""
 
-    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[DetectedBox, ...], ...]:
         """What each image shows."""
 
 
@@ -38,7 +38,7 @@ def detect_image(
     gsd_mm: float | None = None,
     target: BoolArray | None = None,
     workers: int = 1,
-) -> tuple[Found, ...]:
+) -> tuple[DetectedBox, ...]:
     """What ``detector`` finds in a photograph (h, w, 3: blue, green, red) of any size, best first.
 
     ``gsd_mm``: millimetres on the facade a pixel of the photograph; None: unknown. ``target``: a mask of any size that
@@ -50,44 +50,44 @@ def detect_image(
     """
     height, width = image_bgr.shape[:2]
     spec = detector.card.input
-    looks = plan_looks(spec, width_px=width, height_px=height, gsd_mm=gsd_mm, target=target)
+    looks = plan_tile_passes(spec, width_px=width, height_px=height, gsd_mm=gsd_mm, target=target)
     nms_iou = detector.card.nms_iou
-    found: tuple[Found, ...] = ()
+    found: tuple[DetectedBox, ...] = ()
     for look in looks:
-        parts = _parts(detector, image_bgr, look, workers)
-        one = tuple(part.found for part in parts)
+        parts = _detect_tiles(detector, image_bgr, look, workers)
+        one = tuple(part.detection for part in parts)
         if len(look.tiles) > 1:
-            one = united_parts(parts, look, width_px=width, height_px=height, nms_iou=nms_iou)
-        found = united_scales(found, one, nms_iou=nms_iou) if found else one
+            one = merge_tile_detections(parts, look, width_px=width, height_px=height, nms_iou=nms_iou)
+        found = merge_scales(found, one, nms_iou=nms_iou) if found else one
     return tuple(sorted(found, key=lambda one: -one.score))
 
 
-def _parts(detector: Detector, image_bgr: UInt8Image, look: Look, workers: int) -> list[TileFound]:
+def _detect_tiles(detector: Detector, image_bgr: UInt8Image, look: TilePass, workers: int) -> list[TileDetection]:
     """What the look's tiles show, in pixels of the photograph."""
 
-    def see(tiles: Sequence[Tile]) -> list[TileFound]:
+    def see(tiles: Sequence[DetectorTile]) -> list[TileDetection]:
         crops = [image_bgr[tile.top : tile.bottom, tile.left : tile.right] for tile in tiles]
         seen = detector.detect_batch(crops)
         return [
-            TileFound(tile=tile, found=_moved(one, tile))
+            TileDetection(tile=tile, detection=_shift_detection(one, tile))
             for tile, all_of_it in zip(tiles, seen, strict=True)
             for one in all_of_it
         ]
 
-    batches = list(_batches(look.tiles))
+    batches = list(_split_batches(look.tiles))
     if workers == 1 or len(batches) == 1:
         return [part for batch in batches for part in see(batch)]
     with ThreadPoolExecutor(workers) as pool:
         return [part for parts in pool.map(see, batches) for part in parts]
 
 
-def _batches(tiles: Sequence[Tile]) -> Iterator[Sequence[Tile]]:
-    for start in range(0, len(tiles), BATCH):
-        yield tiles[start : start + BATCH]
+def _split_batches(tiles: Sequence[DetectorTile]) -> Iterator[Sequence[DetectorTile]]:
+    for start in range(0, len(tiles), TILES_PER_BATCH):
+        yield tiles[start : start + TILES_PER_BATCH]
 
 
-def _moved(found: Found, tile: Tile) -> Found:
-    """``found`` in pixels of the photograph instead of the tile's."""
+def _shift_detection(found: DetectedBox, tile: DetectorTile) -> DetectedBox:
+    """``detection`` in pixels of the photograph instead of the tile's."""
     if tile.left == tile.top == 0:
         return found
     box = Box(

@@ -15,7 +15,7 @@ from PIL import Image as PilImage
 from facadelake.core.arrays import UInt8Image
 from facadelake.core.progress import track
 from facadelake.detection import Box, Crosswalk, clip_box
-from facadelake.detection.inference import Found, read_photograph
+from facadelake.detection.inference import DetectedBox, read_photograph
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from schemas.vocabulary import DefectClass
 
@@ -35,8 +35,8 @@ class Prediction:
 class Looks:
     """What was found in one photograph: down to a score of 0.01, and what a user is shown."""
 
-    down_to_floor: tuple[Found, ...]
-    shown: tuple[Found, ...]
+    down_to_floor: tuple[DetectedBox, ...]
+    shown: tuple[DetectedBox, ...]
 
 
 class Looker(Protocol):
@@ -106,7 +106,7 @@ def read_pixels(path: Path) -> UInt8Image | None:
 
 
 def _predictions(
-    found: Sequence[Found], image: LabelledImage, crosswalk: Crosswalk, left_out: Counter[str]
+    found: Sequence[DetectedBox], image: LabelledImage, crosswalk: Crosswalk, left_out: Counter[str]
 ) -> tuple[Prediction, ...]:
     kept = []
     for one in found:

@@ -10,7 +10,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import hash_file
 from facadelake.detection import Box, ModelCard
 from facadelake.detection.coco import CocoAnnotation, parse_number, read_coco
-from facadelake.detection.inference import Found, OnnxDetector, find_card
+from facadelake.detection.inference import DetectedBox, OnnxDetector, find_card
 from facadelake.detection.tiling import detect_image
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Looks
@@ -38,7 +38,7 @@ class OnnxLooker:
 
     def look(self, image: LabelledImage, pixels_bgr: UInt8Image) -> Looks:
         """What both thresholds give."""
-        seen: list[tuple[tuple[Found, ...], ...]] = []
+        seen: list[tuple[tuple[DetectedBox, ...], ...]] = []
         low = detect_image(_Recording(self._detector, seen), pixels_bgr, gsd_mm=image.gsd_mm, target=image.target)
         replayed = _Replaying(self.card, self.threshold, iter(seen))
         return Looks(
@@ -50,11 +50,11 @@ class OnnxLooker:
 class _Recording:
     """A detector that keeps what it gave, batch after batch."""
 
-    def __init__(self, detector: OnnxDetector, seen: list[tuple[tuple[Found, ...], ...]]) -> None:
+    def __init__(self, detector: OnnxDetector, seen: list[tuple[tuple[DetectedBox, ...], ...]]) -> None:
         self.card = detector.card
         self._detector, self._seen = detector, seen
 
-    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[DetectedBox, ...], ...]:
         self._seen.append(self._detector.detect_batch(images_bgr))
         return self._seen[-1]
 
@@ -62,11 +62,11 @@ class _Recording:
 class _Replaying:
     """A detector that gives again, in the same order of batches, what reaches ``threshold``."""
 
-    def __init__(self, card: ModelCard, threshold: float, seen: Iterator[tuple[tuple[Found, ...], ...]]) -> None:
+    def __init__(self, card: ModelCard, threshold: float, seen: Iterator[tuple[tuple[DetectedBox, ...], ...]]) -> None:
         self.card = card
         self._threshold, self._seen = threshold, seen
 
-    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[DetectedBox, ...], ...]:
         return tuple(
             tuple(one for one in many if one.score >= self._threshold)[: self.card.max_detections]
             for many in next(self._seen)
@@ -80,7 +80,7 @@ class FileLooker:
         """Read ``file``. Raises InputDataError where it cannot be used."""
         coco = read_coco(file)
         self.name, self.sha256, self.threshold = file.name, hash_file(file), threshold
-        self._found: dict[str, list[Found]] = {}
+        self._found: dict[str, list[DetectedBox]] = {}
         self.unusable = 0
         for annotation in coco.annotations:
             image = coco.images.get(annotation.image_id)
@@ -108,11 +108,11 @@ class FileLooker:
             )
 
 
-def _found(annotation: CocoAnnotation, class_name: str | None) -> Found | None:
+def _found(annotation: CocoAnnotation, class_name: str | None) -> DetectedBox | None:
     values = [parse_number(value) for value in annotation.bbox] if isinstance(annotation.bbox, list) else []
     numbers = [value for value in values if value is not None]
     score = 1.0 if annotation.score is None else parse_number(annotation.score)
     if class_name is None or len(numbers) != 4 or min(numbers[2:]) <= 0 or score is None or not 0 <= score <= 1:
         return None
     x, y, width, height = numbers
-    return Found(box=Box(x_px=x, y_px=y, width_px=width, height_px=height), score=score, class_name=class_name)
+    return DetectedBox(box=Box(x_px=x, y_px=y, width_px=width, height_px=height), score=score, class_name=class_name)

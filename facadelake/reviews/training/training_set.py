@@ -19,7 +19,7 @@ import cv2
 from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.progress import track
-from facadelake.detection.inference import read_photograph, turned_by_exif
+from facadelake.detection.inference import has_exif_rotation, read_photograph
 from facadelake.reviews.review_matching import ReviewStatus
 from facadelake.reviews.training.label_files import CLASSES, TrainingPicture, write_labels
 from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat
@@ -139,7 +139,7 @@ def _write_pictures(
         if image is None:
             left_out["photographs that cannot be read"] += 1
             continue
-        if kind is not PictureMode.TILES and turned_by_exif(path):  # most readers would turn it away from its labels
+        if kind is not PictureMode.TILES and has_exif_rotation(path):  # most readers would turn it away from its labels
             left_out["photographs that EXIF turns (tiles can be made of them)"] += 1
             continue
         if kind is PictureMode.TILES:

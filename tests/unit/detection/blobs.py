@@ -12,7 +12,7 @@ import shapely
 from facadelake.core.arrays import UInt8Image
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard
-from facadelake.detection.inference.detector import Found
+from facadelake.detection.inference.detector import DetectedBox
 
 
 def card(input_px: int, gsd_mm: Sequence[float] = ()) -> ModelCard:
@@ -43,12 +43,12 @@ class BlobDetector:
         self.seen: list[tuple[int, int]] = []
         self._masks = masks
 
-    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[Found, ...], ...]:
+    def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[DetectedBox, ...], ...]:
         """Every blob of each image, scored by its size."""
         self.seen += [(image.shape[0], image.shape[1]) for image in images_bgr]
         return tuple(self._blobs(image) for image in images_bgr)
 
-    def _blobs(self, image: UInt8Image) -> tuple[Found, ...]:
+    def _blobs(self, image: UInt8Image) -> tuple[DetectedBox, ...]:
         dark = (image[..., 0] < 128).astype(np.uint8)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=8)
         found = []
@@ -62,5 +62,5 @@ class BlobDetector:
                 _, ends = np.nonzero(np.diff(inside) == -1)
                 mask = shapely.union_all(shapely.box(x + starts, y + rows, x + ends, y + rows + 1))
             box = Box(x_px=x, y_px=y, width_px=width, height_px=height)
-            found.append(Found(box=box, score=0.5 + 0.5 * min(1.0, area / 1000), class_name="crack", mask=mask))
+            found.append(DetectedBox(box=box, score=0.5 + 0.5 * min(1.0, area / 1000), class_name="crack", mask=mask))
         return tuple(found)

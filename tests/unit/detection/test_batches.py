@@ -13,7 +13,7 @@ from onnx import TensorProto, helper
 
 from facadelake.detection.card import ModelCard, ResizeMode
 from facadelake.detection.inference.cards import find_card
-from facadelake.detection.inference.detector import Found, OnnxDetector
+from facadelake.detection.inference.detector import DetectedBox, OnnxDetector
 from tests.unit.detection.onnx_models import HEIGHT, WIDTH, card, save_spot_finder
 
 SIZES = [(1536, 1024), (1024, 1536), (2000, 251), (333, 1999), (60, 50), (WIDTH, HEIGHT)]
@@ -42,7 +42,7 @@ def detector(
     return OnnxDetector(save_spot_finder(path, batch=batch), ModelCard.model_validate(content))
 
 
-def centre(found: Found) -> tuple[float, float]:
+def centre(found: DetectedBox) -> tuple[float, float]:
     return found.box.x_px + found.box.width_px / 2, found.box.y_px + found.box.height_px / 2
 
 
@@ -60,7 +60,7 @@ def test_spots_are_found_to_half_a_pixel(tmp_path: Path, resize: str, width: int
 @pytest.mark.parametrize(("batch", "together"), [("n", True), (1, False)])
 def test_a_batch_gives_what_each_photograph_gives(tmp_path: Path, batch: int | str, together: bool) -> None:
     finder = detector(tmp_path / "spots.onnx", batch=batch, resize="letterbox_centre")
-    assert finder.takes_batches is together
+    assert finder.supports_batches is together
     images = [spots(width, height, seed)[0] for seed, (width, height) in enumerate(SIZES)]
     alone = tuple(finder.detect(image) for image in images)
     assert finder.detect_batch(images) == alone
@@ -88,7 +88,7 @@ def test_a_batch_that_the_graph_only_promises_is_run_one_by_one(tmp_path: Path) 
     model.graph.node.append(helper.make_node("Gather", ["honest", "only first"], ["output"], axis=0))
     onnx.save(model, path)
     finder = OnnxDetector(path, ModelCard.model_validate(card("nms6", score_threshold=0.01)))
-    assert not finder.takes_batches
+    assert not finder.supports_batches
     images = [spots(WIDTH, HEIGHT, seed)[0] for seed in (1, 2)]
     assert finder.detect_batch(images) == (finder.detect(images[0]), finder.detect(images[1]))
 
@@ -113,7 +113,7 @@ def test_the_shipped_model_sees_the_same_in_a_batch() -> None:
     model = Path(__file__).parents[3] / "data" / "detector" / "facadelake-nano.onnx"
     everything = find_card(model).model_copy(update={"score_threshold": 0.0, "nms_iou": 1.0, "max_detections": 50})
     shipped = OnnxDetector(model, everything, threads=1)
-    assert shipped.takes_batches
+    assert shipped.supports_batches
     images = []
     for seed in range(2):
         wall = np.random.default_rng(seed).normal(150, 12, (300, 500, 3)).clip(0, 255).astype(np.uint8)

@@ -13,7 +13,7 @@ import yaml
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import ModelCard, OutputLayout, format_card, locate_card, parse_card, read_card
 from facadelake.detection.inference.cards import find_card
-from facadelake.detection.inference.detector import detector_fingerprint, load_detector
+from facadelake.detection.inference.detector import hash_detector, load_detector
 from schemas.vocabulary import DefectClass
 from tests.unit.detection.onnx_models import CLASSES, HEIGHT, WIDTH, answer, answers, card, save_model
 
@@ -83,7 +83,7 @@ def test_figures_in_a_card_make_no_detection_again(tmp_path: Path) -> None:
     prints = []
     for changes in ({}, {"metrics": {"ap50": 0.9}}, {"licence": "MIT"}, {"score_calibration": {"slope": 2}}):
         locate_card(model).write_text(yaml.safe_dump(card("yolov8", **changes)))
-        prints.append(detector_fingerprint(model, {}))
+        prints.append(hash_detector(model, {}))
     assert prints[0] == prints[1] == prints[2] != prints[3]
 
 

@@ -12,7 +12,7 @@ from onnx import TensorProto
 
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import ModelCard, locate_card, read_card
-from facadelake.detection.inference.detector import OnnxDetector, detector_fingerprint, load_detector
+from facadelake.detection.inference.detector import OnnxDetector, hash_detector, load_detector
 from tests.unit.detection.onnx_models import CLASSES, answer, card, cells, save_model
 
 LAYOUTS = ("yolox", "yolov5", "yolov8", "nms6")
@@ -173,11 +173,11 @@ def test_the_fingerprint_follows_model_card_and_names(tmp_path: Path) -> None:
     model = save_model(tmp_path / "fixed.onnx", answer("yolov8", [CRACK]))
     write_card(model, card("yolov8"))
     assert load_detector(model).name == "fixed"
-    first = detector_fingerprint(model, {})
-    assert detector_fingerprint(model, {}) == first
-    prints = {first, detector_fingerprint(model, {"car": "crack"})}
+    first = hash_detector(model, {})
+    assert hash_detector(model, {}) == first
+    prints = {first, hash_detector(model, {"car": "crack"})}
     write_card(model, card("yolov8", score_threshold=0.3))
-    prints.add(detector_fingerprint(model, {}))
+    prints.add(hash_detector(model, {}))
     save_model(model, answer("yolov8", [CAR]))
-    prints.add(detector_fingerprint(model, {}))
+    prints.add(hash_detector(model, {}))
     assert len(prints) == 4

@@ -13,8 +13,8 @@ from onnx import TensorProto, helper
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import ModelCard, OutputLayout
 from facadelake.detection.inference.detector import OnnxDetector, load_detector
-from facadelake.detection.inference.letterbox import letterbox
-from facadelake.detection.inference.outline import outline
+from facadelake.detection.inference.letterbox import fit_letterbox
+from facadelake.detection.inference.outline import trace_mask
 from facadelake.detection.layouts.masks import QueryMasks
 from tests.unit.detection.onnx_models import (
     CLASSES,
@@ -124,26 +124,26 @@ def test_a_ring_keeps_its_hole_and_two_spots_stay_two() -> None:
     ring = 6.0 - np.abs(away - 18.0)  # between 12 and 24 px of the centre
     spots = np.maximum(7.0 - np.hypot(x - 20, y - 20), 7.0 - np.hypot(x - 70, y - 40))
     masks = QueryMasks(all_logits=np.stack([ring, spots]).astype(np.float32), queries=np.array([0, 1]))
-    box = letterbox(declared("rfdetr_seg").input, image_width_px=960, image_height_px=640)
+    box = fit_letterbox(declared("rfdetr_seg").input, image_width_px=960, image_height_px=640)
     whole = np.array([0, 0, WIDTH, HEIGHT], dtype=np.float32)
-    shape = outline(masks, 0, whole, box)
+    shape = trace_mask(masks, 0, whole, box)
     assert isinstance(shape, shapely.Polygon)
     assert len(shape.interiors) == 1
     # Straight lines between cells of 4 px: within a quarter of a cell (10 px of the photograph) of the circles.
     assert shape.area == pytest.approx(np.pi * (240**2 - 120**2), rel=0.05, abs=0)  # px2
     assert shapely.hausdorff_distance(shape.exterior, shapely.Point(480, 320).buffer(240).exterior) < 10  # px
-    two = outline(masks, 1, whole, box)
+    two = trace_mask(masks, 1, whole, box)
     assert isinstance(two, shapely.MultiPolygon)
     assert sorted(round(part.centroid.x / 10) for part in two.geoms) == [20, 70]
 
 
 def test_a_mask_reaches_the_border_of_the_photograph() -> None:
     masks = QueryMasks(all_logits=np.ones((1, *GRID), dtype=np.float32), queries=np.array([0]))
-    box = letterbox(declared("rfdetr_seg").input, image_width_px=960, image_height_px=640)
-    shape = outline(masks, 0, np.array([-5, -5, 50, 70], dtype=np.float32), box)
+    box = fit_letterbox(declared("rfdetr_seg").input, image_width_px=960, image_height_px=640)
+    shape = trace_mask(masks, 0, np.array([-5, -5, 50, 70], dtype=np.float32), box)
     assert shape is not None
     assert shape.symmetric_difference(shapely.box(0, 0, 500, 640)).area < 1e-6  # px2
-    assert outline(masks, 0, np.array([97, 5, 99, 9], dtype=np.float32), box) is None
+    assert trace_mask(masks, 0, np.array([97, 5, 99, 9], dtype=np.float32), box) is None
 
 
 # Read as another layout and right all the same: fewer outputs of the same model, or no column for no object.

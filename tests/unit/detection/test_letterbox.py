@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from facadelake.detection.card import CardInput, ResizeMode
-from facadelake.detection.inference.letterbox import letterbox
+from facadelake.detection.inference.letterbox import fit_letterbox
 
 INPUT = {"width_px": 416, "height_px": 320, "colour": "bgr", "scale": 1.0, "pad_value": 0}
 SIZES = [(3072, 2048), (2048, 3072), (4000, 501), (333, 1999), (200, 150), (416, 320), (1, 1)]
@@ -19,7 +19,7 @@ def test_a_rectangle_comes_back_where_it_was(resize: ResizeMode, width: int, hei
     left, top, right, bottom = width // 5, height // 3, width - width // 7, height - height // 9
     image = np.zeros((height, width, 3), dtype=np.uint8)
     image[top:bottom, left:right] = 255
-    box = letterbox(CardInput(**INPUT, resize=resize), image_width_px=width, image_height_px=height)
+    box = fit_letterbox(CardInput(**INPUT, resize=resize), image_width_px=width, image_height_px=height)
     values = box.input_from_image(image)[0, 0]
     # The rectangle's own moments in the input: a path that knows no gain and no padding.
     centre, spread = np.zeros(2), np.zeros(2)
@@ -39,7 +39,7 @@ def test_a_rectangle_comes_back_where_it_was(resize: ResizeMode, width: int, hei
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_the_whole_photograph_fits_exactly(resize: ResizeMode, width: int, height: int) -> None:
     spec = CardInput(**INPUT, resize=resize)
-    box = letterbox(spec, image_width_px=width, image_height_px=height)
+    box = fit_letterbox(spec, image_width_px=width, image_height_px=height)
     right, bottom = box.left_px + box.resized_width_px, box.top_px + box.resized_height_px
     assert min(box.left_px, box.top_px) >= 0
     assert right <= 416
@@ -60,7 +60,7 @@ def test_colours_scaling_and_padding() -> None:
         width_px=64, height_px=64, colour="rgb", scale=1 / 255, mean=(0.1, 0.2, 0.3), std=(0.5, 0.25, 0.2),
         resize=ResizeMode.CENTRE, pad_value=128,
     )  # fmt: skip
-    values = letterbox(spec, image_width_px=50, image_height_px=100).input_from_image(image)
+    values = fit_letterbox(spec, image_width_px=50, image_height_px=100).input_from_image(image)
     assert values.shape == (1, 3, 64, 64)
     assert values.dtype == np.float32
     red, green, blue = (30 / 255 - 0.1) / 0.5, (20 / 255 - 0.2) / 0.25, (10 / 255 - 0.3) / 0.2

@@ -56,7 +56,7 @@ def test_its_card_says_what_it_learned_from(detector: OnnxDetector) -> None:
     assert card.class_names == tuple(str(name) for name in CLASSES)
     assert card.licence == "Apache-2.0"
     assert any("CC BY-SA" in line for line in card.training_data)
-    assert detector.takes_batches
+    assert detector.supports_batches
 
 
 def test_it_finds_drawn_cracks(detector: OnnxDetector) -> None:

@@ -11,7 +11,7 @@ import yaml
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection import Box, Crosswalk
-from facadelake.detection.inference import turned_by_exif
+from facadelake.detection.inference import has_exif_rotation
 from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
 
 # Labelling tools show the turned view and write shares of it; the pixels as stored are another view.
@@ -49,7 +49,7 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
             except (OSError, UnicodeDecodeError):
                 gathered.left_out["photographs whose text file cannot be read"] += 1
                 continue
-        if lines and turned_by_exif(path):
+        if lines and has_exif_rotation(path):
             gathered.left_out[_TURNED] += 1
             continue
         boxes = []

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from facadelake.core.arrays import UInt8Image
-from facadelake.detection.inference.detector import Found
+from facadelake.detection.inference.detector import DetectedBox
 from facadelake.detection.tiling.tiled_detection import detect_image
 from tests.unit.detection.blobs import BlobDetector
 
@@ -21,7 +21,7 @@ def crack(image: UInt8Image, *points: tuple[int, int], thick: int = 3) -> None:
     cv2.polylines(image, [np.array(points)], isClosed=False, color=(0, 0, 0), thickness=thick)
 
 
-def corners(found: tuple[Found, ...]) -> NDArray[np.float64]:
+def corners(found: tuple[DetectedBox, ...]) -> NDArray[np.float64]:
     boxes = [(f.box.x_px, f.box.y_px, f.box.x_px + f.box.width_px, f.box.y_px + f.box.height_px) for f in found]
     return np.array(sorted(boxes), dtype=np.float64).reshape(-1, 4)
 

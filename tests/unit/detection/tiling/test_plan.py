@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from facadelake.detection.tiling.plan import OVERLAP, Look, plan_looks
+from facadelake.detection.tiling.plan import OVERLAP_RATIO, TilePass, plan_tile_passes
 from tests.unit.detection.blobs import card
 
 
 def looks(
     width: int = 8000, height: int = 6000, *, wants_mm: tuple[float, ...] = (), gsd_mm: float | None = None
-) -> tuple[Look, ...]:
-    return plan_looks(card(416, wants_mm).input, width_px=width, height_px=height, gsd_mm=gsd_mm)
+) -> tuple[TilePass, ...]:
+    return plan_tile_passes(card(416, wants_mm).input, width_px=width, height_px=height, gsd_mm=gsd_mm)
 
 
 @given(st.integers(840, 9000), st.integers(300, 7000))
@@ -29,7 +29,7 @@ def test_native_tiles_cover_the_photograph_overlap_and_stay_inside(width: int, h
         assert spans[0][0] == 0
         assert spans[-1][1] == limit
         assert {end - start for start, end in spans} == {min(416, limit)}
-        assert all(before[1] - after[0] >= int(OVERLAP * 416) for before, after in itertools.pairwise(spans))
+        assert all(before[1] - after[0] >= int(OVERLAP_RATIO * 416) for before, after in itertools.pairwise(spans))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_every_tile_shows_the_target_and_all_of_it_is_shown(left: int, top: int,
     target = np.zeros((60, 80), dtype=bool)
     target[top : top + high, left : left + wide] = True
     target[0, 0] = True  # far from the rest: what lies between is left out
-    look = plan_looks(card(416, (1.0,)).input, width_px=8000, height_px=6000, gsd_mm=1.0, target=target)[0]
+    look = plan_tile_passes(card(416, (1.0,)).input, width_px=8000, height_px=6000, gsd_mm=1.0, target=target)[0]
     shown = np.zeros((6000, 8000), dtype=bool)
     large = np.kron(target, np.ones((100, 100), dtype=bool))
     for tile in look.tiles:
@@ -77,4 +77,4 @@ def test_every_tile_shows_the_target_and_all_of_it_is_shown(left: int, top: int,
 
 def test_no_target_is_no_look() -> None:
     target = np.zeros((60, 80), dtype=bool)
-    assert plan_looks(card(416).input, width_px=8000, height_px=6000, target=target) == ()
+    assert plan_tile_passes(card(416).input, width_px=8000, height_px=6000, target=target) == ()
