@@ -84,9 +84,9 @@ def block(flight: Flight, rng: np.random.Generator) -> Reconstruction:
         unlocalised=(),
         xyz_sfm=xyz[often] + rng.normal(0, 0.02, (len(often), 3)),
         rgb=np.zeros((len(often), 3), dtype=np.uint8),
-        track_photo=np.concatenate(track_photo)[kept],
-        track_point=row[point[kept]],
-        track_xy_img=np.vstack(track_xy)[kept],
+        image_point_photo=np.concatenate(track_photo)[kept],
+        image_point_tie_point=row[point[kept]],
+        image_point_xy_img=np.vstack(track_xy)[kept],
         mean_reprojection_error_px=KEYPOINT_NOISE_PX,
         costs=(),
     )

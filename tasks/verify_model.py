@@ -17,7 +17,7 @@ from facadelake.core.frames import read_similarity
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.integrity import integrity_views, nothing_to_compare
-from facadelake.sfm import as_built_mesh, read_mesh
+from facadelake.sfm import read_mesh, write_as_built_mesh
 from schemas.vocabulary import IntegrityOutcome, SurfaceKind
 from tasks.georeference import SITE_FROM_SFM
 from tasks.job import InspectionJob, StageResult
@@ -55,7 +55,7 @@ def _compared(
     try:
         if block is None:
             raise InputDataError("poses were imported: no tie points were found to make an as-built surface of")
-        as_built_mesh(block.folder, folder)
+        write_as_built_mesh(block.folder, folder)
     except InputDataError as error:  # too sparse a block: the campaign is none the worse for it
         return nothing_to_compare(posed, str(error))
     vertices_sfm, triangles = read_mesh(folder)

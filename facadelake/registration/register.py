@@ -59,7 +59,7 @@ def register_detections(
 def _read_image_points(block: Reconstruction) -> ImagePoints:
     return ImagePoints(
         photo_ids=[photo.photo_id for photo in block.photos],
-        photo=block.track_photo,
-        point=block.track_point,
-        xy_img=block.track_xy_img,
+        photo=block.image_point_photo,
+        point=block.image_point_tie_point,
+        xy_img=block.image_point_xy_img,
     )

@@ -1,11 +1,11 @@
-from .as_built_building import build_as_built_model as build_as_built_model
+from .as_built_model import build_as_built_model as build_as_built_model
 from .reconstruction import Reconstruction as Reconstruction
 from .reconstruction import read_descriptors as read_descriptors
 from .reconstruction import read_reconstruction as read_reconstruction
 from .reconstruction_job import reconstruct as reconstruct
 from .settings import ReconstructionSettings as ReconstructionSettings
-from .surface_mesh import as_built_mesh as as_built_mesh
 from .surface_mesh import read_mesh as read_mesh
+from .surface_mesh import write_as_built_mesh as write_as_built_mesh
 from .tie_point_covariance import compute_tie_point_covariance as compute_tie_point_covariance
-from .tie_point_covariance import how_seen as how_seen
-from .tie_point_covariance import pixel_sigma as pixel_sigma
+from .tie_point_covariance import describe_tie_point_views as describe_tie_point_views
+from .tie_point_covariance import estimate_pixel_sigma as estimate_pixel_sigma

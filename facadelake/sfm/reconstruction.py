@@ -62,9 +62,9 @@ class Reconstruction:
     unlocalised: tuple[UnlocalisedPhoto, ...]
     xyz_sfm: Float64Array
     rgb: UInt8Array
-    track_photo: Int64Array
-    track_point: Int64Array
-    track_xy_img: Float64Array
+    image_point_photo: Int64Array
+    image_point_tie_point: Int64Array
+    image_point_xy_img: Float64Array
     mean_reprojection_error_px: float
     costs: tuple[StepCost, ...]
 
@@ -78,7 +78,7 @@ class Reconstruction:
         return next((photo for photo in self.photos if photo.photo_id == photo_id), None)
 
 
-def _localised(
+def _parse_localised_photo(
     said: dict[str, Any], camera: Float64Array, rotation: Float64Array, translation: Float64Array
 ) -> LocalisedPhoto:
     width, height, fx, fy, cx, cy, k1, k2, p1, p2 = (float(value) for value in camera)
@@ -116,7 +116,7 @@ def read_reconstruction(folder: Path) -> Reconstruction:
         ) from error
     return Reconstruction(
         photos=tuple(
-            _localised(photo, camera, rotation, translation)
+            _parse_localised_photo(photo, camera, rotation, translation)
             for photo, camera, rotation, translation in zip(
                 said["photos"],
                 arrays["camera"],
@@ -128,9 +128,9 @@ def read_reconstruction(folder: Path) -> Reconstruction:
         unlocalised=tuple(UnlocalisedPhoto(**photo) for photo in said["unlocalised"]),
         xyz_sfm=arrays["xyz_sfm"],
         rgb=arrays["rgb"],
-        track_photo=arrays["track_photo"],
-        track_point=arrays["track_point"],
-        track_xy_img=arrays["track_xy_img"],
+        image_point_photo=arrays["track_photo"],
+        image_point_tie_point=arrays["track_point"],
+        image_point_xy_img=arrays["track_xy_img"],
         mean_reprojection_error_px=said["mean_reprojection_error_px"],
         costs=tuple(StepCost(**cost) for cost in costs),
     )

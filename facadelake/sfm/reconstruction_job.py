@@ -15,14 +15,14 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.hashing import compute_key
 from facadelake.photos import FULL_FRAME_DIAGONAL_MM
-from facadelake.sfm.pairing import choose_pairs, poorly_placed, viewing_directions
+from facadelake.sfm.pairing import choose_pairs, direction_from_yaw_pitch, find_uncertain_positions
 from facadelake.sfm.settings import ReconstructionSettings
-from facadelake.sfm.work_folder import work_folder
+from facadelake.sfm.work_folder import open_work_folder
 from facadelake.sfm.worker_process import run_worker
 from schemas.vocabulary import PhotoOutcome, PhotoRole
 
 # COLMAP's guess where a photograph says nothing of its focal length: 1.2 times the longer side.
-_GUESSED_FOCAL_FACTOR = 1.2
+_DEFAULT_FOCAL_FACTOR = 1.2
 
 
 def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings: ReconstructionSettings) -> None:
@@ -39,11 +39,11 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
             f"{len(rows)} of {len(photos)} photographs are usable; add some: 3 that overlap are needed"
         )
     rows.sort(key=lambda row: (row["taken_at"] is None, row["taken_at"], row["photo_id"]))
-    cameras, camera_of = _cameras(rows)
-    xyz_m, sigma_m = prior_positions(rows)
-    direction = viewing_directions(_column(rows, "prior_yaw_deg"), _column(rows, "prior_pitch_deg"))
+    cameras, camera_of = group_by_camera(rows)
+    xyz_m, sigma_m = read_prior_positions(rows)
+    direction = direction_from_yaw_pitch(_read_column(rows, "prior_yaw_deg"), _read_column(rows, "prior_pitch_deg"))
     close_range = np.array([row["role"] == PhotoRole.CLOSERANGE for row in rows])
-    half_view_deg = np.array([_half_view_deg(cameras[camera]) for camera in camera_of])
+    half_view_deg = np.array([_compute_half_view_deg(cameras[camera]) for camera in camera_of])
     job: dict[str, Any] = {
         "settings": settings.key(),
         "cameras": cameras,
@@ -57,34 +57,36 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
             for row, camera, xyz, sigma in zip(rows, camera_of, xyz_m, sigma_m, strict=True)
         ],
         "pairs": choose_pairs(xyz_m, direction, close_range, settings, half_view_deg=half_view_deg),
-        "sought": np.flatnonzero(poorly_placed(xyz_m, sigma_m, settings)).tolist(),
+        "sought": np.flatnonzero(find_uncertain_positions(xyz_m, sigma_m, settings)).tolist(),
     }
     code = compute_code_version("facadelake.sfm.worker.__main__").sha256
     key = compute_key({"job": job, "photos": [row["sha256"] for row in rows], "code": code})
-    with work_folder(folder.parent, key) as work:
+    with open_work_folder(folder.parent, key) as work:
         here = {"photographs_root": str(photographs_root), "cores": settings.cores, "work": str(work)}
         run_worker(job | here, folder)
 
 
-def _half_view_deg(camera: dict[str, Any]) -> float:
+def _compute_half_view_deg(camera: dict[str, Any]) -> float:
     """Half the diagonal angle of view; NaN where the focal length is a guess."""
     if not camera["focal_known"]:
         return math.nan
     return math.degrees(math.atan(math.hypot(camera["width_px"], camera["height_px"]) / 2 / camera["focal_px"]))
 
 
-def _column(rows: list[dict[str, Any]], name: str) -> Float64Array:
+def _read_column(rows: list[dict[str, Any]], name: str) -> Float64Array:
     return np.array([math.nan if row[name] is None else row[name] for row in rows], dtype=np.float64)
 
 
-def prior_positions(rows: list[dict[str, Any]]) -> tuple[Float64Array, Float64Array]:
+def read_prior_positions(rows: list[dict[str, Any]]) -> tuple[Float64Array, Float64Array]:
     """Position priors (n, 3) in a local east-north-up frame at their mean, metres, and their sigmas (n, 3); NaN where
     a photograph has none. A missing height counts as the mean of the others.
     """
-    lon_lat_height = np.column_stack([_column(rows, f"prior_{name}") for name in ("lon_deg", "lat_deg", "height_m")])
+    lon_lat_height = np.column_stack(
+        [_read_column(rows, f"prior_{name}") for name in ("lon_deg", "lat_deg", "height_m")]
+    )
     placed = np.isfinite(lon_lat_height[:, :2]).all(axis=1)
     sigma = np.column_stack(
-        [_column(rows, f"prior_sigma_{axis}_m") for axis in ("horizontal", "horizontal", "vertical")]
+        [_read_column(rows, f"prior_sigma_{axis}_m") for axis in ("horizontal", "horizontal", "vertical")]
     )
     xyz = np.full((len(rows), 3), math.nan)
     if placed.any():
@@ -97,14 +99,14 @@ def prior_positions(rows: list[dict[str, Any]]) -> tuple[Float64Array, Float64Ar
     return xyz, sigma
 
 
-def _cameras(rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[int]]:
+def group_by_camera(rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[int]]:
     """One camera for each body, lens, size and focal length (zoom), and which one took each photograph."""
     number_of: dict[tuple[Any, ...], int] = {}
     cameras: list[dict[str, Any]] = []
     camera_of: list[int] = []
     for row in rows:
         width, height = row["image_width_px"], row["image_height_px"]
-        focal_px, known = _focal_px(row)
+        focal_px, known = _choose_focal_px(row)
         body = tuple(row.get(name) for name in ("camera_make", "camera_model", "camera_serial", "lens_model"))
         # Focal lengths are stated with two or three figures: nearer ones are one setting of the zoom.
         key = (*body, width, height, row["focal_length_mm"], f"{focal_px:.2e}" if known else "")
@@ -115,11 +117,11 @@ def _cameras(rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[int
     return cameras, camera_of
 
 
-def _focal_px(row: dict[str, Any]) -> tuple[float, bool]:
+def _choose_focal_px(row: dict[str, Any]) -> tuple[float, bool]:
     """The focal length to start from, and whether the photograph states it."""
     width, height = row["image_width_px"], row["image_height_px"]
     if row.get("prior_focal_px"):
         return row["prior_focal_px"], True
     if row["focal_length_35mm_mm"]:
         return row["focal_length_35mm_mm"] * math.hypot(width, height) / FULL_FRAME_DIAGONAL_MM, True
-    return _GUESSED_FOCAL_FACTOR * max(width, height), False
+    return _DEFAULT_FOCAL_FACTOR * max(width, height), False

@@ -17,26 +17,26 @@ from scipy.spatial import Delaunay, cKDTree
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import report_progress
-from facadelake.sfm.free_space import Crossings, cross
+from facadelake.sfm.free_space import FacetCrossings, walk_rays
 from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
 
-_MOST_POINTS = 30_000
-_LEAST_POINTS = 50
-_VIEWS_PER_POINT = 4
+_MAX_POINTS = 30_000
+_MIN_POINTS = 50
+_RAYS_PER_POINT = 4
 # Weight of one ray against the shape term, in the integers that the flow needs.
-_RAY = 100
-_SHAPE = 60
+_RAY_WEIGHT = 100
+_SHAPE_WEIGHT = 60
 # Triangles with an edge this many times longer than usual close gaps that nobody saw.
-_LONGEST_EDGE_FACTOR = 4.0
+_MAX_EDGE_FACTOR = 4.0
 _EDGE_PERCENTILE = 90.0
 
 
-def as_built_mesh(reconstruction_folder: Path, folder: Path) -> None:
+def write_as_built_mesh(reconstruction_folder: Path, folder: Path) -> None:
     """Mesh the reconstruction's tie points and write ``folder/mesh.npz`` (frame sfm).
 
     Raises InputDataError for fewer than 50 well-observed tie points.
     """
-    vertices, triangles = mesh_of(read_reconstruction(reconstruction_folder))
+    vertices, triangles = mesh_tie_points(read_reconstruction(reconstruction_folder))
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(folder / "mesh.npz", vertices_sfm=vertices, triangles=triangles)
 
@@ -50,55 +50,55 @@ def read_mesh(folder: Path) -> tuple[Float64Array, Int64Array]:
         raise InputDataError(f"{folder} holds no as-built mesh ({error}); remove the folder and run again") from error
 
 
-def mesh_of(
-    reconstruction: Reconstruction, *, seed: int = 1, most_points: int = _MOST_POINTS
+def mesh_tie_points(
+    reconstruction: Reconstruction, *, seed: int = 1, most_points: int = _MAX_POINTS
 ) -> tuple[Float64Array, Int64Array]:
     """The surface between free space and matter: vertices (n, 3) in sfm, triangles (m, 3).
 
     Of more than ``most_points`` well-observed tie points that many are drawn by ``seed``.
     """
     with report_progress("Meshing the tie points", 4) as step:
-        point, photo = _sightings(reconstruction, seed, most_points)
+        point, photo = _select_image_points(reconstruction, seed, most_points)
         kept, vertex = np.unique(point, return_inverse=True)
-        if len(kept) < _LEAST_POINTS:
+        if len(kept) < _MIN_POINTS:
             raise InputDataError(
-                f"{len(kept)} tie points seen three times or more; a surface needs {_LEAST_POINTS} or more: "
+                f"{len(kept)} tie points seen three times or more; a surface needs {_MIN_POINTS} or more: "
                 "photograph with more overlap"
             )
         xyz = reconstruction.xyz_sfm[kept]
         spacing = cKDTree(xyz).query(xyz, k=5)[0][:, 1:].mean(axis=1)
-        corners = _far_corners(np.vstack([xyz, reconstruction.centres_sfm]))
+        corners = _enclose(np.vstack([xyz, reconstruction.centres_sfm]))
         delaunay = Delaunay(np.vstack([xyz, corners]))
         step.advance()
-        crossings = cross(delaunay, reconstruction.centres_sfm[photo], xyz[vertex], vertex, spacing[vertex])
+        crossings = walk_rays(delaunay, reconstruction.centres_sfm[photo], xyz[vertex], vertex, spacing[vertex])
         step.advance()
-        free = _free(delaunay, crossings, float(np.median(spacing)))
+        free = _find_free_space(delaunay, crossings, float(np.median(spacing)))
         step.advance()
-        triangles = _between(delaunay, free)
-        triangles = _without_long(delaunay.points, triangles[(triangles < len(xyz)).all(axis=1)])
+        triangles = _extract_interface(delaunay, free)
+        triangles = _drop_long_triangles(delaunay.points, triangles[(triangles < len(xyz)).all(axis=1)])
         step.advance()
     used, renumbered = np.unique(triangles, return_inverse=True)
     return xyz[used], renumbered.reshape(-1, 3).astype(np.int64)
 
 
-def _sightings(reconstruction: Reconstruction, seed: int, most_points: int) -> tuple[Int64Array, Int64Array]:
+def _select_image_points(reconstruction: Reconstruction, seed: int, most_points: int) -> tuple[Int64Array, Int64Array]:
     """Points and photographs of the rays to walk: points seen three times or more, a few views of each."""
     rng = np.random.default_rng(seed)
-    seen = np.bincount(reconstruction.track_point, minlength=len(reconstruction.xyz_sfm))
+    seen = np.bincount(reconstruction.image_point_tie_point, minlength=len(reconstruction.xyz_sfm))
     chosen = np.flatnonzero(seen >= 3)
     if len(chosen) > most_points:
         chosen = rng.choice(chosen, most_points, replace=False)
-    rows = np.flatnonzero(np.isin(reconstruction.track_point, chosen))
+    rows = np.flatnonzero(np.isin(reconstruction.image_point_tie_point, chosen))
     rows = rng.permutation(rows)
-    rows = rows[np.argsort(reconstruction.track_point[rows], kind="stable")]
-    point = reconstruction.track_point[rows]
+    rows = rows[np.argsort(reconstruction.image_point_tie_point[rows], kind="stable")]
+    point = reconstruction.image_point_tie_point[rows]
     first = np.concatenate([[True], point[1:] != point[:-1]])
     rank = np.arange(len(point)) - np.flatnonzero(first)[np.cumsum(first) - 1]
-    rows = rows[rank < _VIEWS_PER_POINT]
-    return reconstruction.track_point[rows], reconstruction.track_photo[rows]
+    rows = rows[rank < _RAYS_PER_POINT]
+    return reconstruction.image_point_tie_point[rows], reconstruction.image_point_photo[rows]
 
 
-def _far_corners(xyz: Float64Array) -> Float64Array:
+def _enclose(xyz: Float64Array) -> Float64Array:
     """Eight corners of a box three times as wide as everything, so that every camera stands in a tetrahedron."""
     middle, half = (xyz.max(axis=0) + xyz.min(axis=0)) / 2, (xyz.max(axis=0) - xyz.min(axis=0)).max() * 1.5
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
@@ -106,12 +106,12 @@ def _far_corners(xyz: Float64Array) -> Float64Array:
     return corners
 
 
-def _free(delaunay: Delaunay, crossings: Crossings, spacing: float) -> BoolArray:
+def _find_free_space(delaunay: Delaunay, crossings: FacetCrossings, spacing: float) -> BoolArray:
     """Which tetrahedra are free space (t,), by a minimum cut between the cameras' and those behind points."""
     count = len(delaunay.simplices)
     source, sink = count, count + 1
     # A crossing close before its point says little: the point itself is uncertain by about the spacing.
-    trust = _RAY * (1.0 - np.exp(-0.5 * (crossings.before_end / spacing) ** 2))
+    trust = _RAY_WEIGHT * (1.0 - np.exp(-0.5 * (crossings.before_end / spacing) ** 2))
     solid = crossings.behind[crossings.behind >= 0]
     own = np.repeat(np.arange(count), 4)
     other = delaunay.neighbors.ravel().astype(np.int64)
@@ -133,9 +133,9 @@ def _free(delaunay: Delaunay, crossings: Crossings, spacing: float) -> BoolArray
     weights = np.concatenate(
         [
             trust,
-            _SHAPE * _badness(delaunay)[inner],
+            _SHAPE_WEIGHT * _compute_shape_term(delaunay)[inner],
             np.full(len(crossings.begins) + len(hull), always),
-            np.full(len(solid), float(_RAY)),
+            np.full(len(solid), float(_RAY_WEIGHT)),
         ]
     )
     summed = coo_array((weights, (rows, columns)), shape=(count + 2, count + 2)).tocsr()
@@ -150,7 +150,7 @@ def _free(delaunay: Delaunay, crossings: Crossings, spacing: float) -> BoolArray
     return reached[:count]
 
 
-def _badness(delaunay: Delaunay) -> Float64Array:
+def _compute_shape_term(delaunay: Delaunay) -> Float64Array:
     """Shape term of every facet (4 t,), 0 (good) to 2: large where a circumsphere bulges far out of the facet."""
     corners = delaunay.points[delaunay.simplices]
     base = corners[:, 0]
@@ -178,7 +178,7 @@ def _badness(delaunay: Delaunay) -> Float64Array:
     return badness
 
 
-def _between(delaunay: Delaunay, free: BoolArray) -> Int64Array:
+def _extract_interface(delaunay: Delaunay, free: BoolArray) -> Int64Array:
     """Facets (m, 3) between matter and free space, wound with their normals to the free side."""
     solid, facet = np.nonzero(~free[:, None] & (delaunay.neighbors >= 0) & free[delaunay.neighbors])
     others = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])[facet]
@@ -190,8 +190,8 @@ def _between(delaunay: Delaunay, free: BoolArray) -> Int64Array:
     return triangles
 
 
-def _without_long(points: Float64Array, triangles: Int64Array) -> Int64Array:
+def _drop_long_triangles(points: Float64Array, triangles: Int64Array) -> Int64Array:
     edges = np.linalg.norm(points[triangles] - points[np.roll(triangles, 1, axis=1)], axis=2).max(axis=1)
-    limit = _LONGEST_EDGE_FACTOR * np.percentile(edges, _EDGE_PERCENTILE) if len(edges) else 0.0
+    limit = _MAX_EDGE_FACTOR * np.percentile(edges, _EDGE_PERCENTILE) if len(edges) else 0.0
     kept: Int64Array = triangles[edges <= limit]
     return kept

@@ -12,13 +12,13 @@ from facadelake.core.camera import PosedCamera
 from facadelake.sfm.reconstruction import Reconstruction
 
 # The mean length of a residual of two coordinates is 1.25 times the sigma of one (Rayleigh).
-_MEAN_LENGTH_SIGMAS = 1.2533
-_LEAST_SIGMA_PX = 0.2
+_RAYLEIGH_MEAN = 1.2533
+_MIN_SIGMA_PX = 0.2
 
 
-def pixel_sigma(reconstruction: Reconstruction) -> float:
+def estimate_pixel_sigma(reconstruction: Reconstruction) -> float:
     """One sigma of a tie point's sighting along x or y, in pixels of the photographs as stored, from the residuals."""
-    return max(reconstruction.mean_reprojection_error_px / _MEAN_LENGTH_SIGMAS, _LEAST_SIGMA_PX)
+    return max(reconstruction.mean_reprojection_error_px / _RAYLEIGH_MEAN, _MIN_SIGMA_PX)
 
 
 def compute_tie_point_covariance(
@@ -34,7 +34,7 @@ def compute_tie_point_covariance(
     information = np.zeros((len(xyz), 3, 3))
     known = np.asarray(np.isfinite(xyz).all(axis=1))
     for k, posed in enumerate(cameras):
-        rows = reconstruction.track_point[reconstruction.track_photo == k]
+        rows = reconstruction.image_point_tie_point[reconstruction.image_point_photo == k]
         rows = rows[known[rows]]
         cam_from_frame = posed.site_from_cam.invert()
         x, y, z = cam_from_frame.apply(xyz[rows]).T
@@ -52,7 +52,7 @@ def compute_tie_point_covariance(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Seen:
+class TiePointViews:
     """Of each tie point: ``photographs`` (m,) that saw it, the mean unit ``direction`` (m, 3) in which they looked, and
     the finest ``gsd`` (m,), the length of a pixel there (inf where no photograph saw it)."""
 
@@ -61,16 +61,18 @@ class Seen:
     gsd: Float64Array
 
 
-def how_seen(reconstruction: Reconstruction, cameras: Sequence[PosedCamera], xyz: Float64Array) -> Seen:
+def describe_tie_point_views(
+    reconstruction: Reconstruction, cameras: Sequence[PosedCamera], xyz: Float64Array
+) -> TiePointViews:
     """How ``cameras``, one for each photograph, saw the points ``xyz`` (m, 3); both are in one frame, any."""
     photographs = np.zeros(len(xyz), dtype=np.int64)
     direction, gsd = np.zeros((len(xyz), 3)), np.full(len(xyz), np.inf)
     for k, posed in enumerate(cameras):
-        rows = np.unique(reconstruction.track_point[reconstruction.track_photo == k])
+        rows = np.unique(reconstruction.image_point_tie_point[reconstruction.image_point_photo == k])
         ray = xyz[rows] - posed.centre_site_m
         distance = np.linalg.norm(ray, axis=1)
         photographs[rows] += 1
         direction[rows] += ray / distance[:, None]
         gsd[rows] = np.fmin(gsd[rows], distance / posed.camera.fx_px)
     length = np.linalg.norm(direction, axis=1, keepdims=True)
-    return Seen(photographs=photographs, direction=direction / np.where(length > 0, length, 1.0), gsd=gsd)
+    return TiePointViews(photographs=photographs, direction=direction / np.where(length > 0, length, 1.0), gsd=gsd)

@@ -20,7 +20,7 @@ from facadelake.core.progress import ProgressStep, report_progress
 logger = logging.getLogger(__name__)
 
 LOG_NAME = "worker.log"
-_TAIL_LINES = 12
+_LOG_TAIL_LINES = 12
 
 
 def run_worker(job: Mapping[str, Any], folder: Path) -> None:
@@ -54,7 +54,7 @@ def run_worker(job: Mapping[str, Any], folder: Path) -> None:
     if problem:
         raise InputDataError(problem)
     if code != 0:
-        raise FacadelakeError(_crash_message(code, log_path))
+        raise FacadelakeError(_describe_crash(code, log_path))
 
 
 def _follow(process: subprocess.Popen[bytes]) -> str:
@@ -63,7 +63,7 @@ def _follow(process: subprocess.Popen[bytes]) -> str:
     problem = ""
     with ExitStack() as bars:
         step: ProgressStep | None = None
-        for event in _events(process.stdout):
+        for event in _read_events(process.stdout):
             match event.get("event"):
                 case "begin":
                     bars.close()
@@ -77,7 +77,7 @@ def _follow(process: subprocess.Popen[bytes]) -> str:
     return problem
 
 
-def _events(stream: Iterator[bytes]) -> Iterator[dict[str, Any]]:
+def _read_events(stream: Iterator[bytes]) -> Iterator[dict[str, Any]]:
     for line in stream:
         try:
             event = json.loads(line)
@@ -87,12 +87,12 @@ def _events(stream: Iterator[bytes]) -> Iterator[dict[str, Any]]:
             yield event
 
 
-def _crash_message(code: int, log_path: Path) -> str:
+def _describe_crash(code: int, log_path: Path) -> str:
     if code < 0:
         cause = f"was ended by signal {signal.Signals(-code).name}"
         if -code == signal.SIGKILL:
             cause += " (often: the machine ran out of memory; reduce max_image_px or max_features)"
     else:
         cause = f"ended with status {code}"
-    tail = log_path.read_text(encoding="utf-8", errors="replace").splitlines()[-_TAIL_LINES:]
+    tail = log_path.read_text(encoding="utf-8", errors="replace").splitlines()[-_LOG_TAIL_LINES:]
     return "\n".join([f"the reconstruction process {cause}; a new run goes on where it stopped. Its log's end:", *tail])

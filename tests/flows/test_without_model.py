@@ -84,9 +84,9 @@ def save_block(folder: Path, posed: dict[str, PosedCamera]) -> None:
         sfm_from_cam_translation=np.array([camera.centre_site_m / 2 for camera in posed.values()]),
         xyz_sfm=xyz / 2,
         rgb=np.zeros((600, 3), np.uint8),
-        track_photo=np.concatenate(photo),
-        track_point=np.concatenate(point),
-        track_xy_img=np.vstack(pixel),
+        image_point_photo=np.concatenate(photo),
+        image_point_tie_point=np.concatenate(point),
+        image_point_xy_img=np.vstack(pixel),
     )
     photos = [{"photo_id": name, "reprojection_error_px": 0.5, "tie_points": 600} for name in posed]
     said = {"photos": photos, "unlocalised": [], "mean_reprojection_error_px": 0.5}

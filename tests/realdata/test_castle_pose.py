@@ -23,7 +23,7 @@ from facadelake.photos.ingest import ingest_photographs
 from facadelake.sfm.reconstruction import Reconstruction, read_reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
-from facadelake.sfm.surface_mesh import as_built_mesh, read_mesh
+from facadelake.sfm.surface_mesh import read_mesh, write_as_built_mesh
 from schemas.vocabulary import ControlKind
 
 pytestmark = [pytest.mark.realdata, pytest.mark.slow]
@@ -98,9 +98,9 @@ def test_tie_points_project_onto_their_pixels(block: Block) -> None:
     sfm = block.reconstruction
     errors = []
     for k, photo in enumerate(sfm.photos):
-        mine = sfm.track_photo == k
-        cam = photo.sfm_from_cam.invert().apply(sfm.xyz_sfm[sfm.track_point[mine]])
-        off = np.linalg.norm(photo.camera.project(cam) - sfm.track_xy_img[mine], axis=1)
+        mine = sfm.image_point_photo == k
+        cam = photo.sfm_from_cam.invert().apply(sfm.xyz_sfm[sfm.image_point_tie_point[mine]])
+        off = np.linalg.norm(photo.camera.project(cam) - sfm.image_point_xy_img[mine], axis=1)
         assert off.mean() == pytest.approx(photo.reprojection_error_px, rel=0, abs=1e-6)  # px
         errors.append(off)
     assert np.concatenate(errors).max() < 4.0  # px
@@ -119,7 +119,7 @@ def test_poses_and_mesh_are_whole(block: Block, shared_data: Path) -> None:
     )
     assert table.num_rows == len(NAMES)
     assert set(table.column("pose_source").to_pylist()) == {"sfm"}
-    as_built_mesh(block.folder / "sfm", block.folder / "mesh")
+    write_as_built_mesh(block.folder / "sfm", block.folder / "mesh")
     vertices, triangles = read_mesh(block.folder / "mesh")
     assert len(triangles) > 500
     assert triangles.max() == len(vertices) - 1

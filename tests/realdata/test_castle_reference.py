@@ -24,7 +24,7 @@ from facadelake.photos.ingest import ingest_photographs
 from facadelake.sfm.reconstruction import Reconstruction, read_descriptors, read_reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
-from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, pixel_sigma
+from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, estimate_pixel_sigma
 
 pytestmark = pytest.mark.realdata
 
@@ -48,10 +48,10 @@ class Half:
     def place(self, row: int) -> np.ndarray | None:
         """Where the published cameras see tie point ``row``, from its sightings alone."""
         sfm = self.reconstruction
-        tracks = np.flatnonzero(sfm.track_point == row)
-        cameras = [self.published[sfm.track_photo[k]] for k in tracks]
+        tracks = np.flatnonzero(sfm.image_point_tie_point == row)
+        cameras = [self.published[sfm.image_point_photo[k]] for k in tracks]
         views = [
-            View(camera=posed.camera, world_from_cam=posed.site_from_cam, xy_img=sfm.track_xy_img[k])
+            View(camera=posed.camera, world_from_cam=posed.site_from_cam, xy_img=sfm.image_point_xy_img[k])
             for posed, k in zip(cameras, tracks, strict=True)
         ]
         point = intersect(views)
@@ -115,7 +115,7 @@ def reference(halves: tuple[Half, Half], tmp_path_factory: pytest.TempPathFactor
         halves[0].descriptors,
         cameras=cameras,
         xyz_site_m=xyz,
-        covariance_m2=compute_tie_point_covariance(sfm, cameras, xyz, sigma_px=pixel_sigma(sfm)),
+        covariance_m2=compute_tie_point_covariance(sfm, cameras, xyz, sigma_px=estimate_pixel_sigma(sfm)),
         frame_covariance_m2=np.eye(3) * 1e-3,
         building_id="castle",
         campaign_id="earlier",

@@ -124,9 +124,9 @@ class Scene:
             unlocalised=(UnlocalisedPhoto(photo_id="lost.jpg", reason="too little overlap"),),
             xyz_sfm=sfm_from_site.apply(xyz + rng.normal(0, 0.01, xyz.shape)),
             rgb=np.zeros((len(xyz), 3), np.uint8),
-            track_photo=np.concatenate(track_photo),
-            track_point=np.concatenate(track_point),
-            track_xy_img=np.concatenate(track_xy),
+            image_point_photo=np.concatenate(track_photo),
+            image_point_tie_point=np.concatenate(track_point),
+            image_point_xy_img=np.concatenate(track_xy),
             mean_reprojection_error_px=0.5,
             costs=(),
         )

@@ -66,7 +66,7 @@ class _Campaign:
     detections: Mapping[str, Row]
     registered: Sequence[Row]
     defects: Sequence[Row]
-    shown: Mapping[str, str | None]  # detection_id -> check point
+    check_point_of_detection: Mapping[str, str | None]
     xyz_true_site_m: Mapping[str, Float64Array]
 
 
@@ -101,12 +101,14 @@ def compare(
             row for row in observations.to_pylist() if row["observation_outcome"] == ObservationOutcome.REGISTERED
         ],
         defects=defects.to_pylist(),
-        shown=_shown(detections, known, truth),
+        check_point_of_detection=_shown(detections, known, truth),
         xyz_true_site_m=dict(zip(points, origin.site_from_geo(geo), strict=True)),
     )
     _check_places([*campaign.registered, *campaign.defects], origin, map_crs)
     matched = [
-        (row, target) for row in campaign.registered if (target := campaign.shown.get(row["detection_id"])) is not None
+        (row, target)
+        for row in campaign.registered
+        if (target := campaign.check_point_of_detection.get(row["detection_id"])) is not None
     ]
     shown_by_defect = _shown_by_defect(campaign)
     merged = [
@@ -203,7 +205,10 @@ def _shown(detections: pa.Table, known: Truth, folder: Path) -> dict[str, str | 
 
 def _accepted(campaign: _Campaign) -> list[tuple[Row, str]]:
     """Accepted detections with the check point they show."""
-    rows = ((campaign.detections[detection_id], target) for detection_id, target in campaign.shown.items())
+    rows = (
+        (campaign.detections[detection_id], target)
+        for detection_id, target in campaign.check_point_of_detection.items()
+    )
     return [
         (row, target)
         for row, target in rows
@@ -233,7 +238,7 @@ def _shown_by_defect(campaign: _Campaign) -> list[str | None]:
     sightings: dict[str, Counter[str | None]] = defaultdict(Counter)
     for row in campaign.registered:
         if row["defect_id"]:
-            sightings[row["defect_id"]][campaign.shown.get(row["detection_id"])] += 1
+            sightings[row["defect_id"]][campaign.check_point_of_detection.get(row["detection_id"])] += 1
     shown = []
     for defect in campaign.defects:
         counts = sightings[defect["defect_id"]]

@@ -35,7 +35,7 @@ def choose_ties(
     reconstruction: Reconstruction, site_from_sfm: Similarity, most_per_photo: int = TIES_PER_PHOTO
 ) -> Ties:
     """The tie points that are among the longest tracks of any photograph that sees them, sorted by first photograph."""
-    photo, point = reconstruction.track_photo, reconstruction.track_point
+    photo, point = reconstruction.image_point_photo, reconstruction.image_point_tie_point
     length = np.bincount(point, minlength=len(reconstruction.xyz_sfm))
     # Rank of each sighting within its photograph, longest track first.
     order = np.lexsort((point, -length[point], photo))
@@ -56,7 +56,7 @@ def choose_ties(
         xyz_site_m=site_from_sfm.apply(reconstruction.xyz_sfm[chosen]),
         photo=photo[kept],
         node=row[point[kept]],
-        xy_img=reconstruction.track_xy_img[kept],
+        xy_img=reconstruction.image_point_xy_img[kept],
     )
 
 

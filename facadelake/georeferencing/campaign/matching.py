@@ -27,7 +27,7 @@ from facadelake.georeferencing.campaign.consistency import (
 from facadelake.georeferencing.campaign.descriptor_matching import DescriptorPairs, mutual_pairs
 from facadelake.georeferencing.campaign.reference import MOST_POINTS, ReferencePoints, check_rows
 from facadelake.georeferencing.campaign.similarity_search import SharedSimilarity, shared_similarity
-from facadelake.sfm import Reconstruction, compute_tie_point_covariance, how_seen, pixel_sigma
+from facadelake.sfm import Reconstruction, compute_tie_point_covariance, describe_tie_point_views, estimate_pixel_sigma
 
 logger = logging.getLogger(__name__)
 
@@ -160,8 +160,10 @@ class _LaterPoints:
 def _later_points(reconstruction: Reconstruction) -> _LaterPoints:
     cameras = [PosedCamera(camera=p.camera, site_from_cam=p.sfm_from_cam) for p in reconstruction.photos]
     xyz = reconstruction.xyz_sfm
-    covariance = compute_tie_point_covariance(reconstruction, cameras, xyz, sigma_px=pixel_sigma(reconstruction))
-    seen = how_seen(reconstruction, cameras, xyz)
+    covariance = compute_tie_point_covariance(
+        reconstruction, cameras, xyz, sigma_px=estimate_pixel_sigma(reconstruction)
+    )
+    seen = describe_tie_point_views(reconstruction, cameras, xyz)
     usable = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)))
     row = np.sort(usable[np.argsort(-seen.photographs[usable], kind="stable")[:MOST_POINTS]])
     return _LaterPoints(

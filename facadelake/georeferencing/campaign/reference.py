@@ -19,7 +19,7 @@ from facadelake.core.arrays import Float64Array, Int64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.sfm import Reconstruction, how_seen
+from facadelake.sfm import Reconstruction, describe_tie_point_views
 
 MOST_POINTS = 100_000
 # A point that is known no better than this says nothing of a campaign to be placed at the centimetre.
@@ -144,7 +144,7 @@ def reference_of(
     """
     check_rows(reconstruction, descriptors)
     sigma_m = _largest_sigma(covariance_m2)
-    seen = how_seen(reconstruction, cameras, xyz_site_m)
+    seen = describe_tie_point_views(reconstruction, cameras, xyz_site_m)
     usable = (
         np.isfinite(xyz_site_m).all(axis=1) & (seen.photographs >= _FEWEST_PHOTOGRAPHS) & (sigma_m <= LARGEST_SIGMA_M)
     )

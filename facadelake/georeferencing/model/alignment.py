@@ -132,18 +132,19 @@ def align_to_model(
 
 def _offered(reconstruction: Reconstruction, seed: int) -> tuple[Float64Array, Int64Array]:
     """Tie points seen three times or more (a limited draw) and for each the nearest camera that observed it."""
-    seen = np.bincount(reconstruction.track_point, minlength=len(reconstruction.xyz_sfm))
+    seen = np.bincount(reconstruction.image_point_tie_point, minlength=len(reconstruction.xyz_sfm))
     chosen = np.flatnonzero(seen >= 3)
     if len(chosen) > _MOST_POINTS:
         chosen = np.sort(np.random.default_rng(seed).choice(chosen, _MOST_POINTS, replace=False))
     distance = np.linalg.norm(
-        reconstruction.xyz_sfm[reconstruction.track_point] - reconstruction.centres_sfm[reconstruction.track_photo],
+        reconstruction.xyz_sfm[reconstruction.image_point_tie_point]
+        - reconstruction.centres_sfm[reconstruction.image_point_photo],
         axis=1,
     )
-    order = np.lexsort((distance, reconstruction.track_point))
-    point, first = np.unique(reconstruction.track_point[order], return_index=True)
+    order = np.lexsort((distance, reconstruction.image_point_tie_point))
+    point, first = np.unique(reconstruction.image_point_tie_point[order], return_index=True)
     nearest = np.full(len(seen), -1, dtype=np.int64)
-    nearest[point] = reconstruction.track_photo[order][first]
+    nearest[point] = reconstruction.image_point_photo[order][first]
     return reconstruction.xyz_sfm[chosen], nearest[chosen]
 
 

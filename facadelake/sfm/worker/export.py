@@ -151,9 +151,9 @@ def export(
         sfm_from_cam_translation=np.array(centres),
         xyz_sfm=np.array([point.xyz for point in points]).reshape(-1, 3),
         rgb=np.array([point.color for point in points], dtype=np.uint8).reshape(-1, 3),
-        track_photo=np.concatenate(track_photo),
-        track_point=np.concatenate(track_point),
-        track_xy_img=np.concatenate(track_xy),
+        image_point_photo=np.concatenate(track_photo),
+        image_point_tie_point=np.concatenate(track_point),
+        image_point_xy_img=np.concatenate(track_xy),
     )
     np.save(folder / "descriptors.npy", representative_descriptors(model, database_path, row_of_point))
     diagnostics = folder / DIAGNOSTICS

@@ -324,9 +324,9 @@ def reconstruction_of(
         unlocalised=(),
         xyz_sfm=sfm_from_site.apply(block.xyz_m + rng.normal(0, start_m, block.xyz_m.shape)),
         rgb=np.zeros((len(block.xyz_m), 3), dtype=np.uint8),
-        track_photo=block.photo,
-        track_point=block.node,
-        track_xy_img=block.xy_img + rng.normal(0, tie_px, block.xy_img.shape),
+        image_point_photo=block.photo,
+        image_point_tie_point=block.node,
+        image_point_xy_img=block.xy_img + rng.normal(0, tie_px, block.xy_img.shape),
         mean_reprojection_error_px=tie_px,
         costs=(),
     )

@@ -10,7 +10,11 @@ from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.reference import ReferencePoints, choose_spread, read_reference, reference_of
 from facadelake.georeferencing.triangulation import View, intersect
-from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance, how_seen, pixel_sigma
+from facadelake.sfm.tie_point_covariance import (
+    compute_tie_point_covariance,
+    describe_tie_point_views,
+    estimate_pixel_sigma,
+)
 from tests.unit.georeferencing.two_campaigns import (
     CAMERA,
     NOISE_PX,
@@ -58,7 +62,7 @@ def test_it_keeps_what_the_adjustment_kept_in_its_rows(placed: Campaign) -> None
         row = int(np.flatnonzero((xyz == points.xyz_site_m[k]).all(axis=1))[0])
         assert row >= 50
         np.testing.assert_array_equal(points.descriptors[k], placed.descriptors[row])
-        tracks = placed.reconstruction.track_photo[placed.reconstruction.track_point == row]
+        tracks = placed.reconstruction.image_point_photo[placed.reconstruction.image_point_tie_point == row]
         assert points.photographs[k] == len(set(tracks.tolist()))
         centres = np.array([placed.cameras[i].centre_site_m for i in tracks])
         distance_m = np.linalg.norm(centres - xyz[row], axis=1)
@@ -92,9 +96,9 @@ def test_descriptors_of_another_reconstruction_are_refused(placed: Campaign) -> 
 
 def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
     """Independent path: mark one point 80 times with noise, intersect, and look at the scatter."""
-    row = int(np.flatnonzero(np.bincount(placed.reconstruction.track_point) == 3)[0])
+    row = int(np.flatnonzero(np.bincount(placed.reconstruction.image_point_tie_point) == 3)[0])
     rng, found = np.random.default_rng(9), []
-    photos = placed.reconstruction.track_photo[placed.reconstruction.track_point == row]
+    photos = placed.reconstruction.image_point_photo[placed.reconstruction.image_point_tie_point == row]
     poses = [placed.cameras[i].site_from_cam for i in photos]
     for _ in range(80):
         views = [
@@ -115,14 +119,14 @@ def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
     ]
     assert (np.sqrt(np.linalg.eigvalsh(said) / scatter) > 0.75).all()  # of a sigma; 80 draws tell it to 8 %
     assert (np.sqrt(np.linalg.eigvalsh(said) / scatter) < 1.3).all()
-    assert pixel_sigma(placed.reconstruction) == pytest.approx(NOISE_PX, abs=1e-6)  # px
+    assert estimate_pixel_sigma(placed.reconstruction) == pytest.approx(NOISE_PX, abs=1e-6)  # px
 
 
 def test_a_point_nobody_saw_has_no_covariance(placed: Campaign) -> None:
-    one = replace(placed.reconstruction, track_photo=np.zeros(1, int), track_point=np.zeros(1, int))
+    one = replace(placed.reconstruction, image_point_photo=np.zeros(1, int), image_point_tie_point=np.zeros(1, int))
     said = compute_tie_point_covariance(one, placed.cameras, placed.xyz_true_m, sigma_px=NOISE_PX)
     assert np.isnan(said).all()  # one photograph leaves the distance open, none leaves everything open
-    assert how_seen(one, placed.cameras, placed.xyz_true_m).photographs.sum() == 1
+    assert describe_tie_point_views(one, placed.cameras, placed.xyz_true_m).photographs.sum() == 1
 
 
 def test_the_file_comes_back_the_same_and_has_one_hash(placed: Campaign, tmp_path: Path) -> None:

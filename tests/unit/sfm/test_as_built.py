@@ -11,7 +11,7 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.sfm.as_built_building import block_in_site, build_as_built_model, roughness
+from facadelake.sfm.as_built_model import build_as_built_model, estimate_roughness, triangulate_in_site
 from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
 from schemas.vocabulary import SurfaceKind
 
@@ -69,9 +69,9 @@ def block(count: int = 1500) -> tuple[Reconstruction, dict[str, PosedCamera], np
         unlocalised=(),
         xyz_sfm=SFM_FROM_SITE.apply(xyz) + rng.normal(0, 0.05, xyz.shape),
         rgb=np.zeros((count, 3), np.uint8),
-        track_photo=np.concatenate(rows),
-        track_point=np.concatenate(columns),
-        track_xy_img=np.vstack(pixels),
+        image_point_photo=np.concatenate(rows),
+        image_point_tie_point=np.concatenate(columns),
+        image_point_xy_img=np.vstack(pixels),
         mean_reprojection_error_px=0.6,
         costs=(),
     )
@@ -85,8 +85,8 @@ def corner() -> tuple[Reconstruction, dict[str, PosedCamera], np.ndarray]:
 
 def test_tie_points_come_from_the_adjusted_cameras_and_not_from_the_free_block(corner) -> None:
     reconstruction, posed, xyz = corner
-    found = block_in_site(reconstruction, posed)
-    used = np.unique(found.track_point)
+    found = triangulate_in_site(reconstruction, posed)
+    used = np.unique(found.image_point_tie_point)
     error = np.linalg.norm(found.xyz_sfm[used] - xyz[used], axis=1)
     # Half a pixel at 10 to 30 m and 1,200 px of focal length is 4 to 12 mm a ray.
     assert 0.001 < np.median(error) < 0.02  # m
@@ -96,30 +96,30 @@ def test_tie_points_come_from_the_adjusted_cameras_and_not_from_the_free_block(c
 def test_a_photograph_without_pose_is_left_out(corner) -> None:
     reconstruction, posed, xyz = corner
     fewer = {name: camera for name, camera in posed.items() if name != "3.jpg"}
-    found = block_in_site(reconstruction, fewer)
+    found = triangulate_in_site(reconstruction, fewer)
     assert [photo.photo_id for photo in found.photos] == list(fewer)
     k = list(fewer).index("4.jpg")
-    rows = found.track_photo == k
-    again = fewer["4.jpg"].project_site(xyz[found.track_point[rows]])
-    assert np.abs(again - found.track_xy_img[rows]).max() < 6 * NOISE_PX  # px: sightings kept their photographs
+    rows = found.image_point_photo == k
+    again = fewer["4.jpg"].project_site(xyz[found.image_point_tie_point[rows]])
+    assert np.abs(again - found.image_point_xy_img[rows]).max() < 6 * NOISE_PX  # px: sightings kept their photographs
 
 
 def test_a_point_that_but_one_posed_photograph_saw_is_left_out(corner) -> None:
     """As where the other photographs were not localised: the ray alone leaves its distance open."""
     reconstruction, posed, _ = corner
-    lonely = int(reconstruction.track_point[reconstruction.track_photo == 0][0])
-    rows = (reconstruction.track_point != lonely) | (reconstruction.track_photo == 0)
+    lonely = int(reconstruction.image_point_tie_point[reconstruction.image_point_photo == 0][0])
+    rows = (reconstruction.image_point_tie_point != lonely) | (reconstruction.image_point_photo == 0)
     lost = replace(
         reconstruction,
-        track_photo=reconstruction.track_photo[rows],
-        track_point=reconstruction.track_point[rows],
-        track_xy_img=reconstruction.track_xy_img[rows],
+        image_point_photo=reconstruction.image_point_photo[rows],
+        image_point_tie_point=reconstruction.image_point_tie_point[rows],
+        image_point_xy_img=reconstruction.image_point_xy_img[rows],
     )
-    found = block_in_site(lost, posed)
-    kept = np.isin(found.track_point, lonely)
-    assert not kept.any() and len(found.track_point) == len(block_in_site(reconstruction, posed).track_point) - (
-        (reconstruction.track_point == lonely).sum()
-    )
+    found = triangulate_in_site(lost, posed)
+    kept = np.isin(found.image_point_tie_point, lonely)
+    assert not kept.any() and len(found.image_point_tie_point) == len(
+        triangulate_in_site(reconstruction, posed).image_point_tie_point
+    ) - ((reconstruction.image_point_tie_point == lonely).sum())
 
 
 def test_the_surface_is_the_building_cut_into_facades(corner) -> None:
@@ -144,7 +144,7 @@ def test_roughness_is_the_noise_across_the_surface() -> None:
     rng = np.random.default_rng(1)
     flat = np.column_stack([rng.uniform(0, 20, (4000, 2)), rng.normal(0, 0.02, 4000)])
     # Of a point against the plane of eight others: a little more than the noise.
-    assert 0.018 < roughness(flat) < 0.028  # m
+    assert 0.018 < estimate_roughness(flat) < 0.028  # m
 
 
 def test_too_few_tie_points_are_an_error(corner) -> None:
@@ -153,12 +153,12 @@ def test_too_few_tie_points_are_an_error(corner) -> None:
         np.full((1, 2), np.nan),
         settings=MeshModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", origin=ORIGIN),
     )
-    few = reconstruction.track_point < 30
+    few = reconstruction.image_point_tie_point < 30
     sparse = replace(
         reconstruction,
-        track_photo=reconstruction.track_photo[few],
-        track_point=reconstruction.track_point[few],
-        track_xy_img=reconstruction.track_xy_img[few],
+        image_point_photo=reconstruction.image_point_photo[few],
+        image_point_tie_point=reconstruction.image_point_tie_point[few],
+        image_point_xy_img=reconstruction.image_point_xy_img[few],
     )
     with pytest.raises(InputDataError, match="tie points seen three times or more"):
         build_as_built_model(place, sparse, posed)

@@ -5,7 +5,7 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.georeferencing.gps.alignment import rotation_of_attitude
-from facadelake.sfm.pairing import choose_pairs, poorly_placed, viewing_directions
+from facadelake.sfm.pairing import choose_pairs, direction_from_yaw_pitch, find_uncertain_positions
 from facadelake.sfm.settings import ReconstructionSettings
 
 
@@ -38,7 +38,7 @@ def test_opposite_views_are_not_compared() -> None:
     """Two rows back to back: each photograph's partner behind it is nearest, but sees the other side."""
     xyz = np.vstack([strip(30), strip(30) + np.array([0, 0.5, 0])])
     yaw = np.array([0.0] * 30 + [180.0] * 30)
-    pairs = choose_pairs(xyz, viewing_directions(yaw, np.zeros(60)), ALL_FAR, FEW)
+    pairs = choose_pairs(xyz, direction_from_yaw_pitch(yaw, np.zeros(60)), ALL_FAR, FEW)
     across = [(i, j) for i, j in pairs if (i < 30) != (j < 30)]
     assert across == [(28, 30), (29, 30), (29, 31)]  # the sequence alone joins them
 
@@ -48,21 +48,21 @@ def test_a_photograph_without_position_has_its_sequence_and_seeks_by_look() -> N
     xyz[17] = np.nan
     pairs = set(choose_pairs(xyz, UNKNOWN, ALL_FAR, FEW))
     assert {j for i, j in pairs if i == 17} | {i for i, j in pairs if j == 17} == set(range(12, 23)) - {17}
-    assert np.flatnonzero(poorly_placed(xyz, np.full((60, 3), 0.5), FEW)).tolist() == [17]
+    assert np.flatnonzero(find_uncertain_positions(xyz, np.full((60, 3), 0.5), FEW)).tolist() == [17]
 
 
 def test_positions_that_say_too_little_seek_by_look() -> None:
     """Six neighbours lie within 6 m (12 m at the strip's ends): a sigma of 2.5 m tells them apart, 7 m does not."""
     sigma = np.full((60, 3), 2.5)
     sigma[30] = 7.0
-    assert np.flatnonzero(poorly_placed(strip(60), sigma, FEW)).tolist() == [30]
+    assert np.flatnonzero(find_uncertain_positions(strip(60), sigma, FEW)).tolist() == [30]
     cut_off = strip(60)
     cut_off[10:14] = cut_off[10]
-    assert np.flatnonzero(poorly_placed(cut_off, np.full((60, 3), 0.5), FEW)).tolist() == [10, 11, 12, 13]
+    assert np.flatnonzero(find_uncertain_positions(cut_off, np.full((60, 3), 0.5), FEW)).tolist() == [10, 11, 12, 13]
     hovering = strip(60)
     hovering[11] = hovering[10]
-    assert not poorly_placed(hovering, np.full((60, 3), 0.5), FEW).any()
-    assert not poorly_placed(UNKNOWN[:9], UNKNOWN[:9], FEW).any()  # all are compared with all
+    assert not find_uncertain_positions(hovering, np.full((60, 3), 0.5), FEW).any()
+    assert not find_uncertain_positions(UNKNOWN[:9], UNKNOWN[:9], FEW).any()  # all are compared with all
 
 
 @pytest.mark.parametrize("placed", [True, False])
@@ -103,8 +103,10 @@ def test_close_range_photographs_meet_the_others() -> None:
 
 def test_the_viewing_direction_is_the_optical_axis_of_the_attitude() -> None:
     """East is yaw 90; and a camera tilted down 30 deg looks down by its sine."""
-    np.testing.assert_allclose(viewing_directions(np.array([90.0]), np.array([0.0]))[0], [1, 0, 0], rtol=0, atol=1e-12)
-    down = viewing_directions(np.array([35.0]), np.array([-30.0]))[0]
+    np.testing.assert_allclose(
+        direction_from_yaw_pitch(np.array([90.0]), np.array([0.0]))[0], [1, 0, 0], rtol=0, atol=1e-12
+    )
+    down = direction_from_yaw_pitch(np.array([35.0]), np.array([-30.0]))[0]
     assert down[2] == pytest.approx(-0.5)
     rotation = rotation_of_attitude(35.0, -30.0, 0.0)
     np.testing.assert_allclose(rotation[:, 2], down, rtol=0, atol=1e-12)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from facadelake.sfm.reconstruction_job import _cameras
+from facadelake.sfm.reconstruction_job import group_by_camera
 
 
 def row(**said: Any) -> dict[str, Any]:
@@ -21,7 +21,7 @@ def test_zooms_sizes_bodies_and_lenses_are_cameras_of_their_own() -> None:
         row(camera_serial="1ZN", lens_model="wide"),
         row(),
     ]
-    cameras, camera_of = _cameras(rows)
+    cameras, camera_of = group_by_camera(rows)
     assert camera_of == [0, 1, 2, 3, 4, 0]
     assert cameras[1]["focal_px"] == pytest.approx(2.5 * cameras[0]["focal_px"], rel=1e-12)
     assert cameras[2]["focal_px"] == pytest.approx(0.5 * cameras[0]["focal_px"], rel=1e-12)
@@ -29,9 +29,11 @@ def test_zooms_sizes_bodies_and_lenses_are_cameras_of_their_own() -> None:
 
 def test_the_stated_focal_length_in_pixels_comes_first() -> None:
     """24 mm on 43.27 mm of full frame's diagonal is 0.5547 of a 5000 px diagonal."""
-    cameras, camera_of = _cameras([row(prior_focal_px=3725.15), row(prior_focal_px=3725.4), row(prior_focal_px=None)])
+    cameras, camera_of = group_by_camera(
+        [row(prior_focal_px=3725.15), row(prior_focal_px=3725.4), row(prior_focal_px=None)]
+    )
     assert camera_of == [0, 0, 1]
     assert cameras[0] == {"width_px": 4000, "height_px": 3000, "focal_px": 3725.15, "focal_known": True}
     assert cameras[1]["focal_px"] == pytest.approx(2773.5, abs=1.0)  # px
-    (guessed,), _ = _cameras([row(focal_length_mm=None, focal_length_35mm_mm=None)])
+    (guessed,), _ = group_by_camera([row(focal_length_mm=None, focal_length_35mm_mm=None)])
     assert guessed == {"width_px": 4000, "height_px": 3000, "focal_px": 4800.0, "focal_known": False}

@@ -22,7 +22,7 @@ from facadelake.sfm import worker_process as runner
 from facadelake.sfm.reconstruction import read_descriptors, read_reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
-from facadelake.sfm.work_folder import work_folder
+from facadelake.sfm.work_folder import open_work_folder
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 620.0
 PHOTOS, PAIRS = 8, 28
@@ -183,14 +183,14 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
 
 
 def test_refused_and_forgotten_work_is_removed(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError), work_folder(tmp_path, "refused"):
+    with pytest.raises(InputDataError), open_work_folder(tmp_path, "refused"):
         raise InputDataError("no overlap")
-    with pytest.raises(KeyboardInterrupt), work_folder(tmp_path, "stopped"):
+    with pytest.raises(KeyboardInterrupt), open_work_folder(tmp_path, "stopped"):
         raise KeyboardInterrupt
-    with pytest.raises(KeyboardInterrupt), work_folder(tmp_path, "old") as old:
+    with pytest.raises(KeyboardInterrupt), open_work_folder(tmp_path, "old") as old:
         raise KeyboardInterrupt
     os.utime(old, (0, 0))
     (tmp_path / ".work-removed.done").mkdir()  # a kill came while it was being removed
-    with work_folder(tmp_path, "new") as new:
+    with open_work_folder(tmp_path, "new") as new:
         assert new.is_dir()
         assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == [".work-new", ".work-stopped"]

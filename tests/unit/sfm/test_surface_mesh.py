@@ -9,9 +9,9 @@ from scipy.spatial import Delaunay
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
-from facadelake.sfm.free_space import cross
+from facadelake.sfm.free_space import walk_rays
 from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
-from facadelake.sfm.surface_mesh import mesh_of, read_mesh
+from facadelake.sfm.surface_mesh import mesh_tie_points, read_mesh
 
 CAMERA = Camera(width_px=100, height_px=100, fx_px=100, fy_px=100, cx_px=50, cy_px=50)
 
@@ -37,16 +37,16 @@ def corner(noise: float, count: int = 1500) -> Reconstruction:
         unlocalised=(),
         xyz_sfm=xyz,
         rgb=np.zeros((count, 3), np.uint8),
-        track_photo=np.tile(np.arange(5), count),
-        track_point=np.repeat(np.arange(count), 5),
-        track_xy_img=np.zeros((5 * count, 2)),
+        image_point_photo=np.tile(np.arange(5), count),
+        image_point_tie_point=np.repeat(np.arange(count), 5),
+        image_point_xy_img=np.zeros((5 * count, 2)),
         mean_reprojection_error_px=0.5,
         costs=(),
     )
 
 
 def test_the_mesh_lies_on_the_walls_and_faces_the_cameras() -> None:
-    vertices, triangles = mesh_of(corner(noise=0.01))
+    vertices, triangles = mesh_tie_points(corner(noise=0.01))
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     area = np.linalg.norm(normal, axis=1) / 2
@@ -63,7 +63,7 @@ def test_a_point_that_floats_in_seen_space_is_not_joined_to_the_wall() -> None:
     """A gross error amid the rays of hundreds of wall points: nothing solid can be there."""
     block = corner(noise=0.005)
     block.xyz_sfm[7] = [-3.0, -3.0, 2.5]
-    vertices, triangles = mesh_of(block)
+    vertices, triangles = mesh_tie_points(block)
     used = vertices[np.unique(triangles)]
     assert np.linalg.norm(used - [-3.0, -3.0, 2.5], axis=1).min() > 0.5
 
@@ -74,7 +74,7 @@ def test_rays_cross_each_tetrahedron_on_their_way_once() -> None:
     points = np.vstack([rng.uniform(-1, 1, (60, 3)), 10 * np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T])
     delaunay = Delaunay(points)
     origin, end = np.array([[-3.0, -2.5, 0.3]]), np.array([4])
-    found = cross(delaunay, origin, points[end], end, np.array([0.05]))
+    found = walk_rays(delaunay, origin, points[end], end, np.array([0.05]))
     samples = origin + np.linspace(0, 0.999999, 200_001)[:, None] * (points[end] - origin)
     met = delaunay.find_simplex(samples)
     walked = np.append(found.tetrahedron, delaunay.neighbors[found.tetrahedron[-1], found.facet[-1]])
@@ -89,6 +89,6 @@ def test_rays_cross_each_tetrahedron_on_their_way_once() -> None:
 
 def test_too_few_points_or_no_mesh_are_errors(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match="20 tie points seen three times or more; a surface needs 50"):
-        mesh_of(corner(noise=0.01, count=20))
+        mesh_tie_points(corner(noise=0.01, count=20))
     with pytest.raises(InputDataError, match="holds no as-built mesh"):
         read_mesh(tmp_path)
