@@ -77,8 +77,8 @@ def measure_mapping(count: int, scene: str) -> dict[str, Any]:
 
     from facadelake.sfm import ReconstructionSettings
     from facadelake.sfm.pairing import choose_pairs
-    from facadelake.sfm.worker.mapping import adjust, map_photographs
-    from facadelake.sfm.worker.report import Report
+    from facadelake.sfm.worker.mapping import adjust_block, map_photographs
+    from facadelake.sfm.worker.report import ProgressReport
 
     rng = np.random.default_rng(5)
     settings = ReconstructionSettings()
@@ -102,10 +102,10 @@ def measure_mapping(count: int, scene: str) -> dict[str, Any]:
         }
         pycolmap.logging.minloglevel = int(pycolmap.logging.Level.WARNING.value)
         pycolmap.set_random_seed(1)
-        report = Report(stream=io.StringIO())
+        report = ProgressReport(stream=io.StringIO())
         cost = Cost()
         model = map_photographs(job, path, report)[0]
-        adjust(model, job, report)
+        adjust_block(model, job, report)
         spent = cost.read()
     centres = {image.name: image.projection_center() for image in model.images.values() if image.has_pose}
     return {
@@ -187,7 +187,7 @@ def measure_extraction(photographs: str, threads: int) -> dict[str, Any]:
 
     from facadelake.sfm import ReconstructionSettings
     from facadelake.sfm.worker import features as worker
-    from facadelake.sfm.worker.report import Report
+    from facadelake.sfm.worker.report import ProgressReport
 
     names = sorted(path.name for path in Path(photographs).iterdir())
     camera = {"width_px": HUGE[0], "height_px": HUGE[1], "focal_px": 7000.0, "focal_known": True}
@@ -204,9 +204,9 @@ def measure_extraction(photographs: str, threads: int) -> dict[str, Any]:
         path = Path(folder) / "features.db"
         ids = worker.open_database(job, path)
         cost = Cost()
-        worker.extract(job, path, ids, Report(stream=io.StringIO()))
+        worker.extract_features(job, path, ids, ProgressReport(stream=io.StringIO()))
         spent = cost.read()
-    allowed = worker.bytes_for_one(job) / 2**20
+    allowed = worker.estimate_memory_per_thread(job) / 2**20
     return {**spent, "photographs": len(names), "before_mb": before, "estimated_mb": before + threads * allowed}
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from facadelake.core.errors import InputDataError
-from facadelake.sfm.worker.report import Report
+from facadelake.sfm.worker.report import ProgressReport
 
 _PR_SET_PDEATHSIG = 1
 
@@ -27,13 +27,13 @@ def main(job_path: Path) -> int:
     """Do the job; 0 done, 2 refused (the reason was reported)."""
     job: dict[str, Any] = json.loads(job_path.read_text(encoding="utf-8"))
     _end_with_parent(job["parent"])
-    report = Report.on_standard_output()
-    from facadelake.sfm.worker.job import reconstruct  # pycolmap loads after its output was redirected
+    report = ProgressReport.take_standard_output()
+    from facadelake.sfm.worker.job import run_job  # pycolmap loads after its output was redirected
 
     try:
-        reconstruct(job, Path(job["folder"]), report)
+        run_job(job, Path(job["folder"]), report)
     except InputDataError as error:
-        report.refused(str(error))
+        report.refuse(str(error))
         return 2
     return 0
 

@@ -13,30 +13,28 @@ import pycolmap
 
 from facadelake.core.arrays import Int64Array, UInt8Array
 from facadelake.core.cache import DIAGNOSTICS
-from facadelake.sfm.worker.report import Report
+from facadelake.sfm.worker.report import ProgressReport
 from schemas.vocabulary import PoseSource
 
-_DIMENSIONS = 128
+_DESCRIPTOR_DIMENSIONS = 128
 
 
-def representative_descriptors(
-    model: pycolmap.Reconstruction, database_path: Path, row_of_point: dict[int, int]
-) -> UInt8Array:
+def select_descriptors(model: pycolmap.Reconstruction, database_path: Path, row_of_point: dict[int, int]) -> UInt8Array:
     """SIFT descriptors (m, 128) of the points, in the rows given: of each track the one nearest to its mean.
 
     It is one that a photograph really held, not the mean itself: a mean of histograms is smoother than any of them, so
     distances to it shrink, and a ratio test meant for single descriptors would no longer say what it should.
     """
-    total = np.zeros((len(row_of_point), _DIMENSIONS), dtype=np.float32)
+    total = np.zeros((len(row_of_point), _DESCRIPTOR_DIMENSIONS), dtype=np.float32)
     sightings = np.zeros(len(row_of_point), dtype=np.float32)
     with pycolmap.Database.open(database_path) as database:
-        for rows, found in _of_photographs(model, database, row_of_point):
+        for rows, found in _read_point_descriptors(model, database, row_of_point):
             np.add.at(total, rows, found)
             np.add.at(sightings, rows, 1)
         mean = total / np.maximum(sightings, 1)[:, None]
         nearest = np.full(len(row_of_point), np.inf, dtype=np.float32)
-        chosen = np.zeros((len(row_of_point), _DIMENSIONS), dtype=np.uint8)
-        for rows, found in _of_photographs(model, database, row_of_point):
+        chosen = np.zeros((len(row_of_point), _DESCRIPTOR_DIMENSIONS), dtype=np.uint8)
+        for rows, found in _read_point_descriptors(model, database, row_of_point):
             distance = np.sum((found - mean[rows]) ** 2, axis=1)
             # Farthest first: where a photograph saw a point twice, the nearer one is written last.
             order = [k for k in np.argsort(-distance, kind="stable") if distance[k] < nearest[rows[k]]]
@@ -45,7 +43,7 @@ def representative_descriptors(
     return chosen
 
 
-def _of_photographs(
+def _read_point_descriptors(
     model: pycolmap.Reconstruction, database: pycolmap.Database, row_of_point: dict[int, int]
 ) -> Iterator[tuple[Int64Array, UInt8Array]]:
     """Of each posed photograph, the rows of the points that it saw and their descriptors there."""
@@ -58,23 +56,23 @@ def _of_photographs(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome:
+class MappingResult:
     """What became of the photographs: the ``block``, those of it that mapping placed (the others were resected), the
-    blocks that stayed ``apart``, and for each photograph outside the block why it was ``refused``, by image id.
+    blocks that stayed ``separate_blocks``, and for each photograph outside the block why it was ``resection_failures``, by image id.
     """
 
     block: pycolmap.Reconstruction
     mapped: frozenset[int]
-    apart: list[pycolmap.Reconstruction]
-    refused: dict[int, str]
+    separate_blocks: list[pycolmap.Reconstruction]
+    resection_failures: dict[int, str]
 
 
-def _why_unlocalised(outcome: Outcome, database: pycolmap.Database, image_id: int) -> str:
+def _explain_unlocalised(outcome: MappingResult, database: pycolmap.Database, image_id: int) -> str:
     features = database.num_keypoints_for_image(image_id)
     if features < 100:
         return f"only {features} features were found: blurred, dark or showing a bare surface"
     block = len(outcome.mapped)
-    for number, other in enumerate(outcome.apart, start=2):
+    for number, other in enumerate(outcome.separate_blocks, start=2):
         if image_id in other.images and other.images[image_id].has_pose:
             return (
                 f"lies in block {number}, of {other.num_reg_images()} photographs, which shares too little with the "
@@ -82,11 +80,11 @@ def _why_unlocalised(outcome: Outcome, database: pycolmap.Database, image_id: in
             )
     return (
         f"could not be joined to the block of {block} photographs: too little overlap with them "
-        f"({features} features found; {outcome.refused[image_id]}); photograph with more overlap"
+        f"({features} features found; {outcome.resection_failures[image_id]}); photograph with more overlap"
     )
 
 
-def _opencv_params(camera: pycolmap.Camera) -> list[float]:
+def _opencv_from_camera(camera: pycolmap.Camera) -> list[float]:
     """``fx fy cx cy k1 k2 p1 p2`` of a camera of either model that the database uses."""
     if camera.model == pycolmap.CameraModelId.SIMPLE_RADIAL:
         focal, cx, cy, k1 = camera.params
@@ -94,13 +92,13 @@ def _opencv_params(camera: pycolmap.Camera) -> list[float]:
     return [float(value) for value in camera.params]
 
 
-def export(
-    outcome: Outcome,
+def export_reconstruction(
+    outcome: MappingResult,
     job: dict[str, Any],
     image_id_of: dict[int, int],
     database_path: Path,
     folder: Path,
-    report: Report,
+    report: ProgressReport,
 ) -> None:
     """Write ``sparse/`` (COLMAP's binary model), ``reconstruction.npz``, ``descriptors.npy`` and
     ``reconstruction.json``.
@@ -119,7 +117,7 @@ def export(
         for index, photo in enumerate(job["photos"]):
             image_id = image_id_of[index]
             if image_id not in model.images or not model.images[image_id].has_pose:
-                reason = _why_unlocalised(outcome, database, image_id)
+                reason = _explain_unlocalised(outcome, database, image_id)
                 lost.append({"photo_id": photo["photo_id"], "reason": reason})
                 continue
             image = model.images[image_id]
@@ -133,7 +131,7 @@ def export(
             track_photo.append(np.full(len(seen), len(photos)))
             track_point.append(np.array([row_of_point[p.point3D_id] for p in seen], dtype=np.int64))
             track_xy.append(xy)
-            cameras.append([camera.width, camera.height, *_opencv_params(camera)])
+            cameras.append([camera.width, camera.height, *_opencv_from_camera(camera)])
             rotations.append(sfm_from_cam.rotation.matrix())
             centres.append(sfm_from_cam.translation)
             photos.append(
@@ -155,7 +153,7 @@ def export(
         image_point_tie_point=np.concatenate(track_point),
         image_point_xy_img=np.concatenate(track_xy),
     )
-    np.save(folder / "descriptors.npy", representative_descriptors(model, database_path, row_of_point))
+    np.save(folder / "descriptors.npy", select_descriptors(model, database_path, row_of_point))
     diagnostics = folder / DIAGNOSTICS
     diagnostics.mkdir(exist_ok=True)
     (diagnostics / "costs.json").write_text(json.dumps([asdict(cost) for cost in report.costs], indent=1), "utf-8")

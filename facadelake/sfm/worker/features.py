@@ -12,24 +12,24 @@ import numpy as np
 import psutil
 import pycolmap
 
-from facadelake.sfm.worker.mapping import tolerance_factor
-from facadelake.sfm.worker.report import Report
+from facadelake.sfm.worker.mapping import compute_tolerance_factor
+from facadelake.sfm.worker.report import ProgressReport
 
 T = TypeVar("T")
 Pairs = Sequence[tuple[int, int]]
 
 # How many pairs one call compares: few enough for a moving bar and little to repeat, enough to reuse search indices.
-_PAIRS_AT_ONCE = 100
+_PAIRS_PER_BATCH = 100
 # With fewer photographs of one camera, four distortion terms and two focal lengths are not determined.
-_PHOTOS_FOR_FULL_CAMERA = 4
+_MIN_PHOTOS_FOR_OPENCV_MODEL = 4
 # Held for each thread while features are found. Measured on photographs of 48 Mpx at 2000 px: 220 MB, which is what
 # decoding takes (3 bytes a pixel) and the scale space of the reduced photograph; allowed here: 400 MB.
-_BYTES_PER_PIXEL_READ = 5
-_BYTES_PER_PIXEL_WORKED = 40
-_SHARE_OF_MEMORY = 0.5
+_BYTES_PER_DECODED_PIXEL = 5
+_BYTES_PER_SCALE_SPACE_PIXEL = 40
+_SHARE_OF_FREE_MEMORY = 0.5
 
 
-def _blocks(items: Sequence[T], size: int) -> Iterator[Sequence[T]]:
+def _split_into_batches(items: Sequence[T], size: int) -> Iterator[Sequence[T]]:
     for start in range(0, len(items), size):
         yield items[start : start + size]
 
@@ -41,19 +41,19 @@ def open_database(job: dict[str, Any], path: Path) -> dict[int, int]:
     It is filled under another name and renamed, so that it is never found half filled; one that a crash of the machine
     damaged is made anew. COLMAP writes each photograph and each pair in a transaction of SQLite.
     """
-    if not _sound(path):
+    if not _is_sound(path):
         for left in path.parent.iterdir():  # blocks made from a database that is gone, too
             shutil.rmtree(left) if left.is_dir() else left.unlink()
         filling = path.with_name(f"{path.name}.filling")
         with pycolmap.Database.open(filling) as database:
-            _fill(job, database)
+            _write_photos(job, database)
         filling.rename(path)
     with pycolmap.Database.open(path) as database:
         id_of_name = {image.name: image.image_id for image in database.read_all_images()}
     return {index: id_of_name[photo["photo_id"]] for index, photo in enumerate(job["photos"])}
 
 
-def _sound(path: Path) -> bool:
+def _is_sound(path: Path) -> bool:
     if not path.exists():
         return False
     connection = sqlite3.connect(path)
@@ -65,12 +65,12 @@ def _sound(path: Path) -> bool:
         connection.close()
 
 
-def _fill(job: dict[str, Any], database: pycolmap.Database) -> None:
+def _write_photos(job: dict[str, Any], database: pycolmap.Database) -> None:
     """Cameras, photographs and position priors (in a local east-north-up frame, metres, with covariance)."""
     taken = np.bincount([photo["camera"] for photo in job["photos"]], minlength=len(job["cameras"]))
     for number, given in enumerate(job["cameras"], start=1):
         width, height, focal = given["width_px"], given["height_px"], given["focal_px"]
-        full = taken[number - 1] >= _PHOTOS_FOR_FULL_CAMERA
+        full = taken[number - 1] >= _MIN_PHOTOS_FOR_OPENCV_MODEL
         camera = pycolmap.Camera(
             model="OPENCV" if full else "SIMPLE_RADIAL",
             width=width,
@@ -100,24 +100,26 @@ def _fill(job: dict[str, Any], database: pycolmap.Database) -> None:
             database.write_pose_prior(prior)
 
 
-def bytes_for_one(job: dict[str, Any]) -> int:
+def estimate_memory_per_thread(job: dict[str, Any]) -> int:
     """Memory that finding features takes for each thread, for the largest photographs of the job."""
     largest: int = max(camera["width_px"] * camera["height_px"] for camera in job["cameras"])
     worked: int = min(largest, job["settings"]["max_image_px"] ** 2)
-    return largest * _BYTES_PER_PIXEL_READ + worked * _BYTES_PER_PIXEL_WORKED
+    return largest * _BYTES_PER_DECODED_PIXEL + worked * _BYTES_PER_SCALE_SPACE_PIXEL
 
 
-def threads_for(job: dict[str, Any], available_bytes: int) -> int:
+def limit_threads(job: dict[str, Any], available_bytes: int) -> int:
     """How many photographs may be worked on at once: the cores, or as many as half the free memory holds."""
-    return int(np.clip(_SHARE_OF_MEMORY * available_bytes // bytes_for_one(job), 1, job["cores"]))
+    return int(np.clip(_SHARE_OF_FREE_MEMORY * available_bytes // estimate_memory_per_thread(job), 1, job["cores"]))
 
 
-def extract(job: dict[str, Any], database_path: Path, image_id_of: dict[int, int], report: Report) -> None:
+def extract_features(
+    job: dict[str, Any], database_path: Path, image_id_of: dict[int, int], report: ProgressReport
+) -> None:
     """SIFT features of the photographs that have none yet."""
     settings = job["settings"]
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = settings["max_image_px"]
-    options.num_threads = threads_for(job, psutil.virtual_memory().available)
+    options.num_threads = limit_threads(job, psutil.virtual_memory().available)
     options.sift.max_num_features = settings["max_features"]
     options.sift.peak_threshold = 0.01 / 3  # half of COLMAP's: plain render needs its faint features
     options.sift.first_octave = 0  # COLMAP doubles the photograph first: twice the time, no gain on sharp photographs
@@ -129,20 +131,22 @@ def extract(job: dict[str, Any], database_path: Path, image_id_of: dict[int, int
         ]
     with report.step("Finding features", len(job["photos"])):
         report.advance(len(job["photos"]) - len(missing))
-        for block in _blocks(missing, 4 * options.num_threads):
+        for block in _split_into_batches(missing, 4 * options.num_threads):
             pycolmap.extract_features(
                 database_path, job["photographs_root"], image_names=list(block), extraction_options=options
             )
             report.advance(len(block))
 
 
-def match(job: dict[str, Any], pairs: Pairs, database_path: Path, image_id_of: dict[int, int], report: Report) -> None:
+def match_pairs(
+    job: dict[str, Any], pairs: Pairs, database_path: Path, image_id_of: dict[int, int], report: ProgressReport
+) -> None:
     """Compare the pairs not yet compared and verify them geometrically (Sampson distance squared, as it must be)."""
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = job["cores"]
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = job["settings"]["seed"]
-    verification.ransac.max_error *= tolerance_factor(job)
+    verification.ransac.max_error *= compute_tolerance_factor(job)
     names = [photo["photo_id"] for photo in job["photos"]]
     pairs_path = database_path.with_name("pairs.txt")
     with pycolmap.Database.open(database_path) as database:
@@ -151,7 +155,7 @@ def match(job: dict[str, Any], pairs: Pairs, database_path: Path, image_id_of: d
         return
     with report.step("Comparing photographs", len(pairs)):
         report.advance(len(pairs) - len(missing))
-        for block in _blocks(missing, _PAIRS_AT_ONCE):
+        for block in _split_into_batches(missing, _PAIRS_PER_BATCH):
             pairs_path.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in block), encoding="utf-8")
             pairing = pycolmap.ImportedPairingOptions()
             pairing.match_list_path = str(pairs_path)

@@ -24,19 +24,19 @@ class StepCost:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
+class ProgressReport:
     """The line to the parent, and the cost of the steps done so far."""
 
     stream: TextIO
     costs: list[StepCost] = field(default_factory=list)
 
     @staticmethod
-    def on_standard_output() -> Report:
+    def take_standard_output() -> ProgressReport:
         """Take standard output for events; everything else that would be printed there goes to the log (stderr)."""
         sys.stdout.flush()
         events = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
         os.dup2(2, 1)
-        return Report(stream=events)
+        return ProgressReport(stream=events)
 
     def _send(self, **event: Any) -> None:
         self.stream.write(json.dumps(event) + "\n")
@@ -58,6 +58,6 @@ class Report:
         """``steps`` more of the current piece are done."""
         self._send(event="advance", steps=steps)
 
-    def refused(self, text: str) -> None:
+    def refuse(self, text: str) -> None:
         """The photographs cannot be reconstructed, and why."""
         self._send(event="refused", text=text)

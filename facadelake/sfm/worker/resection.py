@@ -10,18 +10,18 @@ import numpy as np
 import pycolmap
 
 from facadelake.core.arrays import Float64Array, Int64Array
-from facadelake.sfm.worker.mapping import tolerance_factor
-from facadelake.sfm.worker.report import Report
+from facadelake.sfm.worker.mapping import compute_tolerance_factor
+from facadelake.sfm.worker.report import ProgressReport
 
-_LEAST_INLIERS = 12
-_LEAST_INLIERS_UNKNOWN_FOCAL = 30
-_LARGEST_ERROR_PX = 4.0
+_MIN_INLIERS = 12
+_MIN_INLIERS_UNKNOWN_FOCAL = 30
+_MAX_ERROR_PX = 4.0
 # Points in one corner of the photograph leave the pose loose: its centre's sigma over the distance of what it sees.
-_LOOSEST_CENTRE = 0.01
+_MAX_RELATIVE_SIGMA = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sightings:
+class Correspondences:
     """Keypoints (m,) of a photograph, their pixels (m, 2), and the points (m,) of the block that they may show."""
 
     keypoint: Int64Array
@@ -30,8 +30,8 @@ class Sightings:
     xyz_sfm: Float64Array
 
 
-def resect_others(
-    model: pycolmap.Reconstruction, job: dict[str, Any], database_path: Path, report: Report
+def resect_remaining(
+    model: pycolmap.Reconstruction, job: dict[str, Any], database_path: Path, report: ProgressReport
 ) -> dict[int, str]:
     """Place the photographs outside the block in it, in place; returns for each that stays outside why, by image id.
 
@@ -41,26 +41,28 @@ def resect_others(
     model.tear_down()  # forgets photographs without a pose, and their frames
     with pycolmap.Database.open(database_path) as database:
         outside = {image.image_id for image in database.read_all_images()} - set(model.reg_image_ids())
-        partners = _partners(database, outside)
-        seen = {image_id: _sightings(model, database, image_id, partners[image_id]) for image_id in outside}
+        partners = _find_matched_images(database, outside)
+        seen = {
+            image_id: _collect_correspondences(model, database, image_id, partners[image_id]) for image_id in outside
+        }
         refused: dict[int, str] = {}
         waiting = set(outside)
         with report.step("Placing the rest", len(outside)):
             while waiting:
                 image_id = min(waiting, key=lambda image_id: (-len(seen[image_id].keypoint), image_id))
                 waiting.remove(image_id)
-                refused[image_id] = _resect(model, database, job, image_id, seen[image_id])
+                refused[image_id] = _resect_image(model, database, job, image_id, seen[image_id])
                 if not refused[image_id]:
                     del refused[image_id]
                     report.advance()
                     for other in sorted(refused.keys() | waiting):
                         if image_id in partners[other]:
-                            seen[other] = _sightings(model, database, other, partners[other])
+                            seen[other] = _collect_correspondences(model, database, other, partners[other])
                             waiting.add(other)
     return refused
 
 
-def _partners(database: pycolmap.Database, outside: set[int]) -> dict[int, set[int]]:
+def _find_matched_images(database: pycolmap.Database, outside: set[int]) -> dict[int, set[int]]:
     """Which photographs each of those outside was matched with."""
     partners: dict[int, set[int]] = {image_id: set() for image_id in outside}
     for pair_id, count in zip(*database.read_num_matches(), strict=True):
@@ -71,9 +73,9 @@ def _partners(database: pycolmap.Database, outside: set[int]) -> dict[int, set[i
     return partners
 
 
-def _sightings(
+def _collect_correspondences(
     model: pycolmap.Reconstruction, database: pycolmap.Database, image_id: int, partners: set[int]
-) -> Sightings:
+) -> Correspondences:
     """What the photograph's matches say it sees of the block: unverified ones too, for the points will sort them."""
     pairs: set[tuple[int, int]] = set()
     for other in partners & set(model.reg_image_ids()):
@@ -85,28 +87,34 @@ def _sightings(
     keypoint = np.array([k for k, _ in sorted(pairs)], dtype=np.int64)
     point_id = np.array([p for _, p in sorted(pairs)], dtype=np.int64)
     xyz = np.array([model.points3D[p].xyz for p in point_id]).reshape(-1, 3)
-    return Sightings(keypoint=keypoint, xy_img=_pixels(database, image_id)[keypoint], point_id=point_id, xyz_sfm=xyz)
+    return Correspondences(
+        keypoint=keypoint, xy_img=_read_keypoints(database, image_id)[keypoint], point_id=point_id, xyz_sfm=xyz
+    )
 
 
-def _pixels(database: pycolmap.Database, image_id: int) -> Float64Array:
+def _read_keypoints(database: pycolmap.Database, image_id: int) -> Float64Array:
     xy: Float64Array = np.asarray(database.read_keypoints(image_id), dtype=np.float64).reshape(-1, 6)[:, :2]
     return xy
 
 
-def _resect(
-    model: pycolmap.Reconstruction, database: pycolmap.Database, job: dict[str, Any], image_id: int, seen: Sightings
+def _resect_image(
+    model: pycolmap.Reconstruction,
+    database: pycolmap.Database,
+    job: dict[str, Any],
+    image_id: int,
+    seen: Correspondences,
 ) -> str:
     """Place one photograph if its sightings allow; returns why not, else empty."""
     camera_id = database.read_image(image_id).camera_id
     known = any(model.images[other].camera_id == camera_id for other in model.reg_image_ids())
     camera = model.cameras[camera_id] if known else database.read_camera(camera_id)
     free_focal = not known and not camera.has_prior_focal_length
-    least = _LEAST_INLIERS_UNKNOWN_FOCAL if free_focal else _LEAST_INLIERS
+    least = _MIN_INLIERS_UNKNOWN_FOCAL if free_focal else _MIN_INLIERS
     if len(seen.keypoint) < least:
         return f"{len(seen.keypoint)} of its features match points of the block, {least} are needed"
     estimation = pycolmap.AbsolutePoseEstimationOptions()
     estimation.estimate_focal_length = free_focal
-    estimation.ransac.max_error = _LARGEST_ERROR_PX * tolerance_factor(job)
+    estimation.ransac.max_error = _MAX_ERROR_PX * compute_tolerance_factor(job)
     estimation.ransac.random_seed = job["settings"]["seed"]
     refinement = pycolmap.AbsolutePoseRefinementOptions()
     refinement.refine_focal_length = not known
@@ -116,25 +124,25 @@ def _resect(
     if answer is None:
         return f"no pose agrees with its {len(seen.keypoint)} matches with the block"
     cam_from_sfm = answer["cam_from_world"]
-    agreeing = _agreeing(seen, camera, cam_from_sfm, estimation.ransac.max_error)
+    agreeing = _select_inliers(seen, camera, cam_from_sfm, estimation.ransac.max_error)
     if len(agreeing) < least:
         return f"{len(agreeing)} of its {len(seen.keypoint)} matches with the block agree on a pose, {least} are needed"
     depth = float(np.median((cam_from_sfm * seen.xyz_sfm[agreeing])[:, 2]))
     centre = pycolmap.get_covariance_for_inverse(cam_from_sfm, answer["covariance"])[3:, 3:]
     looseness = float(np.sqrt(np.linalg.eigvalsh(centre)[-1])) / depth
-    if not looseness < _LOOSEST_CENTRE:
+    if not looseness < _MAX_RELATIVE_SIGMA:
         return (
             f"its {len(agreeing)} matches with the block lie too close together: its place would be uncertain by "
-            f"{looseness:.1%} of the distance to what it shows, {_LOOSEST_CENTRE:.0%} is the limit"
+            f"{looseness:.1%} of the distance to what it shows, {_MAX_RELATIVE_SIGMA:.0%} is the limit"
         )
-    place(model, database, image_id, camera, cam_from_sfm)
+    add_posed_image(model, database, image_id, camera, cam_from_sfm)
     for k in agreeing:
         model.add_observation(int(seen.point_id[k]), pycolmap.TrackElement(image_id, int(seen.keypoint[k])))
     return ""
 
 
-def _agreeing(
-    seen: Sightings, camera: pycolmap.Camera, cam_from_sfm: pycolmap.Rigid3d, max_error_px: float
+def _select_inliers(
+    seen: Correspondences, camera: pycolmap.Camera, cam_from_sfm: pycolmap.Rigid3d, max_error_px: float
 ) -> Int64Array:
     """The sightings that the pose reprojects well; of those of one keypoint, and of one point, the best alone."""
     xyz_cam = cam_from_sfm * seen.xyz_sfm
@@ -149,7 +157,7 @@ def _agreeing(
     return order
 
 
-def place(
+def add_posed_image(
     model: pycolmap.Reconstruction,
     database: pycolmap.Database,
     image_id: int,
@@ -161,6 +169,6 @@ def place(
     if said.camera_id not in model.cameras:
         model.add_camera_with_trivial_rig(camera)
     image = pycolmap.Image(
-        name=said.name, keypoints=_pixels(database, image_id), camera_id=said.camera_id, image_id=image_id
+        name=said.name, keypoints=_read_keypoints(database, image_id), camera_id=said.camera_id, image_id=image_id
     )
     model.add_image_with_trivial_frame(image, cam_from_sfm)

@@ -13,13 +13,13 @@ from facadelake.core.arrays import Float32Array, Int64Array
 # Measured on 29 street photographs without positions: 32 to 128 words find 93 to 96 % of the matching pairs among 12
 # partners each (COLMAP's vocabulary tree, trained on the same descriptors: 88 %). With 6 partners each it is 81 %, and
 # 100 % after the partners' partners.
-_WORDS = 64
-_WORDS_ROUNDS = 8
-_WORDS_FROM = 20_000  # descriptors
-_FEATURES_EACH = 1000  # the largest: they are seen again from elsewhere
+_VISUAL_WORDS = 64
+_LLOYD_ITERATIONS = 8
+_TRAINING_DESCRIPTORS = 20_000  # descriptors
+_MAX_FEATURES = 1000  # the largest: they are seen again from elsewhere
 
 
-def pairs_by_look(
+def pair_by_appearance(
     job: dict[str, Any], sought: list[int], partners: int, database_path: Path, image_id_of: dict[int, int]
 ) -> list[tuple[int, int]]:
     """Pairs (i < j) of each photograph in ``sought`` with the ``partners`` that look most like it.
@@ -32,10 +32,14 @@ def pairs_by_look(
     rng = np.random.default_rng(job["settings"]["seed"])
     with pycolmap.Database.open(database_path) as database:
         image_ids = [image_id_of[index] for index in range(len(job["photos"]))]
-        each = max(_WORDS_FROM // len(image_ids), 20)
-        sample = np.vstack([rng.permutation(_descriptors(database, image_id))[:each] for image_id in image_ids])
-        words = _words(sample, rng)
-        looks = np.array([_look(_descriptors(database, image_id), words) for image_id in image_ids])
+        each = max(_TRAINING_DESCRIPTORS // len(image_ids), 20)
+        sample = np.vstack(
+            [rng.permutation(_read_largest_descriptors(database, image_id))[:each] for image_id in image_ids]
+        )
+        words = _cluster_visual_words(sample, rng)
+        looks = np.array(
+            [_compute_vlad(_read_largest_descriptors(database, image_id), words) for image_id in image_ids]
+        )
     pairs: set[tuple[int, int]] = set()
     for i in sought:
         alike = looks @ looks[i]
@@ -45,7 +49,7 @@ def pairs_by_look(
     return sorted(pairs)
 
 
-def pairs_by_chain(
+def pair_transitively(
     sought: list[int], pairs: list[tuple[int, int]], partners: int, database_path: Path, image_id_of: dict[int, int]
 ) -> list[tuple[int, int]]:
     """New pairs (i < j) of each photograph in ``sought`` with its verified partners' verified partners.
@@ -71,33 +75,33 @@ def pairs_by_chain(
     return sorted(new)
 
 
-def _descriptors(database: pycolmap.Database, image_id: int) -> Float32Array:
+def _read_largest_descriptors(database: pycolmap.Database, image_id: int) -> Float32Array:
     """The descriptors of a photograph's largest features."""
     keypoints = np.asarray(database.read_keypoints(image_id)).reshape(-1, 6)  # x, y and a 2x2 matrix: turn and size
     found = database.read_descriptors(image_id).data.reshape(-1, 128)
     size = np.hypot(keypoints[:, 2], keypoints[:, 3])
-    return found[np.argsort(-size, kind="stable")[:_FEATURES_EACH]].astype(np.float32)
+    return found[np.argsort(-size, kind="stable")[:_MAX_FEATURES]].astype(np.float32)
 
 
-def _nearest_word(found: Float32Array, words: Float32Array) -> Int64Array:
+def _assign_visual_words(found: Float32Array, words: Float32Array) -> Int64Array:
     nearest: Int64Array = np.argmin(np.sum(words**2, axis=1) - 2 * found @ words.T, axis=1)
     return nearest
 
 
-def _words(sample: Float32Array, rng: np.random.Generator) -> Float32Array:
+def _cluster_visual_words(sample: Float32Array, rng: np.random.Generator) -> Float32Array:
     """Centres of the descriptors, by Lloyd's iteration."""
-    words = rng.permutation(sample)[:_WORDS].copy()
-    for _ in range(_WORDS_ROUNDS):
-        nearest = _nearest_word(sample, words)
+    words = rng.permutation(sample)[:_VISUAL_WORDS].copy()
+    for _ in range(_LLOYD_ITERATIONS):
+        nearest = _assign_visual_words(sample, words)
         for word in np.unique(nearest):
             words[word] = sample[nearest == word].mean(axis=0)
     return words
 
 
-def _look(found: Float32Array, words: Float32Array) -> Float32Array:
+def _compute_vlad(found: Float32Array, words: Float32Array) -> Float32Array:
     """The photograph's vector of unit length (zero where it has no features)."""
     look = np.zeros(words.shape, dtype=np.float32)
-    nearest = _nearest_word(found, words)
+    nearest = _assign_visual_words(found, words)
     np.add.at(look, nearest, found - words[nearest])
     look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-9)
     vector = look.ravel()

@@ -10,20 +10,20 @@ import numpy as np
 import pycolmap
 import pytest
 
-from facadelake.sfm.worker.export import representative_descriptors
-from facadelake.sfm.worker.features import open_database, threads_for
+from facadelake.sfm.worker.export import select_descriptors
+from facadelake.sfm.worker.features import limit_threads, open_database
 from facadelake.sfm.worker.joining import join_blocks
-from facadelake.sfm.worker.mapping import map_photographs, tolerance_factor
-from facadelake.sfm.worker.report import Report
-from facadelake.sfm.worker.resection import resect_others
-from facadelake.sfm.worker.retrieval import pairs_by_chain, pairs_by_look
+from facadelake.sfm.worker.mapping import compute_tolerance_factor, map_photographs
+from facadelake.sfm.worker.report import ProgressReport
+from facadelake.sfm.worker.resection import resect_remaining
+from facadelake.sfm.worker.retrieval import pair_by_appearance, pair_transitively
 
 CAMERA = {"width_px": 1024, "height_px": 768, "focal_px": 1280.0, "focal_known": True}
 SETTINGS = {"max_image_px": 1024, "seed": 1}
 
 
-def silent() -> Report:
-    return Report(stream=io.StringIO())
+def silent() -> ProgressReport:
+    return ProgressReport(stream=io.StringIO())
 
 
 def job_of(photographs: int) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def test_each_point_has_a_descriptor_of_its_own_track_nearest_to_the_mean(tmp_pa
         for image_id, data in held.items():
             database.write_descriptors(image_id, pycolmap.FeatureDescriptors(data=data, type=plain[image_id].type))
     point_ids = sorted(model.points3D)
-    found = representative_descriptors(model, tmp_path / "a.db", {p: row for row, p in enumerate(point_ids)})
+    found = select_descriptors(model, tmp_path / "a.db", {p: row for row, p in enumerate(point_ids)})
     assert found.dtype == np.uint8
     for row, point_id in enumerate(point_ids):
         track = np.array(
@@ -92,7 +92,7 @@ def test_a_photograph_outside_is_resected_with_its_sightings(tmp_path: Path) -> 
     model = synthetic(tmp_path / "a.db", photographs=6, points=150)
     truth = without(model, 3)
     keep_matches(tmp_path / "a.db", 3, np.arange(0, 150, 8))
-    assert resect_others(model, job_of(6), tmp_path / "a.db", silent()) == {}
+    assert resect_remaining(model, job_of(6), tmp_path / "a.db", silent()) == {}
     image = model.images[3]
     found = image.cam_from_world()
     # 0.5 px of 1280 at 5 units' distance is 0.002 units; 19 points determine the centre to about that.
@@ -111,14 +111,14 @@ def test_too_few_or_too_crowded_sightings_are_refused_with_the_reason(tmp_path: 
     model = synthetic(tmp_path / "a.db", photographs=6, points=100)
     without(model, 3)
     keep_matches(tmp_path / "a.db", 3, np.arange(0, 100, 10))
-    few = resect_others(model, job_of(6), tmp_path / "a.db", silent())
+    few = resect_remaining(model, job_of(6), tmp_path / "a.db", silent())
     assert few[3].endswith("12 are needed")
     crowded = synthetic(tmp_path / "b.db", photographs=4, points=4000)
     without(crowded, 3)
     seen = np.array([point.xy for point in crowded.images[3].points2D])
     together = np.argsort(np.linalg.norm(seen - np.median(seen, axis=0), axis=1))[:18]  # 40 of 1024 px
     keep_matches(tmp_path / "b.db", 3, together)
-    reasons = resect_others(crowded, job_of(4), tmp_path / "b.db", silent())
+    reasons = resect_remaining(crowded, job_of(4), tmp_path / "b.db", silent())
     assert "lie too close together" in reasons[3]
     assert 3 not in crowded.images
 
@@ -182,12 +182,12 @@ def test_photographs_of_one_place_look_alike(tmp_path: Path) -> None:
             kind = pycolmap.FeatureExtractorType.SIFT
             database.write_keypoints(image_id, np.ones((300, 6), dtype=np.float32))
             database.write_descriptors(image_id, pycolmap.FeatureDescriptors(data=found, type=kind))
-    pairs = pairs_by_look(job, list(range(40)), 4, tmp_path / "a.db", image_id_of)
+    pairs = pair_by_appearance(job, list(range(40)), 4, tmp_path / "a.db", image_id_of)
     assert len(pairs) <= 160
     same = {(i, j) for i in range(40) for j in range(i + 1, 40) if i // 5 == j // 5}
     assert len(same & set(pairs)) > 0.95 * len(same)
-    assert all(7 in pair for pair in pairs_by_look(job, [7], 4, tmp_path / "a.db", image_id_of))
-    assert pairs_by_look(job, [], 4, tmp_path / "none.db", image_id_of) == []
+    assert all(7 in pair for pair in pair_by_appearance(job, [7], 4, tmp_path / "a.db", image_id_of))
+    assert pair_by_appearance(job, [], 4, tmp_path / "none.db", image_id_of) == []
 
 
 def test_partners_of_partners_are_compared_the_strongest_first(tmp_path: Path) -> None:
@@ -201,10 +201,10 @@ def test_partners_of_partners_are_compared_the_strongest_first(tmp_path: Path) -
             geometry.inlier_matches = np.zeros((count, 2), dtype=np.uint32)
             database.write_two_view_geometry(image_id_of[i], image_id_of[j], geometry)
     args = (sorted(inliers), 4, tmp_path / "a.db", image_id_of)
-    assert pairs_by_chain([0, 3], *args) == [(0, 2), (1, 3)]
-    assert pairs_by_chain([4], *args) == []
+    assert pair_transitively([0, 3], *args) == [(0, 2), (1, 3)]
+    assert pair_transitively([4], *args) == []
     more = [*sorted(inliers), (0, 3)]
-    assert pairs_by_chain([2], more, 1, tmp_path / "a.db", image_id_of) == [(0, 2)]
+    assert pair_transitively([2], more, 1, tmp_path / "a.db", image_id_of) == [(0, 2)]
 
 
 def test_a_database_is_found_whole_or_made_anew(tmp_path: Path) -> None:
@@ -237,7 +237,7 @@ def test_a_camera_with_few_photographs_has_a_simple_model(tmp_path: Path) -> Non
 @pytest.mark.parametrize(("longer_side_px", "factor"), [(1600, 1.0), (3072, 1.0), (8000, 2.5)])
 def test_tolerances_widen_with_the_reduction(longer_side_px: int, factor: float) -> None:
     cameras = [CAMERA | {"width_px": longer_side_px, "height_px": longer_side_px // 2}, CAMERA]
-    assert tolerance_factor({"cameras": cameras, "settings": {"max_image_px": 2000}}) == factor
+    assert compute_tolerance_factor({"cameras": cameras, "settings": {"max_image_px": 2000}}) == factor
 
 
 @pytest.mark.parametrize(("free_gib", "threads"), [(64, 4), (1.8, 2), (0.3, 1)])
@@ -245,4 +245,4 @@ def test_free_memory_bounds_the_threads(free_gib: float, threads: int) -> None:
     """48 Mpx photographs reduced to 2000 px: 0.4 GB each."""
     job = {**job_of(3), "cameras": [CAMERA | {"width_px": 8000, "height_px": 6000}]}
     job["settings"] = {"max_image_px": 2000}
-    assert threads_for(job, int(free_gib * 2**30)) == threads
+    assert limit_threads(job, int(free_gib * 2**30)) == threads
