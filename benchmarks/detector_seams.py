@@ -22,7 +22,7 @@ from facadelake.detection import Box
 from facadelake.detection.card import CardInput, ResizeMode
 from facadelake.detection.inference import DetectedBox
 from facadelake.detection.tiling.plan import TilePass, plan_tile_passes
-from facadelake.detection.tiling.seams import TileDetection, merge_tile_detections
+from facadelake.detection.tiling.tile_merging import TileDetection, merge_tile_detections
 
 WIDTH, HEIGHT, INPUT = 4000, 3000, 416
 _RIGHT = 0.7  # intersection over union with the crack's own box, from which it was found as one

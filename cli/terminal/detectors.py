@@ -111,8 +111,8 @@ def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
         ("class", "with defect", "without", "AUROC", "95 %", "average precision", "recall", "false alarm share"),
         [
             (
-                one.defect_class, str(one.with_defect), str(one.sound), _share(one.auroc), _interval(one.auroc_by_sites),
-                _share(one.average_precision), _share(one.recall), _share(one.false_alarm_share),
+                one.defect_class, str(one.with_defect), str(one.sound), _share(one.auroc),
+                _interval(one.auroc_by_sites), _share(one.average_precision), _share(one.recall), _share(one.false_alarm_share),
             )
             for one in figures.classes
         ],

@@ -6,11 +6,11 @@ from .campaign import detect_photographs as detect_photographs
 from .card import ModelCard as ModelCard
 from .card import locate_card as locate_card
 from .card import read_card as read_card
-from .configured import count_threads as count_threads
-from .configured import hash_configured_detector as hash_configured_detector
-from .configured import load_configured_detector as load_configured_detector
-from .configured import locate_model as locate_model
-from .configured import resolve_default_model as resolve_default_model
+from .configured_detector import count_threads as count_threads
+from .configured_detector import hash_configured_detector as hash_configured_detector
+from .configured_detector import load_configured_detector as load_configured_detector
+from .configured_detector import locate_model as locate_model
+from .configured_detector import resolve_default_model as resolve_default_model
 from .crosswalk import Crosswalk as Crosswalk
 from .crosswalk import build_crosswalk as build_crosswalk
 from .model_registry import MODEL_LIST as MODEL_LIST

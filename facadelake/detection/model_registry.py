@@ -22,7 +22,7 @@ from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import ModelError, StoreError
 from facadelake.core.hashing import hash_file
 from facadelake.detection.card import format_card, locate_card
-from facadelake.detection.inference.cards import find_card
+from facadelake.detection.inference.card_lookup import find_card
 
 MODELS_FOLDER = Path(os.environ.get("FACADELAKE_MODELS") or CHECKOUT / "data" / "detector")
 MODEL_LIST = "models.yaml"

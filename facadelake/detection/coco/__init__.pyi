@@ -1,7 +1,7 @@
-from .file import CocoAnnotation as CocoAnnotation
-from .file import CocoImage as CocoImage
-from .file import parse_number as parse_number
-from .file import read_coco as read_coco
+from .coco_file import CocoAnnotation as CocoAnnotation
+from .coco_file import CocoImage as CocoImage
+from .coco_file import parse_number as parse_number
+from .coco_file import read_coco as read_coco
 from .import_detections import import_coco as import_coco
 from .mask import bound_segmentation as bound_segmentation
 from .mask import extract_polygons as extract_polygons

@@ -18,7 +18,7 @@ from facadelake.core.photo_names import PhotoNames
 from facadelake.core.progress import track
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import Box, clip_box, describe_box
-from facadelake.detection.coco.file import CocoAnnotation, CocoFile, CocoImage, parse_number, read_coco
+from facadelake.detection.coco.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_number, read_coco
 from facadelake.detection.coco.mask import bound_segmentation, parse_segmentation
 from facadelake.detection.crosswalk import Crosswalk, build_crosswalk
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome

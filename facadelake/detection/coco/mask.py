@@ -13,7 +13,7 @@ import shapely
 
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.detection.boxes import Box
-from facadelake.detection.coco.file import parse_number
+from facadelake.detection.coco.coco_file import parse_number
 
 _SIMPLIFY_TOLERANCE_PX = 0.5  # an outline of whole pixels is a staircase; straight lines stay within this of it
 _INSIDE_SHARE_MIN = 0.5  # a mask of which less lies in its own box is another object's

@@ -1,4 +1,4 @@
-from .cards import find_card as find_card
+from .card_lookup import find_card as find_card
 from .detector import DetectedBox as DetectedBox
 from .detector import OnnxDetector as OnnxDetector
 from .detector import hash_detector as hash_detector

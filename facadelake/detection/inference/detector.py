@@ -16,13 +16,13 @@ from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard, calibrate_scores, invert_calibration
-from facadelake.detection.inference.cards import find_card
+from facadelake.detection.inference.card_lookup import find_card
 from facadelake.detection.inference.letterbox import Letterbox, fit_letterbox
-from facadelake.detection.inference.outline import trace_mask
+from facadelake.detection.inference.mask_outline import trace_mask
 from facadelake.detection.inference.session import ModelSession
-from facadelake.detection.layouts.probe import verify_outputs
-from facadelake.detection.layouts.reader import DetectionCandidates
-from facadelake.detection.layouts.table import READERS
+from facadelake.detection.layouts.output_reader import DetectionCandidates
+from facadelake.detection.layouts.output_verification import verify_outputs
+from facadelake.detection.layouts.readers import READERS
 
 _log = logging.getLogger(__name__)
 

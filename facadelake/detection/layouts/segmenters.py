@@ -11,7 +11,12 @@ import numpy as np
 from facadelake.core.arrays import Float32Array, Float64Array, Int64Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import ComponentMasks
-from facadelake.detection.layouts.reader import DetectionCandidates, OutputReader, OutputTensor, SymbolicDimension
+from facadelake.detection.layouts.output_reader import (
+    DetectionCandidates,
+    OutputReader,
+    OutputTensor,
+    SymbolicDimension,
+)
 
 _BACKGROUND = "background"
 _LOGIT_MAX = 16.0  # float32 knows no probability nearer to 1

@@ -10,7 +10,7 @@ import numpy as np
 from facadelake.core.arrays import Float32Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import QueryMasks
-from facadelake.detection.layouts.reader import (
+from facadelake.detection.layouts.output_reader import (
     DetectionCandidates,
     OutputReader,
     OutputTensor,

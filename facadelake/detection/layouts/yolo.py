@@ -11,7 +11,7 @@ import numpy as np
 from facadelake.core.arrays import Float32Array, Int64Array
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import PrototypeMasks
-from facadelake.detection.layouts.reader import (
+from facadelake.detection.layouts.output_reader import (
     DetectionCandidates,
     OutputReader,
     OutputTensor,

@@ -14,8 +14,8 @@ from facadelake.detection.boxes import Box
 from facadelake.detection.card import ModelCard
 from facadelake.detection.inference.detector import DetectedBox
 from facadelake.detection.tiling.plan import DetectorTile, TilePass, plan_tile_passes
-from facadelake.detection.tiling.scales import merge_scales
-from facadelake.detection.tiling.seams import TileDetection, merge_tile_detections
+from facadelake.detection.tiling.scale_merging import merge_scales
+from facadelake.detection.tiling.tile_merging import TileDetection, merge_tile_detections
 
 TILES_PER_BATCH = 4  # tiles a call
 

@@ -1,4 +1,4 @@
-"""What the terminal's summary says of the alignment."""
+"""The georeference in the terminal's summary."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ PASSPORT: dict[str, Any] = {
 }  # fmt: skip
 
 
-def test_the_alignment_is_told_in_three_lines() -> None:
+def test_the_georeference_takes_three_lines() -> None:
     assert format_georeference(PASSPORT) == [
         "gcp (control points): 5 of 6 points used, residual mean 0.005 m, max 0.010 m; 6 held out: mean 0.019 m, "
         "max 0.040 m",
-        "known to 0.009 / 0.010 / 0.009 m east / north / up (one sigma); EPSG:25832, heights ellipsoidal, in the frame "
-        "of campaign 2026-04",
-        "GPS found off by +1.25 / -0.84 / +1.95 m east / north / up",
+        "sigma 0.009 / 0.010 / 0.009 m east / north / up; EPSG:25832, heights ellipsoidal, in the frame of campaign "
+        "2026-04",
+        "GPS offset +1.25 / -0.84 / +1.95 m east / north / up",
     ]
 
 
-def test_what_is_not_known_is_not_told() -> None:
+def test_what_is_unknown_is_left_out() -> None:
     none = {f"gps_offset_{axis}_m": None for axis in ("east", "north", "up")}
     lines = format_georeference(PASSPORT | none | {"check_points": 0, "reference_campaign": None})
     assert len(lines) == 2

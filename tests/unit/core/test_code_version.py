@@ -36,7 +36,7 @@ PLANTED = [
     ("deep import", "facadelake/registration/rays.py", ["register", "merge"]),
     ("deep import", "facadelake/photos/xmp.py", ["ingest"]),
     ("deep import", "facadelake/measurement/width.py", ["measure"]),
-    ("deep import", "facadelake/detection/layouts/reader.py", ["detect"]),
+    ("deep import", "facadelake/detection/layouts/output_reader.py", ["detect"]),
     ("deep import", "facadelake/detection/coco/mask.py", ["import_detections"]),
     ("deep import", "facadelake/georeferencing/imported/colmap.py", ["import_poses"]),
     ("deep import", "facadelake/sfm/free_space.py", ["verify_model", "as_built_model"]),

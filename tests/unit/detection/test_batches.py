@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from facadelake.detection.card import ModelCard, ResizeMode
-from facadelake.detection.inference.cards import find_card
+from facadelake.detection.inference.card_lookup import find_card
 from facadelake.detection.inference.detector import DetectedBox, OnnxDetector
 from tests.unit.detection.onnx_models import HEIGHT, WIDTH, card, save_spot_finder
 

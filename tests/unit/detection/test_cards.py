@@ -12,7 +12,7 @@ import yaml
 
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import ModelCard, OutputLayout, format_card, locate_card, parse_card, read_card
-from facadelake.detection.inference.cards import find_card
+from facadelake.detection.inference.card_lookup import find_card
 from facadelake.detection.inference.detector import hash_detector, load_detector
 from schemas.vocabulary import DefectClass
 from tests.unit.detection.onnx_models import CLASSES, HEIGHT, WIDTH, answer, answers, card, save_model

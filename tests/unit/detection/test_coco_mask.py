@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from facadelake.detection.boxes import Box
 from facadelake.detection.coco.mask import parse_segmentation
-from tests.unit.detection.test_coco import HEIGHT, WIDTH, coco_file, rows_of
+from tests.unit.detection.test_import_detections import HEIGHT, WIDTH, coco_file, rows_of
 
 SLANTING = [100, 100, 200, 190, 200, 200, 100, 110]  # a crack 10 px high, 100 px long
 

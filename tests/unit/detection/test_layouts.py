@@ -14,7 +14,7 @@ from facadelake.core.errors import ModelError
 from facadelake.detection.card import ModelCard, OutputLayout
 from facadelake.detection.inference.detector import OnnxDetector, load_detector
 from facadelake.detection.inference.letterbox import fit_letterbox
-from facadelake.detection.inference.outline import trace_mask
+from facadelake.detection.inference.mask_outline import trace_mask
 from facadelake.detection.layouts.masks import QueryMasks
 from tests.unit.detection.onnx_models import (
     CLASSES,

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from facadelake.detection.card import OutputLayout
 from facadelake.detection.layouts.after_nms import Nms6Reader, RtdetrRowsReader
-from facadelake.detection.layouts.reader import OutputReader
+from facadelake.detection.layouts.output_reader import OutputReader
 from facadelake.detection.layouts.segmenters import MapLogitsReader, MapReader
 from facadelake.detection.layouts.transformers import RfdetrReader, RfdetrSegReader, RtdetrReader, RtdetrTripleReader
 from facadelake.detection.layouts.yolo import PrototypeReader, Yolov5Reader, Yolov8Reader, YoloxReader

@@ -9,7 +9,7 @@ import yaml
 from facadelake.core.errors import ModelError
 from facadelake.core.hashing import hash_file
 from facadelake.detection.card import read_card
-from facadelake.detection.configured import locate_model, resolve_default_model
+from facadelake.detection.configured_detector import locate_model, resolve_default_model
 from facadelake.detection.model_registry import (
     MODEL_LIST,
     SHIPPED_MODEL,
@@ -87,9 +87,9 @@ def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
 def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     old, new = _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
     given = {"id": "a", "name": "A", "model": "a.ifc", "photographs": "{campaign}"}
-    monkeypatch.setattr("facadelake.detection.configured.default_model", lambda: old)
+    monkeypatch.setattr("facadelake.detection.configured_detector.default_model", lambda: old)
     begun = resolve_default_model(Building.model_validate(given))
-    monkeypatch.setattr("facadelake.detection.configured.default_model", lambda: new)
+    monkeypatch.setattr("facadelake.detection.configured_detector.default_model", lambda: new)
     assert isinstance(begun.detector, OnnxDetectorSetting)
     assert (locate_model(begun.detector), resolve_default_model(begun)) == (old, begun)
     own = Building.model_validate({**given, "detector": {"kind": "onnx", "model": str(tmp_path / "own.onnx")}})

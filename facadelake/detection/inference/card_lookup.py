@@ -23,9 +23,9 @@ from facadelake.detection.card import (
     read_card,
 )
 from facadelake.detection.inference.session import ModelSession
-from facadelake.detection.layouts.probe import assign_outputs, find_class_counts, find_fitting_layouts
-from facadelake.detection.layouts.reader import NO_THRESHOLD
-from facadelake.detection.layouts.table import READERS
+from facadelake.detection.layouts.output_reader import NO_THRESHOLD
+from facadelake.detection.layouts.output_verification import assign_outputs, find_class_counts, find_fitting_layouts
+from facadelake.detection.layouts.readers import READERS
 
 METADATA_KEY = "facadelake.card"
 

@@ -10,8 +10,8 @@ import numpy as np
 from facadelake.core.arrays import Float32Array
 from facadelake.core.errors import ModelError
 from facadelake.detection.card import ModelCard, OutputLayout
-from facadelake.detection.layouts.reader import NO_THRESHOLD, OutputTensor, match_shapes
-from facadelake.detection.layouts.table import READERS
+from facadelake.detection.layouts.output_reader import NO_THRESHOLD, OutputTensor, match_shapes
+from facadelake.detection.layouts.readers import READERS
 
 _REMEDY = "correct output.layout or class_names in the card, or export the model again"
 _CLASS_COUNT_MAX = 1000  # of a model whose number of classes is looked for
