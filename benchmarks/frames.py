@@ -120,7 +120,7 @@ def _boxes(campaign: Path, truth: Truth, localised: set[str]) -> dict[str, list[
     coco = read_coco(campaign / "detections.coco.json")
     shown: dict[str, list[tuple[str, Float64Array]]] = defaultdict(list)
     for annotation in coco.annotations:
-        point = truth.shown[coco.path.name, annotation.annotation_id]
+        point = truth.check_point_of_annotation[coco.path.name, annotation.annotation_id]
         photo_id = coco.images[annotation.image_id].file_name
         if point is not None and photo_id in localised:
             x, y, width, height = annotation.bbox

@@ -33,8 +33,8 @@ from facadelake.building import BuildingModel, read_registered_model
 from facadelake.building.surface import Surface, build_horizontal_distance
 from facadelake.campaigns import register_on_committed_poses
 from facadelake.detection.coco import import_coco
-from facadelake.evaluation.campaigns import figures_of
-from facadelake.evaluation.campaigns.comparison import compare
+from facadelake.evaluation.campaigns import compute_figures
+from facadelake.evaluation.campaigns.comparison import compare_with_truth
 from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp import read_control_points
 from facadelake.georeferencing.imported import place_imported, read_poses
@@ -77,8 +77,8 @@ def _registered(scene: Scenery, placed: PlacedByImport, boxes: str) -> dict[str,
     found = import_coco(scene.building.detections_of(scene.campaign_id, boxes), scene.photos, class_names={})
     tables = {"poses": placed.poses, "georeference": placed.georeference}
     merged = register_on_committed_poses(scene.building, scene.campaign_id, scene.model, found, tables)
-    return figures_of(
-        compare(
+    return compute_figures(
+        compare_with_truth(
             photos=scene.photos,
             poses=placed.poses,
             detections=found,

@@ -194,7 +194,7 @@ def evaluate(
 ) -> None:
     """Compare a committed campaign with truth: cameras, rays, positions, sigmas, merging, elements."""
     from cli.terminal.answers import show_figures
-    from facadelake.evaluation.campaigns import compare_campaign, figures_of
+    from facadelake.evaluation.campaigns import compare_campaign, compute_figures
 
     compared = compare_campaign(
         read_portfolio_at(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections
@@ -204,7 +204,7 @@ def evaluate(
 
         for path in write_plots(compared, plots, f"{building} {campaign}"):
             problems.print(f"written: {path}", soft_wrap=True, highlight=False)
-    figures = figures_of(compared)
+    figures = compute_figures(compared)
     if as_json:
         sys.stdout.write(json.dumps(figures.to_json(), indent=2) + "\n")
     else:

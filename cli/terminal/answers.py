@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from facadelake.doctor import Check
-    from facadelake.evaluation.campaigns import Figures
+    from facadelake.evaluation.campaigns import CampaignFigures
 
 
 def show_questions(console: Console) -> None:
@@ -106,14 +106,14 @@ def _print_rows(console: Console, answer: pa.Table) -> None:
     console.print(count)
 
 
-def show_figures(console: Console, figures: Figures) -> None:
+def show_figures(console: Console, figures: CampaignFigures) -> None:
     """Print the figures of an evaluation, and the paper's Table 2 beside ours."""
     from facadelake.evaluation.campaigns import PAPER_REMARK
 
     table = RichTable(title="Against truth (no alignment after the run)", title_justify="left")
     for index, name in enumerate(figures.COLUMNS):
         table.add_column(name, justify="left" if index == 0 else "right")
-    for row in figures.rows():
+    for row in figures.format_rows():
         table.add_row(*row)
     console.print(table)
     beside = RichTable(
@@ -124,7 +124,7 @@ def show_figures(console: Console, figures: Figures) -> None:
     )
     for name in ("axis", "paper: round trip", "round trip", "of defects", "observations", "defects"):
         beside.add_column(name, justify="left" if name == "axis" else "right")
-    for row in figures.table2.rows():
+    for row in figures.table2.format_rows():
         beside.add_row(*row)
     console.print(beside)
 

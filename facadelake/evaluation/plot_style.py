@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 
 
-def dress(axes: Axes, x: str, y: str) -> None:
+def format_axes(axes: Axes, x: str, y: str) -> None:
     """Label the axes ``x`` and ``y``, with a faint grid behind what is drawn and no frame above and at the right."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)

@@ -128,9 +128,9 @@ def read_reconstruction(folder: Path) -> Reconstruction:
         unlocalised=tuple(UnlocalisedPhoto(**photo) for photo in said["unlocalised"]),
         xyz_sfm=arrays["xyz_sfm"],
         rgb=arrays["rgb"],
-        image_point_photo=arrays["track_photo"],
-        image_point_tie_point=arrays["track_point"],
-        image_point_xy_img=arrays["track_xy_img"],
+        image_point_photo=arrays["image_point_photo"],
+        image_point_tie_point=arrays["image_point_tie_point"],
+        image_point_xy_img=arrays["image_point_xy_img"],
         mean_reprojection_error_px=said["mean_reprojection_error_px"],
         costs=tuple(StepCost(**cost) for cost in costs),
     )

@@ -23,7 +23,7 @@ from facadelake.deduplication.merge import merge_observations
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluation.campaigns.evaluate import evaluate
-from facadelake.evaluation.campaigns.figures import Figures
+from facadelake.evaluation.campaigns.figures import CampaignFigures
 from facadelake.georeferencing.imported.placement import PlacedByImport, place_imported
 from facadelake.georeferencing.imported.read import read_poses
 from facadelake.georeferencing.site_frame import SiteFrame
@@ -56,7 +56,7 @@ class Castle:
             read_poses(path), self.photos, place=place, surface=self.surface, placement_sigma_max_m=0.5
         )
 
-    def figures(self, placed: PlacedByImport, boxes: str) -> Figures:
+    def figures(self, placed: PlacedByImport, boxes: str) -> CampaignFigures:
         posed, covariances = read_posed_cameras(placed.poses), read_pose_covariances(placed.poses)
         found = import_coco(self.root / boxes, self.photos, class_names={})
         seen = observe_detections(

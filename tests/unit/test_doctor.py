@@ -96,7 +96,7 @@ def test_a_missing_default_detector_is_a_warning_with_its_remedy(
     def missing() -> Path:
         return find_default_model(tmp_path)
 
-    monkeypatch.setattr(doctor, "default_model", missing)
+    monkeypatch.setattr(doctor, "find_default_model", missing)
     (check,) = doctor.check_models([])
     assert (check.name, check.status) == ("default detector", Status.WARNING)
     assert check.found.endswith("facadelake-nano.onnx does not exist")

@@ -18,7 +18,7 @@ from facadelake.evaluation.campaigns.truth import Truth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ComparedCameras:
+class CameraErrors:
     """Localised cameras with a published centre: ``error_site_m`` (n, 3), found minus true, and the covariance
     (3, 3), m^2, that each pose states for its centre; None where it states none."""
 
@@ -27,9 +27,9 @@ class ComparedCameras:
     covariance_m2: tuple[Float64Array | None, ...]
 
 
-def found_and_true(
+def compare_cameras(
     poses: pa.Table, photo_ids: Sequence[str], known: Truth, origin: SiteOrigin, folder: Path
-) -> ComparedCameras:
+) -> CameraErrors:
     """The poses beside the ``known`` cameras of the truth ``folder``, in the site frame of ``origin``; nothing aligned.
 
     Raises InputDataError where truth is of other photographs.
@@ -50,14 +50,14 @@ def found_and_true(
     ]
     true = origin.site_from_geo(np.array([published[row["photo_id"]] for row in rows]).reshape(-1, 3))
     found = np.array([[row[name] for name in columns[1:4]] for row in rows], dtype=np.float64).reshape(-1, 3)
-    return ComparedCameras(
+    return CameraErrors(
         photo_ids=tuple(row["photo_id"] for row in rows),
         error_site_m=found - true,
-        covariance_m2=tuple(_of_the_centre(row["photo_id"], row["covariance"]) for row in rows),
+        covariance_m2=tuple(_extract_centre_covariance(row["photo_id"], row["covariance"]) for row in rows),
     )
 
 
-def _of_the_centre(photo_id: str, numbers: Sequence[float] | None) -> Float64Array | None:
+def _extract_centre_covariance(photo_id: str, numbers: Sequence[float] | None) -> Float64Array | None:
     """The centre's (3, 3) of a pose's 36 numbers. Raises SchemaError for what is no covariance."""
     if numbers is None:
         return None

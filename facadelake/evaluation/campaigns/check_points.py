@@ -11,11 +11,11 @@ import numpy as np
 from facadelake.core.arrays import Float64Array
 
 # The paper's Algorithm 1 takes detections nearer than this for one; neighbours inside it are the ones it would merge.
-NEAR_M = 0.5
+NEAR_DISTANCE_M = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckPoints:
+class CheckPointCounts:
     """Counts over the check points of truth.
 
     ``total`` of them; ``detected``: an accepted detection shows them; ``missed``: no defect shows them, ``lost`` of
@@ -39,13 +39,13 @@ class CheckPoints:
         return asdict(self)
 
 
-def check_points_of(
+def count_check_points(
     *,
     xyz_true_site_m: Mapping[str, Float64Array],
     detected: Iterable[str],
     shown_by_defect: Sequence[str | None],
     members: Sequence[tuple[str, str]],
-) -> CheckPoints:
+) -> CheckPointCounts:
     """The counts.
 
     ``detected``: check points of accepted detections. ``shown_by_defect``: the check point of each defect, None for
@@ -54,10 +54,10 @@ def check_points_of(
     found = Counter(target for target in shown_by_defect if target is not None)
     seen = set(detected)
     missed = [name for name in xyz_true_site_m if name not in found]
-    pairs = _near(sorted({target for _, target in members}), xyz_true_site_m)
-    together = _together(members)
+    pairs = _find_near_pairs(sorted({target for _, target in members}), xyz_true_site_m)
+    together = _find_merged_pairs(members)
     apart = [distance for distance, pair in pairs if pair not in together]
-    return CheckPoints(
+    return CheckPointCounts(
         total=len(xyz_true_site_m),
         detected=len(seen),
         missed=len(missed),
@@ -70,17 +70,17 @@ def check_points_of(
     )
 
 
-def _near(names: Sequence[str], xyz: Mapping[str, Float64Array]) -> list[tuple[float, frozenset[str]]]:
-    """Pairs of check points nearer than ``NEAR_M``, with their distance."""
+def _find_near_pairs(names: Sequence[str], xyz: Mapping[str, Float64Array]) -> list[tuple[float, frozenset[str]]]:
+    """Pairs of check points nearer than ``NEAR_DISTANCE_M``, with their distance."""
     if len(names) < 2:
         return []
     places = np.array([xyz[name] for name in names])
     distance = np.linalg.norm(places[:, None] - places[None, :], axis=2)
-    pairs = np.argwhere(np.triu(distance < NEAR_M, k=1)).tolist()
+    pairs = np.argwhere(np.triu(distance < NEAR_DISTANCE_M, k=1)).tolist()
     return [(float(distance[i, j]), frozenset((names[i], names[j]))) for i, j in pairs]
 
 
-def _together(members: Sequence[tuple[str, str]]) -> set[frozenset[str]]:
+def _find_merged_pairs(members: Sequence[tuple[str, str]]) -> set[frozenset[str]]:
     """Pairs of check points that one defect holds sightings of."""
     of_defect: dict[str, set[str]] = {}
     for defect, target in members:

@@ -9,14 +9,14 @@ from facadelake.campaigns import committed_tables, register_on_committed_poses
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.detection.coco import import_coco
-from facadelake.evaluation.campaigns.comparison import Comparison, compare
+from facadelake.evaluation.campaigns.comparison import TruthComparison, compare_with_truth
 from facadelake.registry import Building, CocoDetector
 from schemas.vocabulary import SurfaceKind
 
 
 def compare_campaign(
     building: Building, campaign_id: str, *, lake: Path, truth: Path, detections: str | None
-) -> Comparison:
+) -> TruthComparison:
     """A committed campaign beside truth; ``figures_of`` and ``write_plots`` tell of it.
 
     With ``detections`` another file is registered and merged on the committed poses, in memory; tie points, which tell
@@ -46,7 +46,7 @@ def compare_campaign(
         found = import_coco(file, tables["photos"], class_names=building.detector.classes)
         merged = register_on_committed_poses(building, campaign_id, model, found, tables)
         tables |= {"detections": found, "observations": merged.observations, "defects": merged.defects}
-    return compare(
+    return compare_with_truth(
         photos=tables["photos"],
         poses=tables["poses"],
         detections=tables["detections"],

@@ -12,11 +12,11 @@ from facadelake.core.arrays import Float64Array
 # Quantiles of chi-square with 3 degrees of freedom: half, and 95 %, of normal errors lie inside ellipsoids this large.
 CHI_SQUARE_50 = 2.366
 CHI_SQUARE_95 = 7.815
-_AXES = 3
+_DEGREES_OF_FREEDOM = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Honesty:
+class CovarianceConsistency:
     """``n`` errors with a covariance; the others are None where there are none.
 
     ``inside_2sigma``: share inside the stated 95 % ellipsoid. ``nees``: mean of the normalised squared error over its 3
@@ -35,7 +35,9 @@ class Honesty:
         return asdict(self)
 
 
-def normalised_squares(errors_m: Float64Array, covariance_m2: Sequence[Float64Array | None]) -> Float64Array:
+def compute_normalised_squared_errors(
+    errors_m: Float64Array, covariance_m2: Sequence[Float64Array | None]
+) -> Float64Array:
     """``e^T C^-1 e`` (m,) of the errors (n, 3) that have a covariance (3, 3), in their order."""
     return np.array(
         [
@@ -47,15 +49,17 @@ def normalised_squares(errors_m: Float64Array, covariance_m2: Sequence[Float64Ar
     )
 
 
-def honesty_of(errors_m: Float64Array, covariance_m2: Sequence[Float64Array | None]) -> Honesty:
+def compute_covariance_consistency(
+    errors_m: Float64Array, covariance_m2: Sequence[Float64Array | None]
+) -> CovarianceConsistency:
     """The figures of errors (n, 3) and their covariances (3, 3; None: none stated)."""
-    squares = normalised_squares(errors_m, covariance_m2)
+    squares = compute_normalised_squared_errors(errors_m, covariance_m2)
     if not len(squares):
-        return Honesty(n=0)
-    return Honesty(
+        return CovarianceConsistency(n=0)
+    return CovarianceConsistency(
         n=len(squares),
         inside_2sigma=float(np.mean(squares <= CHI_SQUARE_95)),
-        nees=float(np.mean(squares) / _AXES),
+        nees=float(np.mean(squares) / _DEGREES_OF_FREEDOM),
         median_ratio=float(np.median(squares) / CHI_SQUARE_50),
         p95_ratio=float(np.percentile(squares, 95) / CHI_SQUARE_95),
     )

@@ -5,22 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from facadelake.evaluation.campaigns.check_points import CheckPoints
-from facadelake.evaluation.campaigns.covariance_consistency import Honesty
-from facadelake.evaluation.campaigns.merging import Merging
-from facadelake.evaluation.campaigns.paper_table2 import Table2
-from facadelake.evaluation.campaigns.statistics import PositionStats, Stats, SurfaceStats
+from facadelake.evaluation.campaigns.check_points import CheckPointCounts
+from facadelake.evaluation.campaigns.covariance_consistency import CovarianceConsistency
+from facadelake.evaluation.campaigns.merging import MergeFigures
+from facadelake.evaluation.campaigns.paper_table2 import PaperTable2
+from facadelake.evaluation.campaigns.statistics import ErrorStatistics, PositionErrorStatistics, SurfaceErrorStatistics
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figures:
+class CampaignFigures:
     """What `facadelake evaluate` reports; metres, pixels and centimetres as the names say.
 
     ``camera_error``: distance of camera centres to the published ones, nothing aligned, and their mean signed offset.
     ``ray_error``: distance of a check point from the ray of its box's centre. ``observation_error``, ``defect_error``:
     position found minus check point. ``roundtrip_px``, ``roundtrip_cm``: registered point re-projected against its
     box's centre (the paper's Table 2), ``roundtrip_defects_*`` a defect's position in every photograph that shows it.
-    ``off_truth``: registered detections that show no check point. ``honesty_*``:
+    ``registered_without_check_point``: registered detections that show no check point. ``honesty_*``:
     share of the cameras, observations and defects whose true place lies inside the 95 % ellipsoid that they state (0.95
     is good, 1 is too cautious), and how large their errors are against it. None: not available.
     """
@@ -29,28 +29,28 @@ class Figures:
 
     photographs_total: int
     photographs_localised: int
-    camera_error: PositionStats
-    ray_error: Stats
-    observation_error: SurfaceStats
-    defect_error: SurfaceStats
-    roundtrip_px: Stats
-    roundtrip_cm: Stats
-    roundtrip_defects_px: Stats
-    roundtrip_defects_cm: Stats
-    merge: Merging
+    camera_error: PositionErrorStatistics
+    ray_error: ErrorStatistics
+    observation_error: SurfaceErrorStatistics
+    defect_error: SurfaceErrorStatistics
+    roundtrip_px: ErrorStatistics
+    roundtrip_cm: ErrorStatistics
+    roundtrip_defects_px: ErrorStatistics
+    roundtrip_defects_cm: ErrorStatistics
+    merge: MergeFigures
     element_correct_share: float | None
     element_correct_share_defects: float | None
-    off_truth: int | None
-    check_points: CheckPoints
-    honesty_cameras: Honesty
-    honesty_observations: Honesty
-    honesty_defects: Honesty
-    table2: Table2
+    registered_without_check_point: int | None
+    check_points: CheckPointCounts
+    consistency_cameras: CovarianceConsistency
+    consistency_observations: CovarianceConsistency
+    consistency_defects: CovarianceConsistency
+    table2: PaperTable2
 
     @property
     def coverage_2sigma(self) -> float | None:
         """Share of the cameras inside their stated 95 % ellipsoid."""
-        return self.honesty_cameras.inside_2sigma
+        return self.consistency_cameras.inside_2sigma
 
     def to_json(self) -> dict[str, object]:
         """The stable keys; a round trip is given by its mean."""
@@ -64,72 +64,76 @@ class Figures:
             "roundtrip_cm": self.roundtrip_cm.mean,
             "merge": self.merge.to_json(),
             "element_correct_share": self.element_correct_share,
-            "off_truth": self.off_truth,
+            "off_truth": self.registered_without_check_point,
             "coverage_2sigma": self.coverage_2sigma,
-            "coverage_2sigma_observations": self.honesty_observations.inside_2sigma,
-            "coverage_2sigma_defects": self.honesty_defects.inside_2sigma,
+            "coverage_2sigma_observations": self.consistency_observations.inside_2sigma,
+            "coverage_2sigma_defects": self.consistency_defects.inside_2sigma,
             "roundtrip_defects_px": self.roundtrip_defects_px.mean,
             "roundtrip_defects_cm": self.roundtrip_defects_cm.mean,
             "element_correct_share_defects": self.element_correct_share_defects,
-            "sigma_honesty": {name: honesty.to_json() for name, honesty in self._honesty()},
+            "sigma_honesty": {name: honesty.to_json() for name, honesty in self._list_consistency()},
             "check_points": self.check_points.to_json(),
             "table2": self.table2.to_json(),
         }
 
-    def rows(self) -> list[tuple[str, ...]]:
+    def format_rows(self) -> list[tuple[str, ...]]:
         """Texts under COLUMNS: statistics in every column, single figures in ``n`` (counts) or ``mean`` (shares)."""
         observation, defect = self.observation_error, self.defect_error
         return [
-            ("photographs", str(self.photographs_total), *_blank(6)),
-            ("photographs localised", str(self.photographs_localised), *_blank(6)),
-            _row("camera error (m)", self.camera_error, 3),
+            ("photographs", str(self.photographs_total), *_pad_row(6)),
+            ("photographs localised", str(self.photographs_localised), *_pad_row(6)),
+            _format_row("camera error (m)", self.camera_error, 3),
             *(
-                (f"  mean offset {axis}", "", _text(value, 3), *_blank(5))
+                (f"  mean offset {axis}", "", _format_number(value, 3), *_pad_row(5))
                 for axis, value in (
                     ("east", self.camera_error.offset_east),
                     ("north", self.camera_error.offset_north),
                     ("up", self.camera_error.offset_up),
                 )
             ),
-            _row("ray error (m)", self.ray_error, 4),
-            _row("observation error (m)", observation.distance, 3),
-            _row("  along the normal", observation.normal, 3),
-            _row("  horizontal", observation.horizontal, 3),
-            _row("  vertical", observation.vertical, 3),
-            _row("defect error (m)", defect.distance, 3),
-            _row("  along the normal", defect.normal, 3),
-            _row("  horizontal", defect.horizontal, 3),
-            _row("  vertical", defect.vertical, 3),
-            _row("round trip (px)", self.roundtrip_px, 3),
-            _row("round trip (cm)", self.roundtrip_cm, 3),
-            _row("  of defects (px)", self.roundtrip_defects_px, 3),
-            _row("  of defects (cm)", self.roundtrip_defects_cm, 3),
-            ("merge precision", "", _text(self.merge.precision, 3), *_blank(5)),
-            ("merge recall", "", _text(self.merge.recall, 3), *_blank(5)),
-            ("merge F1", "", _text(self.merge.f1, 3), *_blank(5)),
-            ("clusters exactly right", "", _text(self.merge.clusters_exact, 3), *_blank(5)),
-            ("element correct", "", _text(self.element_correct_share, 3), *_blank(5)),
-            ("  of defects", "", _text(self.element_correct_share_defects, 3), *_blank(5)),
-            ("registered off truth", "-" if self.off_truth is None else str(self.off_truth), *_blank(6)),
-            *(
-                (f"{name} inside 2 sigma", str(honesty.n), _text(honesty.inside_2sigma, 3), *_blank(5))
-                for name, honesty in self._honesty()
+            _format_row("ray error (m)", self.ray_error, 4),
+            _format_row("observation error (m)", observation.distance, 3),
+            _format_row("  along the normal", observation.normal, 3),
+            _format_row("  horizontal", observation.horizontal, 3),
+            _format_row("  vertical", observation.vertical, 3),
+            _format_row("defect error (m)", defect.distance, 3),
+            _format_row("  along the normal", defect.normal, 3),
+            _format_row("  horizontal", defect.horizontal, 3),
+            _format_row("  vertical", defect.vertical, 3),
+            _format_row("round trip (px)", self.roundtrip_px, 3),
+            _format_row("round trip (cm)", self.roundtrip_cm, 3),
+            _format_row("  of defects (px)", self.roundtrip_defects_px, 3),
+            _format_row("  of defects (cm)", self.roundtrip_defects_cm, 3),
+            ("merge precision", "", _format_number(self.merge.precision, 3), *_pad_row(5)),
+            ("merge recall", "", _format_number(self.merge.recall, 3), *_pad_row(5)),
+            ("merge F1", "", _format_number(self.merge.f1, 3), *_pad_row(5)),
+            ("clusters exactly right", "", _format_number(self.merge.clusters_exact, 3), *_pad_row(5)),
+            ("element correct", "", _format_number(self.element_correct_share, 3), *_pad_row(5)),
+            ("  of defects", "", _format_number(self.element_correct_share_defects, 3), *_pad_row(5)),
+            (
+                "registered off truth",
+                "-" if self.registered_without_check_point is None else str(self.registered_without_check_point),
+                *_pad_row(6),
             ),
             *(
-                (f"{name} error over sigma (NEES)", str(honesty.n), _text(honesty.nees, 2), *_blank(5))
-                for name, honesty in self._honesty()
+                (f"{name} inside 2 sigma", str(honesty.n), _format_number(honesty.inside_2sigma, 3), *_pad_row(5))
+                for name, honesty in self._list_consistency()
             ),
-            *((name, str(count), *_blank(6)) for name, count in self._counts()),
+            *(
+                (f"{name} error over sigma (NEES)", str(honesty.n), _format_number(honesty.nees, 2), *_pad_row(5))
+                for name, honesty in self._list_consistency()
+            ),
+            *((name, str(count), *_pad_row(6)) for name, count in self._list_counts()),
         ]
 
-    def _honesty(self) -> tuple[tuple[str, Honesty], ...]:
+    def _list_consistency(self) -> tuple[tuple[str, CovarianceConsistency], ...]:
         return (
-            ("cameras", self.honesty_cameras),
-            ("observations", self.honesty_observations),
-            ("defects", self.honesty_defects),
+            ("cameras", self.consistency_cameras),
+            ("observations", self.consistency_observations),
+            ("defects", self.consistency_defects),
         )
 
-    def _counts(self) -> tuple[tuple[str, int], ...]:
+    def _list_counts(self) -> tuple[tuple[str, int], ...]:
         points = self.check_points
         return (
             ("check points", points.total),
@@ -142,14 +146,14 @@ class Figures:
         )
 
 
-def _row(name: str, stats: Stats, digits: int) -> tuple[str, ...]:
+def _format_row(name: str, stats: ErrorStatistics, digits: int) -> tuple[str, ...]:
     values = (stats.mean, stats.median, stats.mae, stats.rmse, stats.p95, stats.iqr)
-    return (name, str(stats.n), *(_text(value, digits) for value in values))
+    return (name, str(stats.n), *(_format_number(value, digits) for value in values))
 
 
-def _text(value: float | None, digits: int) -> str:
+def _format_number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def _blank(count: int) -> tuple[str, ...]:
+def _pad_row(count: int) -> tuple[str, ...]:
     return ("",) * count

@@ -9,7 +9,7 @@ from math import comb
 
 
 @dataclass(frozen=True, kw_only=True)
-class Merging:
+class MergeFigures:
     """Pairwise figures of "same defect"; ``clusters_exact`` is the share of true defects whose detections make up one
     defect, all of them and no other. None where there is nothing to divide by."""
 
@@ -28,11 +28,11 @@ class Merging:
         }
 
 
-def merging_of(decisions: Sequence[tuple[str, str]]) -> Merging:
+def compute_merge_figures(decisions: Sequence[tuple[str, str]]) -> MergeFigures:
     """Figures of registered detections, each given as (defect decided, true defect)."""
-    both = _pairs(Counter(decisions).values())
-    decided = _pairs(Counter(defect for defect, _ in decisions).values())
-    true = _pairs(Counter(truth for _, truth in decisions).values())
+    both = _count_pairs(Counter(decisions).values())
+    decided = _count_pairs(Counter(defect for defect, _ in decisions).values())
+    true = _count_pairs(Counter(truth for _, truth in decisions).values())
     of_truth: dict[str, set[int]] = defaultdict(set)
     of_defect: dict[str, set[int]] = defaultdict(set)
     for i, (defect, truth) in enumerate(decisions):
@@ -40,17 +40,17 @@ def merging_of(decisions: Sequence[tuple[str, str]]) -> Merging:
         of_defect[defect].add(i)
     clusters = {frozenset(members) for members in of_defect.values()}
     exact = sum(frozenset(members) in clusters for members in of_truth.values())
-    return Merging(
-        precision=_share(both, decided),
-        recall=_share(both, true),
-        f1=_share(2 * both, decided + true),
-        clusters_exact=_share(exact, len(of_truth)),
+    return MergeFigures(
+        precision=_compute_share(both, decided),
+        recall=_compute_share(both, true),
+        f1=_compute_share(2 * both, decided + true),
+        clusters_exact=_compute_share(exact, len(of_truth)),
     )
 
 
-def _pairs(sizes: Iterable[int]) -> int:
+def _count_pairs(sizes: Iterable[int]) -> int:
     return sum(comb(size, 2) for size in sizes)
 
 
-def _share(part: int, whole: int) -> float | None:
+def _compute_share(part: int, whole: int) -> float | None:
     return part / whole if whole else None

@@ -8,7 +8,7 @@ import numpy as np
 
 from facadelake.core.arrays import Float64Array
 from facadelake.evaluation.campaigns.samples import PositionSamples
-from facadelake.evaluation.campaigns.statistics import Stats, stats_of, surface_axes
+from facadelake.evaluation.campaigns.statistics import ErrorStatistics, compute_statistics, compute_surface_axes
 
 # As printed (Zhang et al., Table 2): MAE and RMSE of two axes and of the diagonal, by a round trip through one camera.
 PAPER_MAE = (2.350, 1.037, 4.056)
@@ -22,12 +22,12 @@ PAPER_REMARK = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwoAxes:
+class TwoAxisStatistics:
     """Signed errors along two axes, and the diagonal (their root of squares) of the same samples."""
 
-    horizontal: Stats
-    vertical: Stats
-    diagonal: Stats
+    horizontal: ErrorStatistics
+    vertical: ErrorStatistics
+    diagonal: ErrorStatistics
 
     def to_json(self) -> dict[str, object]:
         """The three by name."""
@@ -35,17 +35,17 @@ class TwoAxes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table2:
+class PaperTable2:
     """In centimetres: the round trip by axes of the photograph, of single sightings and of defects in all photographs
     that show them; observations and defects against check points along the surface (horizontal, vertical), and in 3D,
     which a round trip cannot see."""
 
-    round_trip: TwoAxes
-    round_trip_defects: TwoAxes
-    observations: TwoAxes
-    observations_3d: Stats
-    defects: TwoAxes
-    defects_3d: Stats
+    round_trip: TwoAxisStatistics
+    round_trip_defects: TwoAxisStatistics
+    observations: TwoAxisStatistics
+    observations_3d: ErrorStatistics
+    defects: TwoAxisStatistics
+    defects_3d: ErrorStatistics
 
     def to_json(self) -> dict[str, object]:
         """The paper's figures as printed, and ours."""
@@ -62,48 +62,52 @@ class Table2:
             "defects_cm": {**self.defects.to_json(), "3d": self.defects_3d.to_json()},
         }
 
-    def rows(self) -> list[tuple[str, ...]]:
+    def format_rows(self) -> list[tuple[str, ...]]:
         """Texts: what, then MAE and RMSE of the paper and of ours (round trips, check points)."""
         lines = []
         for i, name in enumerate(("horizontal", "vertical", "diagonal")):
             parts = (self.round_trip, self.round_trip_defects, self.observations, self.defects)
             ours = [getattr(part, name) for part in parts]
-            lines.append((name, f"{PAPER_MAE[i]:.3f} / {PAPER_RMSE[i]:.3f}", *(_text(stats) for stats in ours)))
-        lines.append(("3D", "-", "-", "-", _text(self.observations_3d), _text(self.defects_3d)))
+            lines.append(
+                (name, f"{PAPER_MAE[i]:.3f} / {PAPER_RMSE[i]:.3f}", *(_format_mae_and_rmse(stats) for stats in ours))
+            )
+        lines.append(
+            ("3D", "-", "-", "-", _format_mae_and_rmse(self.observations_3d), _format_mae_and_rmse(self.defects_3d))
+        )
         return lines
 
 
-def table2_of(
+def compute_table2(
     roundtrip_cm: Float64Array,
     roundtrip_defects_cm: Float64Array,
     observations: PositionSamples,
     defects: PositionSamples,
-) -> Table2:
+) -> PaperTable2:
     """The table; round trips (n, 2): re-projected minus box centre, right and down, on the surface."""
-    return Table2(
-        round_trip=_two_axes(roundtrip_cm),
-        round_trip_defects=_two_axes(roundtrip_defects_cm),
-        observations=_two_axes(_along_surface_cm(observations)),
-        observations_3d=stats_of(100 * observations.size_m),
-        defects=_two_axes(_along_surface_cm(defects)),
-        defects_3d=stats_of(100 * defects.size_m),
+    return PaperTable2(
+        round_trip=_compute_two_axis_statistics(roundtrip_cm),
+        round_trip_defects=_compute_two_axis_statistics(roundtrip_defects_cm),
+        observations=_compute_two_axis_statistics(_project_on_surface_cm(observations)),
+        observations_3d=compute_statistics(100 * observations.size_m),
+        defects=_compute_two_axis_statistics(_project_on_surface_cm(defects)),
+        defects_3d=compute_statistics(100 * defects.size_m),
     )
 
 
-def _along_surface_cm(samples: PositionSamples) -> Float64Array:
-    horizontal, vertical = surface_axes(samples.normal_site)
+def _project_on_surface_cm(samples: PositionSamples) -> Float64Array:
+    horizontal, vertical = compute_surface_axes(samples.normal_site)
     error = 100 * samples.error_site_m
     return np.column_stack([(error * horizontal).sum(axis=1), (error * vertical).sum(axis=1)])
 
 
-def _two_axes(errors: Float64Array) -> TwoAxes:
+def _compute_two_axis_statistics(errors: Float64Array) -> TwoAxisStatistics:
     errors = errors.reshape(-1, 2)
-    return TwoAxes(
-        horizontal=stats_of(errors[:, 0]),
-        vertical=stats_of(errors[:, 1]),
-        diagonal=stats_of(np.linalg.norm(errors, axis=1)),
+    return TwoAxisStatistics(
+        horizontal=compute_statistics(errors[:, 0]),
+        vertical=compute_statistics(errors[:, 1]),
+        diagonal=compute_statistics(np.linalg.norm(errors, axis=1)),
     )
 
 
-def _text(stats: Stats) -> str:
+def _format_mae_and_rmse(stats: ErrorStatistics) -> str:
     return "-" if stats.mae is None or stats.rmse is None else f"{stats.mae:.3f} / {stats.rmse:.3f}"

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from facadelake.core.arrays import Float64Array
-from facadelake.evaluation.campaigns.comparison import Comparison
-from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_95, normalised_squares
+from facadelake.evaluation.campaigns.comparison import TruthComparison
+from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_95, compute_normalised_squared_errors
 from facadelake.evaluation.campaigns.samples import PositionSamples
-from facadelake.evaluation.plot_style import dress
+from facadelake.evaluation.plot_style import format_axes
 
 _DPI = 130
 _FLOOR_CM = 0.01  # a logarithm has no zero
@@ -24,11 +24,11 @@ _STYLE = {
     "observations": ("#0072b2", ".", "dashed"),
     "defects": ("#d55e00", "o", "solid"),
 }
-_PLACED = ("observations", "defects")
-_LONGEST = 0.2  # arrows, as a share of the picture's extent
+_POSITIONED = ("observations", "defects")
+_ARROW_SHARE_MAX = 0.2  # arrows, as a share of the picture's extent
 
 
-def write_plots(compared: Comparison, folder: Path, title: str) -> list[Path]:
+def write_plots(compared: TruthComparison, folder: Path, title: str) -> list[Path]:
     """Write the pictures as PNG into ``folder`` (made if it is not there); ``title`` names building and campaign.
 
     ``errors``: distribution. ``vectors``: from above and from two sides. ``deviation``: along the normal, against what
@@ -38,11 +38,11 @@ def write_plots(compared: Comparison, folder: Path, title: str) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, draw in (
-        ("errors", _errors),
-        ("vectors", _vectors),
-        ("deviation", _deviation),
-        ("sigmas", _sigmas),
-        ("views", _views),
+        ("errors", _plot_errors),
+        ("vectors", _plot_vectors),
+        ("deviation", _plot_deviation),
+        ("sigmas", _plot_sigmas),
+        ("views", _plot_views),
     ):
         figure = Figure(dpi=_DPI, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
@@ -63,7 +63,7 @@ _TITLES = {
 }
 
 
-def _errors(figure: Figure, compared: Comparison) -> bool:
+def _plot_errors(figure: Figure, compared: TruthComparison) -> bool:
     """Share of errors below a size, and the histogram of defects and observations."""
     sizes = {
         "cameras": np.linalg.norm(compared.cameras.error_site_m, axis=1),
@@ -87,10 +87,10 @@ def _errors(figure: Figure, compared: Comparison) -> bool:
     shares.set_xscale("log")
     shares.set_ylim(0, 1.01)
     shares.legend(loc="lower right", fontsize=8)
-    dress(shares, "error (cm), logarithmic", "share of samples below")
-    widest = max((np.percentile(100 * sizes[name], 95) for name in _PLACED if len(sizes[name])), default=1.0)
+    format_axes(shares, "error (cm), logarithmic", "share of samples below")
+    widest = max((np.percentile(100 * sizes[name], 95) for name in _POSITIONED if len(sizes[name])), default=1.0)
     bins = np.linspace(0, max(widest, _FLOOR_CM), 41)
-    for name in _PLACED:
+    for name in _POSITIONED:
         if not len(sizes[name]):
             continue
         colour, _, line = _STYLE[name]
@@ -101,11 +101,11 @@ def _errors(figure: Figure, compared: Comparison) -> bool:
         )  # fmt: skip
     if counts.patches:
         counts.legend(fontsize=8)
-    dress(counts, "3D error (cm)", "share of samples")
+    format_axes(counts, "3D error (cm)", "share of samples")
     return True
 
 
-def _vectors(figure: Figure, compared: Comparison) -> bool:
+def _plot_vectors(figure: Figure, compared: TruthComparison) -> bool:
     """Cameras and defects from above and from two sides, errors enlarged by one factor; longer ones are cut, in red."""
     defects = compared.defects
     if not len(defects.ids):
@@ -129,9 +129,11 @@ def _vectors(figure: Figure, compared: Comparison) -> bool:
             colour, marker, _ = _STYLE[name]
             axes.scatter(at[:, i], at[:, j], s=9, color=colour, marker=marker, label=name)
             length = enlarged * np.linalg.norm(error, axis=1)
-            cut = length > _LONGEST * extent
+            cut = length > _ARROW_SHARE_MAX * extent
             shortened = shortened or bool(cut.any())
-            arrow = enlarged * error * np.where(cut, _LONGEST * extent / np.maximum(length, 1e-12), 1.0)[:, None]
+            arrow = (
+                enlarged * error * np.where(cut, _ARROW_SHARE_MAX * extent / np.maximum(length, 1e-12), 1.0)[:, None]
+            )
             axes.quiver(
                 at[:, i], at[:, j], arrow[:, i], arrow[:, j], color=np.where(cut, "#cc0000", "#333333"), angles="xy",
                 scale_units="xy", scale=1.0, width=0.003,
@@ -140,13 +142,13 @@ def _vectors(figure: Figure, compared: Comparison) -> bool:
         axes.set_title(
             f"{view}, errors {enlarged:g} times{'; red: longer than drawn' if shortened else ''}", fontsize=9
         )
-        dress(axes, f"{names[0]} (m)", f"{names[1]} (m)")
+        format_axes(axes, f"{names[0]} (m)", f"{names[1]} (m)")
         if (i, j) == (0, 1):
             axes.legend(fontsize=8)
     return True
 
 
-def _deviation(figure: Figure, compared: Comparison) -> bool:
+def _plot_deviation(figure: Figure, compared: TruthComparison) -> bool:
     """Errors along the normal, single and merged, and against the deviation that triangulation measured, if any."""
     parts = {"observations": compared.observations, "defects": compared.defects}
     if not any(len(part.ids) for part in parts.values()):
@@ -155,7 +157,7 @@ def _deviation(figure: Figure, compared: Comparison) -> bool:
     figure.set_size_inches(11 if measured.any() else 5.8, 4.4)
     panels = figure.subplots(1, 2 if measured.any() else 1, squeeze=False)[0]
     left = panels[0]
-    alongs = {name: 100 * _along(part) for name, part in parts.items()}
+    alongs = {name: 100 * _project_on_normal(part) for name, part in parts.items()}
     widest = max(float(np.percentile(np.abs(along), 95)) for along in alongs.values() if len(along)) or 1.0
     for name, along in alongs.items():
         if not len(along):
@@ -167,7 +169,7 @@ def _deviation(figure: Figure, compared: Comparison) -> bool:
         )  # fmt: skip
     left.axvline(0, color="#999999", linewidth=0.8)
     left.legend(fontsize=8)
-    dress(left, "error along the outward normal (cm)", "share of samples")
+    format_axes(left, "error along the outward normal (cm)", "share of samples")
     if not measured.any():
         return True
     right = panels[1]
@@ -176,21 +178,23 @@ def _deviation(figure: Figure, compared: Comparison) -> bool:
         100 * compared.defects.deviation_m[measured], alongs["defects"][measured], s=12, color=colour, marker=marker
     )
     right.axhline(0, color="#999999", linewidth=0.8)
-    dress(right, "measured deviation from the model (cm)", "what is left along the normal (cm)")
+    format_axes(right, "measured deviation from the model (cm)", "what is left along the normal (cm)")
     return True
 
 
-def _along(samples: PositionSamples) -> Float64Array:
+def _project_on_normal(samples: PositionSamples) -> Float64Array:
     along: Float64Array = (samples.error_site_m * samples.normal_site).sum(axis=1)
     return along
 
 
-def _sigmas(figure: Figure, compared: Comparison) -> bool:
+def _plot_sigmas(figure: Figure, compared: TruthComparison) -> bool:
     """Quantiles of the normalised squared errors against chi-square with 3 degrees of freedom."""
     squares = {
-        "cameras": normalised_squares(compared.cameras.error_site_m, compared.cameras.covariance_m2),
-        "observations": normalised_squares(compared.observations.error_site_m, compared.observations.covariance_m2),
-        "defects": normalised_squares(compared.defects.error_site_m, compared.defects.covariance_m2),
+        "cameras": compute_normalised_squared_errors(compared.cameras.error_site_m, compared.cameras.covariance_m2),
+        "observations": compute_normalised_squared_errors(
+            compared.observations.error_site_m, compared.observations.covariance_m2
+        ),
+        "defects": compute_normalised_squared_errors(compared.defects.error_site_m, compared.defects.covariance_m2),
     }
     if not any(len(found) for found in squares.values()):
         return False
@@ -212,11 +216,11 @@ def _sigmas(figure: Figure, compared: Comparison) -> bool:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.legend(fontsize=8, loc="upper left")
-    dress(axes, "expected normalised squared error (above the line: too sure)", "found")
+    format_axes(axes, "expected normalised squared error (above the line: too sure)", "found")
     return True
 
 
-def _views(figure: Figure, compared: Comparison) -> bool:
+def _plot_views(figure: Figure, compared: TruthComparison) -> bool:
     """Errors of observations against incidence and distance, with medians over equal numbers."""
     observations = compared.observations
     if not (np.isfinite(observations.incidence_deg) & np.isfinite(observations.distance_m)).any():
@@ -240,5 +244,5 @@ def _views(figure: Figure, compared: Comparison) -> bool:
         )  # fmt: skip
         axes.set_yscale("log")
         axes.legend(fontsize=8)
-        dress(axes, name, "3D error (cm), logarithmic")
+        format_axes(axes, name, "3D error (cm), logarithmic")
     return True

@@ -40,27 +40,27 @@ class PositionSamples:
         return size
 
 
-def position_samples(
+def collect_position_samples(
     pairs: Sequence[tuple[Row, str]], xyz_true_site_m: Mapping[str, Float64Array], *, key: str
 ) -> PositionSamples:
     """Rows of ``observations`` or ``defects`` (their id in column ``key``), each with the check point it shows."""
     rows = [row for row, _ in pairs]
     true = np.array([xyz_true_site_m[target] for _, target in pairs], dtype=np.float64).reshape(-1, 3)
-    found = _columns(rows, "x_site_m", "y_site_m", "z_site_m")
+    found = _collect_columns(rows, "x_site_m", "y_site_m", "z_site_m")
     return PositionSamples(
         ids=tuple(row[key] for row in rows),
         targets=tuple(target for _, target in pairs),
         error_site_m=found - true,
         xyz_true_site_m=true,
-        normal_site=_columns(rows, "normal_x", "normal_y", "normal_z"),
-        covariance_m2=tuple(covariance_of(row[key], row.get("covariance_site")) for row in rows),
-        incidence_deg=_columns(rows, "incidence_deg")[:, 0],
-        distance_m=_columns(rows, "distance_m")[:, 0],
-        deviation_m=_columns(rows, "deviation_from_model_m")[:, 0],
+        normal_site=_collect_columns(rows, "normal_x", "normal_y", "normal_z"),
+        covariance_m2=tuple(parse_covariance(row[key], row.get("covariance_site")) for row in rows),
+        incidence_deg=_collect_columns(rows, "incidence_deg")[:, 0],
+        distance_m=_collect_columns(rows, "distance_m")[:, 0],
+        deviation_m=_collect_columns(rows, "deviation_from_model_m")[:, 0],
     )
 
 
-def covariance_of(name: str, numbers: Sequence[float] | None) -> Float64Array | None:
+def parse_covariance(name: str, numbers: Sequence[float] | None) -> Float64Array | None:
     """The (3, 3) of a row's nine numbers, m^2. Raises SchemaError for what is no covariance."""
     if numbers is None:
         return None
@@ -73,7 +73,7 @@ def covariance_of(name: str, numbers: Sequence[float] | None) -> Float64Array | 
     return covariance
 
 
-def _columns(rows: Sequence[Row], *names: str) -> Float64Array:
+def _collect_columns(rows: Sequence[Row], *names: str) -> Float64Array:
     """Columns as numbers (n, names); NaN for what is empty or not there."""
     values = [[np.nan if row.get(name) is None else row[name] for name in names] for row in rows]
     return np.array(values, dtype=np.float64).reshape(-1, len(names))

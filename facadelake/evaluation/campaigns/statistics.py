@@ -11,7 +11,7 @@ from facadelake.core.arrays import Float64Array
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stats:
+class ErrorStatistics:
     """Statistics of ``n`` errors; None where there are none.
 
     ``mean`` and ``median`` keep the sign, ``mae`` is the mean of absolute values, ``rmse`` is about zero, ``p95`` is
@@ -33,7 +33,7 @@ class Stats:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PositionStats(Stats):
+class PositionErrorStatistics(ErrorStatistics):
     """Statistics of 3D distances, and the mean signed error (found minus true) along each axis of site."""
 
     offset_east: float | None = None
@@ -42,27 +42,31 @@ class PositionStats(Stats):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurfaceStats:
+class SurfaceErrorStatistics:
     """Position errors: 3D ``distance``, and signed ones along the surface's outward normal and along the surface."""
 
-    distance: Stats
-    normal: Stats
-    horizontal: Stats
-    vertical: Stats
+    distance: ErrorStatistics
+    normal: ErrorStatistics
+    horizontal: ErrorStatistics
+    vertical: ErrorStatistics
 
     def to_json(self) -> dict[str, object]:
         """The keys of the 3D distance, and one object for each direction."""
-        parts: Mapping[str, Stats] = {"normal": self.normal, "horizontal": self.horizontal, "vertical": self.vertical}
+        parts: Mapping[str, ErrorStatistics] = {
+            "normal": self.normal,
+            "horizontal": self.horizontal,
+            "vertical": self.vertical,
+        }
         return {**self.distance.to_json(), **{name: part.to_json() for name, part in parts.items()}}
 
 
-def stats_of(errors: Float64Array) -> Stats:
+def compute_statistics(errors: Float64Array) -> ErrorStatistics:
     """Statistics of signed errors or distances (n,)."""
     if len(errors) == 0:
-        return Stats(n=0)
+        return ErrorStatistics(n=0)
     size = np.abs(errors)
     lower, median, upper = np.percentile(errors, [25, 50, 75])
-    return Stats(
+    return ErrorStatistics(
         n=len(errors),
         mean=float(np.mean(errors)),
         median=float(median),
@@ -73,17 +77,17 @@ def stats_of(errors: Float64Array) -> Stats:
     )
 
 
-def position_stats(errors_site_m: Float64Array) -> PositionStats:
+def compute_position_statistics(errors_site_m: Float64Array) -> PositionErrorStatistics:
     """Statistics of position errors (n, 3: found minus true) in site."""
     errors = errors_site_m.reshape(-1, 3)
-    distance = stats_of(np.linalg.norm(errors, axis=1))
+    distance = compute_statistics(np.linalg.norm(errors, axis=1))
     if not distance.n:
-        return PositionStats(n=0)
+        return PositionErrorStatistics(n=0)
     east, north, up = errors.mean(axis=0).tolist()
-    return PositionStats(**asdict(distance), offset_east=east, offset_north=north, offset_up=up)
+    return PositionErrorStatistics(**asdict(distance), offset_east=east, offset_north=north, offset_up=up)
 
 
-def surface_axes(normals: Float64Array) -> tuple[Float64Array, Float64Array]:
+def compute_surface_axes(normals: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Directions along surfaces of outward unit ``normals`` (n, 3): horizontal and vertical, (n, 3) each, in site.
 
     Horizontal points to the right as seen from outside, vertical up the surface. On a level surface, which has no
@@ -96,15 +100,15 @@ def surface_axes(normals: Float64Array) -> tuple[Float64Array, Float64Array]:
     return horizontal, np.cross(normals, horizontal).reshape(-1, 3)
 
 
-def surface_stats(errors: Float64Array, normals: Float64Array) -> SurfaceStats:
+def compute_surface_statistics(errors: Float64Array, normals: Float64Array) -> SurfaceErrorStatistics:
     """Statistics of errors (n, 3: found minus true, site metres) on surfaces of outward ``normals`` (n, 3)."""
     errors, normals = errors.reshape(-1, 3), normals.reshape(-1, 3)
     if len(normals):
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    horizontal, vertical = surface_axes(normals)
-    return SurfaceStats(
-        distance=stats_of(np.linalg.norm(errors, axis=1)),
-        normal=stats_of((errors * normals).sum(axis=1)),
-        horizontal=stats_of((errors * horizontal).sum(axis=1)),
-        vertical=stats_of((errors * vertical).sum(axis=1)),
+    horizontal, vertical = compute_surface_axes(normals)
+    return SurfaceErrorStatistics(
+        distance=compute_statistics(np.linalg.norm(errors, axis=1)),
+        normal=compute_statistics((errors * normals).sum(axis=1)),
+        horizontal=compute_statistics((errors * horizontal).sum(axis=1)),
+        vertical=compute_statistics((errors * vertical).sum(axis=1)),
     )

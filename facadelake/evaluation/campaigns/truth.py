@@ -33,12 +33,12 @@ class Truth:
 
     cameras: Mapping[str, Float64Array]
     checkpoints: Mapping[str, CheckPoint]
-    shown: Mapping[tuple[str, str], str | None]
+    check_point_of_annotation: Mapping[tuple[str, str], str | None]
 
     @property
     def files(self) -> frozenset[str]:
         """The detections files that truth knows."""
-        return frozenset(file for file, _ in self.shown)
+        return frozenset(file for file, _ in self.check_point_of_annotation)
 
 
 def read_truth(folder: Path) -> Truth:
@@ -47,14 +47,16 @@ def read_truth(folder: Path) -> Truth:
     Positions are taken from the EPSG:4979 columns alone, because the site frame's origin may differ from truth's.
     Raises InputDataError that names file, line, column, value and remedy.
     """
-    cameras = {row["image"]: _geo(row) for row in _rows(folder / "cameras.csv", "image", "image", *_GEO)}
+    cameras = {
+        row["image"]: _parse_position(row) for row in _read_rows(folder / "cameras.csv", "image", "image", *_GEO)
+    }
     checkpoints = {
-        row["id"]: CheckPoint(geo=_geo(row), element_guid=row["element_guid"])
-        for row in _rows(folder / "checkpoints.csv", "id", "id", "element_guid", *_GEO)
+        row["id"]: CheckPoint(geo=_parse_position(row), element_guid=row["element_guid"])
+        for row in _read_rows(folder / "checkpoints.csv", "id", "id", "element_guid", *_GEO)
     }
     path = folder / "detections.csv"
     shown: dict[tuple[str, str], str | None] = {}
-    for row in _rows(path, None, "file", "annotation_id", "checkpoint_id"):
+    for row in _read_rows(path, None, "file", "annotation_id", "checkpoint_id"):
         key, target = (row["file"], row["annotation_id"]), row["checkpoint_id"]
         if key in shown:
             raise InputDataError(f"{row.place}: annotation {key[1]} of {key[0]} is listed twice; keep one line")
@@ -63,16 +65,16 @@ def read_truth(folder: Path) -> Truth:
                 f"{row.place}, column checkpoint_id: '{target}' is neither an id of checkpoints.csv nor '{OFF_TARGET}'"
             )
         shown[key] = None if target == OFF_TARGET else target
-    return Truth(cameras=cameras, checkpoints=checkpoints, shown=shown)
+    return Truth(cameras=cameras, checkpoints=checkpoints, check_point_of_annotation=shown)
 
 
-class _Row(dict[str, str]):
+class _CsvRow(dict[str, str]):
     """A line of a CSV file that knows where it stands."""
 
     place: str
 
 
-def _rows(path: Path, unique: str | None, *columns: str) -> list[_Row]:
+def _read_rows(path: Path, unique: str | None, *columns: str) -> list[_CsvRow]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream)
@@ -84,7 +86,7 @@ def _rows(path: Path, unique: str | None, *columns: str) -> list[_Row]:
                 )
             rows = []
             for line in reader:
-                row = _Row({name: line[name] or "" for name in columns})
+                row = _CsvRow({name: line[name] or "" for name in columns})
                 row.place = f"{path}, line {reader.line_num}"
                 rows.append(row)
     except OSError as error:
@@ -105,7 +107,7 @@ def _rows(path: Path, unique: str | None, *columns: str) -> list[_Row]:
     return rows
 
 
-def _geo(row: _Row) -> Float64Array:
+def _parse_position(row: _CsvRow) -> Float64Array:
     limits = {"lon_deg": 180.0, "lat_deg": 90.0, "height_ellipsoidal_m": 10000.0}
     values = []
     for column, limit in limits.items():

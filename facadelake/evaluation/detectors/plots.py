@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from facadelake.evaluation.detectors.average_precision import IOU_THRESHOLDS, RECALLS, precision_at_recalls
 from facadelake.evaluation.detectors.calibration import BINS
 from facadelake.evaluation.detectors.figures import Judgement
-from facadelake.evaluation.plot_style import dress
+from facadelake.evaluation.plot_style import format_axes
 from schemas.vocabulary import DefectClass
 
 _DPI = 130
@@ -74,7 +74,7 @@ def _precision_recall(figure: Figure, judgement: Judgement) -> bool:
         axes.set_ylim(0, 1.02)
         axes.set_title(f"{one.defect_class}: {one.truths} in {one.photographs} photographs", fontsize=9)
         axes.legend(fontsize=8)
-        dress(axes, "recall", "precision")
+        format_axes(axes, "recall", "precision")
     return True
 
 
@@ -104,8 +104,8 @@ def _reliability(figure: Figure, judgement: Judgement) -> bool:
     upper.set_ylim(0, 1.02)
     upper.legend(fontsize=8)
     lower.set_yscale("log")
-    dress(upper, "", "share that hit (IoU ≥ 0.5)")
-    dress(lower, "score (grey: the threshold)", "boxes")
+    format_axes(upper, "", "share that hit (IoU ≥ 0.5)")
+    format_axes(lower, "score (grey: the threshold)", "boxes")
     return True
 
 
@@ -137,7 +137,7 @@ def _sites(figure: Figure, judgement: Judgement) -> bool:
     axes.set_yticks(range(at), names, fontsize=8)
     axes.invert_yaxis()
     axes.set_xlim(0, 1.01)
-    dress(axes, "AP50 (diamond: all sites, line: 95 % by sites drawn again)", "")
+    format_axes(axes, "AP50 (diamond: all sites, line: 95 % by sites drawn again)", "")
     return True
 
 
@@ -160,5 +160,5 @@ def _false_alarms(figure: Figure, judgement: Judgement) -> bool:
     area = f"{alarms.rates[0].area_m2:.0f} m² of facade{gsd}" if known else f"{alarms.rates[0].photographs} photographs"
     axes.set_title(f"{alarms.name}: {area}", fontsize=9)
     what = "false alarms per 10 m² (dotted: the goal)" if known else "false alarms a photograph"
-    dress(axes, "only boxes of this score and above (grey: the threshold)", what)
+    format_axes(axes, "only boxes of this score and above (grey: the threshold)", what)
     return True

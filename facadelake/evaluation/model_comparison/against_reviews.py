@@ -6,57 +6,57 @@ from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from facadelake.evaluation.model_comparison.changes import found_at
+from facadelake.evaluation.model_comparison.changes import is_found
 from facadelake.reviews import AcceptedDetection, Review, ReviewStatus
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class ReviewedFinding:
     """A confirmed defect, as a person tells them apart (all its sightings), or a rejected box; who finds it."""
 
-    words: tuple[Review, ...]
-    by_old: bool
-    by_new: bool
+    reviews: tuple[Review, ...]
+    found_by_old: bool
+    found_by_new: bool
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnWords:
+class ReviewComparison:
     """What persons said of the photographs that both models looked at."""
 
-    defects: tuple[Place, ...]
-    rejected: tuple[Place, ...]
+    defects: tuple[ReviewedFinding, ...]
+    rejected: tuple[ReviewedFinding, ...]
 
     @property
-    def lost(self) -> tuple[Place, ...]:
+    def lost(self) -> tuple[ReviewedFinding, ...]:
         """Confirmed defects that the old model finds in some photograph and the new one in none."""
-        return tuple(place for place in self.defects if place.by_old and not place.by_new)
+        return tuple(place for place in self.defects if place.found_by_old and not place.found_by_new)
 
-    def counts(self) -> dict[str, int]:
+    def count_outcomes(self) -> dict[str, int]:
         """The table's numbers by name."""
         out = {}
         for name, places in (("confirmed", self.defects), ("rejected", self.rejected)):
             out[name] = len(places)
-            out[f"{name}_by_old"] = sum(place.by_old for place in places)
-            out[f"{name}_by_new"] = sum(place.by_new for place in places)
-            out[f"{name}_lost"] = sum(place.by_old and not place.by_new for place in places)
-            out[f"{name}_gained"] = sum(place.by_new and not place.by_old for place in places)
+            out[f"{name}_by_old"] = sum(place.found_by_old for place in places)
+            out[f"{name}_by_new"] = sum(place.found_by_new for place in places)
+            out[f"{name}_lost"] = sum(place.found_by_old and not place.found_by_new for place in places)
+            out[f"{name}_gained"] = sum(place.found_by_new and not place.found_by_old for place in places)
         return out
 
 
-def against_words(
+def compare_with_reviews(
     judgement: ReviewStatus,
     old: Sequence[AcceptedDetection],
     new: Sequence[AcceptedDetection],
     photographs: Collection[str],
-) -> OnWords:
+) -> ReviewComparison:
     """Meet the words on ``photographs`` with both models' boxes there.
 
     A defect is what a person confirmed, corrected or drew; sightings of one run's defect_id count as one, found where
     a box of its class tells of any. A rejected box is found where a box of the class rejected tells of it.
     """
-    both = [_by_photo(boxes) for boxes in (old, new)]
+    both = [_group_by_photograph(boxes) for boxes in (old, new)]
     defects: dict[str, list[Review]] = defaultdict(list)
-    rejected: list[Place] = []
+    rejected: list[ReviewedFinding] = []
     for standing in judgement.current:
         word = standing.review
         if word.photo_id not in photographs:
@@ -66,20 +66,20 @@ def against_words(
             defects[f"{word.run_id} {word.defect_id}" if word.defect_id else word.subject].append(word)
         else:
             by_old, by_new = (
-                found_at(boxes.get(word.photo_id, ()), word.effective_box, word.reviewed_class) for boxes in both
+                is_found(boxes.get(word.photo_id, ()), word.effective_box, word.reviewed_class) for boxes in both
             )
-            rejected.append(Place(words=(word,), by_old=by_old, by_new=by_new))
+            rejected.append(ReviewedFinding(reviews=(word,), found_by_old=by_old, found_by_new=by_new))
     found = []
     for words in defects.values():
         by_old, by_new = (
-            any(found_at(boxes.get(word.photo_id, ()), word.effective_box, word.defect_class) for word in words)
+            any(is_found(boxes.get(word.photo_id, ()), word.effective_box, word.defect_class) for word in words)
             for boxes in both
         )
-        found.append(Place(words=tuple(words), by_old=by_old, by_new=by_new))
-    return OnWords(defects=tuple(found), rejected=tuple(rejected))
+        found.append(ReviewedFinding(reviews=tuple(words), found_by_old=by_old, found_by_new=by_new))
+    return ReviewComparison(defects=tuple(found), rejected=tuple(rejected))
 
 
-def _by_photo(boxes: Sequence[AcceptedDetection]) -> dict[str, list[AcceptedDetection]]:
+def _group_by_photograph(boxes: Sequence[AcceptedDetection]) -> dict[str, list[AcceptedDetection]]:
     out: dict[str, list[AcceptedDetection]] = defaultdict(list)
     for one in boxes:
         out[one.photo_id].append(one)

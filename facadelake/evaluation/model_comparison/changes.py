@@ -14,8 +14,8 @@ from facadelake.detection import Box
 from facadelake.reviews import AcceptedDetection, compute_iou, corners_from_boxes, pair_greedily
 from schemas.vocabulary import DefectClass
 
-SAME_BOX = 0.3  # intersection over union from which two models' boxes are one: they draw differently
-COVERED = 0.5  # share of a box that others cover together: a long crack told in two parts has not vanished
+SAME_BOX_IOU_MIN = 0.3  # intersection over union from which two models' boxes are one: they draw differently
+COVERED_SHARE_MIN = 0.5  # share of a box that others cover together: a long crack told in two parts has not vanished
 
 
 class Change(StrEnum):
@@ -28,7 +28,7 @@ class Change(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Changed:
+class BoxChange:
     """A box of the old model (None: it had none there), one of the new, or both."""
 
     change: Change
@@ -36,14 +36,14 @@ class Changed:
     new: AcceptedDetection | None
 
     @property
-    def shown(self) -> AcceptedDetection:
+    def representative(self) -> AcceptedDetection:
         """The new model's box where it has one."""
         one = self.new or self.old
         assert one is not None
         return one
 
 
-def changes_between(old: Sequence[AcceptedDetection], new: Sequence[AcceptedDetection]) -> tuple[Changed, ...]:
+def compare_boxes(old: Sequence[AcceptedDetection], new: Sequence[AcceptedDetection]) -> tuple[BoxChange, ...]:
     """Every box of both models once, photograph by photograph.
 
     Boxes of one class that overlap by 0.3 stay, and so do boxes that the other model's boxes of that class cover by
@@ -53,19 +53,22 @@ def changes_between(old: Sequence[AcceptedDetection], new: Sequence[AcceptedDete
     for which, boxes in enumerate((old, new)):
         for one in boxes:
             by_photo[one.photo_id][which].append(one)
-    return tuple(change for photo_id in sorted(by_photo) for change in _in_photograph(*by_photo[photo_id]))
+    return tuple(change for photo_id in sorted(by_photo) for change in _compare_in_photograph(*by_photo[photo_id]))
 
 
-def found_at(boxes: Sequence[AcceptedDetection], box: Box, defect_class: DefectClass | None) -> bool:
+def is_found(boxes: Sequence[AcceptedDetection], box: Box, defect_class: DefectClass | None) -> bool:
     """Whether some of a photograph's ``boxes``, of the class if one is given, tell of what lies in ``box``."""
     ours = [one.box for one in boxes if defect_class in (None, one.defect_class)]
     if not ours:
         return False
     corners, place = corners_from_boxes(ours), corners_from_boxes([box])
-    return bool(compute_iou(place, corners).max() >= SAME_BOX or covered_share(place[0], corners) >= COVERED)
+    return bool(
+        compute_iou(place, corners).max() >= SAME_BOX_IOU_MIN
+        or compute_covered_share(place[0], corners) >= COVERED_SHARE_MIN
+    )
 
 
-def covered_share(corners: Float64Array, others: Float64Array) -> float:
+def compute_covered_share(corners: Float64Array, others: Float64Array) -> float:
     """Share of a box (4,) that the boxes ``others`` (n, 4) cover together, exact: on the grid of all their edges."""
     low = np.clip(others[:, :2], corners[:2], corners[2:])
     high = np.clip(others[:, 2:], corners[:2], corners[2:])
@@ -81,25 +84,25 @@ def covered_share(corners: Float64Array, others: Float64Array) -> float:
     return float((inside * np.diff(ys)[:, None] * np.diff(xs)[None, :]).sum()) / area if area > 0 else 0.0
 
 
-def _in_photograph(old: Sequence[AcceptedDetection], new: Sequence[AcceptedDetection]) -> list[Changed]:
+def _compare_in_photograph(old: Sequence[AcceptedDetection], new: Sequence[AcceptedDetection]) -> list[BoxChange]:
     shares = compute_iou(corners_from_boxes(one.box for one in old), corners_from_boxes(one.box for one in new))
     same = np.array([[a.defect_class is b.defect_class for b in new] for a in old], dtype=bool).reshape(shares.shape)
-    pairs = pair_greedily(np.where(same, shares, 0.0), SAME_BOX)
+    pairs = pair_greedily(np.where(same, shares, 0.0), SAME_BOX_IOU_MIN)
     left_old = set(range(len(old))) - {pair.first for pair in pairs}
     left_new = set(range(len(new))) - {pair.second for pair in pairs}
-    out = [Changed(change=Change.STAYS, old=old[pair.first], new=new[pair.second]) for pair in pairs]
-    parts_old = {i for i in left_old if found_at(new, old[i].box, old[i].defect_class)}
-    parts_new = {j for j in left_new if found_at(old, new[j].box, new[j].defect_class)}
-    out += [Changed(change=Change.STAYS, old=old[i], new=None) for i in sorted(parts_old)]
-    out += [Changed(change=Change.STAYS, old=None, new=new[j]) for j in sorted(parts_new)]
+    out = [BoxChange(change=Change.STAYS, old=old[pair.first], new=new[pair.second]) for pair in pairs]
+    parts_old = {i for i in left_old if is_found(new, old[i].box, old[i].defect_class)}
+    parts_new = {j for j in left_new if is_found(old, new[j].box, new[j].defect_class)}
+    out += [BoxChange(change=Change.STAYS, old=old[i], new=None) for i in sorted(parts_old)]
+    out += [BoxChange(change=Change.STAYS, old=None, new=new[j]) for j in sorted(parts_new)]
     left_old, left_new = left_old - parts_old, left_new - parts_new
     others = np.zeros_like(shares)
     for i in left_old:
         for j in left_new:
             others[i, j] = shares[i, j]
-    renamed = pair_greedily(others, COVERED)
-    out += [Changed(change=Change.RENAMED, old=old[pair.first], new=new[pair.second]) for pair in renamed]
+    renamed = pair_greedily(others, COVERED_SHARE_MIN)
+    out += [BoxChange(change=Change.RENAMED, old=old[pair.first], new=new[pair.second]) for pair in renamed]
     gone = sorted(left_old - {pair.first for pair in renamed})
     come = sorted(left_new - {pair.second for pair in renamed})
-    out += [Changed(change=Change.VANISHES, old=old[i], new=None) for i in gone]
-    return out + [Changed(change=Change.APPEARS, old=None, new=new[j]) for j in come]
+    out += [BoxChange(change=Change.VANISHES, old=old[i], new=None) for i in gone]
+    return out + [BoxChange(change=Change.APPEARS, old=None, new=new[j]) for j in come]

@@ -22,17 +22,17 @@ from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.detection import SearchRegion, detect_photographs
 from facadelake.detection.inference import OnnxDetector, load_detector
-from facadelake.evaluation.model_comparison.against_reviews import OnWords, against_words
-from facadelake.evaluation.model_comparison.changes import Change, Changed, changes_between
+from facadelake.evaluation.model_comparison.against_reviews import ReviewComparison, compare_with_reviews
+from facadelake.evaluation.model_comparison.changes import BoxChange, Change, compare_boxes
 from facadelake.evaluation.model_comparison.contact_sheet import Crop, write_sheet
-from facadelake.evaluation.model_comparison.defects import WallDefect, joint_detections, wall_defects
+from facadelake.evaluation.model_comparison.defects import DefectChange, compare_defects, join_detections
 from facadelake.evaluation.model_comparison.report import (
     CampaignComparison,
-    Comparison,
-    ModelNamed,
-    comparison_folder,
-    counts_of,
-    lost_defects,
+    ComparedModel,
+    ModelComparison,
+    count_changes,
+    list_lost_defects,
+    locate_comparison,
     write_comparison,
 )
 from facadelake.photos import find_masks
@@ -41,17 +41,17 @@ from facadelake.registry import Building, Portfolio
 from facadelake.reviews import AcceptedDetection, match_reviews, reviews_from_table, select_accepted_detections
 from schemas.vocabulary import PhotoOutcome
 
-log = logging.getLogger("facadelake.flows")
+_log = logging.getLogger("facadelake.flows")
 
 _TABLES = ("runs", "photos", "poses", "georeference", "detections", "observations", "reviews")
-_MOST_CROPS = 48  # a sheet
+_CROPS_MAX = 48  # a sheet
 
 
 @dataclass(frozen=True, kw_only=True)
-class Compared:
+class ModelComparisonResult:
     """A comparison, its folder, and the sheets drawn there."""
 
-    comparison: Comparison
+    comparison: ModelComparison
     folder: Path
     sheets: tuple[Path, ...]
 
@@ -65,32 +65,32 @@ def compare_models(
     lake: Path,
     sample: int | None,
     folder: Path | None,
-) -> Compared:
+) -> ModelComparisonResult:
     """Run both models on the photographs of ``campaigns`` (building/campaign) and write what differs.
 
     ``sample``: at most so many photographs of each campaign, those that persons spoke of first. What a model found in a
     photograph is kept in the lake's cache. Raises InputDataError for the same model twice or an unknown campaign.
     """
-    chosen = [_campaign(portfolio, word) for word in dict.fromkeys(campaigns)]
+    chosen = [_parse_campaign(portfolio, word) for word in dict.fromkeys(campaigns)]
     models = [load_detector(path, threads=1) for path in (old, new)]
     if models[0].sha256 == models[1].sha256:
         raise InputDataError(
             f"{old} and {new} are the same file; give two models (a card alone is tried with evaluate-detector)"
         )
-    place = folder or comparison_folder(lake, models[0].sha256, models[1].sha256)
-    done = [_compared(building, campaign_id, models, lake, sample) for building, campaign_id in chosen]
-    comparison = Comparison(
-        old=ModelNamed(name=models[0].name, sha256=models[0].sha256),
-        new=ModelNamed(name=models[1].name, sha256=models[1].sha256),
+    place = folder or locate_comparison(lake, models[0].sha256, models[1].sha256)
+    done = [_compare_on_campaign(building, campaign_id, models, lake, sample) for building, campaign_id in chosen]
+    comparison = ModelComparison(
+        old=ComparedModel(name=models[0].name, sha256=models[0].sha256),
+        new=ComparedModel(name=models[1].name, sha256=models[1].sha256),
         made_at=datetime.now(UTC).replace(microsecond=0),
         facadelake=version_of("facadelake"),
         campaigns=tuple(one.report for one in done),
     )
     write_comparison(comparison, place)
-    return Compared(comparison=comparison, folder=place, sheets=_sheets(place, done, comparison))
+    return ModelComparisonResult(comparison=comparison, folder=place, sheets=_draw_sheets(place, done, comparison))
 
 
-def _campaign(portfolio: Portfolio, word: str) -> tuple[Building, str]:
+def _parse_campaign(portfolio: Portfolio, word: str) -> tuple[Building, str]:
     building, slash, campaign_id = word.partition("/")
     if not slash or not building or not campaign_id:
         raise InputDataError(f"--campaign '{word}' is not BUILDING/CAMPAIGN, such as demo/2026-04")
@@ -98,23 +98,23 @@ def _campaign(portfolio: Portfolio, word: str) -> tuple[Building, str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Done:
+class _CampaignResult:
     report: CampaignComparison
     root: Path
-    changes: tuple[Changed, ...]
-    wall: tuple[WallDefect, ...]
-    words: OnWords
+    changes: tuple[BoxChange, ...]
+    wall: tuple[DefectChange, ...]
+    words: ReviewComparison
 
 
-def _compared(
+def _compare_on_campaign(
     building: Building, campaign_id: str, models: Sequence[OnnxDetector], lake: Path, sample: int | None
-) -> _Done:
+) -> _CampaignResult:
     tables = committed_tables(building, campaign_id, _TABLES, lake=lake)
     root = building.photographs_of(campaign_id)
     reviews = reviews_from_table(tables["reviews"])
-    chosen, total = _chosen(tables["photos"], {word.photo_id for word in reviews}, sample)
+    chosen, total = _select_photographs(tables["photos"], {word.photo_id for word in reviews}, sample)
     photos = tables["photos"].filter(pa.compute.is_in(tables["photos"].column("photo_id"), pa.array(chosen)))
-    model, remark = _model(building, campaign_id, tables)
+    model, remark = _read_committed_model(building, campaign_id, tables)
     masks = find_masks(root)
     view_of = (lambda _: SearchRegion()) if model is None else prepare_building_views(model, tables["poses"], masks)
     run_id = tables["runs"].column("run_id")[0].as_py()
@@ -130,14 +130,14 @@ def _compared(
             "masks": {photo_id: hash_file(mask) for photo_id, mask in masks.items()},
             "code": compute_code_version(__name__).sha256,
         }
-        found.append(_found(lake, compute_key(parts), photos, root, one, building.detector.classes, view_of))
+        found.append(_detect_cached(lake, compute_key(parts), photos, root, one, building.detector.classes, view_of))
     old, new = (select_accepted_detections(table) for table in found)
-    changes = changes_between(old, new)
-    wall: tuple[WallDefect, ...] = ()
+    changes = compare_boxes(old, new)
+    wall: tuple[DefectChange, ...] = ()
     if model is not None and changes:
-        merged = register_on_committed_poses(building, campaign_id, model, joint_detections(changes, *found), tables)
-        wall = wall_defects(merged.observations, merged.defects)
-    words = against_words(
+        merged = register_on_committed_poses(building, campaign_id, model, join_detections(changes, *found), tables)
+        wall = compare_defects(merged.observations, merged.defects)
+    words = compare_with_reviews(
         match_reviews(reviews, select_accepted_detections(tables["detections"])), old, new, set(chosen)
     )
     report = CampaignComparison(
@@ -146,32 +146,34 @@ def _compared(
         run_id=run_id,
         photographs_total=total,
         photographs=tuple(chosen),
-        boxes=counts_of(changes),
-        wall=None if model is None else counts_of(wall),
+        boxes=count_changes(changes),
+        wall=None if model is None else count_changes(wall),
         wall_remark=remark,
-        words=words.counts(),
-        lost=lost_defects(words),
+        words=words.count_outcomes(),
+        lost=list_lost_defects(words),
     )
-    return _Done(report=report, root=root, changes=changes, wall=wall, words=words)
+    return _CampaignResult(report=report, root=root, changes=changes, wall=wall, words=words)
 
 
-def _chosen(photos: pa.Table, spoken_of: Collection[str], sample: int | None) -> tuple[list[str], int]:
+def _select_photographs(photos: pa.Table, spoken_of: Collection[str], sample: int | None) -> tuple[list[str], int]:
     """The photographs to look at and how many there are: those spoken of first, then by the hash of their names."""
     accepted = [row["photo_id"] for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
     order = sorted(accepted, key=lambda one: (one not in spoken_of, hashlib.sha256(one.encode()).hexdigest()))
     return sorted(order[:sample]), len(accepted)
 
 
-def _model(building: Building, campaign_id: str, tables: Mapping[str, pa.Table]) -> tuple[BuildingModel | None, str]:
+def _read_committed_model(
+    building: Building, campaign_id: str, tables: Mapping[str, pa.Table]
+) -> tuple[BuildingModel | None, str]:
     """The building's model as it stood, else why there is none: then boxes are compared in photographs alone."""
     try:
         return committed_model(building, campaign_id, tables["buildings"].to_pylist()[0]), ""
     except FacadelakeError as error:
-        log.warning("%s %s is compared in photographs alone: %s", building.id, campaign_id, error)
+        _log.warning("%s %s is compared in photographs alone: %s", building.id, campaign_id, error)
         return None, str(error)
 
 
-def _found(
+def _detect_cached(
     lake: Path,
     key: str,
     photos: pa.Table,
@@ -190,14 +192,14 @@ def _found(
     return read_table("detections", open_stage_cache(lake).get_or_make("compare", key, make).folder)
 
 
-def _sheets(folder: Path, done: Sequence[_Done], comparison: Comparison) -> tuple[Path, ...]:
+def _draw_sheets(folder: Path, done: Sequence[_CampaignResult], comparison: ModelComparison) -> tuple[Path, ...]:
     """Pictures of what vanishes, appears and is lost, best scores first; a defect of the wall once."""
     names = f"{comparison.old.name} {comparison.old.sha256[:8]} -> {comparison.new.name} {comparison.new.sha256[:8]}"
     drawn = []
     for change in (Change.VANISHES, Change.APPEARS):
-        shown = [pair for one in done for pair in _shown(one, change)]
+        shown = [pair for one in done for pair in _select_boxes(one, change)]
         shown.sort(key=lambda pair: -pair[1].score)
-        crops = [_crop(one, box) for one, box in shown[:_MOST_CROPS]]
+        crops = [_crop_box(one, box) for one, box in shown[:_CROPS_MAX]]
         title = f"{change}: {len(shown)}, the {len(crops)} of the highest scores   {names}"
         drawn.append(write_sheet(folder / f"{change}.png", crops, title=title))
     lost = [(one, word) for one in done for place in one.words.lost for word in place.words[:1]]
@@ -208,15 +210,15 @@ def _sheets(folder: Path, done: Sequence[_Done], comparison: Comparison) -> tupl
             title=f"{word.defect_class} by {word.reviewer}",
             below=f"{one.report.building_id} {Path(word.photo_id).name}",
         )
-        for one, word in lost[:_MOST_CROPS]
+        for one, word in lost[:_CROPS_MAX]
     ]
     drawn.append(write_sheet(folder / "lost.png", crops, title=f"confirmed and lost: {len(lost)}   {names}"))
     return tuple(path for path in drawn if path is not None)
 
 
-def _shown(one: _Done, wanted: Change) -> list[tuple[_Done, AcceptedDetection]]:
+def _select_boxes(one: _CampaignResult, wanted: Change) -> list[tuple[_CampaignResult, AcceptedDetection]]:
     """The boxes that a sheet shows: one for each defect of the wall, else each box of the photographs."""
-    boxes = [changed.shown for changed in one.changes if changed.change is wanted]
+    boxes = [changed.representative for changed in one.changes if changed.change is wanted]
     if one.report.wall is None:
         return [(one, box) for box in boxes]
     by_id = {box.detection_id: box for box in boxes}
@@ -228,7 +230,7 @@ def _shown(one: _Done, wanted: Change) -> list[tuple[_Done, AcceptedDetection]]:
     return [(one, box) for box in best]
 
 
-def _crop(one: _Done, box: AcceptedDetection) -> Crop:
+def _crop_box(one: _CampaignResult, box: AcceptedDetection) -> Crop:
     return Crop(
         photograph=one.root / box.photo_id,
         box=box.box,

@@ -17,8 +17,8 @@ from facadelake.detection import Box
 from facadelake.detection.inference import read_photograph
 
 _CELL_PX, _CAPTION_PX, _COLUMNS = 220, 34, 6
-_AROUND = 2.2  # side of a crop over its box's longer side: a person needs to see where it is
-_LEAST_PX = 96
+_CONTEXT_FACTOR = 2.2  # side of a crop over its box's longer side: a person needs to see where it is
+_SIDE_MIN_PX = 96
 _BACKGROUND, _INK, _TITLE_SIZE = 255, (40, 40, 40), 0.6
 _FRAME_BGR = (30, 30, 220)
 
@@ -50,8 +50,8 @@ def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None
     for photograph, places in track(by_photograph.items(), label="Drawing"):
         image = read_photograph(photograph)
         for i in places:
-            cells[i] = _cell(image, crops[i])
-    sheet = _arranged(cells, crops, title)
+            cells[i] = _draw_cell(image, crops[i])
+    sheet = _arrange_cells(cells, crops, title)
     done, data = cv2.imencode(".png", sheet)
     try:
         if not done:
@@ -63,13 +63,13 @@ def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None
     return path
 
 
-def _cell(image: UInt8Image | None, crop: Crop) -> UInt8Image:
+def _draw_cell(image: UInt8Image | None, crop: Crop) -> UInt8Image:
     cell = np.full((_CELL_PX, _CELL_PX, 3), 200, dtype=np.uint8)
     if image is None:
         return cell
     height, width = image.shape[:2]
     box = crop.box
-    side = round(min(max(_AROUND * max(box.width_px, box.height_px), _LEAST_PX), width, height))
+    side = round(min(max(_CONTEXT_FACTOR * max(box.width_px, box.height_px), _SIDE_MIN_PX), width, height))
     left = int(np.clip(round(box.x_px + box.width_px / 2 - side / 2), 0, width - side))
     top = int(np.clip(round(box.y_px + box.height_px / 2 - side / 2), 0, height - side))
     part = image[top : top + side, left : left + side]
@@ -84,22 +84,22 @@ def _cell(image: UInt8Image | None, crop: Crop) -> UInt8Image:
     return cell
 
 
-def _arranged(cells: Mapping[int, UInt8Image], crops: Sequence[Crop], title: str) -> UInt8Image:
+def _arrange_cells(cells: Mapping[int, UInt8Image], crops: Sequence[Crop], title: str) -> UInt8Image:
     columns = min(_COLUMNS, len(crops))
     rows = -(-len(crops) // columns)
     step_x, step_y, head = _CELL_PX + 8, _CELL_PX + _CAPTION_PX + 8, 34
     (title_px, _), _ = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, _TITLE_SIZE, 1)
     width = max(columns * step_x + 8, title_px + 20)
     sheet = np.full((head + rows * step_y, width, 3), _BACKGROUND, dtype=np.uint8)
-    _write(sheet, title, 10, 23, _TITLE_SIZE)
+    _draw_text(sheet, title, 10, 23, _TITLE_SIZE)
     for i, crop in enumerate(crops):
         x, y = 8 + (i % columns) * step_x, head + (i // columns) * step_y
         sheet[y : y + _CELL_PX, x : x + _CELL_PX] = cells[i]
-        _write(sheet, crop.title, x, y + _CELL_PX + 13, 0.42)
-        _write(sheet, crop.below, x, y + _CELL_PX + 28, 0.36)
+        _draw_text(sheet, crop.title, x, y + _CELL_PX + 13, 0.42)
+        _draw_text(sheet, crop.below, x, y + _CELL_PX + 28, 0.36)
     return sheet
 
 
-def _write(sheet: UInt8Image, text: str, x: int, y: int, size: float) -> None:
+def _draw_text(sheet: UInt8Image, text: str, x: int, y: int, size: float) -> None:
     plain = text.encode("ascii", "replace").decode()
     cv2.putText(sheet, plain, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, _INK, 1, cv2.LINE_AA)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.evaluation.model_comparison.changes import Change, Changed
+from facadelake.evaluation.model_comparison.changes import BoxChange, Change
 from facadelake.reviews import AcceptedDetection
 from schemas.vocabulary import DefectClass
 
@@ -20,7 +20,7 @@ _BOTH, _OLD, _NEW = "both:", "old:", "new:"
 
 
 @dataclass(frozen=True, kw_only=True)
-class WallDefect:
+class DefectChange:
     """A defect of the wall and what becomes of it; ``sightings`` are (photo_id, detection_id) as the models had it."""
 
     change: Change
@@ -31,7 +31,7 @@ class WallDefect:
     sightings: tuple[tuple[str, str], ...]
 
 
-def joint_detections(changes: Sequence[Changed], old: pa.Table, new: pa.Table) -> pa.Table:
+def join_detections(changes: Sequence[BoxChange], old: pa.Table, new: pa.Table) -> pa.Table:
     """Table ``detections`` of both models, what both found once, to be registered and merged as one.
 
     A renamed box is two: the old class vanishes, the new one appears.
@@ -39,10 +39,12 @@ def joint_detections(changes: Sequence[Changed], old: pa.Table, new: pa.Table) -
     both = [one.new for one in changes if one.change is Change.STAYS]
     gone = [one.old for one in changes if one.change is not Change.STAYS]
     come = [one.new for one in changes if one.change is not Change.STAYS]
-    return pa.concat_tables([_marked(new, both, _BOTH), _marked(old, gone, _OLD), _marked(new, come, _NEW)])
+    return pa.concat_tables(
+        [_mark_detections(new, both, _BOTH), _mark_detections(old, gone, _OLD), _mark_detections(new, come, _NEW)]
+    )
 
 
-def _marked(table: pa.Table, boxes: Sequence[AcceptedDetection | None], mark: str) -> pa.Table:
+def _mark_detections(table: pa.Table, boxes: Sequence[AcceptedDetection | None], mark: str) -> pa.Table:
     """The rows of ``boxes`` with the mark before their ids."""
     ids = pa.array([one.detection_id for one in boxes if one is not None], pa.string())
     rows = table.take(pc.index_in(ids, table.column("detection_id").combine_chunks()))
@@ -50,7 +52,7 @@ def _marked(table: pa.Table, boxes: Sequence[AcceptedDetection | None], mark: st
     return rows.set_column(at, rows.schema.field(at), pa.array([f"{mark}{key.as_py()}" for key in ids], pa.string()))
 
 
-def wall_defects(observations: pa.Table, defects: pa.Table) -> tuple[WallDefect, ...]:
+def compare_defects(observations: pa.Table, defects: pa.Table) -> tuple[DefectChange, ...]:
     """What becomes of each merged defect, by the models that saw it."""
     seen: dict[str, list[tuple[str, str]]] = defaultdict(list)
     for row in observations.select(["defect_id", "photo_id", "detection_id"]).to_pylist():
@@ -65,7 +67,7 @@ def wall_defects(observations: pa.Table, defects: pa.Table) -> tuple[WallDefect,
         elif marks == {_NEW}:
             change = Change.APPEARS
         out.append(
-            WallDefect(
+            DefectChange(
                 change=change,
                 defect_id=row["defect_id"],
                 defect_class=DefectClass(row["defect_class"]),

@@ -19,11 +19,11 @@ from facadelake.detection import (
 )
 from facadelake.detection.inference import find_card, load_detector
 from facadelake.evaluation.detectors.card_results import evaluations
-from facadelake.evaluation.model_comparison.report import REPORT, Comparison, comparison_folder, read_comparison
+from facadelake.evaluation.model_comparison.report import REPORT, ModelComparison, locate_comparison, read_comparison
 
 
-def objections(
-    comparison: Comparison,
+def list_objections(
+    comparison: ModelComparison,
     *,
     old_sha256: str | None,
     new_sha256: str,
@@ -68,7 +68,7 @@ def objections(
     return tuple(found)
 
 
-def evidence(comparison: Comparison, *, lost_max: int) -> str:
+def describe_evidence(comparison: ModelComparison, *, lost_max: int) -> str:
     """What a promotion rests on, in a sentence for the list of models."""
     words = comparison.words
     photographs = sum(len(campaign.photographs) for campaign in comparison.campaigns)
@@ -81,7 +81,7 @@ def evidence(comparison: Comparison, *, lost_max: int) -> str:
     )
 
 
-log = logging.getLogger("facadelake.flows")
+_log = logging.getLogger("facadelake.flows")
 
 
 def promote_model(
@@ -105,14 +105,14 @@ def promote_model(
         if not text.strip():
             raise InputDataError(f"{name} is empty; a promotion says who decided it and why")
     new_sha256 = hash_file(new)
-    old_sha256 = _default_sha256(models)
+    old_sha256 = _hash_default_model(models)
     known = read_promotions(models)
     if known and known[-1].sha256 == new_sha256:
         return known[-1], f"{new} is the default detector already"
-    path = report or _report_of(lake, old_sha256, new_sha256)
+    path = report or _locate_report(lake, old_sha256, new_sha256)
     comparison = read_comparison(path)
     load_detector(new, threads=1)  # a model that does not run as its card says is no default
-    against = objections(
+    against = list_objections(
         comparison,
         old_sha256=old_sha256,
         new_sha256=new_sha256,
@@ -123,26 +123,26 @@ def promote_model(
     if against:
         listed = "\n".join(f"  - {one}" for one in against)
         raise ModelError(f"{new.name} was not promoted, the default stays as it was:\n{listed}")
-    rests_on = evidence(comparison, lost_max=lost_max)
+    rests_on = describe_evidence(comparison, lost_max=lost_max)
     done = add_promotion(new, by=by.strip(), why=why.strip(), evidence=rests_on, replaces=old_sha256, folder=models)
     return done, f"{rests_on}; the models' list is {models / MODEL_LIST}"
 
 
-def _default_sha256(models: Path) -> str | None:
+def _hash_default_model(models: Path) -> str | None:
     """The default detector's hash, None where there is none yet."""
     try:
         return hash_file(find_default_model(models))
     except ModelError as error:
-        log.warning("%s", error)
+        _log.warning("%s", error)
         return None
 
 
-def _report_of(lake: Path, old_sha256: str | None, new_sha256: str) -> Path:
+def _locate_report(lake: Path, old_sha256: str | None, new_sha256: str) -> Path:
     if old_sha256 is None:
         raise InputDataError(
             "there is no default detector to compare with; name the comparison that speaks for the new one: --report"
         )
-    path = comparison_folder(lake, old_sha256, new_sha256) / REPORT
+    path = locate_comparison(lake, old_sha256, new_sha256) / REPORT
     if not path.is_file():
         raise InputDataError(
             f"the new model was not compared with the default one (no {path}); run 'facadelake compare-models default "

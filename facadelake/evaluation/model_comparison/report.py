@@ -10,28 +10,28 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.evaluation.model_comparison.against_reviews import OnWords, Place
-from facadelake.evaluation.model_comparison.changes import Change, Changed
-from facadelake.evaluation.model_comparison.defects import WallDefect
+from facadelake.evaluation.model_comparison.against_reviews import ReviewComparison, ReviewedFinding
+from facadelake.evaluation.model_comparison.changes import BoxChange, Change
+from facadelake.evaluation.model_comparison.defects import DefectChange
 from facadelake.reviews import Review
 
 FOLDER, REPORT = "comparisons", "comparison.json"
 
-Counts = dict[str, dict[str, int]]  # class -> change -> number
+ChangeCounts = dict[str, dict[str, int]]  # class -> change -> number
 
 
-class _Part(BaseModel):
+class _ReportPart(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class ModelNamed(_Part):
+class ComparedModel(_ReportPart):
     """A model by its card's name and its file's hash."""
 
     name: str
     sha256: str
 
 
-class LostDefect(_Part):
+class LostDefect(_ReportPart):
     """A confirmed defect that the old model finds and the new one does not, by one of its photographs."""
 
     defect: str
@@ -41,7 +41,7 @@ class LostDefect(_Part):
     sightings: int
 
 
-class CampaignComparison(_Part):
+class CampaignComparison(_ReportPart):
     """One campaign: ``boxes`` and ``wall`` count changes by class; ``wall_remark`` says why there is no wall."""
 
     building_id: str
@@ -49,18 +49,18 @@ class CampaignComparison(_Part):
     run_id: str
     photographs_total: int
     photographs: tuple[str, ...]
-    boxes: Counts
-    wall: Counts | None
+    boxes: ChangeCounts
+    wall: ChangeCounts | None
     wall_remark: str
     words: dict[str, int]
     lost: tuple[LostDefect, ...]
 
 
-class Comparison(_Part):
+class ModelComparison(_ReportPart):
     """Two models on the photographs of stored campaigns."""
 
-    old: ModelNamed
-    new: ModelNamed
+    old: ComparedModel
+    new: ComparedModel
     made_at: datetime
     facadelake: str
     campaigns: tuple[CampaignComparison, ...]
@@ -79,27 +79,29 @@ class Comparison(_Part):
         return tuple(one for campaign in self.campaigns for one in campaign.lost)
 
 
-def comparison_folder(lake: Path, old_sha256: str, new_sha256: str) -> Path:
+def locate_comparison(lake: Path, old_sha256: str, new_sha256: str) -> Path:
     """Where the comparison of two models on a lake's campaigns is."""
     return lake / FOLDER / f"{old_sha256[:12]}-{new_sha256[:12]}"
 
 
-def counts_of(changes: Sequence[Changed | WallDefect]) -> Counts:
+def count_changes(changes: Sequence[BoxChange | DefectChange]) -> ChangeCounts:
     """Changes by class; a renamed box counts for the class it had."""
-    out: Counts = {}
+    out: ChangeCounts = {}
     for one in changes:
-        defect_class = one.defect_class if isinstance(one, WallDefect) else (one.old or one.shown).defect_class
+        defect_class = (
+            one.defect_class if isinstance(one, DefectChange) else (one.old or one.representative).defect_class
+        )
         of_class = out.setdefault(str(defect_class), {str(change): 0 for change in Change})
         of_class[str(one.change)] += 1
     return dict(sorted(out.items()))
 
 
-def lost_defects(words: OnWords) -> tuple[LostDefect, ...]:
+def list_lost_defects(words: ReviewComparison) -> tuple[LostDefect, ...]:
     """The defects that the new model loses, as the report names them."""
-    return tuple(_lost(place) for place in words.lost)
+    return tuple(_describe_lost_defect(place) for place in words.lost)
 
 
-def _lost(place: Place) -> LostDefect:
+def _describe_lost_defect(place: ReviewedFinding) -> LostDefect:
     largest: Review = max(place.words, key=lambda word: word.effective_box.width_px * word.effective_box.height_px)
     box = largest.effective_box
     return LostDefect(
@@ -111,7 +113,7 @@ def _lost(place: Place) -> LostDefect:
     )
 
 
-def write_comparison(comparison: Comparison, folder: Path) -> Path:
+def write_comparison(comparison: ModelComparison, folder: Path) -> Path:
     """Write the report to ``folder``. Raises StoreError where the disk fails."""
     path = folder / REPORT
     part = path.with_name(f".{REPORT}.part")
@@ -124,10 +126,10 @@ def write_comparison(comparison: Comparison, folder: Path) -> Path:
     return path
 
 
-def read_comparison(path: Path) -> Comparison:
+def read_comparison(path: Path) -> ModelComparison:
     """Read a report. Raises InputDataError where it is missing or not one."""
     try:
-        return Comparison.model_validate_json(path.read_text(encoding="utf-8"))
+        return ModelComparison.model_validate_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise InputDataError(f"there is no comparison at {path}; 'facadelake compare-models' makes it") from error
     except (OSError, UnicodeDecodeError, ValidationError) as error:

@@ -87,9 +87,9 @@ def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
 def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     old, new = _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
     given = {"id": "a", "name": "A", "model": "a.ifc", "photographs": "{campaign}"}
-    monkeypatch.setattr("facadelake.detection.configured_detector.default_model", lambda: old)
+    monkeypatch.setattr("facadelake.detection.configured_detector.find_default_model", lambda: old)
     begun = resolve_default_model(Building.model_validate(given))
-    monkeypatch.setattr("facadelake.detection.configured_detector.default_model", lambda: new)
+    monkeypatch.setattr("facadelake.detection.configured_detector.find_default_model", lambda: new)
     assert isinstance(begun.detector, OnnxDetectorSetting)
     assert (locate_model(begun.detector), resolve_default_model(begun)) == (old, begun)
     own = Building.model_validate({**given, "detector": {"kind": "onnx", "model": str(tmp_path / "own.onnx")}})

@@ -11,17 +11,17 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluation.model_comparison.against_reviews import OnWords, against_words
-from facadelake.evaluation.model_comparison.changes import Change, changes_between, covered_share
+from facadelake.evaluation.model_comparison.against_reviews import ReviewComparison, compare_with_reviews
+from facadelake.evaluation.model_comparison.changes import Change, compare_boxes, compute_covered_share
 from facadelake.evaluation.model_comparison.contact_sheet import Crop, write_sheet
-from facadelake.evaluation.model_comparison.defects import joint_detections, wall_defects
-from facadelake.evaluation.model_comparison.promote import evidence, objections
+from facadelake.evaluation.model_comparison.defects import compare_defects, join_detections
+from facadelake.evaluation.model_comparison.promote import describe_evidence, list_objections
 from facadelake.evaluation.model_comparison.report import (
     CampaignComparison,
-    Comparison,
-    ModelNamed,
-    counts_of,
-    lost_defects,
+    ComparedModel,
+    ModelComparison,
+    count_changes,
+    list_lost_defects,
     read_comparison,
     write_comparison,
 )
@@ -46,7 +46,7 @@ NEW = rows(
     ("p2.jpg", "crack", box(50, 50)),  # appears, in another photograph
     model=NEW_MODEL,
 )
-CHANGES = changes_between(select_accepted_detections(OLD), select_accepted_detections(NEW))
+CHANGES = compare_boxes(select_accepted_detections(OLD), select_accepted_detections(NEW))
 
 
 def test_every_box_is_told_once() -> None:
@@ -56,7 +56,7 @@ def test_every_box_is_told_once() -> None:
     for which, table in (("old", OLD), ("new", NEW)):
         told = [getattr(one, which).detection_id for one in CHANGES if getattr(one, which) is not None]
         assert sorted(told) == sorted(table.column("detection_id").to_pylist())
-    assert counts_of(CHANGES) == {
+    assert count_changes(CHANGES) == {
         "crack": {"stays": 3, "renamed": 0, "appears": 2, "vanishes": 1},
         "spalling": {"stays": 0, "renamed": 1, "appears": 0, "vanishes": 0},
     }
@@ -66,9 +66,9 @@ def test_a_long_crack_in_many_short_parts_has_not_vanished() -> None:
     whole = seen(("p0.jpg", "crack", box(0, 0, 1000, 20)))
     parts = seen(*[("p0.jpg", "crack", box(100.0 * i, 0, 90, 20)) for i in range(10)], model=NEW_MODEL)
     for one, other in ((whole, parts), (parts, whole)):
-        assert {change.change for change in changes_between(one, other)} == {Change.STAYS}
+        assert {change.change for change in compare_boxes(one, other)} == {Change.STAYS}
     few = parts[:4]
-    there = Counter(change.change for change in changes_between(whole, few))
+    there = Counter(change.change for change in compare_boxes(whole, few))
     assert there == {Change.VANISHES: 1, Change.STAYS: 4}  # 36 % of it is found
 
 
@@ -77,11 +77,11 @@ def test_share_that_others_cover_together_is_exact() -> None:
     others = corners_from_boxes([box(-5, -5, 25, 10), box(10, 0, 20, 10), box(90, 5, 50, 50), box(300, 0, 5, 5)])
     counted = np.zeros((10, 100), dtype=bool)  # pixel by pixel
     counted[0:5, 0:20] = counted[:, 10:30] = counted[5:, 90:] = True
-    assert covered_share(place, others) == pytest.approx(counted.mean(), abs=1e-12)
+    assert compute_covered_share(place, others) == pytest.approx(counted.mean(), abs=1e-12)
 
 
 def test_both_models_are_merged_as_one_and_told_apart_by_sightings() -> None:
-    joint = joint_detections(CHANGES, OLD, NEW)
+    joint = join_detections(CHANGES, OLD, NEW)
     assert joint.schema.equals(OLD.schema)
     ids = joint.column("detection_id").to_pylist()
     assert len(set(ids)) == len(ids) == 8
@@ -102,11 +102,11 @@ def test_both_models_are_merged_as_one_and_told_apart_by_sightings() -> None:
     defects = pa.table(
         {"defect_id": list(merged), "defect_class": ["crack"] * 4, "facade": ["S"] * 4, "storey": [None] * 4}
     )
-    fates = {one.defect_id: one.change for one in wall_defects(observations, defects)}
+    fates = {one.defect_id: one.change for one in compare_defects(observations, defects)}
     assert fates == {"D1": Change.STAYS, "D2": Change.APPEARS, "D3": Change.VANISHES, "D4": Change.STAYS}
 
 
-def words(photographs: tuple[str, ...] = ("p0.jpg", "p1.jpg", "p2.jpg")) -> OnWords:
+def words(photographs: tuple[str, ...] = ("p0.jpg", "p1.jpg", "p2.jpg")) -> ReviewComparison:
     """Both confirmed cracks are defects D1 and D4, the spalling is rejected, and one in p1 had been missed."""
     places = list_review_items(
         match_reviews((), select_accepted_detections(OLD)),
@@ -119,7 +119,7 @@ def words(photographs: tuple[str, ...] = ("p0.jpg", "p1.jpg", "p2.jpg")) -> OnWo
         create_review(by_id["p0.jpg#3"], Verdict.REJECTED, SAID),
         create_missed_review("p1.jpg", box(400, 405), CRACK, SAID),
     )
-    return against_words(
+    return compare_with_reviews(
         match_reviews(reviews, select_accepted_detections(OLD)),
         select_accepted_detections(OLD),
         select_accepted_detections(NEW),
@@ -128,13 +128,13 @@ def words(photographs: tuple[str, ...] = ("p0.jpg", "p1.jpg", "p2.jpg")) -> OnWo
 
 
 def test_words_tell_losses_from_gains() -> None:
-    assert words().counts() == {
+    assert words().count_outcomes() == {
         "confirmed": 3, "confirmed_by_old": 2, "confirmed_by_new": 2, "confirmed_lost": 1, "confirmed_gained": 1,
         "rejected": 1, "rejected_by_old": 1, "rejected_by_new": 0, "rejected_lost": 1, "rejected_gained": 0,
     }  # fmt: skip
-    (lost,) = lost_defects(words())
+    (lost,) = list_lost_defects(words())
     assert (lost.defect, lost.photo_id, lost.box_px) == ("D4", "p1.jpg", (50.0, 50.0, 100.0, 40.0))
-    assert words(("p0.jpg",)).counts()["confirmed"] == 1
+    assert words(("p0.jpg",)).count_outcomes()["confirmed"] == 1
 
 
 LATER = replace(SAID, run_id="run-2")
@@ -144,26 +144,26 @@ def test_a_defect_seen_in_another_of_its_photographs_is_not_lost() -> None:
     found = (("p1.jpg", "crack", box(50, 50)), ("p2.jpg", "crack", box(50, 50)))
     places = list_review_items(match_reviews((), seen(*found)), {"p1.jpg#1": "D1", "p2.jpg#2": "D1"})
     judgement = match_reviews([create_review(place, Verdict.CONFIRMED, SAID) for place in places], seen(*found))
-    one = against_words(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
+    one = compare_with_reviews(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
     assert (len(one.defects), one.lost) == (1, ())
     # Another run's D1 is another defect: it does not hide that this one is lost.
     reviews = [create_review(place, Verdict.CONFIRMED, said) for place, said in zip(places, (SAID, LATER), strict=True)]
     judgement = match_reviews(reviews, seen(*found))
-    two = against_words(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
+    two = compare_with_reviews(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
     assert (len(two.defects), len(two.lost)) == (2, 1)
 
 
-def report(on_words: OnWords) -> Comparison:
-    return Comparison(
-        old=ModelNamed(name="old", sha256=OLD_MODEL),
-        new=ModelNamed(name="new", sha256=NEW_MODEL),
+def report(on_words: ReviewComparison) -> ModelComparison:
+    return ModelComparison(
+        old=ComparedModel(name="old", sha256=OLD_MODEL),
+        new=ComparedModel(name="new", sha256=NEW_MODEL),
         made_at=datetime(2026, 5, 1, tzinfo=UTC),
         facadelake="0",
         campaigns=(
             CampaignComparison(
                 building_id="tower", campaign_id="2026-04", run_id="run-1", photographs_total=5,
-                photographs=("p0.jpg", "p1.jpg", "p2.jpg"), boxes=counts_of(CHANGES), wall=None, wall_remark="no model",
-                words=on_words.counts(), lost=lost_defects(on_words),
+                photographs=("p0.jpg", "p1.jpg", "p2.jpg"), boxes=count_changes(CHANGES), wall=None, wall_remark="no model",
+                words=on_words.count_outcomes(), lost=list_lost_defects(on_words),
             ),
         ),
     )  # fmt: skip
@@ -185,21 +185,21 @@ JUDGED = [{"model_sha256": NEW_MODEL, "ap50": 0.8}]
 def test_promotion_is_refused_for_each_reason_and_for_no_other() -> None:
     made = report(words())
     good = {"old_sha256": OLD_MODEL, "new_sha256": NEW_MODEL, "evaluations": JUDGED, "lost_max": 1, "confirmed_min": 3}
-    assert objections(made, **good) == ()
-    (lost,) = objections(made, **{**good, "lost_max": 0})
+    assert list_objections(made, **good) == ()
+    (lost,) = list_objections(made, **{**good, "lost_max": 0})
     assert "it loses 1 of the 2 confirmed defects that the old one finds, allowed are 0: D4 (crack)" in lost
-    (few,) = objections(made, **{**good, "confirmed_min": 4})
+    (few,) = list_objections(made, **{**good, "confirmed_min": 4})
     assert "show 3 confirmed defects, at least 4 are needed" in few
-    (other,) = objections(made, **{**good, "old_sha256": "c" * 64})
+    (other,) = list_objections(made, **{**good, "old_sha256": "c" * 64})
     assert "the comparison is of aaaaaaaaaaaa with bbbbbbbbbbbb, not of the default cccccccccccc" in other
-    (bare,) = objections(made, **{**good, "evaluations": [{"model_sha256": OLD_MODEL}]})
+    (bare,) = list_objections(made, **{**good, "evaluations": [{"model_sha256": OLD_MODEL}]})
     assert "its card holds no evaluation of this file (it has 1 of another file's hash)" in bare
-    assert objections(made, **{**good, "old_sha256": None}) == ()
-    assert len(objections(made, **{**good, "old_sha256": "c" * 64, "lost_max": 0, "confirmed_min": 9})) == 3
+    assert list_objections(made, **{**good, "old_sha256": None}) == ()
+    assert len(list_objections(made, **{**good, "old_sha256": "c" * 64, "lost_max": 0, "confirmed_min": 9})) == 3
 
 
 def test_what_a_promotion_rests_on() -> None:
-    assert evidence(report(words()), lost_max=1) == (
+    assert describe_evidence(report(words()), lost_max=1) == (
         "compared with aaaaaaaaaaaa on 3 photographs of tower/2026-04: 1 of 3 confirmed defects lost (allowed 1), "
         "1 gained, 1 of 1 rejected ones gone"
     )

@@ -63,4 +63,4 @@ def test_published_cameras(shared_data: Path, boxes: str, shown: int) -> None:
         assert 0.003 < (figures.ray_error.mean or 0) < 0.005
     else:
         assert 0.006 < (figures.ray_error.mean or 0) < 0.04  # jittered boxes
-    assert figures.off_truth == 0
+    assert figures.registered_without_check_point == 0

@@ -10,17 +10,17 @@ import pytest
 from scipy.stats import chi2
 
 from facadelake.core.errors import SchemaError
-from facadelake.evaluation.campaigns.check_points import check_points_of
-from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_50, honesty_of
+from facadelake.evaluation.campaigns.check_points import count_check_points
+from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_50, compute_covariance_consistency
 from facadelake.evaluation.campaigns.evaluate import evaluate
-from facadelake.evaluation.campaigns.figures import Figures
+from facadelake.evaluation.campaigns.figures import CampaignFigures
 from facadelake.evaluation.campaigns.paper_table2 import PAPER_MAE, PAPER_RMSE
 from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Array, Made, Sighting, pixel, tables, write_truth
 
 CAMERA = np.array([0.0, -15.0, 3.0])
 
 
-def figures_of(made: Made, folder: Path) -> Figures:
+def figures_of(made: Made, folder: Path) -> CampaignFigures:
     return evaluate(**tables(made), truth=write_truth(folder / "truth", made), origin=ORIGIN, map_crs=CRS)
 
 
@@ -49,7 +49,7 @@ def test_two_known_errors_by_hand(tmp_path: Path) -> None:
     made = made_of(points, sightings, {f"D{name}": points[name] + errors[name] for name in points})
     made = replace(made, covariance_m2={f"D{name}": np.eye(3) * 0.02**2 for name in points})
     figures = figures_of(made, tmp_path)
-    single, merged = figures.honesty_observations, figures.honesty_defects
+    single, merged = figures.consistency_observations, figures.consistency_defects
     assert (single.n, single.inside_2sigma, merged.n, merged.inside_2sigma) == (2, 0.0, 2, 1.0)
     assert single.nees == pytest.approx((9 + 16) / 6, rel=0, abs=1e-6)
     assert merged.nees == pytest.approx(6.25 / 6, rel=0, abs=1e-6)
@@ -71,14 +71,14 @@ def test_honest_too_sure_and_too_cautious() -> None:
     factor = np.array([[0.02, 0, 0], [0.01, 0.01, 0], [-0.03, 0.004, 0.002]])
     errors = np.random.default_rng(5).normal(size=(2000, 3)) @ factor.T
     true = factor @ factor.T
-    honest = honesty_of(errors, [true] * 2000)
+    honest = compute_covariance_consistency(errors, [true] * 2000)
     assert honest.inside_2sigma is not None and 0.935 < honest.inside_2sigma < 0.965
     assert honest.nees is not None and 0.945 < honest.nees < 1.055  # variance of chi-square/3 is 2/3
     assert honest.median_ratio is not None and 0.92 < honest.median_ratio < 1.08
     assert honest.p95_ratio is not None and 0.92 < honest.p95_ratio < 1.08
-    sure = honesty_of(errors, [true / 4] * 2000)
+    sure = compute_covariance_consistency(errors, [true / 4] * 2000)
     assert sure.nees == pytest.approx(4 * honest.nees, rel=1e-9)
-    assert honesty_of(errors, [None] * 2000).inside_2sigma is None
+    assert compute_covariance_consistency(errors, [None] * 2000).inside_2sigma is None
     assert pytest.approx(chi2.ppf(0.5, 3), rel=0, abs=5e-4) == CHI_SQUARE_50
 
 
@@ -105,7 +105,7 @@ def test_missed_doubled_false_and_neighbours(tmp_path: Path) -> None:
 
 
 def test_nothing_found() -> None:
-    found = check_points_of(xyz_true_site_m={"C1": np.zeros(3)}, detected=[], shown_by_defect=[], members=[])
+    found = count_check_points(xyz_true_site_m={"C1": np.zeros(3)}, detected=[], check_point_by_defect=[], members=[])
     assert (found.missed, found.lost, found.near_pairs, found.nearest_apart_m) == (1, 0, 0, None)
 
 
@@ -126,7 +126,7 @@ def test_the_papers_table_contradicts_itself_and_ours_does_not(tmp_path: Path) -
     parts = [table.round_trip.horizontal.mean, table.round_trip.vertical.mean, table.round_trip.diagonal.mean]
     assert parts == pytest.approx([-1.5, 2.0, 2.5], rel=0, abs=1e-6)  # cm
     assert table.observations_3d.mae == pytest.approx(0.0, rel=0, abs=1e-6)  # cm
-    assert [row[0] for row in table.rows()] == ["horizontal", "vertical", "diagonal", "3D"]
+    assert [row[0] for row in table.format_rows()] == ["horizontal", "vertical", "diagonal", "3D"]
 
 
 def test_a_position_without_positive_variances_is_refused(tmp_path: Path) -> None:

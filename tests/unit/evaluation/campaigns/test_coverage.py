@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from facadelake.core.errors import SchemaError
 from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_95
 from facadelake.evaluation.campaigns.evaluate import evaluate
-from facadelake.evaluation.campaigns.figures import Figures
+from facadelake.evaluation.campaigns.figures import CampaignFigures
 from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Array, Made, tables, write_truth
 
 TURN = Rotation.from_euler("xyz", [20, -35, 70], degrees=True).as_matrix()
@@ -23,7 +23,7 @@ AXES_M = np.array([0.002, 0.01, 0.05])  # an ellipsoid 25 times as long as thick
 ELLIPSOID_M2 = TURN @ np.diag(AXES_M**2) @ TURN.T
 
 
-def figures_of(errors_m: Mapping[str, Array], covariance_m2: Mapping[str, Array], folder: Path) -> Figures:
+def figures_of(errors_m: Mapping[str, Array], covariance_m2: Mapping[str, Array], folder: Path) -> CampaignFigures:
     true = {name: np.array([float(k), -15.0, 3.0]) for k, name in enumerate(errors_m)}
     found = {name: true[name] + error for name, error in errors_m.items()}
     made = Made(centres_true_m=true, centres_found_m=found, points_true_m={}, covariance_m2=covariance_m2)

@@ -12,7 +12,7 @@ import pytest
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.evaluation.campaigns.evaluate import evaluate
-from facadelake.evaluation.campaigns.figures import Figures
+from facadelake.evaluation.campaigns.figures import CampaignFigures
 from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Made, Sighting, pixel, tables, write_csv, write_truth
 
 CAMERAS = {f"near/{i}.jpg": np.array([-8.0 + 4 * i, -15.0, 3.0 + 0.5 * i]) for i in range(5)}
@@ -21,7 +21,7 @@ STATS = ["n", "mean", "median", "mae", "rmse", "p95", "iqr"]
 OFFSETS = ["offset_east", "offset_north", "offset_up"]
 
 
-def figures_of(made: Made, folder: Path, origin: SiteOrigin = ORIGIN) -> Figures:
+def figures_of(made: Made, folder: Path, origin: SiteOrigin = ORIGIN) -> CampaignFigures:
     return evaluate(**tables(made), truth=write_truth(folder / "truth", made), origin=origin, map_crs=CRS)
 
 
@@ -85,7 +85,11 @@ def test_injected_errors_come_back(tmp_path: Path) -> None:
     assert figures.defect_error.horizontal.rmse == pytest.approx(0.0, rel=0, abs=1e-6)  # m
     merge = figures.merge
     assert (merge.precision, merge.recall, merge.f1, merge.clusters_exact) == (1.0, 1.0, 1.0, 1.0)
-    assert (figures.element_correct_share, figures.off_truth, figures.coverage_2sigma) == (1.0, 0, None)
+    assert (figures.element_correct_share, figures.registered_without_check_point, figures.coverage_2sigma) == (
+        1.0,
+        0,
+        None,
+    )
 
 
 def test_the_round_trip_is_the_papers(tmp_path: Path) -> None:
@@ -178,7 +182,7 @@ def test_what_counts_and_what_does_not(tmp_path: Path) -> None:
     assert figures.camera_error.n == 4
     assert figures.ray_error.n == 5  # four of A and B registered, and the grazing one
     assert figures.observation_error.distance.n == 4
-    assert figures.off_truth == 3
+    assert figures.registered_without_check_point == 3
     assert figures.defect_error.distance.n == 1
     assert figures.defect_error.normal.mean == pytest.approx(0.1, rel=0, abs=1e-6)  # m
     assert figures.element_correct_share == pytest.approx(3 / 4)
@@ -209,8 +213,8 @@ def test_a_campaign_without_detections_or_poses_has_empty_figures(tmp_path: Path
 
 
 def test_rows_have_all_columns(tmp_path: Path) -> None:
-    rows = figures_of(campaign(), tmp_path).rows()
-    assert {len(row) for row in rows} == {len(Figures.COLUMNS)} == {8}
+    rows = figures_of(campaign(), tmp_path).format_rows()
+    assert {len(row) for row in rows} == {len(CampaignFigures.COLUMNS)} == {8}
     by_name = {row[0].strip(): row for row in rows}
     assert by_name["camera error (m)"][1:3] == ("5", "0.050")
     assert by_name["mean offset up"][2] == "0.040"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluation.campaigns.merging import merging_of
-from facadelake.evaluation.campaigns.statistics import Stats, stats_of, surface_axes
+from facadelake.evaluation.campaigns.merging import compute_merge_figures
+from facadelake.evaluation.campaigns.statistics import ErrorStatistics, compute_statistics, compute_surface_axes
 from facadelake.evaluation.campaigns.truth import read_truth
 from tests.unit.evaluation.campaigns.campaigns import write_csv
 
@@ -19,26 +19,26 @@ def test_merging_by_hand() -> None:
 
     Decided pairs 3 + 1 = 4, true pairs 1 + 3 = 4, both 1 (in a) + 1 (in b) = 2. Only truth 3 is whole and alone.
     """
-    merging = merging_of([("a", "1"), ("a", "1"), ("a", "2"), ("b", "2"), ("b", "2"), ("c", "3")])
+    merging = compute_merge_figures([("a", "1"), ("a", "1"), ("a", "2"), ("b", "2"), ("b", "2"), ("c", "3")])
     assert (merging.precision, merging.recall, merging.f1) == (0.5, 0.5, 0.5)
     assert merging.clusters_exact == pytest.approx(1 / 3)
 
 
 def test_merging_without_pairs() -> None:
-    alone = merging_of([("a", "1"), ("b", "2")])
+    alone = compute_merge_figures([("a", "1"), ("b", "2")])
     assert (alone.precision, alone.recall, alone.f1, alone.clusters_exact) == (None, None, None, 1.0)
-    assert merging_of([]).clusters_exact is None
-    split = merging_of([("a", "1"), ("b", "1")])
+    assert compute_merge_figures([]).clusters_exact is None
+    split = compute_merge_figures([("a", "1"), ("b", "1")])
     assert (split.precision, split.recall, split.f1, split.clusters_exact) == (None, 0.0, 0.0, 0.0)
-    lumped = merging_of([("a", "1"), ("a", "2")])
+    lumped = compute_merge_figures([("a", "1"), ("a", "2")])
     assert (lumped.precision, lumped.recall, lumped.f1) == (0.0, None, 0.0)
 
 
 def test_statistics_by_hand() -> None:
-    stats = stats_of(np.array([-3.0, 1.0, 1.0, 5.0]))
-    assert stats == Stats(n=4, mean=1.0, median=1.0, mae=2.5, rmse=3.0, p95=stats.p95, iqr=2.0)
+    stats = compute_statistics(np.array([-3.0, 1.0, 1.0, 5.0]))
+    assert stats == ErrorStatistics(n=4, mean=1.0, median=1.0, mae=2.5, rmse=3.0, p95=stats.p95, iqr=2.0)
     assert stats.p95 == pytest.approx(4.7)  # of 1 1 3 5: three and 0.85 of the way to five
-    assert stats_of(np.zeros(0)) == Stats(n=0)
+    assert compute_statistics(np.zeros(0)) == ErrorStatistics(n=0)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_statistics_by_hand() -> None:
 def test_directions_along_a_surface(
     normal: tuple[float, ...], horizontal: tuple[float, ...], vertical: tuple[float, ...]
 ) -> None:
-    right, up = surface_axes(np.array([normal], dtype=np.float64))
+    right, up = compute_surface_axes(np.array([normal], dtype=np.float64))
     assert right[0] == pytest.approx(horizontal, rel=0, abs=1e-12)
     assert up[0] == pytest.approx(vertical, rel=0, abs=1e-12)
 
@@ -73,7 +73,7 @@ def truth_folder(folder: Path) -> Path:
 
 def test_truth_is_read(tmp_path: Path) -> None:
     truth = read_truth(truth_folder(tmp_path))
-    assert truth.shown == {("b.json", "1"): "C1", ("b.json", "2"): None}
+    assert truth.check_point_of_annotation == {("b.json", "1"): "C1", ("b.json", "2"): None}
     assert truth.files == {"b.json"}
     assert truth.checkpoints["C1"].element_guid == "guid"
     assert truth.checkpoints["C1"].geo.tolist() == [8.4, 48.9, 181.0]

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from facadelake.evaluation.campaigns.comparison import compare
+from facadelake.evaluation.campaigns.comparison import compare_with_truth
 from facadelake.evaluation.campaigns.plots import write_plots
 from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Made, Sighting, pixel, tables, write_truth
 
@@ -15,7 +15,7 @@ CAMERA = np.array([0.0, -15.0, 3.0])
 
 
 def written(made: Made, folder: Path) -> list[Path]:
-    compared = compare(**tables(made), truth=write_truth(folder / "truth", made), origin=ORIGIN, map_crs=CRS)
+    compared = compare_with_truth(**tables(made), truth=write_truth(folder / "truth", made), origin=ORIGIN, map_crs=CRS)
     return write_plots(compared, folder / "plots", "hall 2026-04")
 
 
