@@ -22,8 +22,8 @@ import numpy as np
 from skimage.morphology import medial_axis
 
 from benchmarks.drawn_cracks import Camera, draw_crack
-from facadelake.measurement.campaign import blur_of_photograph, measured_in
-from facadelake.measurement.crack import CrackMeasure
+from facadelake.measurement.campaign import estimate_photograph_blur, measure_in_photograph
+from facadelake.measurement.crack import CrackMeasurement
 from schemas.vocabulary import CrackWidthOutcome
 
 matplotlib.use("Agg")
@@ -77,9 +77,11 @@ def drawn(count: int, wall: str) -> list[Trial]:
     return out
 
 
-def measure(image: Any, box: tuple[float, float, float, float], mask: str | None = None) -> CrackMeasure:
+def measure(image: Any, box: tuple[float, float, float, float], mask: str | None = None) -> CrackMeasurement:
     """What is measured in a box of a picture."""
-    return measured_in(image, {**dict(zip(NAMES, box, strict=True)), "mask": mask}, blur_of_photograph(image))
+    return measure_in_photograph(
+        image, {**dict(zip(NAMES, box, strict=True)), "mask": mask}, estimate_photograph_blur(image)
+    )
 
 
 def table(trials: list[Trial]) -> str:

@@ -13,7 +13,7 @@ from prefect import flow
 from facadelake.campaigns import AUTO, LATEST, plan_inspection, regrading_replaced
 from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import FacadelakeError
-from facadelake.registry import CocoDetector, read_portfolio
+from facadelake.registry import CocoDetectorSetting, read_portfolio
 from schemas.vocabulary import SurfaceKind
 from tasks.as_built_model import as_built_model
 from tasks.commit import commit
@@ -96,7 +96,7 @@ def inspect_building(
         model = load_model(job)
         photos = ingest(job, model)
     # A file's boxes are read at once, so that a mistake in it is told early; a model looks where the poses say.
-    imported = import_detections(job, photos) if isinstance(building.detector, CocoDetector) else None
+    imported = import_detections(job, photos) if isinstance(building.detector, CocoDetectorSetting) else None
     block: StageResult | None = None
     if job.poses is not None:
         placed = import_poses(job, model, photos)

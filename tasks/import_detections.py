@@ -10,7 +10,7 @@ from prefect import task
 from facadelake.core.tables import read_table, write_table
 from facadelake.detection.coco import import_coco
 from facadelake.detection.inference import hash_detector
-from facadelake.registry import CocoDetector
+from facadelake.registry import CocoDetectorSetting
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -19,7 +19,7 @@ from tasks.stage import Counts, run_stage
 def import_detections(job: InspectionJob, photos: StageResult) -> StageResult:
     """Table ``detections`` of a COCO file."""
     detector = job.building.detector
-    assert isinstance(detector, CocoDetector)
+    assert isinstance(detector, CocoDetectorSetting)
     file = job.building.detections_of(job.campaign_id, job.detections)
 
     def make(folder: Path) -> Counts:

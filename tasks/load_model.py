@@ -9,7 +9,7 @@ from prefect import task
 from facadelake.building import read_registered_model
 from facadelake.core.hashing import hash_file
 from facadelake.core.progress import report_progress
-from facadelake.registry import files_beside
+from facadelake.registry import find_buffer_files
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -28,7 +28,7 @@ def load_model(job: InspectionJob) -> StageResult:
 
     inputs = {
         "model": hash_file(path),
-        **{f"beside {file.name}": hash_file(file) for file in files_beside(path)},
+        **{f"beside {file.name}": hash_file(file) for file in find_buffer_files(path)},
         "kind": building.surface_kind,
         "offset": hash_file(offset) if offset else None,
         **building.model_dump(mode="json", include={"crs", "storeys", "model_building"}),

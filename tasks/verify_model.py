@@ -16,7 +16,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.frames import read_similarity
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import read_table, write_table
-from facadelake.integrity import integrity_views, nothing_to_compare
+from facadelake.integrity import compare_views, record_uncompared_views
 from facadelake.sfm import read_mesh, write_as_built_mesh
 from schemas.vocabulary import IntegrityOutcome, SurfaceKind
 from tasks.georeference import SITE_FROM_SFM
@@ -34,7 +34,7 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult | No
         posed = read_posed_cameras(read_table("poses", placed.folder))
         building = read_building(model.folder)
         if building.surface_kind is SurfaceKind.AS_BUILT:
-            table = nothing_to_compare(posed, NOTHING_INDEPENDENT, IntegrityOutcome.NO_MODEL)
+            table = record_uncompared_views(posed, NOTHING_INDEPENDENT, IntegrityOutcome.NO_MODEL)
         else:
             table = _compared(posed, building, block, placed, folder)
         write_table("integrity_views", table, folder)
@@ -57,7 +57,7 @@ def _compared(
             raise InputDataError("poses were imported: no tie points were found to make an as-built surface of")
         write_as_built_mesh(block.folder, folder)
     except InputDataError as error:  # too sparse a block: the campaign is none the worse for it
-        return nothing_to_compare(posed, str(error))
+        return record_uncompared_views(posed, str(error))
     vertices_sfm, triangles = read_mesh(folder)
     as_built = Surface.from_mesh(read_similarity(placed.folder / SITE_FROM_SFM).apply(vertices_sfm), triangles)
-    return integrity_views(posed, Surface(building), as_built)
+    return compare_views(posed, Surface(building), as_built)

@@ -8,7 +8,7 @@ from pathlib import Path
 from facadelake.core.errors import InputDataError
 from facadelake.detection import load_configured_detector, resolve_default_model
 from facadelake.georeferencing.imported import pose_files
-from facadelake.registry import Building, CocoDetector
+from facadelake.registry import Building, CocoDetectorSetting
 from facadelake.severity import rule_file
 from schemas.vocabulary import ControlKind, SurfaceKind
 
@@ -73,7 +73,7 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
         building.offset_path()
     building.photographs_of(campaign_id)
     rule_file(building.severity_rules)
-    if isinstance(building.detector, CocoDetector):
+    if isinstance(building.detector, CocoDetectorSetting):
         building.detections_of(campaign_id, detections)
     elif detections is not None:
         raise InputDataError(

@@ -1,2 +1,2 @@
-from .views import integrity_views as integrity_views
-from .views import nothing_to_compare as nothing_to_compare
+from .views import compare_views as compare_views
+from .views import record_uncompared_views as record_uncompared_views

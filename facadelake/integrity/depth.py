@@ -45,7 +45,7 @@ def compare_depth(model_depth_m: Float64Array, as_built_depth_m: Float64Array) -
     difference = as_built_depth_m[both] - model_depth_m[both]
     whole: BoolArray = binary_erosion(both, np.ones((WINDOW_PX, WINDOW_PX)))
     return DepthComparison(
-        ssim=_masked_ssim(model_depth_m, as_built_depth_m, both, whole),
+        ssim=_compute_masked_ssim(model_depth_m, as_built_depth_m, both, whole),
         windows=int(whole.sum()),
         compared_share=share,
         difference_median_m=float(np.median(difference)),
@@ -53,7 +53,7 @@ def compare_depth(model_depth_m: Float64Array, as_built_depth_m: Float64Array) -
     )
 
 
-def _masked_ssim(a: Float64Array, b: Float64Array, both: BoolArray, whole: BoolArray) -> float:
+def _compute_masked_ssim(a: Float64Array, b: Float64Array, both: BoolArray, whole: BoolArray) -> float:
     """Mean SSIM over ``whole``; what fills the other pixels lies outside every window that counts."""
     if not whole.any():
         return float("nan")

@@ -34,7 +34,7 @@ class IntegritySettings:
             raise InputDataError(f"integrity settings {self} are out of range: width_px from 32, shares 0..1")
 
 
-def integrity_views(
+def compare_views(
     posed: Mapping[str, PosedCamera],
     surface: Surface,
     as_built: Surface,
@@ -49,11 +49,11 @@ def integrity_views(
         model, _ = surface.render_depth(camera, scale)
         built, _ = as_built.render_depth(camera, scale)
         seen = float(np.isfinite(model).mean())
-        rows.append(_row(photo_id, seen, compare_depth(model, built), settings))
+        rows.append(_build_row(photo_id, seen, compare_depth(model, built), settings))
     return table_from_rows("integrity_views", rows)
 
 
-def nothing_to_compare(
+def record_uncompared_views(
     posed: Mapping[str, PosedCamera],
     reason: str,
     outcome: IntegrityOutcome = IntegrityOutcome.TOO_LITTLE_SURFACE,
@@ -68,8 +68,8 @@ def nothing_to_compare(
     )
 
 
-def _row(photo_id: str, seen: float, found: DepthComparison, settings: IntegritySettings) -> dict[str, Any]:
-    reason = _too_little(seen, found, settings)
+def _build_row(photo_id: str, seen: float, found: DepthComparison, settings: IntegritySettings) -> dict[str, Any]:
+    reason = _check_coverage(seen, found, settings)
     row: dict[str, Any] = {"photo_id": photo_id, "compared_share": found.compared_share}
     if reason:
         return {**row, "integrity_outcome": str(IntegrityOutcome.TOO_LITTLE_SURFACE), "reason": reason}
@@ -82,7 +82,7 @@ def _row(photo_id: str, seen: float, found: DepthComparison, settings: Integrity
     }
 
 
-def _too_little(seen: float, found: DepthComparison, settings: IntegritySettings) -> str:
+def _check_coverage(seen: float, found: DepthComparison, settings: IntegritySettings) -> str:
     """Why a view cannot be compared; empty where it can."""
     if seen < settings.model_share_min:
         return f"the model fills {seen:.1%} of the view, less than {settings.model_share_min:.0%}"

@@ -8,15 +8,15 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, median_filter
 
 from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array
-from facadelake.measurement.trace import evenly_spaced
+from facadelake.measurement.trace import resample_evenly
 
 STEP_PX = 0.25
 _SMOOTH_PX = 2.0  # along the line
-_MOST_TURN = 2  # steps across that the middle may move from one place along the line to the next
+_MAX_LATERAL_STEPS = 2  # steps across that the middle may move from one place along the line to the next
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Strip:
+class StraightenedStrip:
     """Light (k, m) at places (k,) along a line ``xy`` (k, 2) and at ``across_px`` (m,) from it."""
 
     xy: Float64Array
@@ -24,51 +24,51 @@ class Strip:
     light: Float64Array
 
 
-def straightened(light: Float32Array, xy: Float64Array, half_width_px: float) -> Strip:
+def straighten(light: Float32Array, xy: Float64Array, half_width_px: float) -> StraightenedStrip:
     """The picture (h, w) along a line (k, 2: column, row), sampled by cubic splines; beyond its rim the rim goes on."""
-    normal = _normals(xy)
+    normal = _compute_normals(xy)
     count = int(np.ceil(half_width_px / STEP_PX))
     across = np.asarray(np.arange(-count, count + 1) * STEP_PX, dtype=np.float64)
     x, y = (xy[:, axis, None] + normal[:, axis, None] * across for axis in (0, 1))
     sampled = map_coordinates(light, [y, x], order=3, mode="nearest", output=np.float64)
-    return Strip(xy=xy, across_px=across, light=sampled)
+    return StraightenedStrip(xy=xy, across_px=across, light=sampled)
 
 
-def onto_the_darkest(light: Float32Array, xy: Float64Array, width_px: float, reach_px: float) -> Float64Array:
+def snap_to_darkest_path(light: Float32Array, xy: Float64Array, width_px: float, reach_px: float) -> Float64Array:
     """The line (k, 2) moved across itself, by ``reach_px`` at most, onto the darkest smooth way beside it.
 
     Found by dynamic programming over the straightened picture, smoothed to the line's own ``width_px``.
     """
-    strip = straightened(light, xy, reach_px)
+    strip = straighten(light, xy, reach_px)
     dark = -gaussian_filter(strip.light, (1.0, max(width_px / 2.5, 0.8) / STEP_PX), mode="nearest")
-    shift = strip.across_px[_best_way(dark)]
-    return evenly_spaced(moved_across(xy, gaussian_filter1d(shift, _SMOOTH_PX, mode="nearest")))
+    shift = strip.across_px[_find_best_path(dark)]
+    return resample_evenly(shift_across(xy, gaussian_filter1d(shift, _SMOOTH_PX, mode="nearest")))
 
 
-def moved_across(xy: Float64Array, by_px: Float64Array) -> Float64Array:
+def shift_across(xy: Float64Array, by_px: Float64Array) -> Float64Array:
     """The line (k, 2) with each point moved across it by ``by_px`` (k,), and smoothed over a pixel."""
-    return np.asarray(gaussian_filter1d(xy + by_px[:, None] * _normals(xy), 1.0, axis=0, mode="nearest"))
+    return np.asarray(gaussian_filter1d(xy + by_px[:, None] * _compute_normals(xy), 1.0, axis=0, mode="nearest"))
 
 
-def _normals(xy: Float64Array) -> Float64Array:
+def _compute_normals(xy: Float64Array) -> Float64Array:
     """Unit vectors (k, 2) across a line (k, 2), on the side that is right of it where rows go down."""
     along = gaussian_filter1d(np.gradient(xy, axis=0), _SMOOTH_PX, axis=0, mode="nearest")
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     return np.column_stack([-along[:, 1], along[:, 0]])
 
 
-def _best_way(gain: Float64Array) -> Int64Array:
+def _find_best_path(gain: Float64Array) -> Int64Array:
     """Columns (k,) of the way through ``gain`` (k, m) that gathers most, moving a few columns a row at most."""
     rows, columns = gain.shape
     total, came = gain[0].copy(), np.zeros((rows, columns), dtype=np.int64)
     for row in range(1, rows):
-        options = np.full((2 * _MOST_TURN + 1, columns), -np.inf)
-        for number, turn in enumerate(range(-_MOST_TURN, _MOST_TURN + 1)):
+        options = np.full((2 * _MAX_LATERAL_STEPS + 1, columns), -np.inf)
+        for number, turn in enumerate(range(-_MAX_LATERAL_STEPS, _MAX_LATERAL_STEPS + 1)):
             source = slice(max(0, turn), columns + min(0, turn))
             target = slice(max(0, -turn), columns + min(0, -turn))
             options[number, target] = total[source]
         best = options.argmax(axis=0)
-        came[row] = np.arange(columns) + best - _MOST_TURN
+        came[row] = np.arange(columns) + best - _MAX_LATERAL_STEPS
         total = options[best, np.arange(columns)] + gain[row]
     way = np.empty(rows, dtype=np.int64)
     way[-1] = int(total.argmax())
@@ -77,11 +77,14 @@ def _best_way(gain: Float64Array) -> Int64Array:
     return way
 
 
-_FLANK_PX = 3.0  # of wall beside the crack, at least
+_MIN_FLANK_PX = 3.0  # of wall beside the crack, at least
 _FLANK_SHARE = 0.5  # of the crack's width
-_MIDDLE_PX = 0.6
+_CENTRE_HALF_WIDTH_PX = 0.6
 _SMOOTH_PX = 1.5  # of the middle, along the line
-_EVEN_SHARE, _ROUGHER = 0.25, 1.5  # places are even that are at most 1.5 times rougher than the 25th in a hundred
+_ROUGHNESS_QUANTILE, _MAX_ROUGHNESS_RATIO = (
+    0.25,
+    1.5,
+)  # places are even that are at most 1.5 times rougher than the 25th in a hundred
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,23 +109,23 @@ class Profiles:
     jitter_px: float
 
 
-def half_width_wanted(core_px: float) -> float:
+def compute_half_width(core_px: float) -> float:
     """How far across a strip must reach for profiles of a core (half a width, with its blur) of ``core_px``."""
-    return 3 * core_px + 2 * _flank(core_px) + 1.0
+    return 3 * core_px + 2 * _compute_flank_width(core_px) + 1.0
 
 
-def profiles_of(strip: Strip, core_px: float, blur_px: float) -> Profiles:
+def extract_profiles(strip: StraightenedStrip, core_px: float, blur_px: float) -> Profiles:
     """Profiles of a straightened strip, each moved so that its darkness, ``core_px`` to either side, is about 0."""
     across = strip.across_px
-    dark = _darkness(strip.light, across, core_px)
-    middle, jitter = _middles(dark, across, core_px, blur_px)
+    dark = _compute_darkness(strip.light, across, core_px)
+    middle, jitter = _locate_centres(dark, across, core_px, blur_px)
     moved = np.array([np.interp(across + by, across, row) for by, row in zip(middle, strip.light, strict=True)])
-    dark = _darkness(moved, across, core_px)
+    dark = _compute_darkness(moved, across, core_px)
     core = np.abs(across) <= core_px
     aside = []
     for sign in (-1, 1):
-        centre = sign * (2 * core_px + _flank(core_px))
-        local = _darkness(moved, across - centre, core_px)
+        centre = sign * (2 * core_px + _compute_flank_width(core_px))
+        local = _compute_darkness(moved, across - centre, core_px)
         aside.append(local[:, np.abs(across - centre) <= core_px].sum(axis=1) * STEP_PX)
     return Profiles(
         across_px=across,
@@ -130,28 +133,31 @@ def profiles_of(strip: Strip, core_px: float, blur_px: float) -> Profiles:
         area_px=dark[:, core].sum(axis=1) * STEP_PX,
         beside_px=np.mean(aside, axis=0),
         middle_px=middle,
-        darker=moved[:, np.abs(across) < _MIDDLE_PX].mean(axis=1) < np.minimum(*_flanks(moved, across, core_px)),
-        even=_even(dark, across, core_px),
+        darker=moved[:, np.abs(across) < _CENTRE_HALF_WIDTH_PX].mean(axis=1)
+        < np.minimum(*_estimate_baseline(moved, across, core_px)),
+        even=_find_homogeneous(dark, across, core_px),
         jitter_px=jitter,
     )
 
 
-def _flank(core_px: float) -> float:
-    return max(_FLANK_PX, _FLANK_SHARE * core_px)
+def _compute_flank_width(core_px: float) -> float:
+    return max(_MIN_FLANK_PX, _FLANK_SHARE * core_px)
 
 
-def _darkness(light: Float64Array, across_px: Float64Array, core_px: float) -> Float64Array:
+def _compute_darkness(light: Float64Array, across_px: Float64Array, core_px: float) -> Float64Array:
     """1 - light over the wall's, whose light is that of both flanks, straight across between them."""
-    levels = _flanks(light, across_px, core_px)
-    place = core_px + _flank(core_px) / 2
+    levels = _estimate_baseline(light, across_px, core_px)
+    place = core_px + _compute_flank_width(core_px) / 2
     share = np.clip((across_px + place) / (2 * place), 0.0, 1.0)
     wall = levels[0][:, None] * (1 - share) + levels[1][:, None] * share
     return np.asarray(1 - light / np.maximum(wall, 1e-4))
 
 
-def _flanks(light: Float64Array, across_px: Float64Array, core_px: float) -> tuple[Float64Array, Float64Array]:
+def _estimate_baseline(
+    light: Float64Array, across_px: Float64Array, core_px: float
+) -> tuple[Float64Array, Float64Array]:
     """Light (k,) of the wall on either side; where a strip ends before it, the other side's."""
-    outer = core_px + _flank(core_px)
+    outer = core_px + _compute_flank_width(core_px)
     levels = []
     for sign in (-1, 1):
         flank = (sign * across_px > core_px) & (sign * across_px <= outer)
@@ -161,7 +167,9 @@ def _flanks(light: Float64Array, across_px: Float64Array, core_px: float) -> tup
     return np.where(np.isnan(left), right, left), np.where(np.isnan(right), left, right)
 
 
-def _middles(dark: Float64Array, across_px: Float64Array, core_px: float, blur_px: float) -> tuple[Float64Array, float]:
+def _locate_centres(
+    dark: Float64Array, across_px: Float64Array, core_px: float, blur_px: float
+) -> tuple[Float64Array, float]:
     """Middle (k,) of each profile, where a bar as wide as the crack fits best, and one sigma of them.
 
     They are smoothed along the line; how far the middles of even and odd places are apart tells their sigma.
@@ -177,7 +185,7 @@ def _middles(dark: Float64Array, across_px: Float64Array, core_px: float, blur_p
     def found(rows: Float64Array) -> Float64Array:
         smooth = gaussian_filter1d(rows, _SMOOTH_PX, axis=0, mode="nearest")
         smooth[:, np.abs(across_px) > max(core_px / 2, 1.0)] = -np.inf
-        return _peaks(smooth, across_px)
+        return _locate_peaks(smooth, across_px)
 
     odd = np.arange(len(dark)) % 2 == 1
     if odd.sum() < 4:
@@ -187,7 +195,7 @@ def _middles(dark: Float64Array, across_px: Float64Array, core_px: float, blur_p
     return found(fit), apart / 2
 
 
-def _peaks(rows: Float64Array, across_px: Float64Array) -> Float64Array:
+def _locate_peaks(rows: Float64Array, across_px: Float64Array) -> Float64Array:
     """Place (k,) of the largest value of each row (k, m), to a fraction of a step by a parabola."""
     best = np.clip(rows.argmax(axis=1), 1, rows.shape[1] - 2)
     number = np.arange(len(rows))
@@ -198,10 +206,10 @@ def _peaks(rows: Float64Array, across_px: Float64Array) -> Float64Array:
     return np.asarray(across_px[best] + np.clip(part, -0.5, 0.5) * STEP_PX)
 
 
-def _even(dark: Float64Array, across_px: Float64Array, core_px: float) -> BoolArray:
+def _find_homogeneous(dark: Float64Array, across_px: Float64Array, core_px: float) -> BoolArray:
     """Places (k,) whose flanks are not much less even than those of most."""
-    outer = core_px + _flank(core_px)
+    outer = core_px + _compute_flank_width(core_px)
     flank = (np.abs(across_px) > core_px) & (np.abs(across_px) <= outer)
     rough = gaussian_filter1d(np.abs(dark[:, flank]).mean(axis=1), 1.0, mode="nearest")
-    usual = np.sort(rough)[int(_EVEN_SHARE * (len(rough) - 1))]
-    return np.asarray(rough <= _ROUGHER * usual)
+    usual = np.sort(rough)[int(_ROUGHNESS_QUANTILE * (len(rough) - 1))]
+    return np.asarray(rough <= _MAX_ROUGHNESS_RATIO * usual)

@@ -19,23 +19,23 @@ from facadelake.core.arrays import Float64Array
 from facadelake.measurement.blur import Blur
 from facadelake.measurement.profiles import Profiles
 
-_PLACES_A_BIN = 25
-_BINS_MOST = 6
-_ALIKE = 0.05  # one sigma, as a share, of the contrast from place to place along one crack
-_SHAPE = 0.012  # one sigma of a mean profile about the model: tone curve, sharpening, JPEG
-_CORRELATED_PX = 3.0  # along the line: neighbours share pixels and texture
-_OUTLIERS = 0.15  # share of the profiles left out at each end, at every place across
+_PROFILES_PER_BIN = 25
+_MAX_BINS = 6
+_CONTRAST_SIGMA = 0.05  # one sigma, as a share, of the contrast from place to place along one crack
+_MODEL_SIGMA = 0.012  # one sigma of a mean profile about the model: tone curve, sharpening, JPEG
+_CORRELATION_LENGTH_PX = 3.0  # along the line: neighbours share pixels and texture
+_TRIM_SHARE = 0.15  # share of the profiles left out at each end, at every place across
 _SMOOTH_PX = 2.0
-_LARGEST = 0.95  # quantile of the local widths that counts as the largest: the very largest is noise
-_FLOOR_PX = 0.08  # of the mean width's error, whatever the fit says
-_LEAST_PX = 1.0  # no narrower width is told from a darker line, however well the blur is known
-_DARK = 0.5  # of the wall's light a crack swallows; what looks paler is narrower than it looks, or no crack
-_RESOLVED = 3.5  # blurs: so wide a bar's edges do not touch
-_TRUSTED_SHARE = 0.35  # a width whose sigma is a larger share of it is a limit
+_LARGEST_QUANTILE = 0.95  # quantile of the local widths that counts as the largest: the very largest is noise
+_MIN_SIGMA_PX = 0.08  # of the mean width's error, whatever the fit says
+_MIN_WIDTH_PX = 1.0  # no narrower width is told from a darker line, however well the blur is known
+_MIN_CONTRAST = 0.5  # of the wall's light a crack swallows; what looks paler is narrower than it looks, or no crack
+_RESOLVED_SIGMAS = 3.5  # blurs: so wide a bar's edges do not touch
+_MAX_RELATIVE_SIGMA = 0.35  # a width whose sigma is a larger share of it is a limit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Width:
+class CrackWidth:
     """Widths in px along a crack: mean, one sigma of it, largest, and ``local_px`` (k,).
 
     ``limit_px``: the narrowest mean that these profiles could have told. ``told``: whether the mean is a measurement;
@@ -52,45 +52,51 @@ class Width:
     local_px: Float64Array
 
 
-def width_of(profiles: Profiles, blur: Blur) -> Width:
+def fit_width(profiles: Profiles, blur: Blur) -> CrackWidth:
     """Fit the bars to the mean profiles of places about equally wide."""
     blur = replace(blur, sigma_px=float(np.hypot(blur.sigma_px, profiles.jitter_px)))
     darkness = profiles.darkness[profiles.even]
     smooth = gaussian_filter1d(profiles.area_px, _SMOOTH_PX, mode="nearest")[profiles.even]
-    bins = np.array_split(np.argsort(smooth), min(max(len(smooth) // _PLACES_A_BIN, 1), _BINS_MOST))
-    means = [_trimmed_mean(darkness[rows]) for rows in bins]
-    weights = [1 / _noise(darkness[rows], mean) for rows, mean in zip(bins, means, strict=True)]
+    bins = np.array_split(np.argsort(smooth), min(max(len(smooth) // _PROFILES_PER_BIN, 1), _MAX_BINS))
+    means = [_compute_trimmed_mean(darkness[rows]) for rows in bins]
+    weights = [1 / _estimate_noise(darkness[rows], mean) for rows, mean in zip(bins, means, strict=True)]
     areas = np.array([max(float(smooth[rows].mean()), 0.02) for rows in bins])
     share = np.array([len(rows) for rows in bins]) / len(smooth)
-    fit = _Fit(profiles.across_px, means, weights, areas, blur)
+    fit = _ProfileFit(profiles.across_px, means, weights, areas, blur)
     values, covariance = fit.solved()
     widths, contrasts, sigma = fit.widths(values), fit.contrasts(values), float(np.exp(values[0]))
-    wide = widths >= _RESOLVED * sigma
+    wide = widths >= _RESOLVED_SIGMAS * sigma
     toward = np.zeros(len(values))
     toward[2 : 2 + len(bins)] = np.where(wide, 0.0, share * widths)  # widths are fitted as logarithms
     by_fit = float(np.sqrt(max(float(toward @ covariance @ toward), 0.0)))
     by_place, noise = np.empty(len(smooth)), np.empty(len(smooth))
     for rows, width, dark, area, resolved in zip(bins, widths, contrasts, areas, wide, strict=True):
         if resolved:
-            by_place[rows], noise[rows] = _between_edges(darkness[rows], profiles.across_px, float(dark), float(width))
+            by_place[rows], noise[rows] = _measure_half_maximum_widths(
+                darkness[rows], profiles.across_px, float(dark), float(width)
+            )
         else:
             by_place[rows] = np.maximum(width + (smooth[rows] - area) / dark, 0.0)
             noise[rows] = np.std(profiles.beside_px[profiles.even]) / dark
     places = np.arange(len(profiles.even))
     local = np.interp(places, places[profiles.even], by_place)  # a crack's width goes on where a joint crosses it
     mean, contrast = float(local.mean()), float(share @ contrasts)
-    independent = max(len(smooth) / max(_CORRELATED_PX + mean, _memory(profiles.beside_px)), 1.0)
+    independent = max(
+        len(smooth) / max(_CORRELATION_LENGTH_PX + mean, _estimate_correlation_length(profiles.beside_px)), 1.0
+    )
     by_scatter = float(np.sqrt(np.mean(noise**2) / independent))
-    error = float(np.hypot(np.hypot(by_fit, by_scatter), _FLOOR_PX))
+    error = float(np.hypot(np.hypot(by_fit, by_scatter), _MIN_SIGMA_PX))
     blur_error = sigma * float(np.sqrt(max(covariance[0, 0], 0.0)))
     # A bar of width w adds w**2 / 12 to the profile's variance; a blur s known to e leaves 2 s e of it open.
-    limit = max(_LEAST_PX, float(np.sqrt(24 * sigma * blur_error)))
-    told = contrast >= _DARK and mean >= limit and error <= _TRUSTED_SHARE * mean
-    return Width(
+    limit = max(_MIN_WIDTH_PX, float(np.sqrt(24 * sigma * blur_error)))
+    told = contrast >= _MIN_CONTRAST and mean >= limit and error <= _MAX_RELATIVE_SIGMA * mean
+    return CrackWidth(
         mean_px=mean,
         sigma_px=error,
-        largest_px=max(float(np.quantile(local, _LARGEST)), mean),
-        limit_px=limit if told else max(limit, min(mean + 2 * error, _widest(means, profiles.across_px, sigma))),
+        largest_px=max(float(np.quantile(local, _LARGEST_QUANTILE)), mean),
+        limit_px=limit
+        if told
+        else max(limit, min(mean + 2 * error, _measure_mean_fwhm(means, profiles.across_px, sigma))),
         told=told,
         blur_px=sigma,
         contrast=contrast,
@@ -98,7 +104,7 @@ def width_of(profiles: Profiles, blur: Blur) -> Width:
     )
 
 
-class _Fit:
+class _ProfileFit:
     """Bars with one blur and nearly one contrast, fitted to mean profiles (each (m,)) by weighted least squares.
 
     Parameters: ln blur, ln contrast of the crack; then ln width, ln contrast and base level of each profile.
@@ -133,25 +139,25 @@ class _Fit:
         count = len(self._areas)
         blur, bases = np.exp(values[0]), values[2 + 2 * count :]
         out = [(values[0] - np.log(self._blur.sigma_px)) / self._blur.known_to]
-        out += list((values[2 + count : 2 + 2 * count] - values[1]) / _ALIKE)
+        out += list((values[2 + count : 2 + 2 * count] - values[1]) / _CONTRAST_SIGMA)
         parts = [np.array(out)]
         for mean, weight, width, contrast, base in zip(
             self._means, self._weights, self.widths(values), self.contrasts(values), bases, strict=True
         ):
-            model = base + contrast * bar(self._across[self._seen], float(width), float(blur))
+            model = base + contrast * evaluate_blurred_slit(self._across[self._seen], float(width), float(blur))
             # Samples of a quarter pixel are not independent: together they count as those of whole pixels.
             parts.append((model - mean[self._seen]) * weight / 2)
         return np.concatenate(parts)
 
 
-def bar(across_px: Float64Array, width_px: float, blur_px: float) -> Float64Array:
+def evaluate_blurred_slit(across_px: Float64Array, width_px: float, blur_px: float) -> Float64Array:
     """A bar of height 1 and ``width_px`` about 0 under a Gaussian blur, at places (m,)."""
     scale = np.sqrt(2) * blur_px
     value: Float64Array = (erf((across_px + width_px / 2) / scale) - erf((across_px - width_px / 2) / scale)) / 2
     return value
 
 
-def _between_edges(
+def _measure_half_maximum_widths(
     darkness: Float64Array, across_px: Float64Array, contrast: float, width_px: float
 ) -> tuple[Float64Array, Float64Array]:
     """Widths (k,) of resolved bars by where darkness (k, m) falls to half the contrast, and one sigma of each.
@@ -176,20 +182,20 @@ def _between_edges(
     return out, np.full(len(out), max(spread, 0.1))
 
 
-def _trimmed_mean(rows: Float64Array) -> Float64Array:
+def _compute_trimmed_mean(rows: Float64Array) -> Float64Array:
     """Mean (m,) of rows (k, m) at every place, without what is out of the way there."""
-    cut = int(_OUTLIERS * len(rows))
+    cut = int(_TRIM_SHARE * len(rows))
     ordered = np.sort(rows, axis=0)
     return np.asarray(ordered[cut : len(rows) - cut].mean(axis=0))
 
 
-def _noise(rows: Float64Array, mean: Float64Array) -> float:
+def _estimate_noise(rows: Float64Array, mean: Float64Array) -> float:
     """One sigma of the mean profile: scatter about it, and what the model does not know."""
-    independent = max(len(rows) / _CORRELATED_PX, 1.0)
-    return float(np.hypot(np.median(np.std(rows - mean, axis=0)) / np.sqrt(independent), _SHAPE))
+    independent = max(len(rows) / _CORRELATION_LENGTH_PX, 1.0)
+    return float(np.hypot(np.median(np.std(rows - mean, axis=0)) / np.sqrt(independent), _MODEL_SIGMA))
 
 
-def _memory(values: Float64Array) -> float:
+def _estimate_correlation_length(values: Float64Array) -> float:
     """How many places (k,) tell as much as one: the sum of the autocorrelation to where it first falls below 0."""
     away = values - values.mean()
     along = np.correlate(away, away, mode="full")[len(away) - 1 :]
@@ -200,7 +206,7 @@ def _memory(values: Float64Array) -> float:
     return float(2 * share[:last].sum() - 1)
 
 
-def _widest(means: list[Float64Array], across_px: Float64Array, blur_px: float) -> float:
+def _measure_mean_fwhm(means: list[Float64Array], across_px: Float64Array, blur_px: float) -> float:
     """Full width at half of the mean profiles' depth: no crack is wider than it looks."""
     profile = np.mean(means, axis=0)
     deep = profile > profile[np.abs(across_px) < blur_px].max() / 2

@@ -10,10 +10,10 @@ from urllib.parse import unquote
 from schemas.vocabulary import SurfaceKind
 
 AS_BUILT = "as-built"  # stands where a model's path would
-_MESHES = (".obj", ".ply", ".stl", ".glb", ".gltf")
+_MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb", ".gltf")
 UNITS_M = {"metre": 1.0, "millimetre": 0.001, "foot": 0.3048, "us_survey_foot": 1200 / 3937}
 _IFC, _MESH, _BARE = SurfaceKind.IFC, SurfaceKind.MESH, SurfaceKind.AS_BUILT
-_FITS = {
+_APPLICABLE_KINDS = {
     "placement": (_IFC, _MESH),
     "control": (_IFC,),
     "accept_level": (_IFC,),
@@ -23,17 +23,17 @@ _FITS = {
     "storeys": (_IFC, _MESH, _BARE),
     "model_building": (_IFC,),
 }
-_WORDS = {_IFC: "an IFC", _MESH: "a mesh", _BARE: "'as-built', no model at all"}
+_KIND_LABELS = {_IFC: "an IFC", _MESH: "a mesh", _BARE: "'as-built', no model at all"}
 
 
-def surface_kind_of(model: str) -> SurfaceKind:
+def infer_surface_kind(model: str) -> SurfaceKind:
     """What the registry's ``model`` is, by its word or its ending."""
     if model == AS_BUILT:
         return SurfaceKind.AS_BUILT
-    return SurfaceKind.MESH if PurePath(model).suffix.lower() in _MESHES else SurfaceKind.IFC
+    return SurfaceKind.MESH if PurePath(model).suffix.lower() in _MESH_SUFFIXES else SurfaceKind.IFC
 
 
-def files_beside(model: Path) -> tuple[Path, ...]:
+def find_buffer_files(model: Path) -> tuple[Path, ...]:
     """The files that hold a model's coordinates beside it: the buffers that a glTF in text names, if they are there."""
     if model.suffix.lower() != ".gltf":
         return ()
@@ -45,13 +45,13 @@ def files_beside(model: Path) -> tuple[Path, ...]:
     return tuple(path for path in beside if path.is_file())
 
 
-def require_fitting_keys(model: str, given: Collection[str]) -> None:
+def require_applicable_keys(model: str, given: Collection[str]) -> None:
     """Raise ValueError where a key that is ``given`` says nothing of such a model, or one that it needs is not."""
-    kind = surface_kind_of(model)
+    kind = infer_surface_kind(model)
     for key in given:
-        if key in _FITS and kind not in _FITS[key]:
-            allowed = " or ".join(_WORDS[one] for one in _FITS[key])
-            raise ValueError(f"'{key}' is for a building whose model is {allowed}; this one's is {_WORDS[kind]}")
+        if key in _APPLICABLE_KINDS and kind not in _APPLICABLE_KINDS[key]:
+            allowed = " or ".join(_KIND_LABELS[one] for one in _APPLICABLE_KINDS[key])
+            raise ValueError(f"'{key}' is for a building whose model is {allowed}; this one's is {_KIND_LABELS[kind]}")
     if "placement" in given and "offset_file" in given:
         raise ValueError("both 'placement' and 'offset_file' place the mesh; give one of them")
     if kind is SurfaceKind.AS_BUILT and "vertical" not in given:

@@ -13,17 +13,17 @@ from cronsim import CronSim, CronSimError
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 
 from facadelake.core.errors import InputDataError
-from facadelake.registry.bare import require_fitting_keys, surface_kind_of
+from facadelake.registry.bare import infer_surface_kind, require_applicable_keys
 from schemas.vocabulary import DefectClass, SurfaceKind
 
 CAMPAIGN = "{campaign}"
 
 
-class _Strict(BaseModel):
+class StrictModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def _known_zone(name: str) -> str:
+def _check_time_zone(name: str) -> str:
     try:
         ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError) as error:
@@ -31,7 +31,7 @@ def _known_zone(name: str) -> str:
     return name
 
 
-def _valid_cron(expression: str) -> str:
+def _check_cron(expression: str) -> str:
     try:
         CronSim(expression, datetime(2026, 1, 1, tzinfo=UTC))
     except CronSimError as error:
@@ -41,23 +41,23 @@ def _valid_cron(expression: str) -> str:
     return expression
 
 
-def _id(word: str) -> str:
+def _check_identifier(word: str) -> str:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", word):
         raise ValueError("an id is letters, digits, '.', '_' and '-', and begins with a letter or digit")
     return word
 
 
-Identifier = Annotated[str, AfterValidator(_id)]
+Identifier = Annotated[str, AfterValidator(_check_identifier)]
 
 
-class Schedule(_Strict):
+class Schedule(StrictModel):
     """When the building is inspected: a cron expression in a time zone."""
 
-    cron: Annotated[str, AfterValidator(_valid_cron)]
-    timezone: Annotated[str, AfterValidator(_known_zone)] = "UTC"
+    cron: Annotated[str, AfterValidator(_check_cron)]
+    timezone: Annotated[str, AfterValidator(_check_time_zone)] = "UTC"
 
 
-class SiteOriginSetting(_Strict):
+class SiteOriginSetting(StrictModel):
     """Origin of the site frame in EPSG:4979, where it is not to be taken from the model."""
 
     lon_deg: Annotated[float, Field(ge=-180, le=180)]
@@ -65,7 +65,7 @@ class SiteOriginSetting(_Strict):
     height_ellipsoidal_m: Annotated[float, Field(ge=-1000, le=10000)]
 
 
-class PlacementSetting(_Strict):
+class PlacementSetting(StrictModel):
     """Where the model's zero lies in the projected CRS: metres, and degrees anticlockwise from map east to model x.
 
     ``scale`` is of east and north, such as the grid's 0.9996.
@@ -78,14 +78,14 @@ class PlacementSetting(_Strict):
     scale: Annotated[float, Field(gt=0)] = 1.0
 
 
-class ControlPairSetting(_Strict):
+class ControlPairSetting(StrictModel):
     """A point in the model's axes and the same on the map (east, north, height in the vertical datum), metres."""
 
     ifc_m: tuple[float, float, float]
     map_m: tuple[float, float, float]
 
 
-class BuildingCrs(_Strict):
+class BuildingCrs(StrictModel):
     """Overrides for a model that does not say where it stands; see docs/georeference-levels.md.
 
     ``map`` is a projected CRS such as EPSG:25832; ``vertical`` is ``ellipsoidal`` or a vertical CRS such as EPSG:7837.
@@ -110,14 +110,14 @@ class BuildingCrs(_Strict):
         return self
 
 
-class StoreySetting(_Strict):
+class StoreySetting(StrictModel):
     """A storey where the model names none: the height of its floor in the vertical datum, metres."""
 
     name: Annotated[str, Field(min_length=1)]
     floor_m: float
 
 
-class Tolerances(_Strict):
+class Tolerances(StrictModel):
     """Limits of the stages; each says its unit.
 
     ``features_max_image_px``: photographs are reduced to this longer side before features are looked for.
@@ -133,7 +133,7 @@ class Tolerances(_Strict):
     placement_sigma_max_m: Annotated[float, Field(gt=0)] = 0.5
 
 
-class CocoDetector(_Strict):
+class CocoDetectorSetting(StrictModel):
     """Detections are read from a COCO file: an outside detector's, or a person's boxes.
 
     ``alternatives`` names further files, so that a run can choose one by name.
@@ -148,7 +148,7 @@ class CocoDetector(_Strict):
 DEFAULT_MODEL = "default"  # stands where a detector model's path would
 
 
-class OnnxDetectorSetting(_Strict):
+class OnnxDetectorSetting(StrictModel):
     """Detections are made by an ONNX model: a file, or the word ``default`` for the one that Facadelake ships.
 
     Its card, ``crack.card.yaml`` beside ``crack.onnx`` unless ``card`` says another, declares its layout.
@@ -163,7 +163,7 @@ class OnnxDetectorSetting(_Strict):
     threads: Annotated[int, Field(ge=1)] | None = None
 
 
-class Building(_Strict):
+class Building(StrictModel):
     """One building of the registry; ``{campaign}`` in a path stands for the campaign's id.
 
     ``model`` is an IFC, a mesh, or the word ``as-built``: the campaign's own surface, where there is no model.
@@ -180,7 +180,7 @@ class Building(_Strict):
     control_points: str | None = None
     check_points: str | None = None
     poses: str | None = None
-    detector: Annotated[CocoDetector | OnnxDetectorSetting, Field(discriminator="kind")] = OnnxDetectorSetting(
+    detector: Annotated[CocoDetectorSetting | OnnxDetectorSetting, Field(discriminator="kind")] = OnnxDetectorSetting(
         kind="onnx"
     )
     schedule: Schedule | None = None
@@ -203,13 +203,13 @@ class Building(_Strict):
     def _keys_fit_the_model(self) -> Self:
         own = {"storeys": self.storeys, "model_building": self.model_building}
         given = {key for key, value in (*self.crs, *own.items()) if value}
-        require_fitting_keys(self.model, given)
+        require_applicable_keys(self.model, given)
         return self
 
     @property
     def surface_kind(self) -> SurfaceKind:
         """What the building's surface is made of."""
-        return surface_kind_of(self.model)
+        return infer_surface_kind(self.model)
 
     def known_campaigns(self) -> tuple[str, ...]:
         """The campaigns listed, or those whose photographs' folder exists, oldest id first."""
@@ -252,11 +252,11 @@ class Building(_Strict):
 
     def control_points_of(self, campaign_id: str) -> Path | None:
         """The control points' file, where the registry names one and it exists."""
-        return _if_there(self.control_points, campaign_id)
+        return _find_file(self.control_points, campaign_id)
 
     def check_points_of(self, campaign_id: str) -> Path | None:
         """The file of points that are held out of the adjustment to judge it, where there is one."""
-        return _if_there(self.check_points, campaign_id)
+        return _find_file(self.check_points, campaign_id)
 
     def poses_of(self, campaign_id: str, choice: str | None) -> Path | None:
         """Poses to import: ``choice`` (a file or folder), else the registry's; None: they are to be found anew.
@@ -276,7 +276,7 @@ class Building(_Strict):
 
     def detections_of(self, campaign_id: str, choice: str | None) -> Path:
         """The COCO file to read: the registry's, one of its alternatives by name, or a path."""
-        assert isinstance(self.detector, CocoDetector)
+        assert isinstance(self.detector, CocoDetectorSetting)
         if choice is None:
             template = self.detector.file
         elif choice in self.detector.alternatives:
@@ -309,7 +309,7 @@ class Building(_Strict):
         self._variables = tuple(names)
 
 
-def _if_there(template: str | None, campaign_id: str) -> Path | None:
+def _find_file(template: str | None, campaign_id: str) -> Path | None:
     if template is None:
         return None
     path = Path(template.replace(CAMPAIGN, campaign_id))

@@ -17,9 +17,9 @@ from facadelake.core.errors import InputDataError
 from facadelake.registry.bare import AS_BUILT
 from facadelake.registry.building import DEFAULT_MODEL, Building
 
-_WORDS = (AS_BUILT, DEFAULT_MODEL)  # that stand where a path would
+_PATH_KEYWORDS = (AS_BUILT, DEFAULT_MODEL)  # that stand where a path would
 _VARIABLE = re.compile(r"\$\{(\w+)(?::-([^}]*))?\}")
-_PATHS = (
+_PATH_KEYS = (
     ("model",),
     ("crs", "offset_file"),
     ("photographs",),
@@ -62,13 +62,13 @@ def read_portfolio(path: Path) -> Portfolio:
     mistakes: list[str] = []
     buildings: list[Building] = []
     for file in files:
-        for where, entry in _entries(file, mistakes):
+        for where, entry in _read_entries(file, mistakes):
             try:
-                building = Building.model_validate(_resolved(entry, file))
+                building = Building.model_validate(_resolve_entry(entry, file))
                 building.remember_variables(sorted({name for name, _ in _VARIABLE.findall(str(entry))}))
                 buildings.append(building)
             except ValidationError as error:
-                mistakes += [_mistake(file, where, entry, detail) for detail in error.errors()]
+                mistakes += [_format_error(file, where, entry, detail) for detail in error.errors()]
             except InputDataError as error:
                 mistakes.append(f"{file}: {where}: {error}")
     ids = [building.id for building in buildings]
@@ -79,7 +79,7 @@ def read_portfolio(path: Path) -> Portfolio:
     return Portfolio(buildings=tuple(buildings))
 
 
-def _entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _read_entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
     """The buildings of one file, each with where it stands."""
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
@@ -106,7 +106,7 @@ def _entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[str, A
             )
 
 
-def _resolved(entry: dict[str, Any], file: Path) -> dict[str, Any]:
+def _resolve_entry(entry: dict[str, Any], file: Path) -> dict[str, Any]:
     """The entry with its paths made absolute and its variables replaced."""
     out = dict(entry)
     for name in ("detector", "crs"):
@@ -116,18 +116,23 @@ def _resolved(entry: dict[str, Any], file: Path) -> dict[str, Any]:
         alternatives = out["detector"].get("alternatives")
         if isinstance(alternatives, dict):
             out["detector"]["alternatives"] = {
-                name: _path(value, file) if isinstance(value, str) else value for name, value in alternatives.items()
+                name: _resolve_path(value, file) if isinstance(value, str) else value
+                for name, value in alternatives.items()
             }
-    for keys in _PATHS:
+    for keys in _PATH_KEYS:
         holder: Any = out
         for key in keys[:-1]:
             holder = holder.get(key) if isinstance(holder, dict) else None
-        if isinstance(holder, dict) and isinstance(holder.get(keys[-1]), str) and holder[keys[-1]] not in _WORDS:
-            holder[keys[-1]] = _path(holder[keys[-1]], file)
+        if (
+            isinstance(holder, dict)
+            and isinstance(holder.get(keys[-1]), str)
+            and holder[keys[-1]] not in _PATH_KEYWORDS
+        ):
+            holder[keys[-1]] = _resolve_path(holder[keys[-1]], file)
     return out
 
 
-def _path(text: str, file: Path) -> str:
+def _resolve_path(text: str, file: Path) -> str:
     def replaced(match: re.Match[str]) -> str:
         value = os.environ.get(match[1]) or match[2]
         if value is None:
@@ -145,14 +150,14 @@ def _path(text: str, file: Path) -> str:
     return os.path.normpath(file.resolve().parent / Path(text).expanduser())
 
 
-def _mistake(file: Path, where: str, entry: dict[str, Any], detail: Any) -> str:
+def _format_error(file: Path, where: str, entry: dict[str, Any], detail: Any) -> str:
     """One pydantic error in words: file, key, value, what is allowed."""
     location = [str(part) for part in detail["loc"] if part not in ("coco", "onnx")]
     key = ".".join([where, *location])
     name = f" (id {entry['id']!r})" if "id" in entry else ""
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "extra_forbidden":
-        allowed = _allowed_keys(entry, location[:-1])
+        allowed = _list_allowed_keys(entry, location[:-1])
         close = get_close_matches(location[-1], allowed, n=1)
         meant = f" (did you mean '{close[0]}'?)" if close else ""
         return f"{file}: {key}{name}: unknown key{meant}; allowed are {', '.join(allowed)}"
@@ -167,7 +172,7 @@ def _mistake(file: Path, where: str, entry: dict[str, Any], detail: Any) -> str:
     return f"{file}: {key}{name}:{value} {message}"
 
 
-def _allowed_keys(entry: dict[str, Any], parents: list[str]) -> list[str]:
+def _list_allowed_keys(entry: dict[str, Any], parents: list[str]) -> list[str]:
     """The keys a mapping may have, where ``parents`` leads to it."""
     model: Any = Building
     for parent in (name for name in parents if not name.isdigit()):  # a list's members have its keys

@@ -10,7 +10,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.detection.coco import import_coco
 from facadelake.evaluation.campaigns.comparison import TruthComparison, compare_with_truth
-from facadelake.registry import Building, CocoDetector
+from facadelake.registry import Building, CocoDetectorSetting
 from schemas.vocabulary import SurfaceKind
 
 
@@ -32,7 +32,7 @@ def compare_campaign(
         height_ellipsoidal_m=place["origin_height_ellipsoidal_m"],
     )
     if detections is not None:
-        if not isinstance(building.detector, CocoDetector):
+        if not isinstance(building.detector, CocoDetectorSetting):
             raise InputDataError(
                 f"--detections needs a building whose detector reads COCO files; '{building.id}' has an ONNX model"
             )

@@ -8,7 +8,7 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.integrity.depth import SIGMA_PX, WINDOW_PX, compare_depth
-from facadelake.integrity.views import IntegritySettings, integrity_views
+from facadelake.integrity.views import IntegritySettings, compare_views
 
 
 def window():
@@ -99,7 +99,7 @@ def posed():
 
 
 def test_a_wall_built_20_cm_too_far_back(posed):
-    rows = {row["photo_id"]: row for row in integrity_views(posed, wall(0.0), wall(0.2)).to_pylist()}
+    rows = {row["photo_id"]: row for row in compare_views(posed, wall(0.0), wall(0.2)).to_pylist()}
     at = rows["at"]
     assert at["integrity_outcome"] == "compared"
     np.testing.assert_allclose(at["depth_difference_median_m"], 0.2, rtol=0, atol=1e-6)  # m
@@ -110,7 +110,7 @@ def test_a_wall_built_20_cm_too_far_back(posed):
 
 
 def test_a_view_with_little_as_built_surface_says_so(posed):
-    row = integrity_views({"at": posed["at"]}, wall(0.0), wall(0.0, half_m=0.5)).to_pylist()[0]
+    row = compare_views({"at": posed["at"]}, wall(0.0), wall(0.0, half_m=0.5)).to_pylist()[0]
     assert row["integrity_outcome"] == "too_little_surface"
     assert row["ssim"] is None
     assert "less than 10%" in row["reason"]

@@ -8,8 +8,8 @@ import shapely
 from numpy.typing import NDArray
 
 from benchmarks.drawn_cracks import Camera, DrawnCrack, bare_wall, draw_crack
-from facadelake.measurement.campaign import blur_of_photograph, measured_in
-from facadelake.measurement.crack import CrackMeasure
+from facadelake.measurement.campaign import estimate_photograph_blur, measure_in_photograph
+from facadelake.measurement.crack import CrackMeasurement
 from schemas.vocabulary import CrackWidthOutcome
 
 
@@ -18,8 +18,8 @@ def row_of(box: tuple[float, float, float, float], mask: str | None = None) -> d
     return {**dict(zip(names, box, strict=True)), "mask": mask}
 
 
-def measured(crack: DrawnCrack, mask: str | None = None) -> CrackMeasure:
-    return measured_in(crack.image, row_of(crack.box_px, mask), blur_of_photograph(crack.image))
+def measured(crack: DrawnCrack, mask: str | None = None) -> CrackMeasurement:
+    return measure_in_photograph(crack.image, row_of(crack.box_px, mask), estimate_photograph_blur(crack.image))
 
 
 def band(line: NDArray[np.float64], width_px: float) -> str:
@@ -85,7 +85,9 @@ def test_a_wall_without_a_crack_has_no_line() -> None:
     outcomes = []
     for seed in range(8):
         image = bare_wall(np.random.default_rng(seed), 200)
-        outcomes.append(measured_in(image, row_of((40, 40, 120, 60)), blur_of_photograph(image)).outcome)
+        outcomes.append(
+            measure_in_photograph(image, row_of((40, 40, 120, 60)), estimate_photograph_blur(image)).outcome
+        )
     assert outcomes.count(CrackWidthOutcome.NO_LINE) >= 7
 
 
@@ -107,13 +109,13 @@ def test_a_blurred_photograph_tells_less() -> None:
 def test_a_plain_picture_has_no_line(level: int, expected: str) -> None:
     image = np.full((120, 160, 3), level, dtype=np.uint8)
     for box in ((10, 10, 100, 60), (-5, -5, 12, 8), (150, 110, 40, 40), (20, 20, 0.5, 0.5)):
-        assert measured_in(image, row_of(box), blur_of_photograph(image)).outcome == expected
+        assert measure_in_photograph(image, row_of(box), estimate_photograph_blur(image)).outcome == expected
 
 
 def test_a_bar_of_whole_pixels_has_their_width() -> None:
     image = np.full((200, 300, 3), 200, dtype=np.uint8)
     image[95:105] = 20
-    found = measured_in(image, row_of((20, 60, 260, 80)), blur_of_photograph(image))
+    found = measure_in_photograph(image, row_of((20, 60, 260, 80)), estimate_photograph_blur(image))
     assert found.width is not None
     assert abs(found.width.mean_px - 10.0) < 0.1  # px
     assert found.line_px is not None
@@ -123,4 +125,6 @@ def test_a_bar_of_whole_pixels_has_their_width() -> None:
 def test_one_edge_alone_is_no_line() -> None:
     image = np.full((200, 300, 3), 200, dtype=np.uint8)
     image[:, 150:] = 20
-    assert measured_in(image, row_of((100, 20, 100, 160)), blur_of_photograph(image)).outcome == "no_line"
+    assert (
+        measure_in_photograph(image, row_of((100, 20, 100, 160)), estimate_photograph_blur(image)).outcome == "no_line"
+    )

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.registry import CocoDetector, OnnxDetectorSetting, read_portfolio
+from facadelake.registry import CocoDetectorSetting, OnnxDetectorSetting, read_portfolio
 
 GOOD = """
 buildings:
@@ -36,7 +36,7 @@ def test_paths_count_from_the_registry_and_campaigns_are_found(tmp_path: Path) -
     assert building.known_campaigns() == ("2026-04", "2026-10")
     assert building.photographs_of("2026-04") == tmp_path / "photos" / "2026-04" / "images"
     assert building.control_points_of("2026-04") is None
-    assert isinstance(building.detector, CocoDetector)
+    assert isinstance(building.detector, CocoDetectorSetting)
     assert building.detections_of("2026-04", "noisy") == tmp_path / "photos" / "2026-04" / "noisy.json"
 
 
