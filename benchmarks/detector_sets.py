@@ -122,7 +122,7 @@ def castle_facade(work: Path) -> LabelledSet:
     building = read_portfolio(ROOT / "data" / "portfolio.yaml").building("castle")
     model = read_registered_model(building)
     surface = Surface(model)
-    root = building.photographs_of("2026-04")
+    root = building.locate_photographs("2026-04")
     photos = ingest_photographs(root, distance_to_model_m=build_horizontal_distance(model), close_range_below_m=8.0)
     place = SiteFrame(
         origin=model.origin,

@@ -62,7 +62,7 @@ def _scenery(building_id: str, campaign_id: str, truth: Path, name: str) -> Scen
     building = read_portfolio(ROOT / "data" / "portfolio.yaml").building(building_id)
     model = read_registered_model(building)
     photos = ingest_photographs(
-        building.photographs_of(campaign_id),
+        building.locate_photographs(campaign_id),
         distance_to_model_m=build_horizontal_distance(model),
         close_range_below_m=8.0,
     )
@@ -74,7 +74,7 @@ def _scenery(building_id: str, campaign_id: str, truth: Path, name: str) -> Scen
 
 def _registered(scene: Scenery, placed: PlacedByImport, boxes: str) -> dict[str, Any]:
     """The figures of one detections file on imported poses, by the domain's own calls."""
-    found = import_coco(scene.building.detections_of(scene.campaign_id, boxes), scene.photos, class_names={})
+    found = import_coco(scene.building.locate_detections(scene.campaign_id, boxes), scene.photos, class_names={})
     tables = {"poses": placed.poses, "georeference": placed.georeference}
     merged = register_on_committed_poses(scene.building, scene.campaign_id, scene.model, found, tables)
     return compute_figures(
@@ -100,7 +100,7 @@ def imported(report: Report, work: Path) -> None:
             vertical_datum=scene.model.vertical_datum,
             georeference_level=scene.model.georeference_level,
         )
-        control = scene.building.control_points_of(scene.campaign_id)
+        control = scene.building.locate_control_points(scene.campaign_id)
         surveyed = [read_control_points(control)] if control else []
         for words, noise, files in (
             ("published cameras", None, ("exact", "noisy")),

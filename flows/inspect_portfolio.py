@@ -37,7 +37,7 @@ def inspect_portfolio(portfolio: str = "data/portfolio.yaml", lake: str = "lake"
     done = {(row["building_id"], row["campaign_id"]) for row in held}
     outcomes = []
     for building in read_portfolio(Path(portfolio)).buildings:
-        for campaign in building.known_campaigns():
+        for campaign in building.list_campaigns():
             if (building.id, campaign) not in done:
                 outcomes.append(_attempt(building.id, campaign, portfolio, lake))
     failed = [outcome for outcome in outcomes if outcome.version is None]

@@ -23,7 +23,7 @@ def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: 
     """Table ``detections`` made by the building's ONNX model, which looks where the poses say the building is."""
     setting = job.building.detector
     assert isinstance(setting, OnnxDetectorSetting)
-    root = job.building.photographs_of(job.campaign_id)
+    root = job.building.locate_photographs(job.campaign_id)
     masks = find_masks(root)
 
     def make(folder: Path) -> Counts:

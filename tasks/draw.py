@@ -29,7 +29,7 @@ def draw(job: InspectionJob, results: StageResults, checks: StageResult) -> Stag
         inspection = Inspection(
             building_name=job.building.name,
             campaign_id=job.campaign_id,
-            photographs_root=job.building.photographs_of(job.campaign_id),
+            photographs_root=job.building.locate_photographs(job.campaign_id),
             building=building,
             posed=read_posed_cameras(tables["poses"]),
             photos=tables["photos"],

@@ -25,11 +25,14 @@ SITE_FROM_SFM = "site_from_sfm.json"
 def georeference_block(job: InspectionJob, model: StageResult, photos: StageResult, block: StageResult) -> StageResult:
     """Tables ``poses``, ``georeference`` and ``georeference_points``, and the reference for later campaigns."""
     building, tolerances = job.building, job.building.tolerances
-    gcp_file, check_file = building.control_points_of(job.campaign_id), building.check_points_of(job.campaign_id)
+    gcp_file, check_file = (
+        building.locate_control_points(job.campaign_id),
+        building.locate_check_points(job.campaign_id),
+    )
     # By GPS or by the model, a campaign stands for itself.
     alone = job.control in (ControlKind.GPS, ControlKind.MODEL)
     references = [] if alone else earlier_references(job.lake, building.id, job.campaign_id)
-    root = building.photographs_of(job.campaign_id)
+    root = building.locate_photographs(job.campaign_id)
 
     def make(folder: Path) -> Counts:
         model_of_building = read_building(model.folder)

@@ -20,7 +20,7 @@ def import_detections(job: InspectionJob, photos: StageResult) -> StageResult:
     """Table ``detections`` of a COCO file."""
     detector = job.building.detector
     assert isinstance(detector, CocoDetectorSetting)
-    file = job.building.detections_of(job.campaign_id, job.detections)
+    file = job.building.locate_detections(job.campaign_id, job.detections)
 
     def make(folder: Path) -> Counts:
         table = import_coco(file, read_table("photos", photos.folder), class_names=detector.classes)

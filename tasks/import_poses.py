@@ -26,7 +26,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
     assert job.poses is not None
     path = job.poses
     limit_m = job.building.tolerances.placement_sigma_max_m
-    files = (job.building.control_points_of(job.campaign_id), job.building.check_points_of(job.campaign_id))
+    files = (job.building.locate_control_points(job.campaign_id), job.building.locate_check_points(job.campaign_id))
     surveyed = [file for file in files if file is not None]
 
     def make(folder: Path) -> Counts:

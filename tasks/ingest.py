@@ -22,7 +22,7 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
 
     Without a ``model`` no photograph is close-range by its distance, only by its folder.
     """
-    root = job.building.photographs_of(job.campaign_id)
+    root = job.building.locate_photographs(job.campaign_id)
     paths = find_photographs(root)
     close_range_below_m = job.building.tolerances.close_range_below_m
 

@@ -18,7 +18,7 @@ from tasks.stage import Counts, run_stage
 def load_model(job: InspectionJob) -> StageResult:
     """The building model, an IFC or a mesh, as triangles in site and a table of elements."""
     building = job.building
-    path, offset = building.model_path(), building.offset_path()
+    path, offset = building.locate_model(), building.locate_offset_file()
 
     def make(folder: Path) -> Counts:
         with report_progress(f"Reading {path.name}"):

@@ -18,7 +18,7 @@ def measure(job: InspectionJob, photos: StageResult, detections: StageResult) ->
     """Table ``detections``, its cracks with widths and lengths; table ``photos`` has the photographs' hashes."""
 
     def make(folder: Path) -> Counts:
-        root = job.building.photographs_of(job.campaign_id)
+        root = job.building.locate_photographs(job.campaign_id)
         table = measure_detections(read_table("detections", detections.folder), root)
         write_table("detections", table, folder)
         return Counter(word for word in table.column("crack_width_outcome").to_pylist() if word is not None)

@@ -42,7 +42,7 @@ def merge_duplicates(
             prefix=f"{job.building.id}-{job.campaign_id}",
             settings=merge_settings(passport),
             covariances=read_pose_covariances(poses),
-            photographs=Photographs(root=job.building.photographs_of(job.campaign_id), posed=posed),
+            photographs=Photographs(root=job.building.locate_photographs(job.campaign_id), posed=posed),
         )
         write_table("observations", merged.observations, folder)
         write_table("merges", merged.merges, folder)

@@ -17,7 +17,7 @@ from tasks.stage import Counts, run_stage
 def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
     """Camera poses and tie points in the frame ``sfm``."""
     settings = ReconstructionSettings(max_image_px=job.building.tolerances.features_max_image_px)
-    root = job.building.photographs_of(job.campaign_id)
+    root = job.building.locate_photographs(job.campaign_id)
 
     def make(folder: Path) -> Counts:
         reconstruct(read_table("photos", photos.folder), root, folder, settings)

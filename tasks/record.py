@@ -44,7 +44,7 @@ def whole_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRecord
     building = read_building(results.model.folder)
     kind = building.surface_kind
     # Without a model, the surface that the campaign itself made stands for it.
-    model_path = results.model.folder / SURFACE_FILE if kind is SurfaceKind.AS_BUILT else job.building.model_path()
+    model_path = results.model.folder / SURFACE_FILE if kind is SurfaceKind.AS_BUILT else job.building.locate_model()
     record = BuildingRecord(
         building_name=job.building.name,
         model_uri=job.building.model,
@@ -59,7 +59,7 @@ def whole_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRecord
         origin_height_ellipsoidal_m=building.origin.height_ellipsoidal_m,
     )
     run = _run_record(job, results, tables["detections"])
-    return run, build_campaign_tables(run, record, str(job.building.photographs_of(job.campaign_id)), tables)
+    return run, build_campaign_tables(run, record, str(job.building.locate_photographs(job.campaign_id)), tables)
 
 
 def _run_record(job: InspectionJob, results: StageResults, detections: pa.Table) -> RunRecord:

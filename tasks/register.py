@@ -28,7 +28,7 @@ def register(
 ) -> StageResult:
     """Table ``observations``, not yet merged; without a ``block`` (poses were imported) there are no tie points."""
     settings = resolve_registration_settings(job.building)
-    masks = find_masks(job.building.photographs_of(job.campaign_id))
+    masks = find_masks(job.building.locate_photographs(job.campaign_id))
 
     def make(folder: Path) -> Counts:
         table = register_detections(

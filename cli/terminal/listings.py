@@ -42,7 +42,7 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
     lines: dict[tuple[str, str], tuple[str, ...]] = {}
     for building in portfolio.buildings:
         if only in (None, building.id):
-            for campaign in building.known_campaigns():
+            for campaign in building.list_campaigns():
                 lines[building.id, campaign] = ("", "", "", "", "not yet inspected", "")
     for row in held:
         key = (row["building_id"], row["campaign_id"])

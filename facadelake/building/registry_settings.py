@@ -16,7 +16,7 @@ from schemas.vocabulary import SurfaceKind
 
 def read_registered_model(building: Building) -> BuildingModel:
     """The building of the registry's model file, whichever kind that is."""
-    path = building.model_path()
+    path = building.locate_model()
     if building.surface_kind is SurfaceKind.MESH:
         return load_mesh_building(path, settings=mesh_settings_from_registry(building))
     return load_ifc_building(path, settings=ifc_settings_from_registry(building))
@@ -44,7 +44,7 @@ def mesh_settings_from_registry(building: Building) -> MeshModelSettings:
         map_crs=crs.map,
         vertical_datum=crs.vertical,
         placement=_placement_from_registry(building),
-        offset_file=building.offset_path(),
+        offset_file=building.locate_offset_file(),
         origin=_origin_from_registry(building),
         axes=MeshAxes(crs.axes) if crs.axes else None,
         unit_m=UNITS_M[crs.unit or "metre"],

@@ -50,7 +50,7 @@ def committed_model(building: Building, campaign_id: str, committed: Mapping[str
             f"building '{building.id}' has no model (model: as-built): its surface is the run's own and is not kept in "
             f"the lake; its pictures are in the release that 'facadelake inspect {building.id} {campaign_id}' published"
         )
-    path = building.model_path()
+    path = building.locate_model()
     with report_progress(f"Reading {path.name}"):
         model = read_registered_model(building)
     names = ("origin_lon_deg", "origin_lat_deg", "origin_height_ellipsoidal_m")

@@ -20,7 +20,7 @@ def resolved_campaign(building: Building, campaign_id: str) -> str:
     """The campaign itself, or the building's newest for 'latest'. Raises InputDataError where there is none."""
     if campaign_id != LATEST:
         return campaign_id
-    known = building.known_campaigns()
+    known = building.list_campaigns()
     if not known:
         raise InputDataError(
             f"building '{building.id}' has no campaign with photographs yet; looked for {building.photographs}"
@@ -34,7 +34,7 @@ def chosen_poses(building: Building, campaign_id: str, georeference: str, poses:
     Raises InputDataError where poses are named and not there, or asked for together with a control.
     """
     if georeference == AUTO:
-        found = building.poses_of(campaign_id, poses)
+        found = building.locate_poses(campaign_id, poses)
         if found is not None:
             pose_files(found)
         return found
@@ -69,19 +69,19 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
     Returns warnings of what is missing but can be done without.
     """
     if building.surface_kind is not SurfaceKind.AS_BUILT:
-        building.model_path()
-        building.offset_path()
-    building.photographs_of(campaign_id)
+        building.locate_model()
+        building.locate_offset_file()
+    building.locate_photographs(campaign_id)
     rule_file(building.severity_rules)
     if isinstance(building.detector, CocoDetectorSetting):
-        building.detections_of(campaign_id, detections)
+        building.locate_detections(campaign_id, detections)
     elif detections is not None:
         raise InputDataError(
             f"--detections '{detections}' is for buildings whose detector reads COCO files; '{building.id}' has a model"
         )
     else:
         load_configured_detector(building.detector)  # a model that cannot be used is told before the hours of work
-    if building.control_points is not None and building.control_points_of(campaign_id) is None:
+    if building.control_points is not None and building.locate_control_points(campaign_id) is None:
         path = building.control_points.replace("{campaign}", campaign_id)
         return (f"the registry names control points, but {path} does not exist; without them GPS is the control",)
     return ()

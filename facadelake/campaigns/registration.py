@@ -23,7 +23,7 @@ def register_on_committed_poses(
     masks and the model alone, because tie points are not in the lake.
     """
     passport, poses = tables["georeference"].to_pylist()[0], tables["poses"]
-    root = building.photographs_of(campaign_id)
+    root = building.locate_photographs(campaign_id)
     observations = register_detections(
         detections,
         poses,

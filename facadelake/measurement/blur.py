@@ -36,10 +36,10 @@ class Blur:
     """One sigma of a photograph's blur (lens, mosaic and pixel together), px, and how well it is known (share)."""
 
     sigma_px: float
-    known_to: float
+    relative_sigma: float
 
 
-TYPICAL_BLUR = Blur(sigma_px=0.95, known_to=0.25)  # what photographs of drones have
+TYPICAL_BLUR = Blur(sigma_px=0.95, relative_sigma=0.25)  # what photographs of drones have
 
 
 def estimate_blur(light: Float32Array) -> Blur:
@@ -60,7 +60,8 @@ def estimate_blur(light: Float32Array) -> Blur:
     ratio = steep.ravel()[edges] / np.maximum(flat.ravel()[edges], 1e-9)
     sigma = _REBLUR_SIGMA_PX / np.sqrt(np.maximum(ratio**2 - 1, 1e-3))
     return Blur(
-        sigma_px=float(np.clip(np.percentile(sigma, _BLUR_PERCENTILE), _MIN_SIGMA_PX, _MAX_SIGMA_PX)), known_to=0.2
+        sigma_px=float(np.clip(np.percentile(sigma, _BLUR_PERCENTILE), _MIN_SIGMA_PX, _MAX_SIGMA_PX)),
+        relative_sigma=0.2,
     )
 
 

@@ -69,7 +69,7 @@ def measure_in_photograph(image: UInt8Image, row: Row, blur: Blur) -> CrackMeasu
     mask = _rasterise_mask(row["mask"], x0, y0, crop.shape[:2]) if row["mask"] else None
     inside = _rasterise_box(crop.shape[:2], left - x0, top - y0, right - x0, bottom - y0) if mask is None else mask
     found = measure_crack(crop, inside, is_mask=mask is not None, blur=blur)
-    return found.moved(x0, y0)
+    return found.shift(x0, y0)
 
 
 def estimate_photograph_blur(image: UInt8Image) -> Blur:
@@ -85,7 +85,7 @@ def estimate_photograph_blur(image: UInt8Image) -> Blur:
                 known.append(blur)
     if not known:
         return TYPICAL_BLUR
-    return Blur(sigma_px=float(np.median([blur.sigma_px for blur in known])), known_to=known[0].known_to)
+    return Blur(sigma_px=float(np.median([blur.sigma_px for blur in known])), relative_sigma=known[0].relative_sigma)
 
 
 def _build_columns(row: Row, found: CrackMeasurement | None) -> Row:

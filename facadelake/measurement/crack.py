@@ -42,7 +42,7 @@ class CrackMeasurement:
     length_px: float = float("nan")
     width: CrackWidth | None = None
 
-    def moved(self, x_px: float, y_px: float) -> CrackMeasurement:
+    def shift(self, x_px: float, y_px: float) -> CrackMeasurement:
         """The same in pixels of a picture whose top left corner lies this much before the crop's."""
         return self if self.line_px is None else replace(self, line_px=self.line_px + np.array([x_px, y_px]))
 
@@ -87,15 +87,15 @@ def _sample_profiles(light: Float32Array, line: Centreline, blur: Blur) -> tuple
         width = float(np.clip(_measure_apparent_fwhm(profiles), of_ridge / 2, 2 * of_ridge + 1))
     core = float(np.clip(width / 2 + _CORE_MARGIN_SIGMAS * blur.sigma_px, _MIN_CORE_PX, _MAX_CORE_PX))
     profiles = extract_profiles(straighten(light, xy, compute_half_width(core)), core, blur.sigma_px)
-    return shift_across(xy, profiles.middle_px), profiles
+    return shift_across(xy, profiles.centre_px), profiles
 
 
 def _measure_apparent_fwhm(profiles: Profiles) -> float:
     """Width of the wider places, px, by how far from the middle their darkness is at half its depth."""
-    area = profiles.area_px[profiles.even]
-    mean = np.median(profiles.darkness[profiles.even][area >= np.quantile(area, 0.7)], axis=0)
-    depth = mean[np.abs(profiles.across_px) < 1.0].max()
-    deep = np.sort(np.abs(profiles.across_px[mean > depth / 2]))
+    area = profiles.equivalent_width_px[profiles.is_homogeneous]
+    mean = np.median(profiles.darkness[profiles.is_homogeneous][area >= np.quantile(area, 0.7)], axis=0)
+    depth = mean[np.abs(profiles.offset_px) < 1.0].max()
+    deep = np.sort(np.abs(profiles.offset_px[mean > depth / 2]))
     if depth <= 0 or len(deep) == 0:
         return 1.0
     gaps = np.flatnonzero(np.diff(deep) > _MIN_GAP_PX)
@@ -106,13 +106,13 @@ def _is_crack_like(profiles: Profiles, line: Centreline, inside: BoolArray, is_m
     """Whether the line is darker than the wall beside it, all along, and runs through its box."""
     rows, columns = np.nonzero(inside)
     side = max(np.ptp(rows), np.ptp(columns)) + 1
-    core = np.abs(profiles.across_px) < 0.6
+    core = np.abs(profiles.offset_px) < 0.6
     dark = profiles.darkness[:, core].mean(axis=1)
-    even = profiles.even
-    texture = float(np.std(profiles.beside_px[even]))
-    stands_out = float(profiles.area_px[even].mean()) > _MIN_SIGNAL_TO_NOISE * texture / np.sqrt(
+    even = profiles.is_homogeneous
+    texture = float(np.std(profiles.background_width_px[even]))
+    stands_out = float(profiles.equivalent_width_px[even].mean()) > _MIN_SIGNAL_TO_NOISE * texture / np.sqrt(
         max(len(dark) / 10, 1.0)
     )
-    shows = float(np.mean((profiles.area_px > texture) & profiles.darker)) >= _MIN_VISIBLE_SHARE
+    shows = float(np.mean((profiles.equivalent_width_px > texture) & profiles.is_trough)) >= _MIN_VISIBLE_SHARE
     spans = is_mask or line.length_px >= _MIN_SPAN_SHARE * side
     return bool(stands_out and shows and spans and dark.mean() >= _MIN_DARKNESS)

@@ -17,10 +17,10 @@ _MAX_LATERAL_STEPS = 2  # steps across that the middle may move from one place a
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StraightenedStrip:
-    """Light (k, m) at places (k,) along a line ``xy`` (k, 2) and at ``across_px`` (m,) from it."""
+    """Light (k, m) at places (k,) along a line ``xy`` (k, 2) and at ``offset_px`` (m,) from it."""
 
     xy: Float64Array
-    across_px: Float64Array
+    offset_px: Float64Array
     light: Float64Array
 
 
@@ -31,7 +31,7 @@ def straighten(light: Float32Array, xy: Float64Array, half_width_px: float) -> S
     across = np.asarray(np.arange(-count, count + 1) * STEP_PX, dtype=np.float64)
     x, y = (xy[:, axis, None] + normal[:, axis, None] * across for axis in (0, 1))
     sampled = map_coordinates(light, [y, x], order=3, mode="nearest", output=np.float64)
-    return StraightenedStrip(xy=xy, across_px=across, light=sampled)
+    return StraightenedStrip(xy=xy, offset_px=across, light=sampled)
 
 
 def snap_to_darkest_path(light: Float32Array, xy: Float64Array, width_px: float, reach_px: float) -> Float64Array:
@@ -41,7 +41,7 @@ def snap_to_darkest_path(light: Float32Array, xy: Float64Array, width_px: float,
     """
     strip = straighten(light, xy, reach_px)
     dark = -gaussian_filter(strip.light, (1.0, max(width_px / 2.5, 0.8) / STEP_PX), mode="nearest")
-    shift = strip.across_px[_find_best_path(dark)]
+    shift = strip.offset_px[_find_best_path(dark)]
     return resample_evenly(shift_across(xy, gaussian_filter1d(shift, _SMOOTH_PX, mode="nearest")))
 
 
@@ -89,24 +89,24 @@ _ROUGHNESS_QUANTILE, _MAX_ROUGHNESS_RATIO = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Profiles:
-    """Darkness (k, m) at places along a line and ``across_px`` (m,) from its middle: 1 - light over the wall's light.
+    """Darkness (k, m) at places along a line and ``offset_px`` (m,) from its middle: 1 - light over the wall's light.
 
-    ``area_px`` (k,): the darkness integrated across, which blur does not change: width times contrast.
-    ``beside_px`` (k,): the same over a piece of wall as wide, which shows what the wall's texture adds.
-    ``middle_px`` (k,): how far each was moved. ``darker`` (k,): places whose middle is darker than either flank, as a
-    line's is and an edge's is not. ``even`` (k,): places where the wall beside is as even as it is anywhere, so not
+    ``equivalent_width_px`` (k,): the darkness integrated across, which blur does not change: width times contrast.
+    ``background_width_px`` (k,): the same over a piece of wall as wide, which shows what the wall's texture adds.
+    ``centre_px`` (k,): how far each was moved. ``is_trough`` (k,): places whose middle is darker than either flank, as a
+    line's is and an edge's is not. ``is_homogeneous`` (k,): places where the wall beside is as even as it is anywhere, so not
     where a joint crosses.
-    ``jitter_px``: one sigma of the middles, which blurs a mean of profiles.
+    ``centre_sigma_px``: one sigma of the middles, which blurs a mean of profiles.
     """
 
-    across_px: Float64Array
+    offset_px: Float64Array
     darkness: Float64Array
-    area_px: Float64Array
-    beside_px: Float64Array
-    middle_px: Float64Array
-    darker: BoolArray
-    even: BoolArray
-    jitter_px: float
+    equivalent_width_px: Float64Array
+    background_width_px: Float64Array
+    centre_px: Float64Array
+    is_trough: BoolArray
+    is_homogeneous: BoolArray
+    centre_sigma_px: float
 
 
 def compute_half_width(core_px: float) -> float:
@@ -116,7 +116,7 @@ def compute_half_width(core_px: float) -> float:
 
 def extract_profiles(strip: StraightenedStrip, core_px: float, blur_px: float) -> Profiles:
     """Profiles of a straightened strip, each moved so that its darkness, ``core_px`` to either side, is about 0."""
-    across = strip.across_px
+    across = strip.offset_px
     dark = _compute_darkness(strip.light, across, core_px)
     middle, jitter = _locate_centres(dark, across, core_px, blur_px)
     moved = np.array([np.interp(across + by, across, row) for by, row in zip(middle, strip.light, strict=True)])
@@ -128,15 +128,15 @@ def extract_profiles(strip: StraightenedStrip, core_px: float, blur_px: float) -
         local = _compute_darkness(moved, across - centre, core_px)
         aside.append(local[:, np.abs(across - centre) <= core_px].sum(axis=1) * STEP_PX)
     return Profiles(
-        across_px=across,
+        offset_px=across,
         darkness=dark,
-        area_px=dark[:, core].sum(axis=1) * STEP_PX,
-        beside_px=np.mean(aside, axis=0),
-        middle_px=middle,
-        darker=moved[:, np.abs(across) < _CENTRE_HALF_WIDTH_PX].mean(axis=1)
+        equivalent_width_px=dark[:, core].sum(axis=1) * STEP_PX,
+        background_width_px=np.mean(aside, axis=0),
+        centre_px=middle,
+        is_trough=moved[:, np.abs(across) < _CENTRE_HALF_WIDTH_PX].mean(axis=1)
         < np.minimum(*_estimate_baseline(moved, across, core_px)),
-        even=_find_homogeneous(dark, across, core_px),
-        jitter_px=jitter,
+        is_homogeneous=_find_homogeneous(dark, across, core_px),
+        centre_sigma_px=jitter,
     )
 
 

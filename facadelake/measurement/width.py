@@ -38,7 +38,7 @@ _MAX_RELATIVE_SIGMA = 0.35  # a width whose sigma is a larger share of it is a l
 class CrackWidth:
     """Widths in px along a crack: mean, one sigma of it, largest, and ``local_px`` (k,).
 
-    ``limit_px``: the narrowest mean that these profiles could have told. ``told``: whether the mean is a measurement;
+    ``limit_px``: the narrowest mean that these profiles could have told. ``is_resolved``: whether the mean is a measurement;
     else the limit is its upper bound. ``blur_px`` and ``contrast`` are the fit's.
     """
 
@@ -46,7 +46,7 @@ class CrackWidth:
     sigma_px: float
     largest_px: float
     limit_px: float
-    told: bool
+    is_resolved: bool
     blur_px: float
     contrast: float
     local_px: Float64Array
@@ -54,17 +54,17 @@ class CrackWidth:
 
 def fit_width(profiles: Profiles, blur: Blur) -> CrackWidth:
     """Fit the bars to the mean profiles of places about equally wide."""
-    blur = replace(blur, sigma_px=float(np.hypot(blur.sigma_px, profiles.jitter_px)))
-    darkness = profiles.darkness[profiles.even]
-    smooth = gaussian_filter1d(profiles.area_px, _SMOOTH_PX, mode="nearest")[profiles.even]
+    blur = replace(blur, sigma_px=float(np.hypot(blur.sigma_px, profiles.centre_sigma_px)))
+    darkness = profiles.darkness[profiles.is_homogeneous]
+    smooth = gaussian_filter1d(profiles.equivalent_width_px, _SMOOTH_PX, mode="nearest")[profiles.is_homogeneous]
     bins = np.array_split(np.argsort(smooth), min(max(len(smooth) // _PROFILES_PER_BIN, 1), _MAX_BINS))
     means = [_compute_trimmed_mean(darkness[rows]) for rows in bins]
     weights = [1 / _estimate_noise(darkness[rows], mean) for rows, mean in zip(bins, means, strict=True)]
     areas = np.array([max(float(smooth[rows].mean()), 0.02) for rows in bins])
     share = np.array([len(rows) for rows in bins]) / len(smooth)
-    fit = _ProfileFit(profiles.across_px, means, weights, areas, blur)
-    values, covariance = fit.solved()
-    widths, contrasts, sigma = fit.widths(values), fit.contrasts(values), float(np.exp(values[0]))
+    fit = _ProfileFit(profiles.offset_px, means, weights, areas, blur)
+    values, covariance = fit.solve()
+    widths, contrasts, sigma = fit.extract_widths(values), fit.extract_contrasts(values), float(np.exp(values[0]))
     wide = widths >= _RESOLVED_SIGMAS * sigma
     toward = np.zeros(len(values))
     toward[2 : 2 + len(bins)] = np.where(wide, 0.0, share * widths)  # widths are fitted as logarithms
@@ -73,16 +73,19 @@ def fit_width(profiles: Profiles, blur: Blur) -> CrackWidth:
     for rows, width, dark, area, resolved in zip(bins, widths, contrasts, areas, wide, strict=True):
         if resolved:
             by_place[rows], noise[rows] = _measure_half_maximum_widths(
-                darkness[rows], profiles.across_px, float(dark), float(width)
+                darkness[rows], profiles.offset_px, float(dark), float(width)
             )
         else:
             by_place[rows] = np.maximum(width + (smooth[rows] - area) / dark, 0.0)
-            noise[rows] = np.std(profiles.beside_px[profiles.even]) / dark
-    places = np.arange(len(profiles.even))
-    local = np.interp(places, places[profiles.even], by_place)  # a crack's width goes on where a joint crosses it
+            noise[rows] = np.std(profiles.background_width_px[profiles.is_homogeneous]) / dark
+    places = np.arange(len(profiles.is_homogeneous))
+    local = np.interp(
+        places, places[profiles.is_homogeneous], by_place
+    )  # a crack's width goes on where a joint crosses it
     mean, contrast = float(local.mean()), float(share @ contrasts)
     independent = max(
-        len(smooth) / max(_CORRELATION_LENGTH_PX + mean, _estimate_correlation_length(profiles.beside_px)), 1.0
+        len(smooth) / max(_CORRELATION_LENGTH_PX + mean, _estimate_correlation_length(profiles.background_width_px)),
+        1.0,
     )
     by_scatter = float(np.sqrt(np.mean(noise**2) / independent))
     error = float(np.hypot(np.hypot(by_fit, by_scatter), _MIN_SIGMA_PX))
@@ -96,8 +99,8 @@ def fit_width(profiles: Profiles, blur: Blur) -> CrackWidth:
         largest_px=max(float(np.quantile(local, _LARGEST_QUANTILE)), mean),
         limit_px=limit
         if told
-        else max(limit, min(mean + 2 * error, _measure_mean_fwhm(means, profiles.across_px, sigma))),
-        told=told,
+        else max(limit, min(mean + 2 * error, _measure_mean_fwhm(means, profiles.offset_px, sigma))),
+        is_resolved=told,
         blur_px=sigma,
         contrast=contrast,
         local_px=local,
@@ -117,7 +120,7 @@ class _ProfileFit:
         reach = areas.max() * 2 + 4 * blur.sigma_px + 2
         self._seen = np.abs(across_px) <= max(reach, 5.0)
 
-    def solved(self) -> tuple[Float64Array, Float64Array]:
+    def solve(self) -> tuple[Float64Array, Float64Array]:
         """Best parameters and their covariance."""
         count = len(self._areas)
         start, low, high = [np.log(self._blur.sigma_px), np.log(0.6)], [np.log(0.3), np.log(0.02)], [np.log(6.0), 0.03]
@@ -128,21 +131,21 @@ class _ProfileFit:
         found = least_squares(self._residuals, begin, bounds=(low, high), x_scale=0.1, max_nfev=80)
         return found.x, np.linalg.pinv(found.jac.T @ found.jac)
 
-    def widths(self, values: Float64Array) -> Float64Array:
+    def extract_widths(self, values: Float64Array) -> Float64Array:
         return np.asarray(np.exp(values[2 : 2 + len(self._areas)]))
 
-    def contrasts(self, values: Float64Array) -> Float64Array:
+    def extract_contrasts(self, values: Float64Array) -> Float64Array:
         count = len(self._areas)
         return np.asarray(np.exp(values[2 + count : 2 + 2 * count]))
 
     def _residuals(self, values: Float64Array) -> Float64Array:
         count = len(self._areas)
         blur, bases = np.exp(values[0]), values[2 + 2 * count :]
-        out = [(values[0] - np.log(self._blur.sigma_px)) / self._blur.known_to]
+        out = [(values[0] - np.log(self._blur.sigma_px)) / self._blur.relative_sigma]
         out += list((values[2 + count : 2 + 2 * count] - values[1]) / _CONTRAST_SIGMA)
         parts = [np.array(out)]
         for mean, weight, width, contrast, base in zip(
-            self._means, self._weights, self.widths(values), self.contrasts(values), bases, strict=True
+            self._means, self._weights, self.extract_widths(values), self.extract_contrasts(values), bases, strict=True
         ):
             model = base + contrast * evaluate_blurred_slit(self._across[self._seen], float(width), float(blur))
             # Samples of a quarter pixel are not independent: together they count as those of whole pixels.

@@ -104,7 +104,7 @@ class BuildingCrs(StrictModel):
     origin: SiteOriginSetting | None = None
 
     @model_validator(mode="after")
-    def _placed_once(self) -> Self:
+    def _check_single_placement(self) -> Self:
         if self.placement and self.control:
             raise ValueError("both 'placement' and 'control' place the model; give one of them")
         return self
@@ -191,7 +191,7 @@ class Building(StrictModel):
     _variables: tuple[str, ...] = PrivateAttr(default=())
 
     @model_validator(mode="after")
-    def _campaigns_can_be_told(self) -> Self:
+    def _check_campaigns_distinct(self) -> Self:
         if CAMPAIGN not in self.photographs and not self.campaigns:
             raise ValueError(
                 f"photographs '{self.photographs}' has no {CAMPAIGN} in it and 'campaigns' is empty, "
@@ -200,7 +200,7 @@ class Building(StrictModel):
         return self
 
     @model_validator(mode="after")
-    def _keys_fit_the_model(self) -> Self:
+    def _check_applicable_keys(self) -> Self:
         own = {"storeys": self.storeys, "model_building": self.model_building}
         given = {key for key, value in (*self.crs, *own.items()) if value}
         require_applicable_keys(self.model, given)
@@ -211,7 +211,7 @@ class Building(StrictModel):
         """What the building's surface is made of."""
         return infer_surface_kind(self.model)
 
-    def known_campaigns(self) -> tuple[str, ...]:
+    def list_campaigns(self) -> tuple[str, ...]:
         """The campaigns listed, or those whose photographs' folder exists, oldest id first."""
         if self.campaigns:
             return tuple(sorted(self.campaigns))
@@ -226,7 +226,7 @@ class Building(StrictModel):
                 found.append(name)
         return tuple(sorted(found))
 
-    def photographs_of(self, campaign_id: str) -> Path:
+    def locate_photographs(self, campaign_id: str) -> Path:
         """Folder of the campaign's photographs. Raises InputDataError where it is missing."""
         folder = Path(self.photographs.replace(CAMPAIGN, campaign_id))
         if self.campaigns and campaign_id not in self.campaigns:
@@ -235,30 +235,30 @@ class Building(StrictModel):
                 f"it has {', '.join(self.campaigns)} (key 'campaigns')"
             )
         if not folder.is_dir():
-            known = ", ".join(self.known_campaigns()) or "none found"
+            known = ", ".join(self.list_campaigns()) or "none found"
             raise InputDataError(
                 f"the photographs' folder {folder} of building '{self.id}', campaign '{campaign_id}', does not exist "
-                f"(campaigns with photographs: {known}); {self._remedy()}"
+                f"(campaigns with photographs: {known}); {self._format_remedy()}"
             )
         return folder
 
-    def model_path(self) -> Path:
+    def locate_model(self) -> Path:
         """The building model's file. Raises InputDataError where it is missing; ``as-built`` has none."""
-        return self._existing(self.model, "model")
+        return self._require_file(self.model, "model")
 
-    def offset_path(self) -> Path | None:
+    def locate_offset_file(self) -> Path | None:
         """The file that says where a mesh's zero lies, if the registry names one. Raises where it is missing."""
-        return self._existing(self.crs.offset_file, "offset file") if self.crs.offset_file else None
+        return self._require_file(self.crs.offset_file, "offset file") if self.crs.offset_file else None
 
-    def control_points_of(self, campaign_id: str) -> Path | None:
+    def locate_control_points(self, campaign_id: str) -> Path | None:
         """The control points' file, where the registry names one and it exists."""
         return _find_file(self.control_points, campaign_id)
 
-    def check_points_of(self, campaign_id: str) -> Path | None:
+    def locate_check_points(self, campaign_id: str) -> Path | None:
         """The file of points that are held out of the adjustment to judge it, where there is one."""
         return _find_file(self.check_points, campaign_id)
 
-    def poses_of(self, campaign_id: str, choice: str | None) -> Path | None:
+    def locate_poses(self, campaign_id: str, choice: str | None) -> Path | None:
         """Poses to import: ``choice`` (a file or folder), else the registry's; None: they are to be found anew.
 
         Raises InputDataError where they are named and not there.
@@ -274,7 +274,7 @@ class Building(StrictModel):
             )
         return path
 
-    def detections_of(self, campaign_id: str, choice: str | None) -> Path:
+    def locate_detections(self, campaign_id: str, choice: str | None) -> Path:
         """The COCO file to read: the registry's, one of its alternatives by name, or a path."""
         assert isinstance(self.detector, CocoDetectorSetting)
         if choice is None:
@@ -289,22 +289,22 @@ class Building(StrictModel):
                 f"detections '{choice}' are neither a file nor one of building '{self.id}'s alternatives ({names}); "
                 "give a path, or add the name under detector: alternatives"
             )
-        return self._existing(template.replace(CAMPAIGN, campaign_id), "detections file")
+        return self._require_file(template.replace(CAMPAIGN, campaign_id), "detections file")
 
-    def _existing(self, text: str, what: str) -> Path:
+    def _require_file(self, text: str, what: str) -> Path:
         path = Path(text)
         if not path.is_file():
-            raise InputDataError(f"the {what} {path} of building '{self.id}' does not exist; {self._remedy()}")
+            raise InputDataError(f"the {what} {path} of building '{self.id}' does not exist; {self._format_remedy()}")
         return path
 
-    def _remedy(self) -> str:
+    def _format_remedy(self) -> str:
         if self.id == "demo":
             return "run 'facadelake demo' first, which makes it"
         if self._variables:
             return f"correct the path in the registry, or set the environment variable {' or '.join(self._variables)}"
         return "correct the path in the registry"
 
-    def remember_variables(self, names: Sequence[str]) -> None:
+    def record_variables(self, names: Sequence[str]) -> None:
         """Keep which environment variables the paths were made of, for messages that name the remedy."""
         self._variables = tuple(names)
 

@@ -65,7 +65,7 @@ def read_portfolio(path: Path) -> Portfolio:
         for where, entry in _read_entries(file, mistakes):
             try:
                 building = Building.model_validate(_resolve_entry(entry, file))
-                building.remember_variables(sorted({name for name, _ in _VARIABLE.findall(str(entry))}))
+                building.record_variables(sorted({name for name, _ in _VARIABLE.findall(str(entry))}))
                 buildings.append(building)
             except ValidationError as error:
                 mistakes += [_format_error(file, where, entry, detail) for detail in error.errors()]

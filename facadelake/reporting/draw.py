@@ -194,7 +194,7 @@ def _inspection(building: Building, campaign_id: str, lake: Path) -> Inspection:
     return Inspection(
         building_name=building.name,
         campaign_id=campaign_id,
-        photographs_root=building.photographs_of(campaign_id),
+        photographs_root=building.locate_photographs(campaign_id),
         building=committed_model(building, campaign_id, held["buildings"].to_pylist()[0]),
         posed=read_posed_cameras(tables["poses"]),
         placement_sigma_max_m=building.tolerances.placement_sigma_max_m,

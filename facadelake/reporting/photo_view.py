@@ -190,7 +190,7 @@ def view_photograph(
     with report_progress("Casting rays and rendering"):
         images = render_view_images(posed, surface, model.elements, scale)
         virtual = render_virtual_photograph(model, posed, scale=scale).colour
-    photograph = _reduced(building.photographs_of(campaign) / photo_id, posed, images.depth_m.shape)
+    photograph = _reduced(building.locate_photographs(campaign) / photo_id, posed, images.depth_m.shape)
     path = output or Path(f"view_{Path(photo_id).with_suffix('').as_posix().replace('/', '_')}.png")
     figure = view_sheet(
         Panels(photograph=photograph, virtual=virtual, images=images),

@@ -118,7 +118,7 @@ def export_task(
         photographs=tuple(chosen),
         items=shown,
     )
-    root = building.photographs_of(campaign_id)
+    root = building.locate_photographs(campaign_id)
     sightings: dict[str, list[ReviewItem]] = defaultdict(list)
     for place in shown:
         if place.defect_id is not None:

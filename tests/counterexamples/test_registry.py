@@ -120,7 +120,7 @@ def test_no_registry(tmp_path: Path) -> None:
 
 def refused(building: Building, campaign: str) -> str:
     with pytest.raises(FacadelakeError) as raised:
-        building.photographs_of(campaign)
+        building.locate_photographs(campaign)
     return str(raised.value)
 
 
@@ -161,13 +161,13 @@ def test_a_folder_named_by_an_environment_variable(tmp_path: Path, monkeypatch: 
 def test_detections_that_are_not_there(tmp_path: Path) -> None:
     building = hall(tmp_path)
     with pytest.raises(InputDataError) as raised:
-        building.detections_of("2026-04", None)
+        building.locate_detections("2026-04", None)
     assert str(raised.value) == (
         f"the detections file {tmp_path / 'photos' / '2026-04' / 'boxes.json'} of building 'hall' does not exist; "
         "correct the path in the registry"
     )
     with pytest.raises(InputDataError) as raised:
-        building.detections_of("2026-04", "nosy")
+        building.locate_detections("2026-04", "nosy")
     assert str(raised.value) == (
         "detections 'nosy' are neither a file nor one of building 'hall's alternatives (noisy); "
         "give a path, or add the name under detector: alternatives"

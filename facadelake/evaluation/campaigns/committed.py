@@ -36,7 +36,7 @@ def compare_campaign(
             raise InputDataError(
                 f"--detections needs a building whose detector reads COCO files; '{building.id}' has an ONNX model"
             )
-        file = building.detections_of(campaign_id, detections)
+        file = building.locate_detections(campaign_id, detections)
         if building.surface_kind is SurfaceKind.AS_BUILT:
             raise InputDataError(
                 f"building '{building.id}' has no model (model: as-built), so other detections cannot be registered "

@@ -110,7 +110,7 @@ def _compare_on_campaign(
     building: Building, campaign_id: str, models: Sequence[OnnxDetector], lake: Path, sample: int | None
 ) -> _CampaignResult:
     tables = committed_tables(building, campaign_id, _TABLES, lake=lake)
-    root = building.photographs_of(campaign_id)
+    root = building.locate_photographs(campaign_id)
     reviews = reviews_from_table(tables["reviews"])
     chosen, total = _select_photographs(tables["photos"], {word.photo_id for word in reviews}, sample)
     photos = tables["photos"].filter(pa.compute.is_in(tables["photos"].column("photo_id"), pa.array(chosen)))

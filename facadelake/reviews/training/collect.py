@@ -50,7 +50,7 @@ def make_training_set(
                     campaign_id=campaign_id,
                     run_id=campaign.run_id,
                     version=newest[building.id, campaign_id],
-                    root=building.photographs_of(campaign_id),
+                    root=building.locate_photographs(campaign_id),
                     split=placed[building.id],
                     status=campaign.status,
                     detectors={row["detector"]: row["detector_sha256"] for row in rows},

@@ -33,11 +33,11 @@ def test_paths_count_from_the_registry_and_campaigns_are_found(tmp_path: Path) -
     (tmp_path / "photos" / "no-images-here").mkdir()
     (tmp_path / "photos" / "2026-04" / "noisy.json").write_text("{}")
     building = read_portfolio(_write(tmp_path, GOOD)).building("hall")
-    assert building.known_campaigns() == ("2026-04", "2026-10")
-    assert building.photographs_of("2026-04") == tmp_path / "photos" / "2026-04" / "images"
-    assert building.control_points_of("2026-04") is None
+    assert building.list_campaigns() == ("2026-04", "2026-10")
+    assert building.locate_photographs("2026-04") == tmp_path / "photos" / "2026-04" / "images"
+    assert building.locate_control_points("2026-04") is None
     assert isinstance(building.detector, CocoDetectorSetting)
-    assert building.detections_of("2026-04", "noisy") == tmp_path / "photos" / "2026-04" / "noisy.json"
+    assert building.locate_detections("2026-04", "noisy") == tmp_path / "photos" / "2026-04" / "noisy.json"
 
 
 def test_a_folder_of_building_files_is_a_registry(tmp_path: Path) -> None:
@@ -73,11 +73,11 @@ def test_variables_have_defaults_and_are_named_when_a_path_is_missing(
     path = _write(tmp_path, text)
     monkeypatch.delenv("HALL_DATA", raising=False)
     with pytest.raises(InputDataError, match=r"nowhere/hall\.ifc.*does not exist.*environment variable HALL_DATA"):
-        read_portfolio(path).building("hall").model_path()
+        read_portfolio(path).building("hall").locate_model()
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "hall.ifc").write_text("")
     monkeypatch.setenv("HALL_DATA", str(tmp_path / "elsewhere"))
-    assert read_portfolio(path).building("hall").model_path() == tmp_path / "elsewhere" / "hall.ifc"
+    assert read_portfolio(path).building("hall").locate_model() == tmp_path / "elsewhere" / "hall.ifc"
 
 
 @pytest.mark.parametrize(
