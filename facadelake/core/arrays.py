@@ -19,6 +19,7 @@ Float64x3x3 = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
 Int64Array = NDArray[np.int64]
+Int64Nx3 = NDArray[np.int64]
 UInt8Array = NDArray[np.uint8]
 # Positions in the first axis of other arrays, or rows of a table.
 RowIndices = NDArray[np.int64]
