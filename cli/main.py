@@ -86,7 +86,7 @@ def inspect(
     from facadelake.campaigns import plan_inspection
 
     plan_inspection(  # before Prefect takes its time
-        read_portfolio_at(portfolio).building(building),
+        read_portfolio_at(portfolio).get_building(building),
         campaign,
         georeference=georeference,
         detections=detections,

@@ -123,7 +123,7 @@ def view(
     from facadelake.reporting import view_photograph
 
     shown = view_photograph(
-        read_portfolio_at(portfolio).building(building), campaign, photo, lake=lake, output=output, scale=scale
+        read_portfolio_at(portfolio).get_building(building), campaign, photo, lake=lake, output=output, scale=scale
     )
     console.print(f"{shown.photo_id} written to {shown.path}, its images to {shown.path.with_suffix('.npz')}")
 
@@ -157,7 +157,7 @@ def pictures(
     from facadelake.campaigns import resolved_campaign
     from facadelake.reporting import draw_pictures
 
-    registered = read_portfolio_at(portfolio).building(building)
+    registered = read_portfolio_at(portfolio).get_building(building)
     chosen = resolved_campaign(registered, campaign)
     draw_in_terminal(
         console,
@@ -197,7 +197,7 @@ def evaluate(
     from facadelake.evaluation.campaigns import compare_campaign, compute_figures
 
     compared = compare_campaign(
-        read_portfolio_at(portfolio).building(building), campaign, lake=lake, truth=truth, detections=detections
+        read_portfolio_at(portfolio).get_building(building), campaign, lake=lake, truth=truth, detections=detections
     )
     if plots is not None:
         from facadelake.evaluation.campaigns import write_plots

@@ -51,7 +51,7 @@ def export_task(
     from facadelake.campaigns import resolved_campaign
     from facadelake.reviews import export_task as write
 
-    registered = read_portfolio_at(portfolio).building(building)
+    registered = read_portfolio_at(portfolio).get_building(building)
     task, files = write(
         registered,
         resolved_campaign(registered, campaign),
@@ -86,7 +86,7 @@ def import_reviews(
     from facadelake.campaigns import resolved_campaign
     from facadelake.reviews import import_reviews as add
 
-    registered = read_portfolio_at(portfolio).building(building)
+    registered = read_portfolio_at(portfolio).get_building(building)
     chosen = resolved_campaign(registered, campaign)
     show_import(console, add(registered, chosen, file, lake=lake, reviewer=reviewer, task=task))
 
@@ -104,7 +104,7 @@ def list_reviews(
     from facadelake.lake import read_table
     from facadelake.reviews import read_reviewed_campaign
 
-    registered = read_portfolio_at(portfolio).building(building)
+    registered = read_portfolio_at(portfolio).get_building(building)
     held = read_table(lake, "campaigns", building_id=building).column("campaign_id").to_pylist()
     chosen = [campaign] if campaign else sorted(held)
     if not chosen:
@@ -142,7 +142,7 @@ def training_set(
     from cli.terminal.reviews import show_training_set
     from facadelake.reviews.training import make_training_set
 
-    registered = [read_portfolio_at(portfolio).building(one) for one in dict.fromkeys(buildings)]
+    registered = [read_portfolio_at(portfolio).get_building(one) for one in dict.fromkeys(buildings)]
     done, placed = make_training_set(
         registered,
         out,

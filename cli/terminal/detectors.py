@@ -112,7 +112,8 @@ def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
         [
             (
                 one.defect_class, str(one.with_defect), str(one.sound), _share(one.auroc),
-                _interval(one.auroc_by_sites), _share(one.average_precision), _share(one.recall), _share(one.false_alarm_share),
+                _interval(one.auroc_by_sites), _share(one.average_precision), _share(one.recall),
+                _share(one.false_alarm_share),
             )
             for one in figures.classes
         ],

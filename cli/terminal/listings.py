@@ -21,7 +21,7 @@ WIDE_COLUMNS = 120  # a narrower terminal shows no coordinates; 'facadelake sql'
 def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str | None) -> None:
     """Print one line for each campaign that is registered or in the lake."""
     if only is not None:
-        portfolio.building(only)
+        portfolio.get_building(only)
     held = read_table(lake, "campaigns", building_id=only).to_pylist() if exists(lake) else []
     runs = {(r["building_id"], r["campaign_id"]): r for r in read_table(lake, "runs").to_pylist()} if held else {}
     newest = (
@@ -59,7 +59,7 @@ def require_known(lake: Path, portfolio: Path, building: str) -> None:
     A building in the lake can be queried even if the portfolio no longer has it.
     """
     if not exists(lake) or not len(read_table(lake, "campaigns", building_id=building)):
-        read_portfolio(portfolio).building(building)
+        read_portfolio(portfolio).get_building(building)
 
 
 def _format_crack_width(row: Mapping[str, Any]) -> str:

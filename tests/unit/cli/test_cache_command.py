@@ -29,7 +29,9 @@ def commit_with_keys(lake: Path, keys: dict[str, str], *, run_id: str, inputs: s
 
 
 def add_entry(lake: Path, stage: str, key: str, *, days: float, size: int = 1000) -> None:
-    made = open_stage_cache(lake).entry(stage, key, lambda folder: (folder / "a").write_bytes(b"x" * size) and None)
+    made = open_stage_cache(lake).get_or_make(
+        stage, key, lambda folder: (folder / "a").write_bytes(b"x" * size) and None
+    )
     then = time.time() - days * 86400
     os.utime(made.folder / MANIFEST, (then, then))
 
@@ -52,7 +54,7 @@ def lake(tmp_path: Path) -> Path:
 
 
 def kept(lake: Path) -> set[str]:
-    return {entry.key for entry in open_stage_cache(lake).entries()}
+    return {entry.key for entry in open_stage_cache(lake).list_entries()}
 
 
 def test_keys_of_replaced_runs_are_of_versions_too(lake: Path) -> None:
