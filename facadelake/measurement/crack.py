@@ -71,7 +71,7 @@ def measure_crack(
     if not _is_crack_like(profiles, line, inside, is_mask):
         return NO_LINE
     width = fit_width(profiles, known)
-    outcome = CrackWidthOutcome.MEASURED if width.told else CrackWidthOutcome.BELOW_LIMIT
+    outcome = CrackWidthOutcome.MEASURED if width.is_resolved else CrackWidthOutcome.BELOW_LIMIT
     length = float(np.linalg.norm(np.diff(xy, axis=0), axis=1).sum())
     return CrackMeasurement(outcome=outcome, line_px=xy + 0.5, length_px=length, width=width)
 

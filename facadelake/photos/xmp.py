@@ -75,8 +75,8 @@ def _collect_properties(element: Element, owner: str, depth: int, properties: di
         inside = owner
         if _split_tag(child.tag)[0] not in (_RDF, "adobe:ns:meta"):
             inside = key_of(child.tag)
-            if child.get_text and child.get_text.strip():
-                properties.setdefault(inside, child.get_text)
+            if child.text and child.text.strip():
+                properties.setdefault(inside, child.text)
         _collect_properties(child, inside, depth + 1, properties)
 
 
