@@ -356,7 +356,7 @@ def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
     covered[y - 120 : y + 120, x - 120 : x + 120] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), covered)
     scene = ExclusionEvidence(
-        points=triangulate_tie_points(tracks, posed), masks={facing[0].name: tmp_path / "mask.png"}
+        tie_points=triangulate_tie_points(tracks, posed), masks={facing[0].name: tmp_path / "mask.png"}
     )
     rows = exclude_observations(seen, table, posed, model.elements, surface, scene, ExclusionSettings()).to_pylist()
 
