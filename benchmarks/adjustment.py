@@ -36,8 +36,8 @@ from benchmarks.synthetic_block import (
 )
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.adjust import adjust
-from facadelake.georeferencing.adjustment.evidence import Evidence
+from facadelake.georeferencing.adjustment.adjust import adjust_block
+from facadelake.georeferencing.adjustment.evidence import ControlObservations
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
 from facadelake.sfm import Reconstruction
 from facadelake.sfm.reconstruction import LocalisedPhoto
@@ -115,7 +115,7 @@ def measure(count: int) -> dict[str, Any]:
     identity = Similarity(rotation=np.eye(3), translation=np.zeros(3))
     before_mb = psutil.Process().memory_info().rss / 2**20
     cost = Cost()
-    adjusted = adjust(reconstruction, identity, Evidence(positions=positions, attitudes=attitudes))
+    adjusted = adjust_block(reconstruction, identity, ControlObservations(positions=positions, attitudes=attitudes))
     spent = cost.read()
     error = np.array([c.centre_site_m for c in adjusted.cameras]) - flight.centres_m
     # The flight's common offset cannot be known from GPS: what is left is the block's own shape.

@@ -119,7 +119,7 @@ def castle_facade(work: Path) -> LabelledSet:
     Only where the model is do boxes count, as in an inspection; area is what is seen at less than 70 degrees of
     incidence, photograph by photograph. Its plaster is real and presumed free of defects.
     """
-    building = read_portfolio(ROOT / "data" / "portfolio.yaml").building("castle")
+    building = read_portfolio(ROOT / "data" / "portfolio.yaml").get_building("castle")
     model = read_registered_model(building)
     surface = Surface(model)
     root = building.locate_photographs("2026-04")

@@ -36,7 +36,7 @@ from facadelake.detection.coco import import_coco
 from facadelake.evaluation.campaigns import compute_figures
 from facadelake.evaluation.campaigns.comparison import compare_with_truth
 from facadelake.georeferencing import SiteFrame
-from facadelake.georeferencing.gcp import read_control_points
+from facadelake.georeferencing.gcp import read_surveyed_points
 from facadelake.georeferencing.imported import place_imported, read_poses
 from facadelake.georeferencing.imported.placement import PlacedByImport
 from facadelake.photos import ingest_photographs
@@ -59,7 +59,7 @@ class Scenery:
 
 
 def _scenery(building_id: str, campaign_id: str, truth: Path, name: str) -> Scenery:
-    building = read_portfolio(ROOT / "data" / "portfolio.yaml").building(building_id)
+    building = read_portfolio(ROOT / "data" / "portfolio.yaml").get_building(building_id)
     model = read_registered_model(building)
     photos = ingest_photographs(
         building.locate_photographs(campaign_id),
@@ -101,7 +101,7 @@ def imported(report: Report, work: Path) -> None:
             georeference_level=scene.model.georeference_level,
         )
         control = scene.building.locate_control_points(scene.campaign_id)
-        surveyed = [read_control_points(control)] if control else []
+        surveyed = [read_surveyed_points(control)] if control else []
         for words, noise, files in (
             ("published cameras", None, ("exact", "noisy")),
             ("published cameras with noise", np.random.default_rng(SEED), ("exact",)),

@@ -127,7 +127,7 @@ def render_ready(folder: Path) -> None:
 
 def measure(building_id: str, campaign: str, lake: Path, portfolio: Path) -> None:
     """Print the table."""
-    building = read_portfolio(portfolio).building(building_id)
+    building = read_portfolio(portfolio).get_building(building_id)
     model, settings = read_registered_model(building), resolve_registration_settings(building)
     tables = read_tables(lake, ["poses", "detections"], building_id=building_id, campaign_id=campaign)
     cameras, covariances = read_posed_cameras(tables["poses"]), read_pose_covariances(tables["poses"])

@@ -70,7 +70,7 @@ def inspect_building(
     """
     started_at = datetime.now(UTC)
     plan = plan_inspection(
-        read_portfolio(Path(portfolio)).building(building_id),
+        read_portfolio(Path(portfolio)).get_building(building_id),
         campaign_id,
         georeference=georeference,
         detections=detections,

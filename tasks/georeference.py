@@ -11,7 +11,7 @@ from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing import Control, SiteFrame, build_poses_table, georeference_reconstruction
 from facadelake.georeferencing.campaign import REFERENCE, earlier_references, read_reference
-from facadelake.georeferencing.gcp import read_control_points
+from facadelake.georeferencing.gcp import read_surveyed_points
 from facadelake.georeferencing.model import model_control
 from facadelake.sfm import read_descriptors, read_reconstruction
 from schemas.vocabulary import ControlKind
@@ -50,8 +50,8 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
             ),
             control=Control(
                 kind=job.control,
-                points=read_control_points(gcp_file) if gcp_file else None,
-                check_points=read_control_points(check_file) if check_file else None,
+                points=read_surveyed_points(gcp_file) if gcp_file else None,
+                check_points=read_surveyed_points(check_file) if check_file else None,
                 model=model_control(
                     model_of_building,
                     [root / photo.photo_id for photo in reconstruction.photos],

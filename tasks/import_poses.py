@@ -11,7 +11,7 @@ from facadelake.building.surface import Surface
 from facadelake.core.hashing import hash_files
 from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing import SiteFrame
-from facadelake.georeferencing.gcp import read_control_points
+from facadelake.georeferencing.gcp import read_surveyed_points
 from facadelake.georeferencing.imported import place_imported, pose_files, read_poses
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -43,7 +43,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
             ),
             surface=Surface(building),
             placement_sigma_max_m=limit_m,
-            surveyed=[read_control_points(file) for file in surveyed],
+            surveyed=[read_surveyed_points(file) for file in surveyed],
         )
         write_table("poses", placed.poses, folder)
         write_table("georeference", placed.georeference, folder)

@@ -1,4 +1,4 @@
-"""building."""
+"""The building: elements, surface, facades, storeys, and the model's georeference."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The building as the other rooms see it: elements, triangles in site, and where the site lies on the globe."""
+"""The building model that other packages use: elements, surface triangles in site, site origin and map CRS."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from facadelake.building.model_georeference.control_pairs import ControlPair
 from facadelake.building.model_georeference.crs import ELLIPSOIDAL
-from facadelake.building.model_georeference.map_placement import MapPlacement
-from facadelake.building.storeys import StoreyElevation, StoreyLevel
-from facadelake.core.arrays import Float64Array, Int64Array
+from facadelake.building.storeys import StoreyLevel
+from facadelake.core.arrays import BoolArray, Float64Nx2, Float64Nx3, Int64Nx3, RowIndices
 from facadelake.core.errors import ModelError
 from facadelake.core.geodesy import SiteOrigin, promote_to_3d
 from facadelake.core.tables import read_table, write_table
@@ -21,41 +19,36 @@ from schemas.vocabulary import SurfaceKind
 
 SURFACE_FILE = "surface.npz"
 _DESCRIPTION_FILE = "building.json"
-
-
-@dataclass(frozen=True, kw_only=True)
-class IfcModelSettings:
-    """What the registry says about a building model; None leaves the word to the IFC.
-
-    ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``placement`` stands in where the IFC
-    has no map conversion, and ``control`` before that: pairs of points of the model and of the map. ``accept_level`` is
-    the lowest LoGeoRef to be taken though it is good to metres alone. ``building`` names the one IfcBuilding to take
-    (name or GlobalId); empty takes all. ``storeys`` are its storeys where the IFC has none. ``mesh_deflection_m`` bounds
-    how far a flat triangle leaves a curved surface.
-    """
-
-    map_crs: str | None = None
-    vertical_datum: str | None = None
-    placement: MapPlacement | None = None
-    control: tuple[ControlPair, ...] = ()
-    accept_level: int | None = None
-    building: str = ""
-    storeys: tuple[StoreyElevation, ...] = ()
-    origin: SiteOrigin | None = None
-    mesh_deflection_m: float = 0.001
-    workers: int = 2
+# Classes that an IFC holds beside the building: ground, plants, furniture, signs and vehicles.
+_NON_TARGET_CLASSES = frozenset(
+    {
+        "IfcSite",
+        "IfcGeographicElement",
+        "IfcEarthworksElement",
+        "IfcEarthworksFill",
+        "IfcEarthworksCut",
+        "IfcPavement",
+        "IfcKerb",
+        "IfcCourse",
+        "IfcSign",
+        "IfcVehicle",
+        "IfcFurnishingElement",
+        "IfcFurniture",
+        "IfcSystemFurnitureElement",
+    }
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BuildingModel:
     """A georeferenced building.
 
-    ``vertices_site_m`` (n, 3) float64, ``triangles`` (m, 3) rows of vertices, wound so that normals of closed bodies
-    point out; ``element_of_triangle`` (m,) rows of ``elements`` (a table of kind ``elements``).
-    ``vertical_datum`` is "ellipsoidal" or an EPSG code; ``georeference_level`` is its LoGeoRef or "registry".
-    ``remarks`` says in words what had to be assumed; empty where nothing was. ``storeys`` come from the lowest up.
-    ``surface_kind`` says what the surface was made of. ``surface_sigma_m``: how far the surface may stand off the
-    building, one sigma, where it was measured with the surface; None leaves that to the registry's tolerance.
+    ``vertices_site_m`` (n, 3) and ``triangles`` (m, 3, rows of the vertices) are the surface in site; triangles of
+    closed bodies are wound so that normals point outward. ``element_of_triangle`` (m,) holds rows of ``elements``, a
+    table of kind ``elements``. ``vertical_datum`` is "ellipsoidal" or an EPSG code; ``georeference_level`` is the
+    LoGeoRef level or "registry". ``remarks`` lists the assumptions made, empty if none. ``storeys`` are sorted by
+    level. ``surface_sigma_m`` is the standard deviation of the surface from the real building where it was estimated
+    with the surface; None means that the registry's tolerance applies.
     """
 
     origin: SiteOrigin
@@ -63,9 +56,9 @@ class BuildingModel:
     vertical_datum: str
     georeference_level: str
     remarks: str
-    vertices_site_m: Float64Array
-    triangles: Int64Array
-    element_of_triangle: Int64Array
+    vertices_site_m: Float64Nx3
+    triangles: Int64Nx3
+    element_of_triangle: RowIndices
     elements: pa.Table
     storeys: tuple[StoreyLevel, ...] = ()
     surface_kind: SurfaceKind = SurfaceKind.IFC
@@ -73,24 +66,24 @@ class BuildingModel:
 
     @property
     def has_surface(self) -> bool:
-        """Whether there is a surface yet; of a building without any model it is made once the campaign is placed."""
+        """Whether the model has triangles; without a model file the surface is built after georeferencing."""
         return len(self.triangles) > 0
 
     @property
     def height_crs(self) -> str:
-        """The CRS of map coordinates with height: compound where the vertical datum is not the ellipsoid."""
+        """The CRS of map coordinates with height; compound unless heights are ellipsoidal."""
         if self.vertical_datum == ELLIPSOIDAL:
             return self.map_crs
         return f"{self.map_crs}+{self.vertical_datum.removeprefix('EPSG:')}"
 
-    def map_from_site(self, xyz_site_m: Float64Array) -> Float64Array:
-        """Site points (n, 3) as east, north of ``map_crs`` and height of ``vertical_datum``, all in metres."""
+    def map_from_site(self, xyz_site_m: Float64Nx3) -> Float64Nx3:
+        """Transform site points (n, 3) to east, north of ``map_crs`` and height of ``vertical_datum``, in metres."""
         units = [axis.unit_conversion_factor for axis in promote_to_3d(self.height_crs).axis_info]
-        metres: Float64Array = self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
+        metres: Float64Nx3 = self.origin.map_from_site(xyz_site_m, self.height_crs) * np.array(units)
         return metres
 
-    def compute_vertical_extents(self) -> Float64Array:
-        """Lowest and highest level (elements, 2) of each element in site."""
+    def compute_vertical_extents(self) -> Float64Nx2:
+        """Lowest and highest z in site, metres, of each element (elements, 2)."""
         levels = self.vertices_site_m[self.triangles, 2]
         low, high = np.full(len(self.elements), np.inf), np.full(len(self.elements), -np.inf)
         np.minimum.at(low, self.element_of_triangle, levels.min(axis=1))
@@ -98,7 +91,7 @@ class BuildingModel:
         return np.column_stack([low, high])
 
     def save(self, folder: Path) -> None:
-        """Write the model into ``folder``, for ``read_building``."""
+        """Write the model into ``folder``; ``read_building`` reads it."""
         np.savez(
             folder / SURFACE_FILE,
             vertices_site_m=self.vertices_site_m,
@@ -106,7 +99,7 @@ class BuildingModel:
             element_of_triangle=self.element_of_triangle,
         )
         write_table("elements", self.elements, folder)
-        place = {
+        description = {
             "origin": asdict(self.origin),
             "map_crs": self.map_crs,
             "vertical_datum": self.vertical_datum,
@@ -116,34 +109,39 @@ class BuildingModel:
             "surface_kind": self.surface_kind,
             "surface_sigma_m": self.surface_sigma_m,
         }
-        (folder / _DESCRIPTION_FILE).write_text(json.dumps(place, indent=1))
+        (folder / _DESCRIPTION_FILE).write_text(json.dumps(description, indent=1))
 
 
 def read_building(folder: Path) -> BuildingModel:
-    """The model that ``BuildingModel.save`` wrote into ``folder``; raises ModelError where there is none."""
+    """Read the model that ``BuildingModel.save`` wrote into ``folder``. Raises ModelError if there is none."""
     try:
-        place = json.loads((folder / _DESCRIPTION_FILE).read_text())
+        description = json.loads((folder / _DESCRIPTION_FILE).read_text())
         with np.load(folder / SURFACE_FILE) as arrays:
-            vertices, triangles, owner = (
+            vertices, triangles, element_of_triangle = (
                 arrays["vertices_site_m"],
                 arrays["triangles"],
                 arrays["element_of_triangle"],
             )
     except (OSError, ValueError, KeyError) as error:
         raise ModelError(
-            f"no saved building model in {folder} ({error}); delete the folder and run again, it will be made anew"
+            f"no saved building model in {folder} ({error}); delete the folder and run again to rebuild it"
         ) from error
     return BuildingModel(
-        origin=SiteOrigin(**place["origin"]),
-        map_crs=place["map_crs"],
-        vertical_datum=place["vertical_datum"],
-        georeference_level=place["georeference_level"],
-        remarks=place["remarks"],
-        storeys=tuple(StoreyLevel(**storey) for storey in place["storeys"]),
-        surface_kind=SurfaceKind(place.get("surface_kind", SurfaceKind.IFC)),
-        surface_sigma_m=place.get("surface_sigma_m"),
+        origin=SiteOrigin(**description["origin"]),
+        map_crs=description["map_crs"],
+        vertical_datum=description["vertical_datum"],
+        georeference_level=description["georeference_level"],
+        remarks=description["remarks"],
+        storeys=tuple(StoreyLevel(**storey) for storey in description["storeys"]),
+        surface_kind=SurfaceKind(description.get("surface_kind", SurfaceKind.IFC)),
+        surface_sigma_m=description.get("surface_sigma_m"),
         vertices_site_m=vertices,
         triangles=triangles,
-        element_of_triangle=owner,
+        element_of_triangle=element_of_triangle,
         elements=read_table("elements", folder),
     )
+
+
+def mask_target_elements(elements: pa.Table) -> BoolArray:
+    """Mask (n,) of the rows of table ``elements`` that are parts of the building, on which a defect can be."""
+    return np.array([name not in _NON_TARGET_CLASSES for name in elements.column("ifc_class").to_pylist()], dtype=bool)

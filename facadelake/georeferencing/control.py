@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from facadelake.core.arrays import UInt8Array
 from facadelake.georeferencing.campaign.reference import ReferencePoints
-from facadelake.georeferencing.gcp.control_points import ControlPoints
+from facadelake.georeferencing.gcp.control_points import SurveyedPoints
 from facadelake.georeferencing.model.control import ModelControl
 from schemas.vocabulary import ControlKind
 
@@ -22,8 +22,8 @@ class Control:
     """
 
     kind: ControlKind | None = None
-    points: ControlPoints | None = None
-    check_points: ControlPoints | None = None
+    points: SurveyedPoints | None = None
+    check_points: SurveyedPoints | None = None
     model: ModelControl | None = None
     references: Sequence[tuple[ReferencePoints, UInt8Array]] = ()
     placement_sigma_max_m: float = 0.5

@@ -19,13 +19,13 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
-from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust
-from facadelake.georeferencing.adjustment.evidence import Evidence
+from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block
+from facadelake.georeferencing.adjustment.evidence import ControlObservations
 from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
 from facadelake.georeferencing.control import Control
-from facadelake.georeferencing.gcp.placement import LEAST_CONTROL_POINTS, marks_of
-from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps, gps_priors
-from facadelake.georeferencing.gps.terms import anchored_terms, attitude_terms, position_terms
+from facadelake.georeferencing.gcp.placement import MIN_CONTROL_POINTS, intersect_marks
+from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps, collect_gps_priors
+from facadelake.georeferencing.gps.terms import build_attitude_terms, build_datum_terms, build_position_terms
 from facadelake.georeferencing.model.lean import Lean, lean_of, upright, upright_words
 from facadelake.georeferencing.model.plumb_lines import vertical_of
 from facadelake.georeferencing.passport import (
@@ -66,7 +66,7 @@ class Georeferenced:
     site_from_sfm: Similarity
     cameras: Mapping[str, PosedCamera]
     covariance: Mapping[str, Float64Array]
-    adjusted: Adjusted
+    adjusted: AdjustedBlock
     priors: GpsPriors
     frame_covariance_m2: Float64Array
     points: tuple[PassportPoint, ...]
@@ -117,7 +117,7 @@ def georeference_reconstruction(
 
     Raises GeoreferenceError where the control cannot place the block, or not well enough.
     """
-    priors = gps_priors(reconstruction, photos, place.origin)
+    priors = collect_gps_priors(reconstruction, photos, place.origin)
     if control.kind is not None:
         return _placed(control.kind, reconstruction, priors, place, control, ())
     kinds, remarks = _offered(reconstruction, control)
@@ -142,12 +142,12 @@ def _offered(reconstruction: Reconstruction, control: Control) -> tuple[list[Con
     finest_m = min((_frame_sigma(reference) for reference, _ in control.references), default=np.inf)
     campaign = [ControlKind.CAMPAIGN]
     if control.points is not None:
-        usable = sum(mark is not None for mark in marks_of(reconstruction, control.points))
-        if usable >= LEAST_CONTROL_POINTS:
+        usable = sum(mark is not None for mark in intersect_marks(reconstruction, control.points))
+        if usable >= MIN_CONTROL_POINTS:
             return [*(campaign if finest_m <= _FINE_FRAME_M else []), ControlKind.GCP], []
         remarks = [
             f"{usable} of {len(control.points.points)} control points of {control.points.source} can be used "
-            f"({LEAST_CONTROL_POINTS} are needed)"
+            f"({MIN_CONTROL_POINTS} are needed)"
         ]
     else:
         remarks = []
@@ -170,16 +170,16 @@ def _placed(
     if kind is not ControlKind.GPS:
         _check_against_gps(start, reconstruction, priors)
     xyz_start = start.site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
-    evidence = Evidence(
-        positions=position_terms(priors, start.gps_used, xyz_start)
+    evidence = ControlObservations(
+        positions=build_position_terms(priors, start.gps_used, xyz_start)
         if start.datum_sigma_m is None
-        else anchored_terms(priors, start.gps_used, xyz_start, start.datum_sigma_m),
-        attitudes=attitude_terms(priors),
+        else build_datum_terms(priors, start.gps_used, xyz_start, start.datum_sigma_m),
+        attitudes=build_attitude_terms(priors),
         marked=start.marked,
         known=start.known,
         model=start.model,
     )
-    adjusted = adjust(reconstruction, start.site_from_sfm, evidence)
+    adjusted = adjust_block(reconstruction, start.site_from_sfm, evidence)
     if start.model is None:
         return _described(reconstruction, priors, place, control, start, adjusted, None)
     edges = control.model.edges if control.model is not None else None
@@ -221,7 +221,7 @@ def _described(
     place: SiteFrame,
     control: Control,
     start: Start,
-    adjusted: Adjusted,
+    adjusted: AdjustedBlock,
     lean: Lean | None,
 ) -> Georeferenced:
     frame = adjusted.datum_covariance_m2 + start.frame_covariance_m2
@@ -304,7 +304,7 @@ def _described(
     )
 
 
-def _lens_remarks(adjusted: Adjusted) -> list[str]:
+def _lens_remarks(adjusted: AdjustedBlock) -> list[str]:
     remarks = []
     if adjusted.held_terms:
         remarks.append(f"lens terms that the photographs do not show, held at nought: {', '.join(adjusted.held_terms)}")

@@ -14,8 +14,8 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
-from facadelake.georeferencing.adjustment.adjust import Adjusted, held_out_residuals
-from facadelake.georeferencing.adjustment.model_terms import SurfaceLike, walls_of
+from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, compute_held_out_residuals
+from facadelake.georeferencing.adjustment.model_terms import RaySurface, match_points_to_surface
 from facadelake.georeferencing.gps.alignment import GpsPriors
 from facadelake.georeferencing.starts import Start
 from facadelake.sfm import Reconstruction
@@ -75,7 +75,7 @@ class ModelFit:
     doming_sigma_m: float
 
 
-def model_fit(adjusted: Adjusted, surface: SurfaceLike) -> ModelFit | None:
+def model_fit(adjusted: AdjustedBlock, surface: RaySurface) -> ModelFit | None:
     """The test of the block against the model; None where its tie points do not meet the model.
 
     Doming: ``away = a + b u + c (u^2 - mean)`` along each wall's horizontal u, with one curvature c for all walls; the
@@ -83,7 +83,7 @@ def model_fit(adjusted: Adjusted, surface: SurfaceLike) -> ModelFit | None:
     the block.
     """
     state = adjusted.solution.state
-    walls = walls_of(adjusted.ties, state, surface, gate_m=_MODEL_GATE_M, model_sigma_m=1.0)
+    walls = match_points_to_surface(adjusted.ties, state, surface, gate_m=_MODEL_GATE_M, model_sigma_m=1.0)
     if not len(walls.node):
         return None
     xyz = state.node_m[walls.node]
@@ -148,7 +148,7 @@ def require_one_frame(held_out_m: Float64Array, sigma_m: float, words: str) -> N
         )
 
 
-def control_points(start: Start, adjusted: Adjusted) -> list[PassportPoint]:
+def control_points(start: Start, adjusted: AdjustedBlock) -> list[PassportPoint]:
     """Control points as fitted, the same left out in turn, and check points."""
     marked = start.marked
     if marked is None:
@@ -165,7 +165,7 @@ def control_points(start: Start, adjusted: Adjusted) -> list[PassportPoint]:
             marked.names, marked.xyz_site_m, adjusted.marked_site_m, marked.sigma_m, strict=True
         )
     ]
-    for row, residual in held_out_residuals(adjusted, marked).items():
+    for row, residual in compute_held_out_residuals(adjusted, marked).items():
         points.append(
             PassportPoint(
                 name=marked.names[row],
@@ -179,7 +179,7 @@ def control_points(start: Start, adjusted: Adjusted) -> list[PassportPoint]:
 
 
 def gps_points(
-    reconstruction: Reconstruction, priors: GpsPriors, adjusted: Adjusted, start: Start
+    reconstruction: Reconstruction, priors: GpsPriors, adjusted: AdjustedBlock, start: Start
 ) -> list[PassportPoint]:
     cameras = adjusted.cameras
     return [

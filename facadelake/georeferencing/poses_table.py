@@ -17,7 +17,7 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import columns_from_camera
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.georeference import Georeferenced
-from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, rotation_of_attitude
+from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, rotation_from_attitude
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import PhotoOutcome, PointKind, PoseSource, PositionSource
 
@@ -117,7 +117,7 @@ def prior_pose(row: Mapping[str, Any], placed: Georeferenced, origin: SiteOrigin
         given = given - np.median(left, axis=0)
         scatter = _MAD_TO_SIGMA * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
         sigma_m = np.hypot(np.maximum(scatter, 0.1 * sigma_m), np.sqrt(np.diag(placed.frame_covariance_m2)))
-    rotation = rotation_of_attitude(row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"])
+    rotation = rotation_from_attitude(row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"])
     yaw = np.radians(row["prior_sigma_yaw_deg"] or ATTITUDE_SIGMA_DEG)
     tilt = np.radians(row["prior_sigma_tilt_deg"] or _TILT_SIGMA_DEG)
     covariance = np.zeros((6, 6))

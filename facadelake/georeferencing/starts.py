@@ -10,12 +10,12 @@ import numpy as np
 from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.adjust import Adjusted
-from facadelake.georeferencing.adjustment.evidence import KnownPoints, MarkedPoints, ModelEvidence
+from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
+from facadelake.georeferencing.adjustment.evidence import MarkedPoints, SharedTiePoints, SurfaceConstraint
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
 from facadelake.georeferencing.control import Control
-from facadelake.georeferencing.gcp.control_points import ControlPoints, control_in_site
-from facadelake.georeferencing.gcp.placement import marks_of, place_by_control
+from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
+from facadelake.georeferencing.gcp.placement import intersect_marks, place_by_control_points
 from facadelake.georeferencing.gps.alignment import GpsPriors, align_to_gps
 from facadelake.georeferencing.model.control import place_by_model
 from facadelake.georeferencing.model.edge_search import ShiftFound
@@ -46,11 +46,11 @@ class Start:
     gps_used: BoolArray
     points_used: int
     points_total: int
-    residual_m: Callable[[Adjusted], Float64Array]
+    residual_m: Callable[[AdjustedBlock], Float64Array]
     remarks: tuple[str, ...] = ()
     marked: MarkedPoints | None = None
-    known: KnownPoints | None = None
-    model: ModelEvidence | None = None
+    known: SharedTiePoints | None = None
+    model: SurfaceConstraint | None = None
     shift: ShiftFound | None = None
     datum_sigma_m: Float64Array | None = None
     reference_campaign: str | None = None
@@ -90,7 +90,7 @@ def _agreeing_gps(site_from_sfm: Similarity, reconstruction: Reconstruction, pri
 
 
 def _by_control(reconstruction: Reconstruction, priors: GpsPriors, place: SiteFrame, control: Control) -> Start:
-    placed = place_by_control(reconstruction, control.points, place.origin, place.vertical_datum)
+    placed = place_by_control_points(reconstruction, control.points, place.origin, place.vertical_datum)
     rows = np.flatnonzero(placed.agree)
     marks = [placed.marks[row] for row in rows]
     marked = MarkedPoints(
@@ -117,14 +117,14 @@ def _by_control(reconstruction: Reconstruction, priors: GpsPriors, place: SiteFr
     )
 
 
-def _known(found: ReferenceMatch) -> KnownPoints:
+def _known(found: ReferenceMatch) -> SharedTiePoints:
     """One shared point of each half-metre cell, the best known: neighbours share their errors, so thousands of them
     would claim a tenth of a millimetre."""
     cell = np.floor(found.xyz_site_m / _CELL_M).astype(np.int64)
     order = np.argsort(np.trace(found.covariance_m2, axis1=1, axis2=2), kind="stable")
     _, first = np.unique(cell[order], axis=0, return_index=True)
     rows = np.sort(order[first])
-    return KnownPoints(
+    return SharedTiePoints(
         point=found.point[rows],
         xyz_site_m=found.xyz_site_m[rows],
         covariance_m2=found.covariance_m2[rows] + np.eye(3) * _SHARED_POINT_SIGMA_M**2,
@@ -146,7 +146,7 @@ def _by_campaign(reconstruction: Reconstruction, priors: GpsPriors, place: SiteF
             continue
         known = _known(found)
 
-        def residual_m(adjusted: Adjusted, known: KnownPoints = known) -> Float64Array:
+        def residual_m(adjusted: AdjustedBlock, known: SharedTiePoints = known) -> Float64Array:
             row = {int(point): k for k, point in enumerate(adjusted.ties.point)}
             held = [k for k, point in enumerate(known.point) if int(point) in row]
             at = adjusted.xyz_site_m[[row[int(known.point[k])] for k in held]]
@@ -183,13 +183,13 @@ def _by_model(reconstruction: Reconstruction, priors: GpsPriors, control: Contro
         points_total=placed.walls.points_offered,
         residual_m=_wall_residuals,
         remarks=placed.remarks,
-        model=ModelEvidence(surface=model.surface, sigma_m=model.sigma_m),
+        model=SurfaceConstraint(surface=model.surface, sigma_m=model.sigma_m),
         shift=placed.shift,
         datum_sigma_m=placed.datum_sigma_m,
     )
 
 
-def _wall_residuals(adjusted: Adjusted) -> Float64Array:
+def _wall_residuals(adjusted: AdjustedBlock) -> Float64Array:
     walls = adjusted.problem.walls
     at = adjusted.solution.state.node_m[walls.node]
     away: Float64Array = np.abs(np.einsum("ij,ij->i", walls.normal_site, at) - walls.distance_m)
@@ -199,7 +199,7 @@ def _wall_residuals(adjusted: Adjusted) -> Float64Array:
 def _by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Start:
     aligned = align_to_gps(reconstruction, priors)
 
-    def residual_m(adjusted: Adjusted) -> Float64Array:
+    def residual_m(adjusted: AdjustedBlock) -> Float64Array:
         centres = np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
         left: Float64Array = np.linalg.norm(priors.xyz_site_m - centres, axis=1)[aligned.used]
         return left
@@ -217,13 +217,13 @@ def _by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Start:
 
 
 def _with_check_points(
-    start: Start, reconstruction: Reconstruction, place: SiteFrame, check_points: ControlPoints | None
+    start: Start, reconstruction: Reconstruction, place: SiteFrame, check_points: SurveyedPoints | None
 ) -> Start:
     """Check points are adjusted as places, but hold nothing: their sigma is infinite."""
     if check_points is None:
         return start
-    xyz = control_in_site(check_points, origin=place.origin, vertical_datum=place.vertical_datum)
-    marks = marks_of(reconstruction, check_points)
+    xyz = transform_to_site(check_points, origin=place.origin, vertical_datum=place.vertical_datum)
+    marks = intersect_marks(reconstruction, check_points)
     seen = [row for row, mark in enumerate(marks) if mark is not None]
     lost = [check_points.points[row].name for row, mark in enumerate(marks) if mark is None]
     if lost:

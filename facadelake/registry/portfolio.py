@@ -39,7 +39,7 @@ class Portfolio(BaseModel):
 
     buildings: tuple[Building, ...]
 
-    def building(self, building_id: str) -> Building:
+    def get_building(self, building_id: str) -> Building:
         """The building of that id. Raises InputDataError with the ids there are."""
         for building in self.buildings:
             if building.id == building_id:

@@ -12,7 +12,7 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.georeferencing.control import Control
-from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, read_control_points
+from facadelake.georeferencing.gcp.control_points import SurveyedPoint, SurveyedPoints, read_surveyed_points
 from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PositionSource
@@ -45,14 +45,14 @@ def test_a_typo_is_named_with_file_line_and_value(tmp_path: Path, text: str, mes
     path = tmp_path / "gcp_list.txt"
     path.write_text(text)
     with pytest.raises(InputDataError) as raised:
-        read_control_points(path)
+        read_surveyed_points(path)
     assert str(raised.value) == message.replace("{path}", str(path))
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
     path = tmp_path / "nowhere.txt"
     with pytest.raises(InputDataError) as raised:
-        read_control_points(path)
+        read_surveyed_points(path)
     assert str(raised.value) == (f"control points {path} cannot be read: [Errno 2] No such file or directory: '{path}'")
 
 
@@ -60,14 +60,14 @@ SCENE = Scene(poses=ring())
 CONTROL = SCENE.control()
 
 
-def misnamed(point: ControlPoint) -> ControlPoint:
+def misnamed(point: SurveyedPoint) -> SurveyedPoint:
     """The point marked in photographs that the campaign does not have."""
     return replace(point, sightings=tuple(replace(s, photo_name=f"DJI_{s.photo_name}") for s in point.sightings))
 
 
 def placed(
     control: ControlKind | None,
-    points: ControlPoints | None,
+    points: SurveyedPoints | None,
     photos: pa.Table | None = None,
     *,
     limit_m: float = 60.0,  # GPS heights of an unknown datum are known to 50 m
@@ -93,7 +93,7 @@ def camera_errors_m(found: Georeferenced) -> np.ndarray:
     ],
     ids=["easting mistyped by 100 m", "photographs' names mistyped"],
 )
-def test_one_bad_control_point_is_named_and_the_others_carry_the_block(first: ControlPoint, said: str) -> None:
+def test_one_bad_control_point_is_named_and_the_others_carry_the_block(first: SurveyedPoint, said: str) -> None:
     found = placed(None, replace(CONTROL, points=(first, *CONTROL.points[1:])))
     assert (found.control, found.row["points_used"], found.row["points_total"]) == ("gcp", 5, 6)
     assert said in found.row["remarks"]
@@ -158,7 +158,7 @@ def swapped_gps() -> pa.Table:
     ],
     ids=["GPS has latitude and longitude swapped", "control points have east and north swapped"],
 )
-def test_control_that_contradicts_itself(points: ControlPoints, photos: pa.Table, message: str) -> None:
+def test_control_that_contradicts_itself(points: SurveyedPoints, photos: pa.Table, message: str) -> None:
     with pytest.raises(GeoreferenceError) as raised:
         placed(None, points, photos)
     assert re.sub(r"\d+\.\d(?= sigmas)", "…", str(raised.value)) == message
@@ -184,7 +184,7 @@ FAR = (
     ids=["latitude and longitude swapped", "control points of the wrong UTM zone"],
 )
 def test_control_that_puts_the_photographs_far_from_the_building(
-    points: ControlPoints | None, photos: pa.Table, message: str
+    points: SurveyedPoints | None, photos: pa.Table, message: str
 ) -> None:
     with pytest.raises(GeoreferenceError) as raised:
         placed(None, points, photos)

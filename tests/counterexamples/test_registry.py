@@ -73,7 +73,7 @@ def registry(folder: Path, text: str) -> Path:
 
 
 def hall(folder: Path, text: str = GOOD) -> Building:
-    return read_portfolio(registry(folder, text)).building("hall")
+    return read_portfolio(registry(folder, text)).get_building("hall")
 
 
 def test_every_typo_is_told_at_once_without_a_traceback(tmp_path: Path) -> None:

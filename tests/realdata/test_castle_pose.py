@@ -15,7 +15,7 @@ import pytest
 from facadelake.core.frames import estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.control import Control
-from facadelake.georeferencing.gcp.control_points import read_control_points
+from facadelake.georeferencing.gcp.control_points import read_surveyed_points
 from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
 from facadelake.georeferencing.poses_table import build_poses_table
 from facadelake.georeferencing.site_frame import SiteFrame
@@ -68,7 +68,7 @@ def placed(block: Block, shared_data: Path, control: ControlKind) -> Georeferenc
         block.reconstruction,
         block.photos,
         place=SiteFrame(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
-        control=Control(kind=control, points=read_control_points(shared_data / "castle" / "gcp_list.txt")),
+        control=Control(kind=control, points=read_surveyed_points(shared_data / "castle" / "gcp_list.txt")),
     )
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from facadelake.core.camera import Camera
-from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust, held_out_residuals
-from facadelake.georeferencing.adjustment.evidence import Evidence, MarkedPoints, ModelEvidence
-from facadelake.georeferencing.adjustment.linearise import Layout
-from facadelake.georeferencing.adjustment.problem import Problem
-from facadelake.georeferencing.adjustment.projection import lens_of
-from facadelake.georeferencing.adjustment.solve import covariance_of, solve
+from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block, compute_held_out_residuals
+from facadelake.georeferencing.adjustment.evidence import ControlObservations, MarkedPoints, SurfaceConstraint
+from facadelake.georeferencing.adjustment.linearise import ParameterIndex
+from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
+from facadelake.georeferencing.adjustment.projection import lens_from_camera
+from facadelake.georeferencing.adjustment.solve import compute_covariance, solve_adjustment
 from tests.unit.georeferencing.small_block import (
     CAMERA,
     SITE_FROM_SFM,
@@ -36,18 +36,18 @@ CONTROL = np.arange(0, 200, 17)
 BENT = replace(CAMERA, cx_px=2015.0, cy_px=1491.0, k1=-0.03)
 
 
-def by_control(block: SmallBlock, rng: np.random.Generator) -> Problem:
+def by_control(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
     """Twelve surveyed tie points."""
     return with_control(ties_problem(block, rng, tie_px=TIE_PX), block, rng, nodes=CONTROL, sigma_m=0.01)
 
 
-def by_gps(block: SmallBlock, rng: np.random.Generator) -> Problem:
+def by_gps(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
     """GPS with noise of 0.3 m and a bias drawn from 2 m."""
     problem = ties_problem(block, rng, tie_px=TIE_PX)
     return with_gps(problem, block, rng, noise_m=0.3, bias_m=[rng.normal(0, 2.0, 3)], bias_sigma_m=2.0)
 
 
-def by_walls(block: SmallBlock, rng: np.random.Generator) -> Problem:
+def by_walls(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
     """The faces of a model that the building's walls stand off by 3 cm each, with 2 cm of relief."""
     problem = ties_problem(block, rng, tie_px=TIE_PX)
     return with_walls(problem, block, rng, relief_m=0.02, wall_m=rng.normal(0, 0.03, 5), wall_sigma_m=0.03)
@@ -63,11 +63,11 @@ class Trial:
     steps: int
 
 
-def trial(block: SmallBlock, problem: Problem) -> Trial:
+def trial(block: SmallBlock, problem: AdjustmentProblem) -> Trial:
     """Solve and compare with the truth."""
-    solution = solve(problem)
+    solution = solve_adjustment(problem)
     assert solution.settled
-    _, covariance = covariance_of(problem, solution, 1.0)
+    _, covariance = compute_covariance(problem, solution, 1.0)
     n = len(block.cameras)
     own = covariance[: 6 * n, : 6 * n].reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
     errors = block.errors(solution.state)
@@ -83,13 +83,13 @@ def test_without_noise_the_truth_is_found() -> None:
     problem = with_control(problem, block, rng, nodes=CONTROL, sigma_m=0.01)
     exact = replace(problem, node_priors=replace(problem.node_priors, xyz_m=block.xyz_m[CONTROL]))
     # what is known of the lens beforehand agrees with it: nothing pulls
-    exact = replace(exact, lens_mean=lens_of(BENT)[None])
-    solution = solve(exact)
+    exact = replace(exact, lens_mean=lens_from_camera(BENT)[None])
+    solution = solve_adjustment(exact)
     errors = block.errors(solution.state)
     np.testing.assert_allclose(errors[:, :3], 0, rtol=0, atol=1e-5)  # m
     np.testing.assert_allclose(errors[:, 3:], 0, rtol=0, atol=1e-6)  # rad
     np.testing.assert_allclose(solution.state.node_m, block.xyz_m, rtol=0, atol=1e-5)  # m
-    np.testing.assert_allclose(solution.state.lens[0, :4], lens_of(BENT)[:4], rtol=0, atol=1e-2)  # px
+    np.testing.assert_allclose(solution.state.lens[0, :4], lens_from_camera(BENT)[:4], rtol=0, atol=1e-2)  # px
     assert solution.steps <= 8
 
 
@@ -98,7 +98,7 @@ def test_without_noise_the_truth_is_found() -> None:
     [(by_control, 0.004, 0.02), (by_gps, 1.0, 5.0), (by_walls, 0.03, 0.12)],
 )
 def test_errors_are_as_large_as_their_covariance_says(
-    make: Callable[[SmallBlock, np.random.Generator], Problem], smallest_m: float, largest_m: float
+    make: Callable[[SmallBlock, np.random.Generator], AdjustmentProblem], smallest_m: float, largest_m: float
 ) -> None:
     """Twenty draws of all noise: the mean squared error is the covariance's, and 95 % ellipsoids hold the truth."""
     block = small_block()
@@ -153,9 +153,9 @@ def test_each_flights_gps_has_its_own_offset() -> None:
     for seed in range(12):
         rng = np.random.default_rng(400 + seed)
         problem = with_gps(by_control(block, rng), block, rng, noise_m=0.2, bias_m=biases, bias_sigma_m=3.0)
-        solution = solve(problem)
-        _, covariance = covariance_of(problem, solution, 1.0)
-        layout = Layout.of(problem)
+        solution = solve_adjustment(problem)
+        _, covariance = compute_covariance(problem, solution, 1.0)
+        layout = ParameterIndex.of(problem)
         sigma = np.sqrt(np.diag(covariance)[layout.offset : layout.yaw]).reshape(2, 3)
         left.append((solution.state.gps_offset_m - biases) / sigma)
         sigmas.append(sigma)
@@ -169,9 +169,9 @@ def test_two_flights_without_control_know_their_difference_and_not_their_place()
     rng = np.random.default_rng(5)
     problem = ties_problem(block, rng, tie_px=TIE_PX)
     problem = with_gps(problem, block, rng, noise_m=0.2, bias_m=[[2.0, 0, 0], [-2.0, 0, 0]], bias_sigma_m=3.0)
-    solution = solve(problem)
-    _, covariance = covariance_of(problem, solution, 1.0)
-    offset = Layout.of(problem).offset
+    solution = solve_adjustment(problem)
+    _, covariance = compute_covariance(problem, solution, 1.0)
+    offset = ParameterIndex.of(problem).offset
     first, second = solution.state.gps_offset_m
     np.testing.assert_allclose(first - second, [4.0, 0, 0], rtol=0, atol=0.6)  # m; four sigmas of 0.12, prior's pull
     between = covariance[offset, offset] + covariance[offset + 3, offset + 3] - 2 * covariance[offset, offset + 3]
@@ -181,20 +181,20 @@ def test_two_flights_without_control_know_their_difference_and_not_their_place()
 
 def adjusted_by_control(
     block: SmallBlock, seed: int, lens: Camera | None = None, moved_m: float = 0.0
-) -> tuple[Adjusted, MarkedPoints]:
+) -> tuple[AdjustedBlock, MarkedPoints]:
     """The whole adjustment from a reconstruction on; G3 is surveyed ``moved_m`` too high."""
     rng = np.random.default_rng(seed)
     marked = marked_points(block, rng, points=CONTROL, survey_m=0.01, mark_px=0.7)
     marked.xyz_site_m[3, 2] += moved_m
-    evidence = Evidence(positions=no_positions(), attitudes=no_attitudes(), marked=marked)
+    evidence = ControlObservations(positions=no_positions(), attitudes=no_attitudes(), marked=marked)
     reconstruction = reconstruction_of(block, rng, tie_px=TIE_PX, lens=lens)
-    return adjust(reconstruction, SITE_FROM_SFM, evidence), marked
+    return adjust_block(reconstruction, SITE_FROM_SFM, evidence), marked
 
 
 def test_a_lens_is_found_and_terms_that_it_does_not_have_are_held() -> None:
     """The principal point 15 px from the middle, k1 -0.03; no k2, p1, p2, square pixels."""
     block = small_block(camera=BENT, points=300)
-    truth = lens_of(BENT)
+    truth = lens_from_camera(BENT)
     held, left = [], []
     for seed in range(6):
         adjusted, _ = adjusted_by_control(block, seed, lens=CAMERA)
@@ -238,7 +238,7 @@ def test_a_moved_control_point_is_seen_when_it_is_left_out() -> None:
     """Twenty centimetres too high: held out it shows them, in the fit there is less of them, and the block stays."""
     block = small_block()
     adjusted, marked = adjusted_by_control(block, 7, moved_m=0.2)
-    held_out = held_out_residuals(adjusted, marked)
+    held_out = compute_held_out_residuals(adjusted, marked)
     assert sorted(held_out) == list(range(len(CONTROL)))
     np.testing.assert_allclose(held_out[3], [0, 0, 0.2], rtol=0, atol=0.05)  # m; survey and block, four sigmas
     fitted = np.linalg.norm(marked.xyz_site_m[3] - adjusted.marked_site_m[3])
@@ -264,9 +264,9 @@ def test_a_model_holds_a_block_against_the_bias_of_its_gps() -> None:
             bias_sigma_m=3.0,
         ).positions
         off = replace(SITE_FROM_SFM, translation=SITE_FROM_SFM.translation + rng.normal(0, 0.1, 3))
-        model = ModelEvidence(surface=BoxSurface(), sigma_m=0.02)
-        evidence = Evidence(positions=positions, attitudes=no_attitudes(), model=model)
-        adjusted = adjust(reconstruction_of(block, rng, tie_px=TIE_PX), off, evidence)
+        model = SurfaceConstraint(surface=BoxSurface(), sigma_m=0.02)
+        evidence = ControlObservations(positions=positions, attitudes=no_attitudes(), model=model)
+        adjusted = adjust_block(reconstruction_of(block, rng, tie_px=TIE_PX), off, evidence)
         assert len(adjusted.problem.walls.wall_sigma_m) == 5
         assert len(adjusted.problem.walls.node) > 350
         means.append(block.errors(adjusted.solution.state)[:, :3].mean(axis=0))

@@ -14,7 +14,7 @@ from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.control import Control
-from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, Sighting
+from facadelake.georeferencing.gcp.control_points import ImageMark, SurveyedPoint, SurveyedPoints
 from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
 from facadelake.georeferencing.model.control import ModelControl
 from facadelake.georeferencing.poses_table import build_poses_table
@@ -161,7 +161,7 @@ class Scene:
                 "prior_height_datum": "unknown"}  # fmt: skip
         return table_from_rows("photos", [*rows, lost])
 
-    def control(self, count: int = 6, survey_m: float = 0.01, mark_px: float = 0.5) -> ControlPoints:
+    def control(self, count: int = 6, survey_m: float = 0.01, mark_px: float = 0.5) -> SurveyedPoints:
         """Control points on the walls, marked in up to five photographs each."""
         rng = np.random.default_rng(self.seed + 3)
         xyz = self.points()[::80][:count]
@@ -173,10 +173,10 @@ class Scene:
                 xy = CAMERA.project(Similarity(rotation=rotation, translation=centre).invert().apply(at[None]))
                 if abs(hit.distance_m[0] - 1) < 1e-6 and CAMERA.is_inside(xy)[0]:
                     marked = xy[0] + rng.normal(0, mark_px, 2)
-                    sightings.append(Sighting(photo_name=photo_id, x_px=marked[0], y_px=marked[1]))
+                    sightings.append(ImageMark(photo_name=photo_id, x_px=marked[0], y_px=marked[1]))
             east, north, height = ORIGIN.map_from_site((at + rng.normal(0, survey_m, 3))[None], "EPSG:25832")[0]
-            points.append(ControlPoint(name=f"G{k + 1}", x=east, y=north, z=height, sightings=tuple(sightings[:5])))
-        return ControlPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(points))
+            points.append(SurveyedPoint(name=f"G{k + 1}", x=east, y=north, z=height, sightings=tuple(sightings[:5])))
+        return SurveyedPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(points))
 
     def placed(self, control: ControlKind | None, **given: object) -> Georeferenced:
         """Georeference the block."""
@@ -244,9 +244,9 @@ def test_a_blunder_among_control_points_is_left_out_and_named() -> None:
     scene = Scene(ring())
     good = scene.control()
     wrong = good.points[2]
-    moved = ControlPoint(name=wrong.name, x=wrong.x + 2.0, y=wrong.y, z=wrong.z, sightings=wrong.sightings)
+    moved = SurveyedPoint(name=wrong.name, x=wrong.x + 2.0, y=wrong.y, z=wrong.z, sightings=wrong.sightings)
     points = (*good.points[:2], moved, *good.points[3:])
-    found = scene.placed(ControlKind.GCP, control_points=ControlPoints(source="g", crs=good.crs, points=points))
+    found = scene.placed(ControlKind.GCP, control_points=SurveyedPoints(source="g", crs=good.crs, points=points))
     assert (found.row["points_used"], found.row["points_total"]) == (5, 6)
     assert "gross errors: G3" in found.row["remarks"]
     assert 0.001 < np.linalg.norm(scene.error_m(found), axis=1).mean() < 0.06  # m
@@ -276,11 +276,11 @@ def test_control_points_of_another_block_are_refused() -> None:
     scene = Scene(ring())
     good = scene.control()
     swapped = tuple(
-        ControlPoint(name=p.name, x=q.x, y=q.y, z=q.z, sightings=p.sightings)
+        SurveyedPoint(name=p.name, x=q.x, y=q.y, z=q.z, sightings=p.sightings)
         for p, q in zip(good.points, [good.points[k] for k in (3, 5, 0, 1, 2, 4)], strict=True)
     )
     with pytest.raises(GeoreferenceError, match=r"agree with one another|agree on one placement|against its GPS"):
-        scene.placed(ControlKind.GCP, control_points=ControlPoints(source="g", crs=good.crs, points=swapped))
+        scene.placed(ControlKind.GCP, control_points=SurveyedPoints(source="g", crs=good.crs, points=swapped))
 
 
 def test_too_few_control_points() -> None:

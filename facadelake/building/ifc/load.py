@@ -1,9 +1,10 @@
-"""A building model from its IFC: geometry, georeference and elements."""
+"""Load a building model from an IFC file: geometry, georeference and elements."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import ifcopenshell
@@ -12,26 +13,52 @@ import numpy as np
 from facadelake.building.ifc.elements import build_elements_table
 from facadelake.building.ifc.meshes import drop_distant_elements, mesh_elements, open_ifc
 from facadelake.building.ifc.structure import IfcStorey, get_building, label_building, read_storeys
-from facadelake.building.model import BuildingModel, IfcModelSettings
-from facadelake.building.model_georeference.candidates import Georeference, find_georeferences, select_georeference
+from facadelake.building.model import BuildingModel
+from facadelake.building.model_georeference.candidates import find_georeferences
+from facadelake.building.model_georeference.control_pairs import ControlPair
+from facadelake.building.model_georeference.map_placement import MapPlacement
+from facadelake.building.model_georeference.selection import select_georeference
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
 
 _log = logging.getLogger(__name__)
-_FALSE_ORIGIN_M = 10_000.0  # a map conversion further from the building than this is a false origin, not the site's
+_FALSE_ORIGIN_M = 10_000.0  # a model origin farther from the building than this is a false origin
+
+
+@dataclass(frozen=True, kw_only=True)
+class IfcModelSettings:
+    """What the registry states about an IFC model; None means that the IFC's own statement applies.
+
+    ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``control`` (pairs of points of the model
+    and of the map), else ``placement``, replaces the IFC's georeference. ``accept_level`` is the lowest LoGeoRef level
+    that is accepted although its accuracy is metres. ``building`` selects one IfcBuilding by name or GlobalId; empty
+    takes all. ``storeys`` apply where the IFC has none. ``origin`` is the origin of the site frame.
+    ``mesh_deflection_m`` is the largest distance of a triangle from the curved surface it approximates. ``workers`` is
+    the number of threads that mesh elements.
+    """
+
+    map_crs: str | None = None
+    vertical_datum: str | None = None
+    placement: MapPlacement | None = None
+    control: tuple[ControlPair, ...] = ()
+    accept_level: int | None = None
+    building: str = ""
+    storeys: tuple[StoreyElevation, ...] = ()
+    origin: SiteOrigin | None = None
+    mesh_deflection_m: float = 0.001
+    workers: int = 2
 
 
 def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingModel:
-    """The building in the IFC at ``path``, every vertex ifc -> map -> EPSG:4979 -> site in float64.
+    """Load the building from the IFC at ``path``; vertices go ifc -> map -> EPSG:4979 -> site in float64.
 
     Raises ModelError for a file that is missing, truncated, without surfaces or of impossible size, GeoreferenceError
-    where neither the IFC nor ``settings`` says where it stands, in which CRS, or what its heights refer to.
+    if neither the IFC nor ``settings`` states the position, the CRS or the vertical datum.
     """
     model = open_ifc(path)
     building_guid = get_building(model, settings.building).GlobalId if settings.building else ""
-    readings = find_georeferences(
+    candidates = find_georeferences(
         model,
         map_crs=settings.map_crs,
         vertical_datum=settings.vertical_datum,
@@ -42,16 +69,16 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
     meshes = mesh_elements(
         model, deflection_m=settings.mesh_deflection_m, workers=settings.workers, building_guid=building_guid
     )
-    meshes, strays_said = drop_distant_elements(meshes)
+    meshes, dropped = drop_distant_elements(meshes)
     vertices_ifc = np.vstack([mesh.vertices_ifc_m for mesh in meshes])
     centre = (vertices_ifc.min(axis=0) + vertices_ifc.max(axis=0)) / 2
-    georeference = select_georeference(readings, centre)
+    georeference = select_georeference(candidates, centre)
     origin = settings.origin or choose_site_origin(georeference, centre)
     starts = np.cumsum([0, *(len(mesh.vertices_ifc_m) for mesh in meshes[:-1])])
     triangles = np.vstack([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)])
-    owner = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])
+    element_of_triangle = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])
     vertices = origin.site_from_geo(georeference.geo_from_ifc(vertices_ifc))
-    surface = Surface.from_mesh(vertices, triangles, owner)
+    surface = Surface.from_mesh(vertices, triangles, element_of_triangle)
     _log.info("%d elements, %d triangles, %s, heights %s", len(meshes), len(triangles), georeference.map_crs,
               georeference.vertical_datum)  # fmt: skip
     storeys = read_storeys(model, building_guid) or _convert_registry_storeys(settings.storeys, georeference)
@@ -68,10 +95,10 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
         map_crs=georeference.map_crs,
         vertical_datum=georeference.vertical_datum,
         georeference_level=georeference.level,
-        remarks="; ".join(filter(None, [georeference.remarks, strays_said, _describe_buildings(model, building_guid)])),
+        remarks="; ".join(filter(None, [georeference.remarks, dropped, _describe_buildings(model, building_guid)])),
         vertices_site_m=vertices,
         triangles=triangles,
-        element_of_triangle=owner,
+        element_of_triangle=element_of_triangle,
         elements=elements,
         storeys=_compute_storey_levels(storeys, georeference, origin, centre),
     )

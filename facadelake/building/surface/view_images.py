@@ -15,8 +15,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from facadelake.building.model import mask_target_elements
 from facadelake.building.surface.raycasting import Surface
-from facadelake.building.targets import mask_target_elements
 from facadelake.core.arrays import BoolArray, Float32Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError

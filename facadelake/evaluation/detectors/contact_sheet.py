@@ -70,7 +70,7 @@ def write_sheets(
     judgement: Judgement, collected: Collected, collected_negatives: Collected | None, folder: Path
 ) -> list[Path]:
     """Write ``worst.png`` and, of photographs without defects, ``worst_without_defects.png``; none without faults."""
-    faults = faults_of(list(judgement.shown.values()), collected)
+    faults = faults_of(list(judgement.matches_above_threshold.values()), collected)
     written = [write_contact_sheet(faults, collected, folder / "worst.png")]
     if collected_negatives is not None:
         alarms = alarms_of(collected_negatives)

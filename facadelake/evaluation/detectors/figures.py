@@ -119,8 +119,8 @@ class Judgement:
     """Figures with what they come from, for pictures: matches down to the floor and as shown, by class."""
 
     figures: Figures
-    low: Mapping[DefectClass, Matches]
-    shown: Mapping[DefectClass, Matches]
+    matches_above_floor: Mapping[DefectClass, Matches]
+    matches_above_threshold: Mapping[DefectClass, Matches]
 
 
 def judge(
@@ -172,7 +172,7 @@ def judge(
         megapixels_per_s=collected.megapixels / collected.seconds if collected.seconds > 0 else None,
         remarks=tuple(_remarks(by_class, known_sites, images, alarms)),
     )
-    return Judgement(figures=figures, low=low, shown=shown)
+    return Judgement(figures=figures, matches_above_floor=low, matches_above_threshold=shown)
 
 
 def _class(low: Matches, shown: Matches, sites: Sequence[SiteFigures], threshold: float) -> ClassFigures:

@@ -58,7 +58,7 @@ def _precision_recall(figure: Figure, judgement: Judgement) -> bool:
     figure.set_size_inches(max(5.2, 4.4 * len(told)), 4.4)
     for axes, one in zip(figure.subplots(1, len(told), squeeze=False)[0], told, strict=True):
         colour, _ = _STYLE[one.defect_class]
-        matches = judgement.low[one.defect_class]
+        matches = judgement.matches_above_floor[one.defect_class]
         for iou, line in ((0.5, "solid"), (0.75, "dotted")):
             curve = precision_at_recalls(matches, int(np.argmin(np.abs(IOU_THRESHOLDS - iou))))
             label = f"IoU {iou:g}: AP {curve.mean():.3f}"

@@ -94,7 +94,7 @@ def _parse_campaign(portfolio: Portfolio, word: str) -> tuple[Building, str]:
     building, slash, campaign_id = word.partition("/")
     if not slash or not building or not campaign_id:
         raise InputDataError(f"--campaign '{word}' is not BUILDING/CAMPAIGN, such as demo/2026-04")
-    return portfolio.building(building), campaign_id
+    return portfolio.get_building(building), campaign_id
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,32 +10,46 @@ import numpy as np
 from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.evidence import Evidence, MarkedPoints, ModelEvidence, lens_beforehand
-from facadelake.georeferencing.adjustment.linearise import (
-    PRIOR_LIMIT,
-    Layout,
-    State,
-    cauchy,
-    sighting_residuals,
-    start_of,
+from facadelake.georeferencing.adjustment.evidence import (
+    ControlObservations,
+    MarkedPoints,
+    SurfaceConstraint,
+    build_lens_prior,
 )
-from facadelake.georeferencing.adjustment.model_terms import no_walls, walls_of
-from facadelake.georeferencing.adjustment.problem import Block, NodePriors, Problem, Sightings
-from facadelake.georeferencing.adjustment.projection import LENS_TERMS, camera_of
-from facadelake.georeferencing.adjustment.solve import SETTLED_M, Solution, covariance_of, solve
-from facadelake.georeferencing.adjustment.tie_points import Ties, block_of, choose_ties, inflation_of
-from facadelake.georeferencing.adjustment.uncertainty import Uncertainty, residual_when_left_out, uncertainty_of
+from facadelake.georeferencing.adjustment.linearise import (
+    PRIOR_LOSS_SCALE,
+    AdjustmentState,
+    ParameterIndex,
+    compute_cauchy_loss,
+    compute_reprojection_residuals,
+    initialise_state,
+)
+from facadelake.georeferencing.adjustment.model_terms import build_empty_terms, match_points_to_surface
+from facadelake.georeferencing.adjustment.problem import AdjustmentProblem, Block, ImagePoints, PointPriors
+from facadelake.georeferencing.adjustment.projection import LENS_PARAMETERS, camera_from_lens
+from facadelake.georeferencing.adjustment.solve import CONVERGED_M, Solution, compute_covariance, solve_adjustment
+from facadelake.georeferencing.adjustment.tie_points import (
+    TiePointSelection,
+    build_block,
+    choose_tie_points,
+    estimate_tie_variance_factor,
+)
+from facadelake.georeferencing.adjustment.uncertainty import (
+    Uncertainty,
+    compute_leave_one_out_residual,
+    estimate_uncertainty,
+)
 from facadelake.sfm import Reconstruction
 
 logger = logging.getLogger(__name__)
 
 # The gate closes in from what a start by the model leaves to the relief of a facade; an early round need not settle,
 # for its correspondences are looked for anew.
-_MODEL_ROUNDS = ((0.3, 2e-3), (0.2, 1e-3), (0.2, SETTLED_M))
-_SIGNIFICANT = 2.0
-KNOWN_POINT_LIMIT = 2.5  # surfaces change between campaigns: a point that moved loses its say early
-_LEAST_LEFT = 3  # control points that must remain when one is left out
-_OPTIONAL_TERMS = ("aspect", "k2", "p1", "p2")
+_SURFACE_ROUNDS = ((0.3, 2e-3), (0.2, 1e-3), (0.2, CONVERGED_M))
+_SIGNIFICANCE_SIGMAS = 2.0
+SHARED_POINT_LOSS_SCALE = 2.5  # surfaces change between campaigns: a point that moved loses its say early
+_MIN_REMAINING_POINTS = 3  # control points that must remain when one is left out
+_OPTIONAL_PARAMETERS = ("aspect", "k2", "p1", "p2")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,7 +61,7 @@ class Nodes:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Adjusted:
+class AdjustedBlock:
     """The adjusted block.
 
     ``covariance`` (n, 6, 6): each photograph's centre (m, site) and attitude (rad, about the camera's axes).
@@ -57,10 +71,10 @@ class Adjusted:
     ``tie_variance_factor``: factor on the variance of image points for their correlation.
     """
 
-    problem: Problem
+    problem: AdjustmentProblem
     solution: Solution
     nodes: Nodes
-    ties: Ties
+    ties: TiePointSelection
     covariance: Float64Array
     uncertainty: Uncertainty
     gps_offset_m: Float64Array
@@ -74,7 +88,7 @@ class Adjusted:
     @property
     def cameras(self) -> tuple[PosedCamera, ...]:
         """The posed cameras, in the reconstruction's order."""
-        return posed(self.problem.block, self.solution.state)
+        return build_posed_cameras(self.problem.block, self.solution.state)
 
     @property
     def xyz_site_m(self) -> Float64Array:
@@ -92,41 +106,43 @@ class Adjusted:
         return self.solution.state.node_m[self.nodes.marked :]
 
 
-def posed(block: Block, state: State) -> tuple[PosedCamera, ...]:
+def build_posed_cameras(block: Block, state: AdjustmentState) -> tuple[PosedCamera, ...]:
     """The cameras of a state."""
     return tuple(
         PosedCamera(
-            camera=camera_of(state.lens[lens], block.cameras[lens]),
+            camera=camera_from_lens(state.lens[lens], block.cameras[lens]),
             site_from_cam=Similarity(rotation=rotation, translation=centre),
         )
         for lens, rotation, centre in zip(block.camera_of_photo, state.site_from_cam, state.centre_site_m, strict=True)
     )
 
 
-def adjust(reconstruction: Reconstruction, site_from_sfm: Similarity, evidence: Evidence) -> Adjusted:
+def adjust_block(
+    reconstruction: Reconstruction, site_from_sfm: Similarity, evidence: ControlObservations
+) -> AdjustedBlock:
     """Adjust the block from ``site_from_sfm`` on.
 
     Where there is a model, its faces are looked for anew in each of three rounds. Lens terms that the
     photographs do not show to differ from nought are then held there, and the block is adjusted once more.
     Raises GeoreferenceError where the evidence leaves the block open.
     """
-    ties = choose_ties(reconstruction, site_from_sfm)
-    problem, nodes = _problem(reconstruction, site_from_sfm, ties, evidence)
+    ties = choose_tie_points(reconstruction, site_from_sfm)
+    problem, nodes = _build_problem(reconstruction, site_from_sfm, ties, evidence)
     if evidence.model is None:
-        solution = solve(problem)
+        solution = solve_adjustment(problem)
     else:
         # GPS alone would draw the block away from the model before the model is heard.
-        state = start_of(problem)
-        for gate_m, settled_m in _MODEL_ROUNDS:
-            problem = _with_walls(problem, ties, state, evidence.model, gate_m)
+        state = initialise_state(problem)
+        for gate_m, settled_m in _SURFACE_ROUNDS:
+            problem = _update_point_to_plane(problem, ties, state, evidence.model, gate_m)
             state = replace(state, wall_m=np.zeros(len(problem.walls.wall_sigma_m)))
-            solution = solve(problem, state, settled_m=settled_m)
+            solution = solve_adjustment(problem, state, settled_m=settled_m)
             state = solution.state
-    free = _worth_freeing(problem, solution)
+    free = _find_significant_parameters(problem, solution)
     if not free.all():
-        problem = _holding(problem, free)
+        problem = _fix_parameters(problem, free)
         mean = np.where(problem.lens_sigma > 0, solution.state.lens, problem.lens_mean)
-        solution = solve(problem, replace(solution.state, lens=mean))
+        solution = solve_adjustment(problem, replace(solution.state, lens=mean))
     logger.info(
         "adjusted %d photographs, %d tie points: sigma %.2f px, %d steps",
         len(problem.block.centre_site_m),
@@ -134,32 +150,32 @@ def adjust(reconstruction: Reconstruction, site_from_sfm: Similarity, evidence: 
         solution.tie_sigma_px,
         solution.steps,
     )
-    return _described(problem, nodes, ties, solution, free)
+    return _build_adjusted_block(problem, nodes, ties, solution, free)
 
 
-def held_out_residuals(adjusted: Adjusted, marked: MarkedPoints) -> dict[int, Float64Array]:
+def compute_held_out_residuals(adjusted: AdjustedBlock, marked: MarkedPoints) -> dict[int, Float64Array]:
     """``given - predicted`` (3,), metres in site, of each control point when its survey is left out; empty where fewer
     than three would be left. Keys are rows of ``marked``."""
     held = np.flatnonzero(np.isfinite(marked.sigma_m).all(axis=1))
-    if len(held) <= _LEAST_LEFT:
+    if len(held) <= _MIN_REMAINING_POINTS:
         return {}
     left, variance = marked.xyz_site_m[held] - adjusted.marked_site_m[held], marked.sigma_m[held] ** 2
     # A point that is off has lost its say in the fit, so there is less of it to leave out.
-    _, weight = cauchy((left**2 / variance).sum(axis=1), PRIOR_LIMIT)
-    residual = residual_when_left_out(
+    _, weight = compute_cauchy_loss((left**2 / variance).sum(axis=1), PRIOR_LOSS_SCALE)
+    residual = compute_leave_one_out_residual(
         left, adjusted.uncertainty.node_covariance(adjusted.nodes.marked + held), variance / weight[:, None]
     )
     return {int(row): left for row, left in zip(held, residual, strict=True)}
 
 
-def _problem(
-    reconstruction: Reconstruction, site_from_sfm: Similarity, ties: Ties, evidence: Evidence
-) -> tuple[Problem, Nodes]:
-    block = block_of(reconstruction, site_from_sfm)
+def _build_problem(
+    reconstruction: Reconstruction, site_from_sfm: Similarity, ties: TiePointSelection, evidence: ControlObservations
+) -> tuple[AdjustmentProblem, Nodes]:
+    block = build_block(reconstruction, site_from_sfm)
     count = len(ties.point)
     marked = evidence.marked
     points = len(marked.names) if marked is not None else 0
-    sightings = Sightings(
+    sightings = ImagePoints(
         photo=ties.photo,
         node=ties.node,
         offset_site_m=np.zeros((len(ties.photo), 3)),
@@ -168,18 +184,18 @@ def _problem(
         tie=np.ones(len(ties.photo), dtype=bool),
     )
     xyz = ties.xyz_site_m
-    priors = _known_points(evidence, ties)
+    priors = _build_shared_point_priors(evidence, ties)
     if marked is not None:
-        sightings = _joined(sightings, _marks(marked, count))
+        sightings = _append_image_points(sightings, _build_mark_observations(marked, count))
         xyz = np.vstack([xyz, marked.xyz_site_m])
-        priors = _joined_priors(priors, _surveyed(marked, count))
-    mean, sigma = lens_beforehand(block.cameras, np.ones(len(LENS_TERMS), dtype=bool))
-    problem = Problem(
+        priors = _append_priors(priors, _build_survey_priors(marked, count))
+    mean, sigma = build_lens_prior(block.cameras, np.ones(len(LENS_PARAMETERS), dtype=bool))
+    problem = AdjustmentProblem(
         block=block,
         node_xyz_m=xyz,
         sightings=sightings,
         node_priors=priors,
-        walls=no_walls(),
+        walls=build_empty_terms(),
         positions=evidence.positions,
         attitudes=evidence.attitudes,
         lens_mean=mean,
@@ -188,10 +204,10 @@ def _problem(
     return problem, Nodes(marked=count, count=count + points)
 
 
-def _known_points(evidence: Evidence, ties: Ties) -> NodePriors:
+def _build_shared_point_priors(evidence: ControlObservations, ties: TiePointSelection) -> PointPriors:
     known = evidence.known
     if known is None:
-        return NodePriors(
+        return PointPriors(
             node=np.zeros(0, dtype=np.int64),
             xyz_m=np.zeros((0, 3)),
             information=np.zeros((0, 3, 3)),
@@ -201,17 +217,17 @@ def _known_points(evidence: Evidence, ties: Ties) -> NodePriors:
     row[ties.point] = np.arange(len(ties.point))
     node = row[known.point]
     held = node >= 0
-    return NodePriors(
+    return PointPriors(
         node=node[held],
         xyz_m=known.xyz_site_m[held],
         information=np.linalg.inv(known.covariance_m2[held]).astype(np.float64),
-        limit=np.full(int(held.sum()), KNOWN_POINT_LIMIT),
+        limit=np.full(int(held.sum()), SHARED_POINT_LOSS_SCALE),
     )
 
 
-def _marks(marked: MarkedPoints, first_node: int) -> Sightings:
+def _build_mark_observations(marked: MarkedPoints, first_node: int) -> ImagePoints:
     k = len(marked.photo)
-    return Sightings(
+    return ImagePoints(
         photo=marked.photo,
         node=first_node + marked.point,
         offset_site_m=np.zeros((k, 3)),
@@ -221,27 +237,29 @@ def _marks(marked: MarkedPoints, first_node: int) -> Sightings:
     )
 
 
-def _surveyed(marked: MarkedPoints, first_node: int) -> NodePriors:
+def _build_survey_priors(marked: MarkedPoints, first_node: int) -> PointPriors:
     held = np.flatnonzero(np.isfinite(marked.sigma_m).all(axis=1))
     information = np.zeros((len(held), 3, 3))
     information[:, np.arange(3), np.arange(3)] = 1.0 / marked.sigma_m[held] ** 2
-    return NodePriors(
+    return PointPriors(
         node=first_node + held,
         xyz_m=marked.xyz_site_m[held],
         information=information,
-        limit=np.full(len(held), PRIOR_LIMIT),
+        limit=np.full(len(held), PRIOR_LOSS_SCALE),
     )
 
 
-def _with_walls(problem: Problem, ties: Ties, state: State, model: ModelEvidence, gate_m: float) -> Problem:
+def _update_point_to_plane(
+    problem: AdjustmentProblem, ties: TiePointSelection, state: AdjustmentState, model: SurfaceConstraint, gate_m: float
+) -> AdjustmentProblem:
     """The problem with the model's faces as they are met from ``state``; older ones are dropped."""
-    walls = walls_of(ties, state, model.surface, gate_m=gate_m, model_sigma_m=model.sigma_m)
+    walls = match_points_to_surface(ties, state, model.surface, gate_m=gate_m, model_sigma_m=model.sigma_m)
     logger.debug("%d tie points on %d walls", len(walls.node), len(walls.wall_sigma_m))
     return replace(problem, walls=walls)
 
 
-def _joined(first: Sightings, second: Sightings) -> Sightings:
-    return Sightings(
+def _append_image_points(first: ImagePoints, second: ImagePoints) -> ImagePoints:
+    return ImagePoints(
         photo=np.concatenate([first.photo, second.photo]),
         node=np.concatenate([first.node, second.node]),
         offset_site_m=np.concatenate([first.offset_site_m, second.offset_site_m]),
@@ -251,8 +269,8 @@ def _joined(first: Sightings, second: Sightings) -> Sightings:
     )
 
 
-def _joined_priors(first: NodePriors, second: NodePriors) -> NodePriors:
-    return NodePriors(
+def _append_priors(first: PointPriors, second: PointPriors) -> PointPriors:
+    return PointPriors(
         node=np.concatenate([first.node, second.node]),
         xyz_m=np.concatenate([first.xyz_m, second.xyz_m]),
         information=np.concatenate([first.information, second.information]),
@@ -260,27 +278,29 @@ def _joined_priors(first: NodePriors, second: NodePriors) -> NodePriors:
     )
 
 
-def _worth_freeing(problem: Problem, solution: Solution) -> BoolArray:
+def _find_significant_parameters(problem: AdjustmentProblem, solution: Solution) -> BoolArray:
     """Which lens terms (c, 8) the photographs show to differ from a plain lens's, by more than two sigmas."""
-    layout = Layout.of(problem)
-    _, covariance = covariance_of(problem, solution, 1.0)
-    sigma = np.sqrt(np.diag(covariance)[layout.lens : layout.offset]).reshape(-1, len(LENS_TERMS))
+    layout = ParameterIndex.of(problem)
+    _, covariance = compute_covariance(problem, solution, 1.0)
+    sigma = np.sqrt(np.diag(covariance)[layout.lens : layout.offset]).reshape(-1, len(LENS_PARAMETERS))
     away = np.abs(solution.state.lens - problem.lens_mean)
-    optional = np.isin(LENS_TERMS, _OPTIONAL_TERMS)
-    worth: BoolArray = ~optional | (away > _SIGNIFICANT * sigma)
+    optional = np.isin(LENS_PARAMETERS, _OPTIONAL_PARAMETERS)
+    worth: BoolArray = ~optional | (away > _SIGNIFICANCE_SIGMAS * sigma)
     return worth
 
 
-def _holding(problem: Problem, free: BoolArray) -> Problem:
+def _fix_parameters(problem: AdjustmentProblem, free: BoolArray) -> AdjustmentProblem:
     return replace(problem, lens_sigma=np.where(free, problem.lens_sigma, 0.0))
 
 
-def _described(problem: Problem, nodes: Nodes, ties: Ties, solution: Solution, free: BoolArray) -> Adjusted:
-    state, layout = solution.state, Layout.of(problem)
+def _build_adjusted_block(
+    problem: AdjustmentProblem, nodes: Nodes, ties: TiePointSelection, solution: Solution, free: BoolArray
+) -> AdjustedBlock:
+    state, layout = solution.state, ParameterIndex.of(problem)
     tie = problem.sightings.tie
-    residual = sighting_residuals(problem, state, solution.tie_sigma_px)[tie]
-    inflation = inflation_of(residual, problem.sightings.photo[tie], problem.sightings.xy_img[tie])
-    uncertainty = uncertainty_of(problem, solution, nodes.marked, inflation)
+    residual = compute_reprojection_residuals(problem, state, solution.tie_sigma_px)[tie]
+    inflation = estimate_tie_variance_factor(residual, problem.sightings.photo[tie], problem.sightings.xy_img[tie])
+    uncertainty = estimate_uncertainty(problem, solution, nodes.marked, inflation)
     covariance = uncertainty.covariance
     photos = len(state.centre_site_m)
     blocks = covariance[: layout.lens, : layout.lens].reshape(photos, 6, photos, 6)
@@ -290,10 +310,10 @@ def _described(problem: Problem, nodes: Nodes, ties: Ties, solution: Solution, f
     held = [
         f"{term} of camera {lens + 1}"
         for lens, row in enumerate(free)
-        for term, is_free in zip(LENS_TERMS, row, strict=True)
+        for term, is_free in zip(LENS_PARAMETERS, row, strict=True)
         if not is_free
     ]
-    return Adjusted(
+    return AdjustedBlock(
         problem=problem,
         solution=solution,
         nodes=nodes,
@@ -304,17 +324,17 @@ def _described(problem: Problem, nodes: Nodes, ties: Ties, solution: Solution, f
         gps_offset_sigma_m=sigma[layout.offset : layout.yaw].reshape(-1, 3),
         datum_covariance_m2=centres.mean(axis=(0, 2)),
         tie_variance_factor=inflation,
-        lens_sigma=sigma[layout.lens : layout.offset].reshape(-1, len(LENS_TERMS)),
-        focal_height_correlation=_focal_height_correlation(covariance, layout, photos),
+        lens_sigma=sigma[layout.lens : layout.offset].reshape(-1, len(LENS_PARAMETERS)),
+        focal_height_correlation=_compute_focal_height_correlation(covariance, layout, photos),
         held_terms=tuple(held),
     )
 
 
-def _focal_height_correlation(covariance: Float64Array, layout: Layout, photos: int) -> float:
+def _compute_focal_height_correlation(covariance: Float64Array, layout: ParameterIndex, photos: int) -> float:
     """Largest correlation (absolute) of a lens's focal length with the block's mean height: near 1, an error of the
     lens is an error of height."""
     height = covariance[:, 2 : layout.lens : 6].mean(axis=1)
     variance = float(height[2 : layout.lens : 6].mean())
-    focal = np.arange(layout.lens, layout.offset, len(LENS_TERMS))
+    focal = np.arange(layout.lens, layout.offset, len(LENS_PARAMETERS))
     spread = np.sqrt(np.diag(covariance)[focal] * max(variance, 1e-18))
     return float(np.abs(height[focal] / spread).max())

@@ -9,12 +9,12 @@ import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.camera import Camera
-from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
+from facadelake.georeferencing.adjustment.model_terms import RaySurface
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
 
 # What is known of a lens before it is adjusted (LENS_TERMS' order); focal length and principal point are relative to
 # the focal length and the image's width. Sensors' pixels are square to a fraction of a percent.
-LENS_SIGMA = (0.05, 0.005, 0.02, 0.02, 0.3, 0.3, 0.02, 0.02)
+LENS_PRIOR_SIGMA = (0.05, 0.005, 0.02, 0.02, 0.3, 0.3, 0.02, 0.02)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,7 +32,7 @@ class MarkedPoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class KnownPoints:
+class SharedTiePoints:
     """Tie points that another campaign knows: ``point`` (k,) rows of the reconstruction's points, ``xyz_site_m``
     (k, 3) and ``covariance_m2`` (k, 3, 3)."""
 
@@ -42,28 +42,28 @@ class KnownPoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ModelEvidence:
+class SurfaceConstraint:
     """The building's model: its surface, and how far the building may stand off it (one sigma)."""
 
-    surface: SurfaceLike
+    surface: RaySurface
     sigma_m: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Evidence:
+class ControlObservations:
     """All that the block is adjusted to, besides its own tie points."""
 
     positions: PositionTerms
     attitudes: AttitudeTerms
     marked: MarkedPoints | None = None
-    known: KnownPoints | None = None
-    model: ModelEvidence | None = None
+    known: SharedTiePoints | None = None
+    model: SurfaceConstraint | None = None
 
 
-def lens_beforehand(cameras: Sequence[Camera], free: BoolArray) -> tuple[Float64Array, Float64Array]:
+def build_lens_prior(cameras: Sequence[Camera], free: BoolArray) -> tuple[Float64Array, Float64Array]:
     """Mean and sigma (c, 8) of the lenses; terms not ``free`` (8,) are held at their mean."""
     mean = np.array(
         [[camera.fx_px, 1.0, camera.width_px / 2, camera.height_px / 2, 0.0, 0.0, 0.0, 0.0] for camera in cameras]
     )
     unit = np.array([[c.fx_px, 1.0, c.width_px, c.width_px, 1.0, 1.0, 1.0, 1.0] for c in cameras])
-    return mean, np.where(free, np.array(LENS_SIGMA) * unit, 0.0)
+    return mean, np.where(free, np.array(LENS_PRIOR_SIGMA) * unit, 0.0)

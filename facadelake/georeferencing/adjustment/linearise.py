@@ -8,18 +8,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.arrays import Float64Array
-from facadelake.georeferencing.adjustment.problem import Problem
-from facadelake.georeferencing.adjustment.projection import lens_of, project
+from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
+from facadelake.georeferencing.adjustment.projection import lens_from_camera, project
 
 # Cauchy's loss: beyond this many sigmas an observation loses its say. 2.4 keeps 95 % efficiency on normal errors.
-SIGHTING_LIMIT = 2.4
-WALL_LIMIT = 2.0
-PRIOR_LIMIT = 4.0
-_BEHIND_RESIDUAL = 50.0  # sigmas; what an observation of a point behind the camera counts
+REPROJECTION_LOSS_SCALE = 2.4
+POINT_TO_PLANE_LOSS_SCALE = 2.0
+PRIOR_LOSS_SCALE = 4.0
+_BEHIND_CAMERA_RESIDUAL = 50.0  # sigmas; what an observation of a point behind the camera counts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class State:
+class AdjustmentState:
     """Values of all unknowns: ``centre_site_m`` (n, 3), ``site_from_cam`` (n, 3, 3), ``lens`` (c, 8), ``node_m``
     (m, 3), ``gps_offset_m`` (f, 3), ``yaw_offset_rad`` (f,), ``wall_m`` (w,)."""
 
@@ -32,13 +32,13 @@ class State:
     wall_m: Float64Array
 
 
-def start_of(problem: Problem) -> State:
+def initialise_state(problem: AdjustmentProblem) -> AdjustmentState:
     """The state an adjustment begins with; offsets and deviations are zero."""
     block = problem.block
-    return State(
+    return AdjustmentState(
         centre_site_m=block.centre_site_m,
         site_from_cam=block.site_from_cam,
-        lens=np.array([lens_of(camera) for camera in block.cameras]),
+        lens=np.array([lens_from_camera(camera) for camera in block.cameras]),
         node_m=problem.node_xyz_m,
         gps_offset_m=np.zeros_like(problem.positions.offset_sigma_m),
         yaw_offset_rad=np.zeros_like(problem.attitudes.yaw_sigma_rad),
@@ -46,11 +46,13 @@ def start_of(problem: Problem) -> State:
     )
 
 
-def moved(state: State, problem: Problem, step: Float64Array, node_step: Float64Array) -> State:
-    """The state after a step of the kept unknowns (in the order of ``Layout``) and of the nodes (m, 3)."""
-    layout = Layout.of(problem)
+def apply_step(
+    state: AdjustmentState, problem: AdjustmentProblem, step: Float64Array, node_step: Float64Array
+) -> AdjustmentState:
+    """The state after a step of the kept unknowns (in the order of ``ParameterIndex``) and of the nodes (m, 3)."""
+    layout = ParameterIndex.of(problem)
     photo = step[: layout.lens].reshape(-1, 6)
-    return State(
+    return AdjustmentState(
         centre_site_m=state.centre_site_m + photo[:, :3],
         site_from_cam=state.site_from_cam @ Rotation.from_rotvec(photo[:, 3:]).as_matrix(),
         lens=state.lens + step[layout.lens : layout.offset].reshape(-1, 8),
@@ -62,7 +64,7 @@ def moved(state: State, problem: Problem, step: Float64Array, node_step: Float64
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class ParameterIndex:
     """Where the kept unknowns stand in the vector: photographs (6 each: centre in site, rotation vector in cam) from 0,
     then ``lens`` (8 each), ``offset`` (3 a flight), ``yaw`` (1 a flight), ``wall`` (1 each), ``size`` in all."""
 
@@ -73,22 +75,22 @@ class Layout:
     size: int
 
     @staticmethod
-    def of(problem: Problem) -> Layout:
+    def of(problem: AdjustmentProblem) -> ParameterIndex:
         """The layout of a problem."""
         lens = 6 * len(problem.block.centre_site_m)
         offset = lens + 8 * len(problem.block.cameras)
         yaw = offset + 3 * len(problem.positions.offset_sigma_m)
         wall = yaw + len(problem.attitudes.yaw_sigma_rad)
-        return Layout(lens=lens, offset=offset, yaw=yaw, wall=wall, size=wall + len(problem.walls.wall_sigma_m))
+        return ParameterIndex(lens=lens, offset=offset, yaw=yaw, wall=wall, size=wall + len(problem.walls.wall_sigma_m))
 
 
-def cauchy(squared: Float64Array, limit: float | Float64Array) -> tuple[Float64Array, Float64Array]:
+def compute_cauchy_loss(squared: Float64Array, limit: float | Float64Array) -> tuple[Float64Array, Float64Array]:
     """Loss and weight of squared whitened residuals under Cauchy's robust loss."""
     inner = 1.0 + squared / limit**2
     return limit**2 * np.log(inner), 1.0 / inner
 
 
-def cross_matrices(vectors: Float64Array) -> Float64Array:
+def build_skew_matrices(vectors: Float64Array) -> Float64Array:
     """Matrices (k, 3, 3) that take x to ``vector`` cross x."""
     out = np.zeros((len(vectors), 3, 3))
     x, y, z = vectors.T
@@ -98,7 +100,7 @@ def cross_matrices(vectors: Float64Array) -> Float64Array:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SightingRows:
+class LinearisedReprojection:
     """Sightings, weighted: residuals (k, 2), derivatives by photograph (k, 2, 6), lens (k, 2, 8) and node (k, 2, 3)."""
 
     residual: Float64Array
@@ -108,42 +110,46 @@ class SightingRows:
     cost: float
 
 
-def sighting_residuals(problem: Problem, state: State, tie_sigma_px: float) -> Float64Array:
+def compute_reprojection_residuals(
+    problem: AdjustmentProblem, state: AdjustmentState, tie_sigma_px: float
+) -> Float64Array:
     """Whitened residuals (k, 2) of the sightings, unweighted."""
     seen, block = problem.sightings, problem.block
-    xyz_cam = _in_camera(problem, state)
+    xyz_cam = _transform_to_camera(problem, state)
     projected = project(xyz_cam, state.lens[block.camera_of_photo[seen.photo]])
     residual: Float64Array = np.einsum("kij,kj->ki", seen.whitening, projected.xy_img - seen.xy_img)
     residual[seen.tie] /= tie_sigma_px
-    residual[~projected.in_front] = _BEHIND_RESIDUAL
+    residual[~projected.in_front] = _BEHIND_CAMERA_RESIDUAL
     return residual
 
 
-def _in_camera(problem: Problem, state: State) -> Float64Array:
+def _transform_to_camera(problem: AdjustmentProblem, state: AdjustmentState) -> Float64Array:
     seen = problem.sightings
     away = seen.offset_site_m + state.node_m[seen.node] - state.centre_site_m[seen.photo]
     xyz_cam: Float64Array = np.einsum("kji,kj->ki", state.site_from_cam[seen.photo], away)
     return xyz_cam
 
 
-def sighting_rows(problem: Problem, state: State, tie_sigma_px: float) -> SightingRows:
+def linearise_reprojection(
+    problem: AdjustmentProblem, state: AdjustmentState, tie_sigma_px: float
+) -> LinearisedReprojection:
     """The sightings about ``state``; tie points have ``tie_sigma_px`` per axis."""
     seen, block = problem.sightings, problem.block
     rotation = state.site_from_cam[seen.photo]
-    xyz_cam = _in_camera(problem, state)
+    xyz_cam = _transform_to_camera(problem, state)
     projected = project(xyz_cam, state.lens[block.camera_of_photo[seen.photo]])
     whitening = seen.whitening / np.where(seen.tie, tie_sigma_px, 1.0)[:, None, None]
     residual = np.einsum("kij,kj->ki", whitening, projected.xy_img - seen.xy_img)
     behind = ~projected.in_front
-    residual[behind] = _BEHIND_RESIDUAL
-    loss, weight = cauchy((residual**2).sum(axis=1), SIGHTING_LIMIT)
+    residual[behind] = _BEHIND_CAMERA_RESIDUAL
+    loss, weight = compute_cauchy_loss((residual**2).sum(axis=1), REPROJECTION_LOSS_SCALE)
     root = np.sqrt(np.where(behind, 0.0, weight))
     whitening = whitening * root[:, None, None]
     by_cam = whitening @ projected.by_xyz_cam
     by_node = np.einsum("kai,kji->kaj", by_cam, rotation)
     # exp(-w) x is x + x cross w: the camera turns by w in its own axes.
-    by_turn = by_cam @ cross_matrices(xyz_cam)
-    return SightingRows(
+    by_turn = by_cam @ build_skew_matrices(xyz_cam)
+    return LinearisedReprojection(
         residual=residual * root[:, None],
         by_photo=np.concatenate([-by_node, by_turn], axis=2),
         by_lens=whitening @ projected.by_lens,
@@ -153,7 +159,7 @@ def sighting_rows(problem: Problem, state: State, tie_sigma_px: float) -> Sighti
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WallRows:
+class LinearisedPointToPlane:
     """Wall terms, weighted: residual (k,), derivative by node (k, 3) and by the wall's deviation (k,)."""
 
     residual: Float64Array
@@ -162,15 +168,15 @@ class WallRows:
     cost: float
 
 
-def wall_rows(problem: Problem, state: State) -> WallRows:
+def linearise_point_to_plane(problem: AdjustmentProblem, state: AdjustmentState) -> LinearisedPointToPlane:
     """The tie points on the model's surface about ``state``."""
     walls = problem.walls
     deviation = np.where(walls.wall >= 0, np.append(state.wall_m, 0.0)[walls.wall], 0.0)
     away = np.einsum("ki,ki->k", walls.normal_site, state.node_m[walls.node]) - walls.distance_m - deviation
     residual = away / walls.sigma_m
-    loss, weight = cauchy(residual**2, WALL_LIMIT)
+    loss, weight = compute_cauchy_loss(residual**2, POINT_TO_PLANE_LOSS_SCALE)
     root = np.sqrt(weight)
-    return WallRows(
+    return LinearisedPointToPlane(
         residual=residual * root,
         by_node=walls.normal_site * (root / walls.sigma_m)[:, None],
         by_wall=-(root / walls.sigma_m),
@@ -179,7 +185,7 @@ def wall_rows(problem: Problem, state: State) -> WallRows:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PriorRows:
+class LinearisedPointPriors:
     """Node priors, weighted: information (k, 3, 3), ``information @ (node - prior)`` (k, 3)."""
 
     information: Float64Array
@@ -187,12 +193,12 @@ class PriorRows:
     cost: float
 
 
-def prior_rows(problem: Problem, state: State) -> PriorRows:
+def linearise_point_priors(problem: AdjustmentProblem, state: AdjustmentState) -> LinearisedPointPriors:
     """The nodes' priors about ``state``."""
     priors = problem.node_priors
     away = state.node_m[priors.node] - priors.xyz_m
     pull = np.einsum("kij,kj->ki", priors.information, away)
-    loss, weight = cauchy(np.einsum("ki,ki->k", away, pull), priors.limit)
-    return PriorRows(
+    loss, weight = compute_cauchy_loss(np.einsum("ki,ki->k", away, pull), priors.limit)
+    return LinearisedPointPriors(
         information=priors.information * weight[:, None, None], gradient=pull * weight[:, None], cost=float(loss.sum())
     )

@@ -7,16 +7,16 @@ from typing import Protocol
 import numpy as np
 
 from facadelake.core.arrays import Float64Array, Int64Array, RowIndices
-from facadelake.georeferencing.adjustment.linearise import State
-from facadelake.georeferencing.adjustment.problem import WallTerms
-from facadelake.georeferencing.adjustment.tie_points import Ties
+from facadelake.georeferencing.adjustment.linearise import AdjustmentState
+from facadelake.georeferencing.adjustment.problem import PointToPlaneTerms
+from facadelake.georeferencing.adjustment.tie_points import TiePointSelection
 
-_FACING_COSINE = 0.25  # rays more grazing than 75 degrees tell little of the plane they meet
-_LEAST_ON_WALL = 30  # walls with fewer points have no deviation of their own
-_LEAST_SEEN = 3
+_MIN_FACING_COSINE = 0.25  # rays more grazing than 75 degrees tell little of the plane they meet
+_MIN_POINTS_PER_WALL = 30  # walls with fewer points have no deviation of their own
+_MIN_TRACK_LENGTH = 3
 
 
-class HitsLike(Protocol):
+class RayHits(Protocol):
     """What a ray cast gives: distances (n,), inf for a miss, unit normals (n, 3) turned to the ray's origin, and the
     element (n,) that was met."""
 
@@ -30,16 +30,16 @@ class HitsLike(Protocol):
     def element(self) -> Int64Array: ...
 
 
-class SurfaceLike(Protocol):
+class RaySurface(Protocol):
     """The building's surface in site; ``facadelake.building.surface.raycasting.Surface`` is one."""
 
-    def cast(self, origins_site_m: Float64Array, directions_site: Float64Array, /) -> HitsLike:
+    def cast(self, origins_site_m: Float64Array, directions_site: Float64Array, /) -> RayHits:
         """First hits of rays (n, 3) from origins (n, 3), in site metres."""
 
 
-def no_walls() -> WallTerms:
+def build_empty_terms() -> PointToPlaneTerms:
     """No model."""
-    return WallTerms(
+    return PointToPlaneTerms(
         node=np.zeros(0, dtype=np.int64),
         normal_site=np.zeros((0, 3)),
         distance_m=np.zeros(0),
@@ -49,7 +49,9 @@ def no_walls() -> WallTerms:
     )
 
 
-def walls_of(ties: Ties, state: State, surface: SurfaceLike, *, gate_m: float, model_sigma_m: float) -> WallTerms:
+def match_points_to_surface(
+    ties: TiePointSelection, state: AdjustmentState, surface: RaySurface, *, gate_m: float, model_sigma_m: float
+) -> PointToPlaneTerms:
     """Tie points seen three times or more that lie within ``gate_m`` of the face that a camera saw them on.
 
     A point belongs to the face that the ray of its nearest camera meets, never to the back of a wall or a
@@ -58,8 +60,8 @@ def walls_of(ties: Ties, state: State, surface: SurfaceLike, *, gate_m: float, m
     """
     xyz = state.node_m[: len(ties.point)]
     seen = np.bincount(ties.node, minlength=len(xyz))
-    camera = _nearest_camera(ties, state, xyz)
-    node = np.flatnonzero(seen >= _LEAST_SEEN)
+    camera = _find_nearest_camera(ties, state, xyz)
+    node = np.flatnonzero(seen >= _MIN_TRACK_LENGTH)
     origin = state.centre_site_m[camera[node]]
     ray = xyz[node] - origin
     direction = ray / np.linalg.norm(ray, axis=1, keepdims=True)
@@ -69,10 +71,10 @@ def walls_of(ties: Ties, state: State, surface: SurfaceLike, *, gate_m: float, m
     foot = origin + np.where(met, hits.distance_m, 0.0)[:, None] * direction
     away = np.einsum("ij,ij->i", normal, xyz[node] - foot)
     facing = -np.einsum("ij,ij->i", normal, direction)
-    good = met & (facing > _FACING_COSINE) & (np.abs(away) < gate_m)
+    good = met & (facing > _MIN_FACING_COSINE) & (np.abs(away) < gate_m)
     node, normal, foot = node[good], normal[good], foot[good]
-    wall, count = _walls(hits.element[good], normal)
-    return WallTerms(
+    wall, count = _group_by_wall(hits.element[good], normal)
+    return PointToPlaneTerms(
         node=node,
         normal_site=normal,
         distance_m=np.einsum("ij,ij->i", normal, foot),
@@ -82,7 +84,7 @@ def walls_of(ties: Ties, state: State, surface: SurfaceLike, *, gate_m: float, m
     )
 
 
-def _nearest_camera(ties: Ties, state: State, xyz: Float64Array) -> RowIndices:
+def _find_nearest_camera(ties: TiePointSelection, state: AdjustmentState, xyz: Float64Array) -> RowIndices:
     distance = np.linalg.norm(xyz[ties.node] - state.centre_site_m[ties.photo], axis=1)
     order = np.lexsort((distance, ties.node))
     node, first = np.unique(ties.node[order], return_index=True)
@@ -91,12 +93,12 @@ def _nearest_camera(ties: Ties, state: State, xyz: Float64Array) -> RowIndices:
     return camera
 
 
-def _walls(element: Int64Array, normal: Float64Array) -> tuple[RowIndices, int]:
+def _group_by_wall(element: Int64Array, normal: Float64Array) -> tuple[RowIndices, int]:
     """A wall (k,) for each point, -1 for those of walls with few points, and how many walls there are."""
     if not len(element):
         return np.zeros(0, dtype=np.int64), 0
     key = np.column_stack([element, np.round(2 * normal).astype(np.int64)])
     _, group, size = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     number = np.full(len(size), -1)
-    number[size >= _LEAST_ON_WALL] = np.arange(int((size >= _LEAST_ON_WALL).sum()))
-    return number[group.ravel()], int((size >= _LEAST_ON_WALL).sum())
+    number[size >= _MIN_POINTS_PER_WALL] = np.arange(int((size >= _MIN_POINTS_PER_WALL).sum()))
+    return number[group.ravel()], int((size >= _MIN_POINTS_PER_WALL).sum())

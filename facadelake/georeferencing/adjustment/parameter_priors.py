@@ -6,26 +6,35 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.arrays import BoolArray, Float64Array
-from facadelake.georeferencing.adjustment.linearise import PRIOR_LIMIT, Layout, State, cauchy
-from facadelake.georeferencing.adjustment.problem import Problem
+from facadelake.georeferencing.adjustment.linearise import (
+    PRIOR_LOSS_SCALE,
+    AdjustmentState,
+    ParameterIndex,
+    compute_cauchy_loss,
+)
+from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
 
 
-def add_kept(problem: Problem, state: State, matrix: Float64Array, gradient: Float64Array) -> float:
+def add_parameter_priors(
+    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
+) -> float:
     """Add their normal equations to ``matrix`` (g, g) and ``gradient`` (g,) in place; returns their cost."""
     return (
-        _positions(problem, state, matrix, gradient)
-        + _attitudes(problem, state, matrix, gradient)
-        + _beforehand(problem, state, matrix, gradient)
+        _add_positions(problem, state, matrix, gradient)
+        + _add_attitudes(problem, state, matrix, gradient)
+        + _add_gaussian_priors(problem, state, matrix, gradient)
     )
 
 
-def _positions(problem: Problem, state: State, matrix: Float64Array, gradient: Float64Array) -> float:
-    terms, layout = problem.positions, Layout.of(problem)
+def _add_positions(
+    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
+) -> float:
+    terms, layout = problem.positions, ParameterIndex.of(problem)
     if not len(terms.photo):
         return 0.0
     away = state.centre_site_m[terms.photo] + state.gps_offset_m[terms.flight] - terms.xyz_site_m
     whitened = away / terms.sigma_m
-    loss, weight = cauchy((whitened**2).sum(axis=1) / 3.0, PRIOR_LIMIT)
+    loss, weight = compute_cauchy_loss((whitened**2).sum(axis=1) / 3.0, PRIOR_LOSS_SCALE)
     information = weight[:, None] / terms.sigma_m**2
     for axis in range(3):
         at = 6 * terms.photo + axis
@@ -37,15 +46,17 @@ def _positions(problem: Problem, state: State, matrix: Float64Array, gradient: F
     return float(3.0 * loss.sum())
 
 
-def _attitudes(problem: Problem, state: State, matrix: Float64Array, gradient: Float64Array) -> float:
-    terms, layout = problem.attitudes, Layout.of(problem)
+def _add_attitudes(
+    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
+) -> float:
+    terms, layout = problem.attitudes, ParameterIndex.of(problem)
     if not len(terms.photo):
         return 0.0
     now = state.site_from_cam[terms.photo]
     away = Rotation.from_matrix(now @ terms.site_from_cam.transpose(0, 2, 1)).as_rotvec()
     away[:, 2] -= state.yaw_offset_rad[terms.flight]  # counter-clockwise about up
     whitened = away / terms.sigma_rad
-    loss, weight = cauchy((whitened**2).sum(axis=1) / 3.0, PRIOR_LIMIT)
+    loss, weight = compute_cauchy_loss((whitened**2).sum(axis=1) / 3.0, PRIOR_LOSS_SCALE)
     root = np.sqrt(weight)[:, None] / terms.sigma_rad
     rows = np.zeros((len(terms.photo), 3, 7))
     rows[:, :, :6][:, :, 3:] = now * root[:, :, None]
@@ -58,8 +69,10 @@ def _attitudes(problem: Problem, state: State, matrix: Float64Array, gradient: F
     return float(3.0 * loss.sum())
 
 
-def _beforehand(problem: Problem, state: State, matrix: Float64Array, gradient: Float64Array) -> float:
-    layout = Layout.of(problem)
+def _add_gaussian_priors(
+    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
+) -> float:
+    layout = ParameterIndex.of(problem)
     lens_sigma = problem.lens_sigma.ravel()
     free = lens_sigma > 0
     away = np.concatenate(
@@ -85,9 +98,9 @@ def _beforehand(problem: Problem, state: State, matrix: Float64Array, gradient: 
     return float(((away / sigma)[known] ** 2).sum())
 
 
-def held(problem: Problem) -> BoolArray:
+def mask_fixed_parameters(problem: AdjustmentProblem) -> BoolArray:
     """Which kept unknowns (g,) are held at their start: lens terms of sigma 0."""
-    layout = Layout.of(problem)
+    layout = ParameterIndex.of(problem)
     out = np.zeros(layout.size, dtype=bool)
     out[layout.lens : layout.offset] = problem.lens_sigma.ravel() == 0
     return out

@@ -25,7 +25,7 @@ class Block:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sightings:
+class ImagePoints:
     """Image observations of nodes: a photograph shows ``offset_site_m + node`` at ``xy_img``.
 
     ``photo`` (k,), ``node`` (k,), ``offset_site_m`` (k, 3; zero for points), ``xy_img`` (k, 2), ``whitening``
@@ -43,7 +43,7 @@ class Sightings:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NodePriors:
+class PointPriors:
     """Nodes whose coordinates are known from elsewhere: ``node`` (k,), ``xyz_m`` (k, 3), ``information`` (k, 3, 3) in
     1/m2 (singular where a direction is not known), ``limit`` (k,) in sigmas, beyond which a prior loses its say."""
 
@@ -52,15 +52,15 @@ class NodePriors:
     information: Float64Array
     limit: Float64Array
 
-    def take(self, which: BoolArray) -> NodePriors:
+    def take(self, which: BoolArray) -> PointPriors:
         """Those of ``which`` (k,)."""
-        return NodePriors(
+        return PointPriors(
             node=self.node[which], xyz_m=self.xyz_m[which], information=self.information[which], limit=self.limit[which]
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WallTerms:
+class PointToPlaneTerms:
     """Tie points on the model's surface: ``normal . node - distance_m - deviation[wall]`` is zero within ``sigma_m``.
 
     ``node`` (k,), ``normal_site`` (k, 3), ``distance_m`` (k,), ``wall`` (k,) row of a wall or -1 for none;
@@ -100,7 +100,7 @@ class AttitudeTerms:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
+class AdjustmentProblem:
     """The whole adjustment.
 
     ``node_xyz_m`` (m, 3) are the nodes' starts. ``lens_mean`` and ``lens_sigma`` (c, 8) are what is known of the lenses
@@ -109,9 +109,9 @@ class Problem:
 
     block: Block
     node_xyz_m: Float64Array
-    sightings: Sightings
-    node_priors: NodePriors
-    walls: WallTerms
+    sightings: ImagePoints
+    node_priors: PointPriors
+    walls: PointToPlaneTerms
     positions: PositionTerms
     attitudes: AttitudeTerms
     lens_mean: Float64Array

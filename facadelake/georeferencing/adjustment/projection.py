@@ -9,11 +9,11 @@ import numpy as np
 from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.camera import Camera
 
-LENS_TERMS = ("focal_px", "aspect", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
-_NEAREST = 1e-6  # a point at or behind the camera has no image
+LENS_PARAMETERS = ("focal_px", "aspect", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
+_MIN_DEPTH = 1e-6  # a point at or behind the camera has no image
 
 
-def lens_of(camera: Camera) -> Float64Array:
+def lens_from_camera(camera: Camera) -> Float64Array:
     """The intrinsics as adjusted (8,): focal length (px), aspect fy/fx, principal point (px), k1, k2, p1, p2."""
     return np.array(
         [
@@ -29,7 +29,7 @@ def lens_of(camera: Camera) -> Float64Array:
     )
 
 
-def camera_of(lens: Float64Array, like: Camera) -> Camera:
+def camera_from_lens(lens: Float64Array, like: Camera) -> Camera:
     """The camera of ``lens`` (8,), of the size of ``like``."""
     focal, aspect, cx, cy, k1, k2, p1, p2 = (float(value) for value in lens)
     return Camera(
@@ -47,7 +47,7 @@ def camera_of(lens: Float64Array, like: Camera) -> Camera:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Projected:
+class ProjectedPoints:
     """Pixels (k, 2) and their derivatives by camera coordinates (k, 2, 3) and lens terms (k, 2, 8).
 
     ``in_front`` (k,): where false the numbers mean nothing.
@@ -59,9 +59,9 @@ class Projected:
     in_front: BoolArray
 
 
-def project(xyz_cam: Float64Array, lens: Float64Array) -> Projected:
+def project(xyz_cam: Float64Array, lens: Float64Array) -> ProjectedPoints:
     """Project points (k, 3) in ``cam``, each through its own lens (k, 8). Source: Brown 1971, as in COLMAP's OPENCV."""
-    in_front: BoolArray = xyz_cam[:, 2] > _NEAREST
+    in_front: BoolArray = xyz_cam[:, 2] > _MIN_DEPTH
     depth = np.where(in_front, xyz_cam[:, 2], 1.0)
     x, y = xyz_cam[:, 0] / depth, xyz_cam[:, 1] / depth
     focal, aspect, cx, cy, k1, k2, p1, p2 = lens.T
@@ -78,7 +78,7 @@ def project(xyz_cam: Float64Array, lens: Float64Array) -> Projected:
     by_xyz[:, 0, 0], by_xyz[:, 0, 1] = focal * xd_x / depth, focal * xd_y / depth
     by_xyz[:, 1, 0], by_xyz[:, 1, 1] = fy * xd_y / depth, fy * yd_y / depth
     by_xyz[:, :, 2] = -(by_xyz[:, :, 0] * x[:, None] + by_xyz[:, :, 1] * y[:, None])
-    by_lens = np.zeros((len(xyz_cam), 2, len(LENS_TERMS)))
+    by_lens = np.zeros((len(xyz_cam), 2, len(LENS_PARAMETERS)))
     by_lens[:, 0, 0], by_lens[:, 1, 0] = xd, aspect * yd
     by_lens[:, 1, 1] = focal * yd
     by_lens[:, 0, 2] = by_lens[:, 1, 3] = 1.0
@@ -86,7 +86,7 @@ def project(xyz_cam: Float64Array, lens: Float64Array) -> Projected:
         by_lens[:, 0, column], by_lens[:, 1, column] = focal * x * power, fy * y * power
     by_lens[:, 0, 6], by_lens[:, 1, 6] = focal * 2 * x * y, fy * (r2 + 2 * y * y)
     by_lens[:, 0, 7], by_lens[:, 1, 7] = focal * (r2 + 2 * x * x), fy * 2 * x * y
-    return Projected(
+    return ProjectedPoints(
         xy_img=np.column_stack([focal * xd + cx, fy * yd + cy]),
         by_xyz_cam=by_xyz,
         by_lens=by_lens,

@@ -15,22 +15,22 @@ from scipy.sparse import coo_matrix
 
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.georeferencing.adjustment.linearise import (
-    Layout,
-    SightingRows,
-    State,
-    WallRows,
-    prior_rows,
-    sighting_rows,
-    wall_rows,
+    AdjustmentState,
+    LinearisedPointToPlane,
+    LinearisedReprojection,
+    ParameterIndex,
+    linearise_point_priors,
+    linearise_point_to_plane,
+    linearise_reprojection,
 )
-from facadelake.georeferencing.adjustment.parameter_priors import add_kept
-from facadelake.georeferencing.adjustment.problem import Problem
+from facadelake.georeferencing.adjustment.parameter_priors import add_parameter_priors
+from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
 
-_BATCH_NODES = 2048  # neighbours see the same photographs, so a batch is dense in a few hundred unknowns
+_POINTS_PER_BATCH = 2048  # neighbours see the same photographs, so a batch is dense in a few hundred unknowns
 # A direction in which a node is known worse than this share of its best (or, 1/m2, not at all) is held up to it, so
 # that the node can be inverted. Added to every node, it would hold the whole block: thousands of nodes move with it.
-_LEAST_SHARE = 1e-10
-_LEAST_INFORMATION = 1e-9
+_MIN_EIGENVALUE_SHARE = 1e-10
+_MIN_INFORMATION = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ class Coupling:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reduced:
+class ReducedCameraSystem:
     """``matrix`` (g, g) and ``gradient`` (g,) of the kept unknowns, the nodes' inverse information (m, 3, 3) and
     gradient (m, 3), the coupling, sorted by node, and the robust cost."""
 
@@ -56,14 +56,14 @@ class Reduced:
 
     def node_step(self, step: Float64Array) -> Float64Array:
         """The nodes' step (m, 3) that goes with the kept unknowns' ``step`` (g,)."""
-        pull = self.node_gradient + _by_node(
+        pull = self.node_gradient + _sum_by_point(
             self.coupling.node, self.coupling.value * step[self.coupling.row][:, None], len(self.node_gradient)
         )
         nodes: Float64Array = -np.einsum("mij,mj->mi", self.node_covariance, pull)
         return nodes
 
 
-def _by_node(node: Int64Array, values: Float64Array, count: int) -> Float64Array:
+def _sum_by_point(node: Int64Array, values: Float64Array, count: int) -> Float64Array:
     """Sums (count, ...) of ``values`` (k, ...) over equal ``node``."""
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     sums = np.zeros((count, flat.shape[1]))
@@ -72,43 +72,45 @@ def _by_node(node: Int64Array, values: Float64Array, count: int) -> Float64Array
     return sums.reshape(count, *values.shape[1:])
 
 
-def cost_of(problem: Problem, state: State, tie_sigma_px: float) -> float:
+def compute_cost(problem: AdjustmentProblem, state: AdjustmentState, tie_sigma_px: float) -> float:
     """The robust cost of a state, without its derivatives' sums."""
-    size = Layout.of(problem).size
+    size = ParameterIndex.of(problem).size
     return (
-        sighting_rows(problem, state, tie_sigma_px).cost
-        + wall_rows(problem, state).cost
-        + prior_rows(problem, state).cost
-        + add_kept(problem, state, np.zeros((size, size)), np.zeros(size))
+        linearise_reprojection(problem, state, tie_sigma_px).cost
+        + linearise_point_to_plane(problem, state).cost
+        + linearise_point_priors(problem, state).cost
+        + add_parameter_priors(problem, state, np.zeros((size, size)), np.zeros(size))
     )
 
 
-def reduce(problem: Problem, state: State, tie_sigma_px: float) -> Reduced:
+def build_reduced_system(
+    problem: AdjustmentProblem, state: AdjustmentState, tie_sigma_px: float
+) -> ReducedCameraSystem:
     """Linearise about ``state`` and eliminate the nodes."""
-    layout, count = Layout.of(problem), len(state.node_m)
+    layout, count = ParameterIndex.of(problem), len(state.node_m)
     matrix, gradient = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
     seen, walls, priors = (
-        sighting_rows(problem, state, tie_sigma_px),
-        wall_rows(problem, state),
-        prior_rows(problem, state),
+        linearise_reprojection(problem, state, tie_sigma_px),
+        linearise_point_to_plane(problem, state),
+        linearise_point_priors(problem, state),
     )
-    cost = seen.cost + walls.cost + priors.cost + add_kept(problem, state, matrix, gradient)
-    _add_sightings(problem, seen, layout, matrix, gradient)
-    _add_walls(problem, walls, layout, matrix, gradient)
+    cost = seen.cost + walls.cost + priors.cost + add_parameter_priors(problem, state, matrix, gradient)
+    _add_reprojection(problem, seen, layout, matrix, gradient)
+    _add_wall_deviations(problem, walls, layout, matrix, gradient)
     information = (
-        _by_node(problem.sightings.node, np.einsum("kai,kaj->kij", seen.by_node, seen.by_node), count)
-        + _by_node(problem.walls.node, np.einsum("ki,kj->kij", walls.by_node, walls.by_node), count)
-        + _by_node(problem.node_priors.node, priors.information, count)
+        _sum_by_point(problem.sightings.node, np.einsum("kai,kaj->kij", seen.by_node, seen.by_node), count)
+        + _sum_by_point(problem.walls.node, np.einsum("ki,kj->kij", walls.by_node, walls.by_node), count)
+        + _sum_by_point(problem.node_priors.node, priors.information, count)
     )
     node_gradient = (
-        _by_node(problem.sightings.node, np.einsum("kai,ka->ki", seen.by_node, seen.residual), count)
-        + _by_node(problem.walls.node, walls.by_node * walls.residual[:, None], count)
-        + _by_node(problem.node_priors.node, priors.gradient, count)
+        _sum_by_point(problem.sightings.node, np.einsum("kai,ka->ki", seen.by_node, seen.residual), count)
+        + _sum_by_point(problem.walls.node, walls.by_node * walls.residual[:, None], count)
+        + _sum_by_point(problem.node_priors.node, priors.gradient, count)
     )
-    information = _held_up(information)
-    coupling = _coupling(problem, seen, walls, layout)
-    _eliminate(coupling, information, node_gradient, matrix, gradient)
-    return Reduced(
+    information = _floor_information(information)
+    coupling = _build_coupling(problem, seen, walls, layout)
+    _eliminate_points(coupling, information, node_gradient, matrix, gradient)
+    return ReducedCameraSystem(
         matrix=matrix,
         gradient=gradient,
         node_covariance=np.linalg.inv(information).astype(np.float64),
@@ -118,29 +120,33 @@ def reduce(problem: Problem, state: State, tie_sigma_px: float) -> Reduced:
     )
 
 
-def _held_up(information: Float64Array) -> Float64Array:
+def _floor_information(information: Float64Array) -> Float64Array:
     """``information`` (m, 3, 3), its open directions raised to what can be inverted."""
     size = np.trace(information, axis1=1, axis2=2)
     # No node with an open direction passes by its determinant; few others are looked at.
-    weak = np.linalg.det(information) <= np.maximum(_LEAST_SHARE * size, _LEAST_INFORMATION) * size**2
+    weak = np.linalg.det(information) <= np.maximum(_MIN_EIGENVALUE_SHARE * size, _MIN_INFORMATION) * size**2
     values, axes = np.linalg.eigh(information[weak])
-    raised = np.maximum(values, np.maximum(_LEAST_SHARE * values[:, -1:], _LEAST_INFORMATION))
+    raised = np.maximum(values, np.maximum(_MIN_EIGENVALUE_SHARE * values[:, -1:], _MIN_INFORMATION))
     out = information.copy()
     out[weak] = (axes * raised[:, None, :]) @ axes.transpose(0, 2, 1)
     return out
 
 
-def _columns(problem: Problem, layout: Layout) -> Int64Array:
+def _index_camera_parameters(problem: AdjustmentProblem, layout: ParameterIndex) -> Int64Array:
     """The kept unknowns (k, 14) of each sighting: its photograph's six and its lens's eight."""
     photo = problem.sightings.photo
     lens = problem.block.camera_of_photo[photo]
     return np.hstack([6 * photo[:, None] + np.arange(6), layout.lens + 8 * lens[:, None] + np.arange(8)])
 
 
-def _add_sightings(
-    problem: Problem, seen: SightingRows, layout: Layout, matrix: Float64Array, gradient: Float64Array
+def _add_reprojection(
+    problem: AdjustmentProblem,
+    seen: LinearisedReprojection,
+    layout: ParameterIndex,
+    matrix: Float64Array,
+    gradient: Float64Array,
 ) -> None:
-    columns = _columns(problem, layout)
+    columns = _index_camera_parameters(problem, layout)
     order = np.argsort(problem.sightings.photo, kind="stable")
     ends = np.searchsorted(problem.sightings.photo[order], np.arange(len(problem.block.centre_site_m) + 1))
     for begin, end in pairwise(ends):
@@ -153,25 +159,33 @@ def _add_sightings(
         gradient[at] += jacobian.T @ seen.residual[rows].ravel()
 
 
-def _add_walls(problem: Problem, rows: WallRows, layout: Layout, matrix: Float64Array, gradient: Float64Array) -> None:
+def _add_wall_deviations(
+    problem: AdjustmentProblem,
+    rows: LinearisedPointToPlane,
+    layout: ParameterIndex,
+    matrix: Float64Array,
+    gradient: Float64Array,
+) -> None:
     on = problem.walls.wall >= 0
     place = layout.wall + problem.walls.wall[on]
     np.add.at(matrix, (place, place), rows.by_wall[on] ** 2)
     np.add.at(gradient, place, rows.by_wall[on] * rows.residual[on])
 
 
-def _coupling(problem: Problem, seen: SightingRows, walls: WallRows, layout: Layout) -> Coupling:
+def _build_coupling(
+    problem: AdjustmentProblem, seen: LinearisedReprojection, walls: LinearisedPointToPlane, layout: ParameterIndex
+) -> Coupling:
     jacobian = np.concatenate([seen.by_photo, seen.by_lens], axis=2)
     product = np.einsum("kag,kai->kgi", jacobian, seen.by_node)
     on = problem.walls.wall >= 0
-    row = np.concatenate([_columns(problem, layout).ravel(), layout.wall + problem.walls.wall[on]])
+    row = np.concatenate([_index_camera_parameters(problem, layout).ravel(), layout.wall + problem.walls.wall[on]])
     node = np.concatenate([np.repeat(problem.sightings.node, 14), problem.walls.node[on]])
     value = np.concatenate([product.reshape(-1, 3), walls.by_wall[on][:, None] * walls.by_node[on]])
     order = np.argsort(node, kind="stable")
     return Coupling(row=row[order], node=node[order], value=value[order])
 
 
-def _eliminate(
+def _eliminate_points(
     coupling: Coupling,
     information: Float64Array,
     node_gradient: Float64Array,
@@ -182,8 +196,8 @@ def _eliminate(
     # information = L L^T, so its inverse is M^T M with M = inv(L)
     root = np.linalg.inv(np.linalg.cholesky(information))
     count = len(information)
-    for begin in range(0, count, _BATCH_NODES):
-        end = min(count, begin + _BATCH_NODES)
+    for begin in range(0, count, _POINTS_PER_BATCH):
+        end = min(count, begin + _POINTS_PER_BATCH)
         first, last = np.searchsorted(coupling.node, (begin, end))
         if first < last:
             touched, local = np.unique(coupling.row[first:last], return_inverse=True)

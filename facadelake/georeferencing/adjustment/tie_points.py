@@ -13,14 +13,14 @@ from facadelake.georeferencing.adjustment.problem import Block
 from facadelake.sfm import Reconstruction
 
 # Each photograph keeps at least so many of its longest tracks: beyond it accuracy no longer grows, memory does.
-TIES_PER_PHOTO = 3000
+TIE_POINTS_PER_PHOTO = 3000
 # Lens distortion that the model does not have, and rolling shutters, push neighbouring points the same way.
 _CELLS = (6, 4)
-_LEAST_IN_CELL = 5
+_MIN_POINTS_PER_CELL = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ties:
+class TiePointSelection:
     """The chosen tie points: ``point`` (t,) rows of the reconstruction's points, ``xyz_site_m`` (t, 3), and their
     sightings: ``photo`` (k,), ``node`` (k,) row of ``point``, ``xy_img`` (k, 2)."""
 
@@ -31,9 +31,9 @@ class Ties:
     xy_img: Float64Array
 
 
-def choose_ties(
-    reconstruction: Reconstruction, site_from_sfm: Similarity, most_per_photo: int = TIES_PER_PHOTO
-) -> Ties:
+def choose_tie_points(
+    reconstruction: Reconstruction, site_from_sfm: Similarity, most_per_photo: int = TIE_POINTS_PER_PHOTO
+) -> TiePointSelection:
     """The tie points that are among the longest tracks of any photograph that sees them, sorted by first photograph."""
     photo, point = reconstruction.image_point_photo, reconstruction.image_point_tie_point
     length = np.bincount(point, minlength=len(reconstruction.xyz_sfm))
@@ -51,7 +51,7 @@ def choose_ties(
     row = np.full(len(length), -1)
     row[chosen] = np.arange(len(chosen))
     kept = row[point] >= 0
-    return Ties(
+    return TiePointSelection(
         point=chosen,
         xyz_site_m=site_from_sfm.apply(reconstruction.xyz_sfm[chosen]),
         photo=photo[kept],
@@ -60,7 +60,7 @@ def choose_ties(
     )
 
 
-def block_of(reconstruction: Reconstruction, site_from_sfm: Similarity) -> Block:
+def build_block(reconstruction: Reconstruction, site_from_sfm: Similarity) -> Block:
     """The photographs of ``reconstruction`` placed by ``site_from_sfm``; equal cameras are one camera."""
     cameras = tuple(dict.fromkeys(photo.camera for photo in reconstruction.photos))
     number = {camera: k for k, camera in enumerate(cameras)}
@@ -74,7 +74,7 @@ def block_of(reconstruction: Reconstruction, site_from_sfm: Similarity) -> Block
     )
 
 
-def inflation_of(residual: Float64Array, photo: Int64Array, xy_img: Float64Array) -> float:
+def estimate_tie_variance_factor(residual: Float64Array, photo: Int64Array, xy_img: Float64Array) -> float:
     """By what factor (1 or more) the tie points' variance must grow because their errors are not independent.
 
     Whitened residuals (k, 2) are averaged over cells of each photograph. The mean of n independent errors has a
@@ -87,7 +87,7 @@ def inflation_of(residual: Float64Array, photo: Int64Array, xy_img: Float64Array
     cell = (xy_img / span * np.array(_CELLS)).astype(np.int64)
     place = (photo * _CELLS[0] + cell[:, 0]) * _CELLS[1] + cell[:, 1]
     count = np.bincount(place)
-    crowded = count >= _LEAST_IN_CELL
+    crowded = count >= _MIN_POINTS_PER_CELL
     if not crowded.any():
         return 1.0
     sums = np.stack([np.bincount(place, weights=residual[:, axis]) for axis in range(2)], axis=1)

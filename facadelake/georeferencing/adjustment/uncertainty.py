@@ -15,14 +15,14 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 
 from facadelake.core.arrays import Float64Array, RowIndices
-from facadelake.georeferencing.adjustment.linearise import Layout
-from facadelake.georeferencing.adjustment.problem import Problem
-from facadelake.georeferencing.adjustment.reduced_system import Reduced, reduce
-from facadelake.georeferencing.adjustment.solve import Solution, covariance_of, solved_step
+from facadelake.georeferencing.adjustment.linearise import ParameterIndex
+from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
+from facadelake.georeferencing.adjustment.reduced_system import ReducedCameraSystem, build_reduced_system
+from facadelake.georeferencing.adjustment.solve import Solution, compute_covariance, solve_step
 
 _REGIONS = 8
 _SEED = 1
-_MOST_CLUSTERED = 20_000
+_MAX_CLUSTERED = 20_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,7 +32,7 @@ class Uncertainty:
 
     covariance: Float64Array
     formal: Float64Array
-    system: Reduced
+    system: ReducedCameraSystem
 
     def node_covariance(self, nodes: RowIndices) -> Float64Array:
         """Formal covariance (k, 3, 3) of ``nodes`` (k,), cameras' included."""
@@ -49,43 +49,45 @@ class Uncertainty:
         return out
 
 
-def uncertainty_of(problem: Problem, solution: Solution, ties: int, tie_variance_factor: float) -> Uncertainty:
+def estimate_uncertainty(
+    problem: AdjustmentProblem, solution: Solution, ties: int, tie_variance_factor: float
+) -> Uncertainty:
     """The covariance of a solved problem.
 
     Its first ``ties`` nodes are tie points, whose variance is multiplied by ``tie_variance_factor``.
     """
-    system, formal = covariance_of(problem, solution, tie_variance_factor)
-    moves = _moves_without_regions(problem, solution, ties)
+    system, formal = compute_covariance(problem, solution, tie_variance_factor)
+    moves = _compute_jackknife_steps(problem, solution, ties)
     away = moves - moves.mean(axis=0)
     spread = (len(moves) - 1) / len(moves) * (away.T @ away) if len(moves) else np.zeros_like(formal)
     return Uncertainty(covariance=formal + spread, formal=formal, system=system)
 
 
-def _moves_without_regions(problem: Problem, solution: Solution, ties: int) -> Float64Array:
+def _compute_jackknife_steps(problem: AdjustmentProblem, solution: Solution, ties: int) -> Float64Array:
     """What the kept unknowns (r, g) would move by, to first order, without the tie points of each region."""
     xyz = solution.state.node_m[:ties]
     if len(xyz) < 10 * _REGIONS:
-        return np.zeros((0, Layout.of(problem).size))
+        return np.zeros((0, ParameterIndex.of(problem).size))
     rng = np.random.default_rng(_SEED)
-    draw = rng.choice(len(xyz), min(len(xyz), _MOST_CLUSTERED), replace=False)
+    draw = rng.choice(len(xyz), min(len(xyz), _MAX_CLUSTERED), replace=False)
     centres, _ = kmeans2(xyz[draw], _REGIONS, minit="++", rng=rng)
     region = np.linalg.norm(xyz[:, None, :] - centres[None], axis=2).argmin(axis=1)
     seen = problem.sightings
     region_of = np.full(len(seen.node), -1)
     tie = seen.node < ties
     region_of[tie] = region[seen.node[tie]]
-    return np.array([_move_without(problem, solution, region_of == number) for number in range(_REGIONS)])
+    return np.array([_compute_step_without(problem, solution, region_of == number) for number in range(_REGIONS)])
 
 
-def _move_without(problem: Problem, solution: Solution, left_out: Float64Array) -> Float64Array:
+def _compute_step_without(problem: AdjustmentProblem, solution: Solution, left_out: Float64Array) -> Float64Array:
     """One Gauss-Newton step from the solution with the sightings ``left_out`` (k,) given next to no weight."""
     # Leaving rows out would change the nodes' order; a thousandth of the weight leaves them as good as out.
     whitening = problem.sightings.whitening * np.where(left_out, 1e-3, 1.0)[:, None, None]
     without = replace(problem, sightings=replace(problem.sightings, whitening=whitening))
-    return solved_step(without, reduce(without, solution.state, solution.tie_sigma_px))
+    return solve_step(without, build_reduced_system(without, solution.state, solution.tie_sigma_px))
 
 
-def residual_when_left_out(
+def compute_leave_one_out_residual(
     residual: Float64Array, node_covariance: Float64Array, prior_variance: Float64Array
 ) -> Float64Array:
     """What ``given - adjusted`` (k, 3) would be, had each point's own prior been left out: (k, 3).

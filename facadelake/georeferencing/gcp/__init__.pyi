@@ -1,1 +1,1 @@
-from .control_points import read_control_points as read_control_points
+from .control_points import read_surveyed_points as read_surveyed_points

@@ -26,7 +26,7 @@ _UTM = re.compile(r"^WGS\s*84\s+UTM\s+(\d{1,2})\s*([NS])$", re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sighting:
+class ImageMark:
     """Where a control point was marked in a photograph (the name as written in the file)."""
 
     photo_name: str
@@ -35,36 +35,36 @@ class Sighting:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControlPoint:
+class SurveyedPoint:
     """A surveyed point, x (east or longitude) before y, in the file's CRS, and where it was marked."""
 
     name: str
     x: float
     y: float
     z: float
-    sightings: tuple[Sighting, ...]
+    sightings: tuple[ImageMark, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ControlPoints:
+class SurveyedPoints:
     """The points of one file; ``crs`` is its header in a form that PROJ reads."""
 
     source: str
     crs: str
-    points: tuple[ControlPoint, ...]
+    points: tuple[SurveyedPoint, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Line:
+class _PointRecord:
     """One line of the file, read."""
 
     number: int
     xyz: tuple[float, float, float]
-    sighting: Sighting
+    sighting: ImageMark
     name: str
 
 
-def read_control_points(path: Path) -> ControlPoints:
+def read_surveyed_points(path: Path) -> SurveyedPoints:
     """Read an OpenDroneMap gcp_list.txt: a header with the CRS, then ``x y z pixel_x pixel_y photograph [name]``.
 
     Header: an EPSG code, a PROJ string or "WGS84 UTM 32N". Columns are parted by tabs or blanks; lines that are empty
@@ -79,12 +79,12 @@ def read_control_points(path: Path) -> ControlPoints:
     content = [(number, line) for number, line in numbered if line and not line.startswith("#")]
     if not content:
         raise InputDataError(f"control points {path} is empty; the first line must name the CRS, such as EPSG:25832")
-    crs = _header(path, *content[0])
-    lines = [_parse(path, number, line) for number, line in content[1:]]
-    return ControlPoints(source=path.name, crs=crs, points=_grouped(path, lines))
+    crs = _parse_header(path, *content[0])
+    lines = [_parse_line(path, number, line) for number, line in content[1:]]
+    return SurveyedPoints(source=path.name, crs=crs, points=_group_by_point(path, lines))
 
 
-def _header(path: Path, number: int, line: str) -> str:
+def _parse_header(path: Path, number: int, line: str) -> str:
     utm = _UTM.match(line)
     text = f"EPSG:{32600 + int(utm[1]) + (100 if utm[2].upper() == 'S' else 0)}" if utm else line
     try:
@@ -97,7 +97,7 @@ def _header(path: Path, number: int, line: str) -> str:
     return text
 
 
-def _parse(path: Path, number: int, line: str) -> _Line:
+def _parse_line(path: Path, number: int, line: str) -> _PointRecord:
     fields = [part.strip() for part in line.split("\t")] if line.count("\t") >= 5 else line.split()
     if len(fields) < 6:
         raise InputDataError(
@@ -114,16 +114,16 @@ def _parse(path: Path, number: int, line: str) -> _Line:
             raise InputDataError(f"{path}, line {number}: {column} is '{field}'; a finite number is wanted")
         values.append(value)
     x, y, z, x_px, y_px = values
-    return _Line(
+    return _PointRecord(
         number=number,
         xyz=(x, y, z),
-        sighting=Sighting(photo_name=fields[5].replace("\\", "/"), x_px=x_px, y_px=y_px),
+        sighting=ImageMark(photo_name=fields[5].replace("\\", "/"), x_px=x_px, y_px=y_px),
         name=fields[6] if len(fields) > 6 else "",
     )
 
 
-def _grouped(path: Path, lines: Sequence[_Line]) -> tuple[ControlPoint, ...]:
-    groups: dict[str, list[_Line]] = {}
+def _group_by_point(path: Path, lines: Sequence[_PointRecord]) -> tuple[SurveyedPoint, ...]:
+    groups: dict[str, list[_PointRecord]] = {}
     unnamed: dict[tuple[float, float, float], str] = {}
     for line in lines:
         name = line.name or unnamed.setdefault(line.xyz, f"point {len(unnamed) + 1}")
@@ -137,7 +137,7 @@ def _grouped(path: Path, lines: Sequence[_Line]) -> tuple[ControlPoint, ...]:
             )
         groups[name].append(line)
     return tuple(
-        ControlPoint(
+        SurveyedPoint(
             name=name,
             x=group[0].xyz[0],
             y=group[0].xyz[1],
@@ -162,14 +162,14 @@ def match_photo_names(names: Sequence[str], photo_ids: Sequence[str]) -> dict[st
     return found
 
 
-def control_in_site(control_points: ControlPoints, *, origin: SiteOrigin, vertical_datum: str) -> Float64Array:
+def transform_to_site(control_points: SurveyedPoints, *, origin: SiteOrigin, vertical_datum: str) -> Float64Array:
     """The points (n, 3) in site metres.
 
     A file whose CRS has no vertical part gives heights in the model's vertical datum (``vertical_datum``:
     "ellipsoidal" or a vertical CRS such as "EPSG:5783"): surveyor and model share it far more often than not.
     """
     xyz = np.array([[point.x, point.y, point.z] for point in control_points.points]).reshape(-1, 3)
-    return origin.site_from_geo(transform(xyz, control_crs_3d(control_points.crs, vertical_datum), GEO))
+    return origin.site_from_geo(transform(xyz, add_vertical_datum(control_points.crs, vertical_datum), GEO))
 
 
 def has_own_heights(crs: str) -> bool:
@@ -178,7 +178,7 @@ def has_own_heights(crs: str) -> bool:
     return bool(own.is_compound or len(own.axis_info) == 3)
 
 
-def control_crs_3d(crs: str, vertical_datum: str) -> str:
+def add_vertical_datum(crs: str, vertical_datum: str) -> str:
     """The file's CRS with a height: its own, else that of ``vertical_datum``."""
     if has_own_heights(crs) or not vertical_datum.upper().startswith("EPSG:"):
         return crs

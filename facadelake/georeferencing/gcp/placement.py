@@ -11,10 +11,10 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.gcp.control_points import (
-    ControlPoints,
-    control_in_site,
+    SurveyedPoints,
     has_own_heights,
     match_photo_names,
+    transform_to_site,
 )
 from facadelake.georeferencing.similarity_fit import robust_similarity
 from facadelake.georeferencing.triangulation import Intersection, View, intersect
@@ -22,11 +22,11 @@ from facadelake.sfm import Reconstruction
 
 # Survey, marking and the free block's own bending together; a control point farther off (3.5 times) is a blunder.
 _CONTROL_SIGMA_M = 0.15
-LEAST_CONTROL_POINTS = 3
+MIN_CONTROL_POINTS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Marks:
+class IntersectedMarks:
     """Where a control point was marked and the marks agree: ``photo`` (k,) rows of the block, ``xy_img`` (k, 2), and
     the point in sfm by the marks alone (3,)."""
 
@@ -36,7 +36,7 @@ class Marks:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ControlPlacement:
+class ControlPointPlacement:
     """A start by control points.
 
     ``xyz_site_m`` (p, 3) of all points, ``marks`` of those that can be used (None: fewer than two agreeing marks),
@@ -46,29 +46,33 @@ class ControlPlacement:
     site_from_sfm: Similarity
     names: tuple[str, ...]
     xyz_site_m: Float64Array
-    marks: tuple[Marks | None, ...]
+    marks: tuple[IntersectedMarks | None, ...]
     agree: BoolArray
     remarks: tuple[str, ...]
 
 
-def marks_of(reconstruction: Reconstruction, control_points: ControlPoints) -> tuple[Marks | None, ...]:
+def intersect_marks(
+    reconstruction: Reconstruction, control_points: SurveyedPoints
+) -> tuple[IntersectedMarks | None, ...]:
     """The agreeing marks of each point in photographs of the block; None where fewer than two agree."""
     index = {photo.photo_id: row for row, photo in enumerate(reconstruction.photos)}
     names = [sighting.photo_name for point in control_points.points for sighting in point.sightings]
     photo_of = match_photo_names(names, list(index))
-    out: list[Marks | None] = []
+    out: list[IntersectedMarks | None] = []
     for point in control_points.points:
         seen = [sighting for sighting in point.sightings if sighting.photo_name in photo_of]
         rows = np.array([index[photo_of[sighting.photo_name]] for sighting in seen], dtype=np.int64)
         xy = np.array([[sighting.x_px, sighting.y_px] for sighting in seen]).reshape(-1, 2)
-        found = _intersection(reconstruction, rows, xy) if len(seen) >= 2 else None
+        found = _intersect(reconstruction, rows, xy) if len(seen) >= 2 else None
         out.append(
-            None if found is None else Marks(photo=rows[found.used], xy_img=xy[found.used], xyz_sfm=found.xyz_world)
+            None
+            if found is None
+            else IntersectedMarks(photo=rows[found.used], xy_img=xy[found.used], xyz_sfm=found.xyz_world)
         )
     return tuple(out)
 
 
-def _intersection(reconstruction: Reconstruction, photo: Int64Array, xy_img: Float64Array) -> Intersection | None:
+def _intersect(reconstruction: Reconstruction, photo: Int64Array, xy_img: Float64Array) -> Intersection | None:
     photos = [reconstruction.photos[row] for row in photo]
     return intersect(
         [
@@ -78,9 +82,9 @@ def _intersection(reconstruction: Reconstruction, photo: Int64Array, xy_img: Flo
     )
 
 
-def place_by_control(
-    reconstruction: Reconstruction, control_points: ControlPoints | None, origin: SiteOrigin, vertical_datum: str
-) -> ControlPlacement:
+def place_by_control_points(
+    reconstruction: Reconstruction, control_points: SurveyedPoints | None, origin: SiteOrigin, vertical_datum: str
+) -> ControlPointPlacement:
     """Similarity to the control points that agree with one another.
 
     Raises GeoreferenceError for fewer than three usable points, or where no majority agrees.
@@ -88,14 +92,14 @@ def place_by_control(
     if control_points is None:
         raise GeoreferenceError("georeference by control points was asked for, but none were given; add a gcp_list.txt")
     names = tuple(point.name for point in control_points.points)
-    xyz_site = control_in_site(control_points, origin=origin, vertical_datum=vertical_datum)
-    marks = marks_of(reconstruction, control_points)
+    xyz_site = transform_to_site(control_points, origin=origin, vertical_datum=vertical_datum)
+    marks = intersect_marks(reconstruction, control_points)
     usable = np.array([mark is not None for mark in marks])
     lost = [name for name, good in zip(names, usable, strict=True) if not good]
-    if usable.sum() < LEAST_CONTROL_POINTS:
+    if usable.sum() < MIN_CONTROL_POINTS:
         raise GeoreferenceError(
             f"{usable.sum()} of {len(names)} control points of {control_points.source} can be used, "
-            f"{LEAST_CONTROL_POINTS} are needed; each must be marked in 2 or more localised photographs whose names "
+            f"{MIN_CONTROL_POINTS} are needed; each must be marked in 2 or more localised photographs whose names "
             f"match the files (not usable: {', '.join(lost) or 'none'})"
         )
     xyz_sfm = np.array([mark.xyz_sfm for mark in marks if mark is not None])
@@ -115,7 +119,7 @@ def place_by_control(
         remarks.append(f"control points left out as gross errors: {', '.join(blunders)}")
     if not has_own_heights(control_points.crs):
         remarks.append(f"the control points' heights name no datum: taken in the model's ({vertical_datum})")
-    return ControlPlacement(
+    return ControlPointPlacement(
         site_from_sfm=fit.target_from_source,
         names=names,
         xyz_site_m=xyz_site,

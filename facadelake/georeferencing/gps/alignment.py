@@ -24,9 +24,9 @@ DATUM_SIGMA_M = 50.0
 # What the block's own bending adds to a position; without it an RTK sigma of 1 cm would reject good cameras.
 BLOCK_SIGMA_M = 0.05
 # Below this spread across the cameras' main line (in sigmas of a position), positions do not fix the turn about it.
-_SPREAD_SIGMAS = 4.0
+_MIN_SPREAD_SIGMAS = 4.0
 # Twelve degrees at 10 m are 2 m, what GPS is off anyway; beyond it the placement is a guess.
-_LARGEST_ROTATION_SIGMA_DEG = 12.0
+_MAX_ROTATION_SIGMA_DEG = 12.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +63,7 @@ class GpsPriors:
         return sigma
 
 
-def rotation_of_attitude(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64Array:
+def rotation_from_attitude(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64Array:
     """site_from_cam rotation (3, 3) of a gimbal: yaw clockwise from north, pitch above the horizon, roll clockwise.
 
     At zero the camera looks north, its x to the east, its y down.
@@ -74,7 +74,7 @@ def rotation_of_attitude(yaw_deg: float, pitch_deg: float, roll_deg: float) -> F
     return rotation
 
 
-def gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOrigin) -> GpsPriors:
+def collect_gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOrigin) -> GpsPriors:
     """The position and attitude priors of the block's photographs, in site."""
     row_of = {row["photo_id"]: row for row in photos.to_pylist()}
     index: list[int] = []
@@ -89,10 +89,12 @@ def gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOri
         sigma.append([*[row["prior_sigma_horizontal_m"]] * 2, row["prior_sigma_vertical_m"]])
         attitude = (row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"])
         known = None not in attitude
-        rotations.append(rotation_of_attitude(*attitude) if known else np.full((3, 3), np.nan))
-        attitude_sigma.append([_or_nan(row["prior_sigma_yaw_deg"]), _or_nan(row["prior_sigma_tilt_deg"])])
+        rotations.append(rotation_from_attitude(*attitude) if known else np.full((3, 3), np.nan))
+        attitude_sigma.append(
+            [_replace_none_by_nan(row["prior_sigma_yaw_deg"]), _replace_none_by_nan(row["prior_sigma_tilt_deg"])]
+        )
         flights.append(row["flight"] or 0)
-        relative.append(_or_nan(row["prior_height_relative_m"]))
+        relative.append(_replace_none_by_nan(row["prior_height_relative_m"]))
         datums.add(row["prior_height_datum"])
     attitude_sigmas = np.array(attitude_sigma).reshape(-1, 2)
     return GpsPriors(
@@ -108,7 +110,7 @@ def gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOri
     )
 
 
-def _or_nan(value: float | None) -> float:
+def _replace_none_by_nan(value: float | None) -> float:
     return np.nan if value is None else value
 
 
@@ -137,18 +139,18 @@ def align_to_gps(reconstruction: Reconstruction, priors: GpsPriors) -> GpsAlignm
     centres = reconstruction.centres_sfm[priors.photo]
     rotations_sfm = np.array([reconstruction.photos[i].sfm_from_cam.rotation for i in priors.photo])
     remarks: list[str] = []
-    near_line = _spread_across(priors.xyz_site_m) < _SPREAD_SIGMAS * _noise(priors)
+    near_line = _compute_cross_spread(priors.xyz_site_m) < _MIN_SPREAD_SIGMAS * _estimate_noise(priors)
     if near_line:
-        start, used = _start_by_attitude(centres, rotations_sfm, priors)
+        start, used = _align_by_attitude(centres, rotations_sfm, priors)
         remarks.append("the cameras stand near one line: the turn about it rests on the gimbal's attitudes")
     else:
         fit = robust_similarity(centres, priors.xyz_site_m, priors.sigma_m)
         start, used = fit.target_from_source, fit.used
-    adjusted, rotation_sigma_deg = _refine(start, used, centres, rotations_sfm, priors)
-    if rotation_sigma_deg > _LARGEST_ROTATION_SIGMA_DEG:
+    adjusted, rotation_sigma_deg = _refine_alignment(start, used, centres, rotations_sfm, priors)
+    if rotation_sigma_deg > _MAX_ROTATION_SIGMA_DEG:
         raise GeoreferenceError(
             f"the GPS positions leave the block's rotation open by {rotation_sigma_deg:.0f} deg (limit "
-            f"{_LARGEST_ROTATION_SIGMA_DEG:.0f}): the cameras stand near one line and have no attitude; "
+            f"{_MAX_ROTATION_SIGMA_DEG:.0f}): the cameras stand near one line and have no attitude; "
             "give control points"
         )
     if not used.all():
@@ -164,17 +166,17 @@ def align_to_gps(reconstruction: Reconstruction, priors: GpsPriors) -> GpsAlignm
     )
 
 
-def _noise(priors: GpsPriors) -> float:
+def _estimate_noise(priors: GpsPriors) -> float:
     """Sigma of one position relative to the others; a receiver's common bias does not turn the block."""
     return float(np.median(priors.sigma_m[:, :2])) / 3.0
 
 
-def _spread_across(xyz_m: Float64Array) -> float:
+def _compute_cross_spread(xyz_m: Float64Array) -> float:
     """Standard deviation of positions across their main line, in the best other direction."""
     return float(np.linalg.svd(xyz_m - xyz_m.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(xyz_m)))
 
 
-def _start_by_attitude(
+def _align_by_attitude(
     centres: Float64Array, rotations_sfm: Float64Array, priors: GpsPriors
 ) -> tuple[Similarity, BoolArray]:
     known = np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
@@ -195,7 +197,7 @@ def _start_by_attitude(
     return start, distance < 3.5
 
 
-def _refine(
+def _refine_alignment(
     start: Similarity, used: BoolArray, centres: Float64Array, rotations_sfm: Float64Array, priors: GpsPriors
 ) -> tuple[Similarity, float]:
     """Least squares from ``start``; also the largest one-sigma of its rotation, in degrees."""
@@ -214,13 +216,13 @@ def _refine(
 
     fit = least_squares(residuals, np.zeros(7), x_scale="jac", loss="soft_l1", f_scale=3.0)
     information = fit.jac.T @ fit.jac
-    variance = np.linalg.pinv(information[3:6, 3:6] - _coupled(information), hermitian=True)
-    weakest = np.linalg.eigvalsh(information[3:6, 3:6] - _coupled(information))[0]
+    variance = np.linalg.pinv(information[3:6, 3:6] - _compute_eliminated_information(information), hermitian=True)
+    weakest = np.linalg.eigvalsh(information[3:6, 3:6] - _compute_eliminated_information(information))[0]
     sigma = np.sqrt(np.linalg.eigvalsh(variance)[-1]) if weakest > 1e-9 else np.inf
     return parameters_applied(start, pivot, fit.x), float(np.degrees(sigma))
 
 
-def _coupled(information: Float64Array) -> Float64Array:
+def _compute_eliminated_information(information: Float64Array) -> Float64Array:
     """What translation and scale take from the rotation's information (Schur complement)."""
     others = [0, 1, 2, 6]
     cross = information[3:6][:, others]

@@ -10,14 +10,14 @@ from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, DATUM_SI
 
 # The part of a prior's sigma that differs from photograph to photograph, where the flight is too short to tell.
 _NOISE_SHARE = 1.0 / 3.0
-_LEAST_NOISE_SHARE = 0.1
-_ENOUGH_TO_TELL = 8
+_MIN_NOISE_SHARE = 0.1
+_MIN_PRIORS_FOR_SCATTER = 8
 _MAD_TO_SIGMA = 1.4826
 _YAW_NOISE_DEG = 2.0
 _TILT_SIGMA_DEG = 2.0
 
 
-def position_terms(priors: GpsPriors, used: BoolArray, xyz_start_m: Float64Array) -> PositionTerms:
+def build_position_terms(priors: GpsPriors, used: BoolArray, xyz_start_m: Float64Array) -> PositionTerms:
     """The ``used`` priors (n,), their noise taken from how they scatter about ``xyz_start_m`` (n, 3), the cameras'
     starts, after each flight's common offset; a flight's offset has the priors' own sigma."""
     flights = int(priors.flight.max(initial=-1)) + 1
@@ -28,10 +28,10 @@ def position_terms(priors: GpsPriors, used: BoolArray, xyz_start_m: Float64Array
         offset[flight] = np.median(priors.sigma_m[own], axis=0) if own.any() else 1.0
         if priors.datum_unknown:
             offset[flight, 2] = np.hypot(offset[flight, 2], DATUM_SIGMA_M)
-        if own.sum() >= _ENOUGH_TO_TELL:
+        if own.sum() >= _MIN_PRIORS_FOR_SCATTER:
             away = priors.xyz_site_m[own] - xyz_start_m[own]
             scatter = _MAD_TO_SIGMA * np.median(np.abs(away - np.median(away, axis=0)), axis=0)
-            noise[own] = np.clip(scatter, _LEAST_NOISE_SHARE * priors.sigma_m[own], priors.sigma_m[own])
+            noise[own] = np.clip(scatter, _MIN_NOISE_SHARE * priors.sigma_m[own], priors.sigma_m[own])
     return PositionTerms(
         photo=priors.photo[used],
         flight=priors.flight[used],
@@ -41,12 +41,12 @@ def position_terms(priors: GpsPriors, used: BoolArray, xyz_start_m: Float64Array
     )
 
 
-def anchored_terms(
+def build_datum_terms(
     priors: GpsPriors, used: BoolArray, xyz_start_m: Float64Array, datum_sigma_m: Float64Array
 ) -> PositionTerms:
     """The ``used`` priors for a block that something better than GPS has placed: their common offset to the start is
     taken out, and the block's datum is held at the start within ``datum_sigma_m`` (3,)."""
-    own = position_terms(priors, used, xyz_start_m)
+    own = build_position_terms(priors, used, xyz_start_m)
     offset = np.array(
         [
             np.median((priors.xyz_site_m - xyz_start_m)[used & (priors.flight == flight)], axis=0)
@@ -64,7 +64,7 @@ def anchored_terms(
     )
 
 
-def attitude_terms(priors: GpsPriors) -> AttitudeTerms:
+def build_attitude_terms(priors: GpsPriors) -> AttitudeTerms:
     """The gimbal's attitudes, where the photographs have one; compass yaw has an error common to a flight."""
     known = np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
     flights = int(priors.flight.max(initial=-1)) + 1

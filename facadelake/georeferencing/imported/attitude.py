@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
-from facadelake.georeferencing.gps.alignment import rotation_of_attitude
+from facadelake.georeferencing.gps.alignment import rotation_from_attitude
 
 # Programs write six digits and more; what is further from a rotation is none.
 _ORTHONORMAL = 1e-3
@@ -81,7 +81,7 @@ def from_quaternion(w_x_y_z: Float64Array, direction: Direction, axes: CameraAxe
 def from_yaw_pitch_roll(yaw_deg: float, pitch_deg: float, roll_deg: float, zero: PitchZero) -> Float64Array:
     """world_from_cam (3, 3), the world east-north-up, of a gimbal (zero at the horizon) or a body (zero at nadir)."""
     if zero is PitchZero.HORIZON:
-        return rotation_of_attitude(yaw_deg, pitch_deg, roll_deg)
+        return rotation_from_attitude(yaw_deg, pitch_deg, roll_deg)
     ned_from_body = Rotation.from_euler("ZYX", [yaw_deg, pitch_deg, roll_deg], degrees=True).as_matrix()
     rotation: Float64Array = _ENU_FROM_NED @ ned_from_body @ _BODY_FROM_CAM
     return rotation

@@ -12,7 +12,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.gps.alignment import rotation_of_attitude
+from facadelake.georeferencing.gps.alignment import rotation_from_attitude
 from facadelake.georeferencing.imported.attitude import other_readings
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import PositionSource
@@ -111,7 +111,7 @@ def _better(cameras: Sequence[PosedCamera], surface: SurfaceLike) -> str:
 def _refuse_turned(posed: Mapping[str, PosedCamera], photos: Sequence[Mapping[str, Any]], source: str) -> None:
     """The photographs' own attitudes (gimbal) against the poses: no compass errs by what a wrong convention turns."""
     stated = {
-        row["photo_id"]: rotation_of_attitude(row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"])
+        row["photo_id"]: rotation_from_attitude(row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"])
         for row in photos
         if row["photo_id"] in posed
         and row["prior_source"] != PositionSource.NONE

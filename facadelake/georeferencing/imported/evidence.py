@@ -12,7 +12,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.photo_names import PhotoNames
-from facadelake.georeferencing.gcp.control_points import ControlPoints, control_in_site
+from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
 from facadelake.georeferencing.passport import PassportPoint
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.georeferencing.triangulation import View, intersect
@@ -42,7 +42,7 @@ class Evidence:
 def evidence_of(
     posed: Mapping[str, PosedCamera],
     photos: Sequence[Mapping[str, Any]],
-    surveyed: Sequence[ControlPoints],
+    surveyed: Sequence[SurveyedPoints],
     place: SiteFrame,
 ) -> Evidence:
     """Surveyed points against their intersection by the imported cameras, and the photographs' GPS against the centres.
@@ -75,9 +75,9 @@ def evidence_of(
     return Evidence(points=(*checks, *gps), columns=columns, remarks=tuple(remarks))
 
 
-def _check_points(posed: Mapping[str, PosedCamera], surveyed: ControlPoints, place: SiteFrame) -> list[PassportPoint]:
+def _check_points(posed: Mapping[str, PosedCamera], surveyed: SurveyedPoints, place: SiteFrame) -> list[PassportPoint]:
     names = PhotoNames(posed)
-    given = control_in_site(surveyed, origin=place.origin, vertical_datum=place.vertical_datum)
+    given = transform_to_site(surveyed, origin=place.origin, vertical_datum=place.vertical_datum)
     points = []
     for point, xyz in zip(surveyed.points, given, strict=True):
         views = []

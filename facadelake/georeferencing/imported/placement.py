@@ -16,7 +16,7 @@ from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
-from facadelake.georeferencing.gcp.control_points import ControlPoints
+from facadelake.georeferencing.gcp.control_points import SurveyedPoints
 from facadelake.georeferencing.imported.checks import SurfaceLike, refuse_impossible
 from facadelake.georeferencing.imported.evidence import Evidence, evidence_of
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
@@ -47,7 +47,7 @@ def place_imported(
     place: SiteFrame,
     surface: SurfaceLike,
     placement_sigma_max_m: float,
-    surveyed: Sequence[ControlPoints] = (),
+    surveyed: Sequence[SurveyedPoints] = (),
 ) -> PlacedByImport:
     """One row for each accepted photograph of ``photos``, with its imported pose or with the reason why it has none.
 

@@ -11,7 +11,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
-from facadelake.georeferencing.gcp.control_points import control_crs_3d, has_own_heights
+from facadelake.georeferencing.gcp.control_points import add_vertical_datum, has_own_heights
 from facadelake.georeferencing.site_frame import SiteFrame
 
 SITE = "site"
@@ -59,7 +59,7 @@ class PoseWorld:
     def crs_of(self, place: SiteFrame) -> str:
         """The CRS of the positions, with what their heights refer to."""
         crs = self.crs or place.map_crs
-        return crs if crs == SITE else control_crs_3d(crs, place.vertical_datum)
+        return crs if crs == SITE else add_vertical_datum(crs, place.vertical_datum)
 
     def remarks(self, place: SiteFrame) -> list[str]:
         """What had to be assumed of the world."""

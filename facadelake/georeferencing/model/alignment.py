@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
+from facadelake.georeferencing.adjustment.model_terms import RaySurface
 from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps
 from facadelake.georeferencing.similarity_fit import parameters_applied
 from facadelake.sfm import Reconstruction
@@ -84,7 +84,7 @@ class _Planes:
 
 
 def align_to_model(
-    start: Similarity, reconstruction: Reconstruction, priors: GpsPriors, surface: SurfaceLike, *, seed: int = 1
+    start: Similarity, reconstruction: Reconstruction, priors: GpsPriors, surface: RaySurface, *, seed: int = 1
 ) -> ModelAlignment:
     """Refine ``start`` (from GPS) until the tie points lie on the visible surface.
 
@@ -149,7 +149,7 @@ def _offered(reconstruction: Reconstruction, seed: int) -> tuple[Float64Array, I
 
 
 def _correspondences(
-    site_from_sfm: Similarity, points: Float64Array, centres: Float64Array, surface: SurfaceLike, gate_m: float
+    site_from_sfm: Similarity, points: Float64Array, centres: Float64Array, surface: RaySurface, gate_m: float
 ) -> _Planes:
     xyz, origin = site_from_sfm.apply(points), site_from_sfm.apply(centres)
     ray = xyz - origin

@@ -14,7 +14,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.model_terms import SurfaceLike
+from facadelake.georeferencing.adjustment.model_terms import RaySurface
 from facadelake.georeferencing.gps.alignment import GpsPriors, align_to_gps
 from facadelake.georeferencing.model.alignment import ModelAlignment, align_to_model
 from facadelake.georeferencing.model.edge_search import ShiftFound, find_shift
@@ -51,7 +51,7 @@ class ModelControl:
     drones take off; ``edges`` None where there are none to look for, as on a mesh that was itself measured.
     """
 
-    surface: SurfaceLike
+    surface: RaySurface
     sigma_m: float
     ground_site_m: float
     edges: ModelEdgesInPhotographs | None = None

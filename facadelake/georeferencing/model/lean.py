@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.arrays import Float64Array
-from facadelake.georeferencing.adjustment.adjust import Adjusted
-from facadelake.georeferencing.adjustment.linearise import cross_matrices
+from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
+from facadelake.georeferencing.adjustment.linearise import build_skew_matrices
 from facadelake.georeferencing.model.plumb_lines import Vertical
 
 _RIM_PERCENT = 2.0
@@ -38,17 +38,17 @@ class Lean:
         matrix: Float64Array = Rotation.from_rotvec([*self.turn_rad, 0.0]).as_matrix()
         return matrix
 
-    def covariance(self, adjusted: Adjusted) -> Float64Array:
+    def covariance(self, adjusted: AdjustedBlock) -> Float64Array:
         """What the lean adds to the photographs' covariance (n, 6, 6: centre in m, attitude in rad)."""
         state = adjusted.solution.state
         arm = state.centre_site_m - self.pivot_site_m
         # A turn w moves a point by w cross arm = -(arm cross w), and a camera's axes by its own rotation of w.
-        by_turn = np.concatenate([-cross_matrices(arm), state.site_from_cam.transpose(0, 2, 1)], axis=1)[:, :, :2]
+        by_turn = np.concatenate([-build_skew_matrices(arm), state.site_from_cam.transpose(0, 2, 1)], axis=1)[:, :, :2]
         covariance: Float64Array = self.sigma_rad**2 * by_turn @ by_turn.transpose(0, 2, 1)
         return covariance
 
 
-def lean_of(adjusted: Adjusted, model_sigma_m: float, vertical: Vertical | None) -> Lean:
+def lean_of(adjusted: AdjustedBlock, model_sigma_m: float, vertical: Vertical | None) -> Lean:
     """The lean of a block that walls hold, from two observations: that walls are plumb, and what upright lines say.
 
     Walls are plumb to ``model_sigma_m`` over half the height of those that hold the block. Without upright lines the
@@ -72,7 +72,7 @@ def lean_of(adjusted: Adjusted, model_sigma_m: float, vertical: Vertical | None)
     )
 
 
-def upright(adjusted: Adjusted, lean: Lean) -> Adjusted:
+def upright(adjusted: AdjustedBlock, lean: Lean) -> AdjustedBlock:
     """The block turned by ``lean``: cameras, points and all, so that nothing within it changes."""
     state, turn = adjusted.solution.state, lean.rotation
 

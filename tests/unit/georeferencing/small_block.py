@@ -13,18 +13,18 @@ from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.evidence import MarkedPoints
-from facadelake.georeferencing.adjustment.linearise import State
-from facadelake.georeferencing.adjustment.model_terms import no_walls
+from facadelake.georeferencing.adjustment.linearise import AdjustmentState
+from facadelake.georeferencing.adjustment.model_terms import build_empty_terms
 from facadelake.georeferencing.adjustment.problem import (
+    AdjustmentProblem,
     AttitudeTerms,
     Block,
-    NodePriors,
+    ImagePoints,
+    PointPriors,
+    PointToPlaneTerms,
     PositionTerms,
-    Problem,
-    Sightings,
-    WallTerms,
 )
-from facadelake.georeferencing.adjustment.projection import LENS_TERMS, lens_of
+from facadelake.georeferencing.adjustment.projection import LENS_PARAMETERS, lens_from_camera
 from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
 
 CAMERA = Camera(width_px=4000, height_px=3000, fx_px=2900, fy_px=2900, cx_px=2000, cy_px=1500)
@@ -63,7 +63,7 @@ class SmallBlock:
         """True site_from_cam (n, 3, 3)."""
         return np.array([camera.site_from_cam.rotation for camera in self.cameras])
 
-    def errors(self, state: State) -> Float64Array:
+    def errors(self, state: AdjustmentState) -> Float64Array:
         """Camera errors (n, 6) of a state: centre in site (m), attitude about the camera's own axes (rad)."""
         turn = Rotation.from_matrix(self.rotations.transpose(0, 2, 1) @ state.site_from_cam).as_rotvec()
         return np.hstack([state.centre_site_m - self.centres_m, turn])
@@ -189,13 +189,13 @@ def ties_problem(
     start_m: float = 0.05,
     start_deg: float = 0.3,
     lens: Camera | None = None,
-) -> Problem:
+) -> AdjustmentProblem:
     """Tie points with ``tie_px`` of noise and a perturbed start; nothing fixes the datum yet. The lens starts at
     ``lens`` (or the truth), known beforehand to a percent."""
     begin = block.cameras[0].camera if lens is None else lens
     n, k = len(block.cameras), len(block.photo)
     sigma = np.array([0.01 * begin.fx_px, 0.002, 30.0, 30.0, 0.05, 0.05, 0.005, 0.005])
-    return Problem(
+    return AdjustmentProblem(
         block=Block(
             cameras=(begin,),
             camera_of_photo=np.zeros(n, dtype=np.int64),
@@ -204,7 +204,7 @@ def ties_problem(
             @ Rotation.from_rotvec(rng.normal(0, np.radians(start_deg), (n, 3))).as_matrix(),
         ),
         node_xyz_m=block.xyz_m + rng.normal(0, start_m, block.xyz_m.shape),
-        sightings=Sightings(
+        sightings=ImagePoints(
             photo=block.photo,
             node=block.node,
             offset_site_m=np.zeros((k, 3)),
@@ -212,25 +212,25 @@ def ties_problem(
             whitening=np.broadcast_to(np.eye(2), (k, 2, 2)).copy(),
             tie=np.ones(k, dtype=bool),
         ),
-        node_priors=NodePriors(
+        node_priors=PointPriors(
             node=np.zeros(0, dtype=np.int64), xyz_m=np.zeros((0, 3)), information=np.zeros((0, 3, 3)), limit=np.zeros(0)
         ),
-        walls=no_walls(),
+        walls=build_empty_terms(),
         positions=no_positions(),
         attitudes=no_attitudes(),
-        lens_mean=lens_of(begin)[None],
+        lens_mean=lens_from_camera(begin)[None],
         lens_sigma=sigma[None],
     )
 
 
 def with_control(
-    problem: Problem, block: SmallBlock, rng: np.random.Generator, *, nodes: RowIndices, sigma_m: float
-) -> Problem:
+    problem: AdjustmentProblem, block: SmallBlock, rng: np.random.Generator, *, nodes: RowIndices, sigma_m: float
+) -> AdjustmentProblem:
     """Some tie points surveyed within ``sigma_m``."""
     k = len(nodes)
     return replace(
         problem,
-        node_priors=NodePriors(
+        node_priors=PointPriors(
             node=nodes,
             xyz_m=block.xyz_m[nodes] + rng.normal(0, sigma_m, (k, 3)),
             information=np.broadcast_to(np.eye(3) / sigma_m**2, (k, 3, 3)).copy(),
@@ -240,14 +240,14 @@ def with_control(
 
 
 def with_gps(
-    problem: Problem,
+    problem: AdjustmentProblem,
     block: SmallBlock,
     rng: np.random.Generator,
     *,
     noise_m: float,
     bias_m: Sequence[Float64Array],
     bias_sigma_m: float,
-) -> Problem:
+) -> AdjustmentProblem:
     """GPS of as many flights as there are biases, photographs in turn."""
     n, flights = len(block.cameras), len(bias_m)
     flight = np.arange(n) % flights
@@ -264,19 +264,19 @@ def with_gps(
 
 
 def with_walls(
-    problem: Problem,
+    problem: AdjustmentProblem,
     block: SmallBlock,
     rng: np.random.Generator,
     *,
     relief_m: float,
     wall_m: Float64Array,
     wall_sigma_m: float,
-) -> Problem:
+) -> AdjustmentProblem:
     """Every tie point lies on its plane of the model, which stands off the building by ``wall_m`` (5,) and relief."""
     m = len(block.xyz_m)
     return replace(
         problem,
-        walls=WallTerms(
+        walls=PointToPlaneTerms(
             node=np.arange(m),
             normal_site=NORMALS[block.plane],
             distance_m=PLANES_M[block.plane] - np.asarray(wall_m)[block.plane] + rng.normal(0, relief_m, m),
@@ -287,9 +287,9 @@ def with_walls(
     )
 
 
-def holding_lens(problem: Problem, *terms: str) -> Problem:
+def holding_lens(problem: AdjustmentProblem, *terms: str) -> AdjustmentProblem:
     """The problem with lens ``terms`` (all, where none is named) held at their mean."""
-    held = np.isin(LENS_TERMS, terms) if terms else np.ones(len(LENS_TERMS), dtype=bool)
+    held = np.isin(LENS_PARAMETERS, terms) if terms else np.ones(len(LENS_PARAMETERS), dtype=bool)
     return replace(problem, lens_sigma=np.where(held, 0.0, problem.lens_sigma))
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from facadelake.georeferencing.adjustment.linearise import Layout, State, moved, start_of
-from facadelake.georeferencing.adjustment.problem import AttitudeTerms, NodePriors, Problem
-from facadelake.georeferencing.adjustment.reduced_system import cost_of, reduce
-from facadelake.georeferencing.adjustment.solve import Solution, covariance_of, solve
-from facadelake.georeferencing.adjustment.uncertainty import Uncertainty, residual_when_left_out
+from facadelake.georeferencing.adjustment.linearise import AdjustmentState, ParameterIndex, apply_step, initialise_state
+from facadelake.georeferencing.adjustment.problem import AdjustmentProblem, AttitudeTerms, PointPriors
+from facadelake.georeferencing.adjustment.reduced_system import build_reduced_system, compute_cost
+from facadelake.georeferencing.adjustment.solve import Solution, compute_covariance, solve_adjustment
+from facadelake.georeferencing.adjustment.uncertainty import Uncertainty, compute_leave_one_out_residual
 from tests.unit.georeferencing.small_block import (
     holding_lens,
     small_block,
@@ -25,7 +25,7 @@ from tests.unit.georeferencing.small_block import (
 SIGMA_PX = 0.6
 
 
-def every_kind_of_term() -> Problem:
+def every_kind_of_term() -> AdjustmentProblem:
     """Five photographs, two lenses, ties, lines of an edge, surveyed nodes, walls, GPS of two flights, attitudes."""
     rng = np.random.default_rng(4)
     block = small_block(photographs=6, points=30)
@@ -70,7 +70,7 @@ def every_kind_of_term() -> Problem:
             lens_sigma=np.vstack([problem.lens_sigma, problem.lens_sigma]),
             node_xyz_m=np.vstack([problem.node_xyz_m, [[0.01, -0.02, 0.0]]]),
             sightings=sightings,
-            node_priors=NodePriors(
+            node_priors=PointPriors(
                 node=np.append(priors.node, edge),
                 xyz_m=np.vstack([priors.xyz_m, np.zeros((1, 3))]),
                 information=np.concatenate([priors.information, 900 * (np.eye(3) + factor @ factor.mT)]),
@@ -99,7 +99,7 @@ class Group:
     share: float = 1.0
 
 
-def groups_of(problem: Problem, state: State) -> list[Group]:
+def groups_of(problem: AdjustmentProblem, state: AdjustmentState) -> list[Group]:
     """Every observation, written out by hand from the definitions in ``problem``."""
     seen, block = problem.sightings, problem.block
     xy = np.empty_like(seen.xy_img)
@@ -173,18 +173,18 @@ class Dense:
     kept: int
 
 
-def dense(problem: Problem, state: State) -> Dense:
+def dense(problem: AdjustmentProblem, state: AdjustmentState) -> Dense:
     """Normal equations of the whole by difference quotients of every residual."""
-    kept, nodes = Layout.of(problem).size, len(state.node_m)
+    kept, nodes = ParameterIndex.of(problem).size, len(state.node_m)
 
     def flat(step: np.ndarray) -> np.ndarray:
-        at = moved(state, problem, step[:kept], step[kept:].reshape(-1, 3))
+        at = apply_step(state, problem, step[:kept], step[kept:].reshape(-1, 3))
         return np.concatenate([group.residual.ravel() for group in groups_of(problem, at)])
 
     jacobian = slopes(flat, kept + 3 * nodes)
     weighted = jacobian * weights(groups_of(problem, state))[:, None]
     held = np.zeros(kept + 3 * nodes, dtype=bool)
-    held[Layout.of(problem).lens : Layout.of(problem).offset] = problem.lens_sigma.ravel() == 0
+    held[ParameterIndex.of(problem).lens : ParameterIndex.of(problem).offset] = problem.lens_sigma.ravel() == 0
     return Dense(weighted.T @ jacobian, weighted.T @ flat(np.zeros(kept + 3 * nodes)), ~held, kept)
 
 
@@ -195,11 +195,11 @@ def slopes(function: Callable[[np.ndarray], np.ndarray], size: int) -> np.ndarra
 
 
 @pytest.fixture(scope="module")
-def whole() -> tuple[Problem, State, Dense]:
+def whole() -> tuple[AdjustmentProblem, AdjustmentState, Dense]:
     """A problem of every kind of term, a state off its solution, and its dense normal equations."""
     problem = every_kind_of_term()
     rng = np.random.default_rng(8)
-    start = start_of(problem)
+    start = initialise_state(problem)
     state = replace(
         start,
         gps_offset_m=rng.normal(0, 0.5, start.gps_offset_m.shape),
@@ -215,32 +215,34 @@ def scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return matrix * scale[:, None] * scale[None], scale
 
 
-def test_the_cost_is_the_definitions(whole: tuple[Problem, State, Dense]) -> None:
+def test_the_cost_is_the_definitions(whole: tuple[AdjustmentProblem, AdjustmentState, Dense]) -> None:
     problem, state, _ = whole
     by_hand = robust_cost(groups_of(problem, state))
-    assert reduce(problem, state, SIGMA_PX).cost == pytest.approx(by_hand, rel=1e-9)
-    assert cost_of(problem, state, SIGMA_PX) == pytest.approx(by_hand, rel=1e-9)
+    assert build_reduced_system(problem, state, SIGMA_PX).cost == pytest.approx(by_hand, rel=1e-9)
+    assert compute_cost(problem, state, SIGMA_PX) == pytest.approx(by_hand, rel=1e-9)
 
 
-def test_the_gradient_is_half_the_slope_of_the_robust_cost(whole: tuple[Problem, State, Dense]) -> None:
+def test_the_gradient_is_half_the_slope_of_the_robust_cost(
+    whole: tuple[AdjustmentProblem, AdjustmentState, Dense],
+) -> None:
     """Independent of the weights: the slope of the cost itself, before elimination."""
     problem, state, full = whole
 
     def cost(step: np.ndarray) -> np.ndarray:
-        at = moved(state, problem, step[: full.kept], step[full.kept :].reshape(-1, 3))
+        at = apply_step(state, problem, step[: full.kept], step[full.kept :].reshape(-1, 3))
         return np.array([robust_cost(groups_of(problem, at))])
 
     slope = slopes(cost, len(full.gradient))[0] / 2
     _, scale = scaled(full.matrix[np.ix_(full.free, full.free)])
     # in sigmas of each unknown; robust costs of some hundreds give about 1e-7 by rounding
     np.testing.assert_allclose(full.gradient[full.free] * scale, slope[full.free] * scale, rtol=0, atol=2e-3)
-    nodes = reduce(problem, state, SIGMA_PX).node_gradient.ravel()
+    nodes = build_reduced_system(problem, state, SIGMA_PX).node_gradient.ravel()
     np.testing.assert_allclose(
         nodes * scale[-len(nodes) :], slope[full.kept :] * scale[-len(nodes) :], rtol=0, atol=2e-3
     )
 
 
-def test_the_reduced_system_is_the_schur_complement(whole: tuple[Problem, State, Dense]) -> None:
+def test_the_reduced_system_is_the_schur_complement(whole: tuple[AdjustmentProblem, AdjustmentState, Dense]) -> None:
     problem, state, full = whole
     kept = np.flatnonzero(full.free[: full.kept])
     nodes = np.arange(full.kept, len(full.gradient))
@@ -248,7 +250,7 @@ def test_the_reduced_system_is_the_schur_complement(whole: tuple[Problem, State,
     across = full.matrix[np.ix_(kept, nodes)]
     matrix = full.matrix[np.ix_(kept, kept)] - across @ inverse @ across.T
     gradient = full.gradient[kept] - across @ inverse @ full.gradient[nodes]
-    found = reduce(problem, state, SIGMA_PX)
+    found = build_reduced_system(problem, state, SIGMA_PX)
     wanted, scale = scaled(matrix)
     np.testing.assert_allclose(
         found.matrix[np.ix_(kept, kept)] * scale[:, None] * scale[None], wanted, rtol=0, atol=2e-4
@@ -259,13 +261,13 @@ def test_the_reduced_system_is_the_schur_complement(whole: tuple[Problem, State,
     np.testing.assert_allclose(found.node_covariance, blocks, rtol=0, atol=1e-5 * np.abs(blocks).max())  # m2
 
 
-def test_the_step_is_the_whole_problems_step(whole: tuple[Problem, State, Dense]) -> None:
+def test_the_step_is_the_whole_problems_step(whole: tuple[AdjustmentProblem, AdjustmentState, Dense]) -> None:
     problem, state, full = whole
     step = np.zeros(len(full.gradient))
     free = full.free
     matrix, scale = scaled(full.matrix[np.ix_(free, free)])
     step[free] = -scale * np.linalg.solve(matrix, scale * full.gradient[free])
-    found = reduce(problem, state, SIGMA_PX)
+    found = build_reduced_system(problem, state, SIGMA_PX)
     kept = np.flatnonzero(free[: full.kept])
     own = np.zeros(full.kept)
     own[kept] = -np.linalg.solve(found.matrix[np.ix_(kept, kept)], found.gradient[kept])
@@ -278,12 +280,12 @@ def test_the_step_is_the_whole_problems_step(whole: tuple[Problem, State, Dense]
 
 def test_the_covariance_is_the_inverse_of_the_whole() -> None:
     problem = every_kind_of_term()
-    solution = solve(problem)
+    solution = solve_adjustment(problem)
     solution = Solution(state=solution.state, tie_sigma_px=SIGMA_PX, steps=1, settled=True)
     full = dense(problem, solution.state)
     inverse = np.zeros_like(full.matrix)
     inverse[np.ix_(full.free, full.free)] = np.linalg.inv(full.matrix[np.ix_(full.free, full.free)])
-    system, covariance = covariance_of(problem, solution, 1.0)
+    system, covariance = compute_covariance(problem, solution, 1.0)
     sigma = np.sqrt(np.diag(inverse)[: full.kept])
     free = full.free[: full.kept]
     ratio = np.sqrt(np.diag(covariance))[free] / sigma[free]
@@ -306,9 +308,9 @@ def test_ties_that_are_moved_together_tell_nothing_of_the_datum() -> None:
         holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, noise_m=0.05, bias_m=[[0, 0, 0]],
         bias_sigma_m=3.0,
     )  # fmt: skip
-    solution = solve(problem)
+    solution = solve_adjustment(problem)
     assert solution.settled and solution.steps < 12
-    _, covariance = covariance_of(problem, solution, 1.0)
+    _, covariance = compute_covariance(problem, solution, 1.0)
     n = len(block.cameras)
     centres = covariance[: 6 * n, : 6 * n].reshape(n, 6, n, 6)[:, :3, :, :3].mean(axis=(0, 2))
     np.testing.assert_allclose(np.sqrt(np.diag(centres)), 3.0, rtol=0, atol=0.02)  # m
@@ -321,7 +323,7 @@ def test_a_node_that_lost_its_observations_does_no_harm() -> None:
         holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, nodes=np.arange(0, 200, 20), sigma_m=0.01
     )
     lost = replace(problem, node_xyz_m=np.vstack([problem.node_xyz_m, [[1.0, 1.0, 1.0]]]))
-    found, without = solve(lost), solve(problem)
+    found, without = solve_adjustment(lost), solve_adjustment(problem)
     np.testing.assert_allclose(found.state.centre_site_m, without.state.centre_site_m, rtol=0, atol=1e-9)  # m
     np.testing.assert_allclose(found.state.node_m[-1], [1.0, 1.0, 1.0], rtol=0, atol=0)
 
@@ -333,13 +335,13 @@ def test_a_prior_left_out_by_a_formula_is_one_left_out_by_solving_again() -> Non
     problem = with_control(holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, nodes=nodes, sigma_m=0.02)
     priors = replace(problem.node_priors, limit=np.full(len(nodes), 1e3))  # the formula is of least squares
     problem = replace(problem, node_priors=priors)
-    solution = solve(problem)
-    system, formal = covariance_of(problem, solution, 1.0)
+    solution = solve_adjustment(problem)
+    system, formal = compute_covariance(problem, solution, 1.0)
     known = Uncertainty(covariance=formal, formal=formal, system=system).node_covariance(nodes)
     residual = priors.xyz_m - solution.state.node_m[nodes]
-    found = residual_when_left_out(residual, known, np.full((len(nodes), 3), 0.02**2))
+    found = compute_leave_one_out_residual(residual, known, np.full((len(nodes), 3), 0.02**2))
     for k, node in enumerate(nodes):
         without = replace(problem, node_priors=priors.take(np.arange(len(nodes)) != k))
-        again = priors.xyz_m[k] - solve(without).state.node_m[node]
+        again = priors.xyz_m[k] - solve_adjustment(without).state.node_m[node]
         np.testing.assert_allclose(found[k], again, rtol=0, atol=0.0005)  # m
         assert np.linalg.norm(again) > 1.02 * np.linalg.norm(residual[k])

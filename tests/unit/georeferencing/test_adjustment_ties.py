@@ -5,9 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facadelake.georeferencing.adjustment.linearise import State, start_of
-from facadelake.georeferencing.adjustment.model_terms import walls_of
-from facadelake.georeferencing.adjustment.tie_points import Ties, block_of, choose_ties, inflation_of
+from facadelake.georeferencing.adjustment.linearise import AdjustmentState, initialise_state
+from facadelake.georeferencing.adjustment.model_terms import match_points_to_surface
+from facadelake.georeferencing.adjustment.tie_points import (
+    TiePointSelection,
+    build_block,
+    choose_tie_points,
+    estimate_tie_variance_factor,
+)
 from tests.unit.georeferencing.small_block import (
     NORMALS,
     PLANES_M,
@@ -28,7 +33,7 @@ def block() -> SmallBlock:
 
 def test_each_photograph_keeps_its_longest_tracks_and_no_more_than_it_needs(block: SmallBlock) -> None:
     reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0)
-    ties = choose_ties(reconstruction, SITE_FROM_SFM, most_per_photo=20)
+    ties = choose_tie_points(reconstruction, SITE_FROM_SFM, most_per_photo=20)
     length = np.bincount(block.node)
     for photo in range(len(block.cameras)):
         seen = np.unique(block.node[block.photo == photo])
@@ -36,13 +41,13 @@ def test_each_photograph_keeps_its_longest_tracks_and_no_more_than_it_needs(bloc
         kept = np.intersect1d(seen, ties.point)
         assert np.sort(length[kept])[::-1][:20].tolist() == longest.tolist()
     assert 20 < len(ties.point) <= 20 * len(block.cameras)
-    everything = choose_ties(reconstruction, SITE_FROM_SFM)
+    everything = choose_tie_points(reconstruction, SITE_FROM_SFM)
     assert len(everything.photo) == len(block.photo)
 
 
 def test_chosen_ties_are_the_reconstructions_in_site(block: SmallBlock) -> None:
     reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
-    ties = choose_ties(reconstruction, SITE_FROM_SFM, most_per_photo=30)
+    ties = choose_tie_points(reconstruction, SITE_FROM_SFM, most_per_photo=30)
     np.testing.assert_allclose(ties.xyz_site_m, block.xyz_m[ties.point], rtol=0, atol=1e-9)  # m
     for photo, node, xy in zip(ties.photo[::50], ties.node[::50], ties.xy_img[::50], strict=True):
         seen = block.cameras[photo].project_site(block.xyz_m[ties.point[node]][None])[0]
@@ -53,7 +58,7 @@ def test_chosen_ties_are_the_reconstructions_in_site(block: SmallBlock) -> None:
 
 def test_the_block_stands_where_the_similarity_puts_it(block: SmallBlock) -> None:
     reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
-    found = block_of(reconstruction, SITE_FROM_SFM)
+    found = build_block(reconstruction, SITE_FROM_SFM)
     np.testing.assert_allclose(found.centre_site_m, block.centres_m, rtol=0, atol=1e-9)  # m
     np.testing.assert_allclose(found.site_from_cam, block.rotations, rtol=0, atol=1e-12)
     assert (len(found.cameras), found.camera_of_photo.tolist()) == (1, [0] * 12)
@@ -61,7 +66,7 @@ def test_the_block_stands_where_the_similarity_puts_it(block: SmallBlock) -> Non
         reconstruction.photos[2], camera=replace(reconstruction.photos[2].camera, fx_px=3000.0, fy_px=3000.0)
     )
     two = replace(reconstruction, photos=(*reconstruction.photos[:2], other, *reconstruction.photos[3:]))
-    assert block_of(two, SITE_FROM_SFM).camera_of_photo.tolist() == [0, 0, 1] + [0] * 9
+    assert build_block(two, SITE_FROM_SFM).camera_of_photo.tolist() == [0, 0, 1] + [0] * 9
 
 
 def errors_in_cells(common: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -75,37 +80,37 @@ def errors_in_cells(common: float, seed: int) -> tuple[np.ndarray, np.ndarray, n
 
 
 def test_independent_errors_are_not_inflated() -> None:
-    found = [inflation_of(*errors_in_cells(0.0, seed)) for seed in range(6)]
+    found = [estimate_tie_variance_factor(*errors_in_cells(0.0, seed)) for seed in range(6)]
     assert min(found) >= 1.0
     assert max(found) < 1.25
 
 
 def test_errors_that_neighbours_share_are_inflated_by_their_number() -> None:
     """25 points a cell, 20 % of the variance common: n |mean|^2 is 1 - 0.2 + 25 * 0.2 = 5.8 times a single one's."""
-    found = np.mean([inflation_of(*errors_in_cells(0.2, seed)) for seed in range(4)])
+    found = np.mean([estimate_tie_variance_factor(*errors_in_cells(0.2, seed)) for seed in range(4)])
     assert 4.0 < found < 7.5
-    assert 1.0 < np.mean([inflation_of(*errors_in_cells(0.02, seed)) for seed in range(4)]) < 2.2
+    assert 1.0 < np.mean([estimate_tie_variance_factor(*errors_in_cells(0.02, seed)) for seed in range(4)]) < 2.2
 
 
 def test_outliers_and_empty_cells_do_not_inflate() -> None:
     residual, photo, xy = errors_in_cells(0.0, 1)
     residual[::10] += 40.0
-    assert inflation_of(residual, photo, xy) < 1.3
-    assert inflation_of(residual[:4], photo[:4], xy[:4]) == 1.0
+    assert estimate_tie_variance_factor(residual, photo, xy) < 1.3
+    assert estimate_tie_variance_factor(residual[:4], photo[:4], xy[:4]) == 1.0
 
 
-def walls_at(block: SmallBlock, offset_m: np.ndarray) -> tuple[Ties, State]:
+def walls_at(block: SmallBlock, offset_m: np.ndarray) -> tuple[TiePointSelection, AdjustmentState]:
     """Ties and a state whose points stand ``offset_m`` (5,) off their planes."""
     reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
-    ties = choose_ties(reconstruction, SITE_FROM_SFM)
-    state = start_of(ties_problem(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0, start_deg=0.0))
+    ties = choose_tie_points(reconstruction, SITE_FROM_SFM)
+    state = initialise_state(ties_problem(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0, start_deg=0.0))
     plane = block.plane[ties.point]
     return ties, replace(state, node_m=block.xyz_m[ties.point] + offset_m[plane][:, None] * NORMALS[plane])
 
 
 def test_points_belong_to_the_face_that_they_were_seen_on(block: SmallBlock) -> None:
     ties, state = walls_at(block, np.array([0.2, -0.1, 0.05, 0.0, -0.2]))
-    walls = walls_of(ties, state, BoxSurface(), gate_m=0.3, model_sigma_m=0.02)
+    walls = match_points_to_surface(ties, state, BoxSurface(), gate_m=0.3, model_sigma_m=0.02)
     plane = block.plane[ties.point[walls.node]]
     assert len(walls.node) > 350
     right = np.isclose(np.einsum("ij,ij->i", walls.normal_site, NORMALS[plane]), 1.0, rtol=0, atol=1e-9)
@@ -118,10 +123,12 @@ def test_points_belong_to_the_face_that_they_were_seen_on(block: SmallBlock) -> 
 
 def test_points_beyond_the_gate_belong_to_no_face(block: SmallBlock) -> None:
     ties, state = walls_at(block, np.array([0.4, 0.0, 0.0, 0.0, 0.0]))
-    walls = walls_of(ties, state, BoxSurface(), gate_m=0.3, model_sigma_m=0.02)
+    walls = match_points_to_surface(ties, state, BoxSurface(), gate_m=0.3, model_sigma_m=0.02)
     plane = block.plane[ties.point[walls.node]]
     assert (plane == 0).sum() <= 2
     assert (plane == 1).sum() > 60
     assert not len(
-        walls_of(ties, state, BoxSurface(half_m=(1.0, 1.0), ground=False), gate_m=0.3, model_sigma_m=0.02).node
+        match_points_to_surface(
+            ties, state, BoxSurface(half_m=(1.0, 1.0), ground=False), gate_m=0.3, model_sigma_m=0.02
+        ).node
     )

@@ -8,21 +8,21 @@ import pytest
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.gcp.control_points import (
-    ControlPoints,
-    control_crs_3d,
-    control_in_site,
+    SurveyedPoints,
+    add_vertical_datum,
     match_photo_names,
-    read_control_points,
+    read_surveyed_points,
+    transform_to_site,
 )
 
 ROW = "456630.3296 5421032.8544 182.1937 662.29 1415.99 multiview/IMG_0005.JPG"
 
 
-def read(tmp_path: Path, text: str) -> ControlPoints:
+def read(tmp_path: Path, text: str) -> SurveyedPoints:
     """The points of a file with this text."""
     path = tmp_path / "gcp_list.txt"
     path.write_text(text, encoding="utf-8")
-    return read_control_points(path)
+    return read_surveyed_points(path)
 
 
 @pytest.mark.parametrize(
@@ -69,9 +69,9 @@ def test_coordinates_reach_the_site(tmp_path: Path) -> None:
     origin = SiteOrigin(lon_deg=8.4078, lat_deg=48.9405, height_ellipsoidal_m=180.0)
     east, north, height = origin.map_from_site(np.array([[10.0, 20.0, 3.0]]), "EPSG:25832")[0]
     points = read(tmp_path, f"EPSG:25832\n{east:.6f} {north:.6f} {height:.6f} 1 2 a.jpg\n")
-    site = control_in_site(points, origin=origin, vertical_datum="ellipsoidal")
+    site = transform_to_site(points, origin=origin, vertical_datum="ellipsoidal")
     np.testing.assert_allclose(site, [[10, 20, 3]], rtol=0, atol=1e-4)  # m
     with pytest.raises(GeoreferenceError, match="grid"):
-        control_in_site(points, origin=origin, vertical_datum="EPSG:7837")
-    assert "DHHN2016" in control_crs_3d("EPSG:25832", "EPSG:7837")
-    assert control_crs_3d("EPSG:4979", "EPSG:7837") == "EPSG:4979"
+        transform_to_site(points, origin=origin, vertical_datum="EPSG:7837")
+    assert "DHHN2016" in add_vertical_datum("EPSG:25832", "EPSG:7837")
+    assert add_vertical_datum("EPSG:4979", "EPSG:7837") == "EPSG:4979"

@@ -10,7 +10,7 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.pose_table import read_posed_cameras
-from facadelake.georeferencing.gcp.control_points import ControlPoint, ControlPoints, Sighting
+from facadelake.georeferencing.gcp.control_points import ImageMark, SurveyedPoint, SurveyedPoints
 from facadelake.georeferencing.imported.placement import SIGMA_POSITION_M, PlacedByImport, place_imported
 from facadelake.georeferencing.imported.read import read_poses
 from tests.unit.georeferencing.imported_wall import CENTRES, NAMES, ORIGIN, PLACE, geo, geo_csv, photos, wall, write
@@ -115,19 +115,19 @@ def test_rotations_against_the_photographs_own_word(tmp_path: Path) -> None:
         placed(upside_down, photos(**said, prior_roll_deg=0.0))
 
 
-def marked(points_m: dict[str, np.ndarray]) -> ControlPoints:
+def marked(points_m: dict[str, np.ndarray]) -> SurveyedPoints:
     """Points of the wall in EPSG:25832, marked where a pinhole of the wall's lens sees them from the true cameras."""
     surveyed = []
     for name, (x, y, z) in points_m.items():
         east, north, height = ORIGIN.map_from_site(np.array([[x, y, z]]), "EPSG:25832")[0]
         sightings = tuple(
-            Sighting(
+            ImageMark(
                 photo_name=photo, x_px=2010.5 + 2800 * (x - cx) / (y - cy), y_px=1490.5 - 2810 * (z - cz) / (y - cy)
             )
             for photo, (cx, cy, cz) in zip(NAMES, CENTRES, strict=True)
         )
-        surveyed.append(ControlPoint(name=name, x=east, y=north, z=height, sightings=sightings))
-    return ControlPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(surveyed))
+        surveyed.append(SurveyedPoint(name=name, x=east, y=north, z=height, sightings=sightings))
+    return SurveyedPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(surveyed))
 
 
 def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
@@ -155,8 +155,8 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     assert "GPS lies +30 m up of the poses" in row["remarks"]
     off = {name: point + np.array([0.0, 0.0, 2.0]) for name, point in points.items()}
     shifted = marked(points)
-    wrong = ControlPoints(source="g", crs=shifted.crs, points=tuple(
-        ControlPoint(name=p.name, x=q.x, y=q.y, z=q.z, sightings=p.sightings)
+    wrong = SurveyedPoints(source="g", crs=shifted.crs, points=tuple(
+        SurveyedPoint(name=p.name, x=q.x, y=q.y, z=q.z, sightings=p.sightings)
         for p, q in zip(shifted.points, marked(off).points, strict=True)
     ))  # fmt: skip
     with pytest.raises(GeoreferenceError, match=r"held-out points lie 1\.95 m"):

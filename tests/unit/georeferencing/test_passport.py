@@ -8,8 +8,8 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.georeferencing.adjustment.adjust import Adjusted, adjust
-from facadelake.georeferencing.adjustment.evidence import Evidence
+from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block
+from facadelake.georeferencing.adjustment.evidence import ControlObservations
 from facadelake.georeferencing.passport import PassportPoint, model_fit, points_table, require_good
 from schemas.vocabulary import ControlKind, PointKind
 from tests.unit.georeferencing.small_block import (
@@ -66,16 +66,16 @@ def test_points_are_told_in_site_and_on_the_globe() -> None:
 
 
 @pytest.fixture(scope="module")
-def held() -> Adjusted:
+def held() -> AdjustedBlock:
     """A block of 600 points held by control points; its building is the model exactly."""
     block = small_block(points=600)
     rng = np.random.default_rng(3)
     marked = marked_points(block, rng, points=np.arange(0, 600, 40), survey_m=0.005, mark_px=0.5)
-    evidence = Evidence(positions=no_positions(), attitudes=no_attitudes(), marked=marked)
-    return adjust(reconstruction_of(block, rng, tie_px=0.5), SITE_FROM_SFM, evidence)
+    evidence = ControlObservations(positions=no_positions(), attitudes=no_attitudes(), marked=marked)
+    return adjust_block(reconstruction_of(block, rng, tie_px=0.5), SITE_FROM_SFM, evidence)
 
 
-def bent(adjusted: Adjusted, away_m: Callable[[np.ndarray], np.ndarray]) -> Adjusted:
+def bent(adjusted: AdjustedBlock, away_m: Callable[[np.ndarray], np.ndarray]) -> AdjustedBlock:
     """The same block with the points of each facade moved out of it by ``away_m`` of their place along it."""
     state = adjusted.solution.state
     xyz = state.node_m.copy()
@@ -86,7 +86,7 @@ def bent(adjusted: Adjusted, away_m: Callable[[np.ndarray], np.ndarray]) -> Adju
     return replace(adjusted, solution=replace(adjusted.solution, state=replace(state, node_m=xyz)))
 
 
-def test_a_block_that_is_not_bent_shows_no_doming(held: Adjusted) -> None:
+def test_a_block_that_is_not_bent_shows_no_doming(held: AdjustedBlock) -> None:
     fit = model_fit(held, BoxSurface())
     assert fit is not None
     assert 0.001 < fit.residual_m < 0.02
@@ -95,7 +95,7 @@ def test_a_block_that_is_not_bent_shows_no_doming(held: Adjusted) -> None:
 
 
 @pytest.mark.parametrize("sagitta_m", [0.06, -0.06])
-def test_a_bent_block_shows_its_sagitta(held: Adjusted, sagitta_m: float) -> None:
+def test_a_bent_block_shows_its_sagitta(held: AdjustedBlock, sagitta_m: float) -> None:
     """Every facade bulges like one sphere: ``sagitta_m`` over the half of the longest, 5 m."""
     before, after = model_fit(held, BoxSurface()), model_fit(
         bent(held, lambda u: sagitta_m * (u / 5.0) ** 2), BoxSurface()
@@ -105,12 +105,12 @@ def test_a_bent_block_shows_its_sagitta(held: Adjusted, sagitta_m: float) -> Non
     assert after.doming_sigma_m < 0.01
 
 
-def test_a_wall_that_leans_or_stands_off_is_not_bent(held: Adjusted) -> None:
+def test_a_wall_that_leans_or_stands_off_is_not_bent(held: AdjustedBlock) -> None:
     after = model_fit(bent(held, lambda u: 0.1 + 0.01 * u), BoxSurface())
     assert after is not None
     assert abs(after.doming_m) < 3.5 * after.doming_sigma_m + 0.004  # m
     assert 0.07 < after.residual_m < 0.14
 
 
-def test_a_model_of_another_place_says_nothing(held: Adjusted) -> None:
+def test_a_model_of_another_place_says_nothing(held: AdjustedBlock) -> None:
     assert model_fit(held, BoxSurface(half_m=(1.0, 1.0), ground=False)) is None

@@ -14,7 +14,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.adjust import Adjusted
+from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
 from facadelake.georeferencing.model.lean import lean_of, upright
 from facadelake.georeferencing.model.plumb_lines import BUILT_SIGMA_RAD, Vertical, vertical_of
 
@@ -93,7 +93,7 @@ def test_photographs_without_upright_lines_or_that_cannot_be_read_are_passed_ove
     assert vertical_of(views, Drawn(images=images)) is None  # three photographs are too few
 
 
-def _wall_block(lean_rad: Float64Array) -> tuple[Adjusted, Float64Array]:
+def _wall_block(lean_rad: Float64Array) -> tuple[AdjustedBlock, Float64Array]:
     """A block of a plumb wall that was turned by ``-lean_rad`` about the wall's middle, and where its cameras were."""
     rng = np.random.default_rng(1)
     wall = np.column_stack([rng.uniform(-10, 10, 4000), np.zeros(4000), rng.uniform(0, 12, 4000)])
@@ -107,7 +107,7 @@ def _wall_block(lean_rad: Float64Array) -> tuple[Adjusted, Float64Array]:
     )
     walls = SimpleNamespace(node=np.arange(len(wall)))
     return cast(
-        Adjusted, SimpleNamespace(solution=SimpleNamespace(state=state), problem=SimpleNamespace(walls=walls))
+        AdjustedBlock, SimpleNamespace(solution=SimpleNamespace(state=state), problem=SimpleNamespace(walls=walls))
     ), centre
 
 
@@ -154,7 +154,7 @@ def test_nothing_within_the_block_changes() -> None:
         solution: Held
 
     before = Frozen(**vars(adjusted.solution.state))
-    after = upright(cast(Adjusted, Block(solution=Held(state=before))), lean).solution.state
+    after = upright(cast(AdjustedBlock, Block(solution=Held(state=before))), lean).solution.state
     for old, new in zip(before.site_from_cam, after.site_from_cam, strict=True):
         seen = [
             (points - state.centre_site_m[0]) @ rotation

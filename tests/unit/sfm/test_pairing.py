@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.georeferencing.gps.alignment import rotation_of_attitude
+from facadelake.georeferencing.gps.alignment import rotation_from_attitude
 from facadelake.sfm.pairing import choose_pairs, direction_from_yaw_pitch, find_uncertain_positions
 from facadelake.sfm.settings import ReconstructionSettings
 
@@ -108,11 +108,11 @@ def test_the_viewing_direction_is_the_optical_axis_of_the_attitude() -> None:
     )
     down = direction_from_yaw_pitch(np.array([35.0]), np.array([-30.0]))[0]
     assert down[2] == pytest.approx(-0.5)
-    rotation = rotation_of_attitude(35.0, -30.0, 0.0)
+    rotation = rotation_from_attitude(35.0, -30.0, 0.0)
     np.testing.assert_allclose(rotation[:, 2], down, rtol=0, atol=1e-12)
     assert abs(rotation[2, 0]) < 1e-12  # without roll the camera's x is level
     assert rotation[2, 1] < 0  # and its y points down
-    assert rotation_of_attitude(35.0, -30.0, 10.0)[2, 0] == pytest.approx(
+    assert rotation_from_attitude(35.0, -30.0, 10.0)[2, 0] == pytest.approx(
         -np.sin(np.radians(10)) * np.cos(np.radians(30))
     )
 
