@@ -26,7 +26,7 @@ def hall(tmp_path: Path) -> Building:
     (tmp_path / "portfolio.yaml").write_text(REGISTRY)
     (tmp_path / "2026-04").mkdir()
     (tmp_path / "2026-04" / "poses.csv").write_text("image\n")
-    return read_portfolio(tmp_path / "portfolio.yaml").building("hall")
+    return read_portfolio(tmp_path / "portfolio.yaml").get_building("hall")
 
 
 def test_the_registrys_unless_a_control_is_named(hall: Building, tmp_path: Path) -> None:

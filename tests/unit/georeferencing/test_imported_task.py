@@ -33,7 +33,7 @@ def stages(tmp_path: Path) -> tuple[InspectionJob, StageResult, StageResult]:
     """A job whose poses are the wall's, with the wall as model and four photographs."""
     (tmp_path / "portfolio.yaml").write_text(REGISTRY)
     job = InspectionJob(
-        building=read_portfolio(tmp_path / "portfolio.yaml").building("hall"),
+        building=read_portfolio(tmp_path / "portfolio.yaml").get_building("hall"),
         campaign_id="2026-04",
         run_id="run",
         started_at=datetime(2026, 4, 1, tzinfo=UTC),

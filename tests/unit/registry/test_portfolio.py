@@ -32,7 +32,7 @@ def test_paths_count_from_the_registry_and_campaigns_are_found(tmp_path: Path) -
         (tmp_path / "photos" / campaign / "images").mkdir(parents=True)
     (tmp_path / "photos" / "no-images-here").mkdir()
     (tmp_path / "photos" / "2026-04" / "noisy.json").write_text("{}")
-    building = read_portfolio(_write(tmp_path, GOOD)).building("hall")
+    building = read_portfolio(_write(tmp_path, GOOD)).get_building("hall")
     assert building.list_campaigns() == ("2026-04", "2026-10")
     assert building.locate_photographs("2026-04") == tmp_path / "photos" / "2026-04" / "images"
     assert building.locate_control_points("2026-04") is None
@@ -60,7 +60,7 @@ def test_a_building_without_a_detector_of_its_own_has_the_default_one(
     tmp_path: Path, line: str, model: str, threads: int | None, score_threshold: float | None
 ) -> None:
     path = _write(tmp_path, f"id: a\nname: x\nmodel: m.ifc\nphotographs: 'p/{{campaign}}'\n{line}\n")
-    detector = read_portfolio(path).building("a").detector
+    detector = read_portfolio(path).get_building("a").detector
     assert isinstance(detector, OnnxDetectorSetting)
     assert detector.model == (model if model == "default" else str(tmp_path / model))
     assert (detector.threads, detector.score_threshold) == (threads, score_threshold)
@@ -73,11 +73,11 @@ def test_variables_have_defaults_and_are_named_when_a_path_is_missing(
     path = _write(tmp_path, text)
     monkeypatch.delenv("HALL_DATA", raising=False)
     with pytest.raises(InputDataError, match=r"nowhere/hall\.ifc.*does not exist.*environment variable HALL_DATA"):
-        read_portfolio(path).building("hall").locate_model()
+        read_portfolio(path).get_building("hall").locate_model()
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "hall.ifc").write_text("")
     monkeypatch.setenv("HALL_DATA", str(tmp_path / "elsewhere"))
-    assert read_portfolio(path).building("hall").locate_model() == tmp_path / "elsewhere" / "hall.ifc"
+    assert read_portfolio(path).get_building("hall").locate_model() == tmp_path / "elsewhere" / "hall.ifc"
 
 
 @pytest.mark.parametrize(
@@ -122,6 +122,6 @@ def test_all_mistakes_are_told_at_once_and_ids_are_unique(tmp_path: Path) -> Non
 
 def test_unknown_building_and_missing_registry_name_what_there_is(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match="no building 'tower' in the registry; it has hall"):
-        read_portfolio(_write(tmp_path, GOOD)).building("tower")
+        read_portfolio(_write(tmp_path, GOOD)).get_building("tower")
     with pytest.raises(InputDataError, match=r"no registry at .*nothing\.yaml"):
         read_portfolio(tmp_path / "nothing.yaml")

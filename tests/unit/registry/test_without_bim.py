@@ -36,7 +36,7 @@ def registered(folder: Path, **changes: Any) -> Building:
     }
     path = folder / "portfolio.yaml"
     path.write_text(yaml.safe_dump({"buildings": [entry]}))
-    return read_portfolio(path).building("hall")
+    return read_portfolio(path).get_building("hall")
 
 
 @pytest.mark.parametrize(

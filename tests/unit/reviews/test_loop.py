@@ -83,7 +83,7 @@ def filled(task: Path, file: Path) -> Path:
 
 def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:
     portfolio, lake = tower
-    building = portfolio.building(BUILDING)
+    building = portfolio.get_building(BUILDING)
     task, _ = export_task(
         building, CAMPAIGN, tmp_path / "task", lake=lake, photographs=(), only_unreviewed=True, score_min=0.0
     )
@@ -171,6 +171,6 @@ def test_refusals_say_what_to_do(tower: tuple[Portfolio, Path], tmp_path: Path) 
         promote_model(one, lake=lake, report=None, by="A", why=" ", lost_max=0, confirmed_min=0)
     with pytest.raises(InputDataError, match=r"nothing of tower was reviewed; 'facadelake review export-task' begins"):
         make_training_set(
-            [portfolio.building(BUILDING)], tmp_path / "set", lake=lake, form=TrainingLabelFormat.COCO, pictures=PictureMode.TILES,
+            [portfolio.get_building(BUILDING)], tmp_path / "set", lake=lake, form=TrainingLabelFormat.COCO, pictures=PictureMode.TILES,
             side_px=640, splits=(), terms=None,
         )  # fmt: skip
