@@ -26,9 +26,9 @@ from skimage.morphology import skeletonize
 from facadelake.core.arrays import Float64Array, UInt8Image
 from facadelake.detection import Box
 from facadelake.detection.inference import DetectedBox
-from facadelake.evaluation.detectors.average_precision import average_precision, match
+from facadelake.evaluation.detectors.average_precision import compute_average_precision, match_predictions
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
-from facadelake.evaluation.detectors.predictions import Looks, Prediction, read_pixels
+from facadelake.evaluation.detectors.predictions import ImagePredictions, Prediction, read_pixels
 from schemas.vocabulary import DefectClass
 
 _SIDE_PX = 640  # larger pictures are shrunk to it: finer texture than cracks drowns them
@@ -63,14 +63,16 @@ class ClassicalCracks:
         self.threshold = threshold
         self.sha256 = hashlib.sha256(json.dumps(asdict(setting)).encode()).hexdigest()
 
-    def look(self, image: LabelledImage, pixels_bgr: UInt8Image) -> Looks:
+    def detect(self, image: LabelledImage, pixels_bgr: UInt8Image) -> ImagePredictions:
         """Boxes of all components."""
         strength, gain = strengths(pixels_bgr)
         found = tuple(
             DetectedBox(box=box, score=probability(features, self._setting), class_name=str(DefectClass.CRACK))
             for box, features in pieces(strength, gain, self._setting)
         )
-        return Looks(down_to_floor=found, shown=tuple(one for one in found if one.score >= self.threshold))
+        return ImagePredictions(
+            above_floor=found, above_threshold=tuple(one for one in found if one.score >= self.threshold)
+        )
 
 
 def strengths(pixels_bgr: UInt8Image) -> tuple[Float64Array, float]:
@@ -146,7 +148,9 @@ def tuned(images: Sequence[LabelledImage]) -> tuple[Setting, float]:
         found = {key: pieces(*one, setting) for key, one in strong.items()}
         setting = replace(setting, weights=_fitted(images, found))
         guesses = {key: _predictions(many, setting) for key, many in found.items()}
-        precision = float(average_precision(match(images, guesses, DefectClass.CRACK), thresholds=1)[0])
+        precision = float(
+            compute_average_precision(match_predictions(images, guesses, DefectClass.CRACK), thresholds=1)[0]
+        )
         print(f"{precision:.3f}  {setting}", flush=True)
         if precision > best[1]:
             best = (setting, precision)
@@ -165,7 +169,9 @@ def _fitted(
 ) -> tuple[float, float, float, float]:
     """Logistic regression of hits on features, held to small weights; the longest piece takes a truth."""
     by_length = Setting(weights=(0.0, 1.0, 0.0, 0.0))
-    matches = match(images, {key: _predictions(many, by_length) for key, many in found.items()}, DefectClass.CRACK)
+    matches = match_predictions(
+        images, {key: _predictions(many, by_length) for key, many in found.items()}, DefectClass.CRACK
+    )
     places = zip(matches.image.tolist(), matches.rank.tolist(), strict=True)
     x = np.array([found[matches.images[i].key][rank][1] for i, rank in places])
     y = matches.hit[0].astype(np.float64)

@@ -33,13 +33,19 @@ from benchmarks.detector_sets import (
 )
 from benchmarks.foundation import SHARED
 from facadelake.detection import Crosswalk, build_crosswalk
-from facadelake.evaluation.detectors import ImageLevelFigures, model_file, write_plots, write_results, write_sheets
-from facadelake.evaluation.detectors.false_alarms import Rate
-from facadelake.evaluation.detectors.figures import ClassFigures, Judgement, judge
-from facadelake.evaluation.detectors.image_level import judge_image_labels, open_image_labels
+from facadelake.evaluation.detectors import (
+    ImageLevelFigures,
+    locate_model_file,
+    write_plots,
+    write_results,
+    write_sheets,
+)
+from facadelake.evaluation.detectors.false_alarms import FalseAlarmRate
+from facadelake.evaluation.detectors.figures import BoxEvaluation, ClassFigures, evaluate_boxes
+from facadelake.evaluation.detectors.image_level import evaluate_image_labels, open_image_labels
 from facadelake.evaluation.detectors.labels.labels import LabelledSet
-from facadelake.evaluation.detectors.predictions import Looker, collect
-from facadelake.evaluation.detectors.sources import OnnxLooker
+from facadelake.evaluation.detectors.predictions import PredictionSource, collect_predictions
+from facadelake.evaluation.detectors.sources import OnnxPredictionSource
 from schemas.vocabulary import DefectClass
 
 WHOLE = (
@@ -47,7 +53,7 @@ WHOLE = (
     SHARED / "defects" / "wall_crops" / "crops",
     SHARED / "defects" / "mould_indoor",
 )
-_NOTHING = LabelledSet(name="", form="", images=())
+_NOTHING = LabelledSet(name="", label_format="", images=())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +72,7 @@ class Row:
 
     name: str
     sees: frozenset[DefectClass]
-    judgements: tuple[Judgement, ...]
+    judgements: tuple[BoxEvaluation, ...]
     whole: tuple[ImageLevelFigures, ...]
 
 
@@ -87,20 +93,20 @@ def exams(work: Path, spalling_folder: Path | None) -> list[Exam]:
 
 
 def measured(
-    looker: Looker, class_names: Sequence[str], crosswalk: Crosswalk, asked: Sequence[Exam], every: int,
+    looker: PredictionSource, class_names: Sequence[str], crosswalk: Crosswalk, asked: Sequence[Exam], every: int,
     plots: Path | None,
 ) -> Row:  # fmt: skip
     """All figures of one detector, which names its classes so."""
     judgements = []
     for exam in asked:
-        found = collect(looker, exam.labelled.images, crosswalk)
+        found = collect_predictions(looker, exam.labelled.images, crosswalk)
         if exam.sound:
-            nothing = collect(looker, (), crosswalk)
-            judgement = judge(
+            nothing = collect_predictions(looker, (), crosswalk)
+            judgement = evaluate_boxes(
                 looker, _NOTHING, nothing, split=exam.split, negatives=exam.labelled, collected_negatives=found
             )
         else:
-            judgement = judge(looker, exam.labelled, found, split=exam.split)
+            judgement = evaluate_boxes(looker, exam.labelled, found, split=exam.split)
         judgements.append(judgement)
         if plots is not None:
             folder = plots / looker.name.replace(" ", "-") / exam.name.replace(", ", "-").replace(" ", "-")
@@ -110,7 +116,9 @@ def measured(
     for path in WHOLE:
         opened = open_image_labels(path, crosswalk)
         opened = replace(opened, labelled=_thinned(with_sources(opened.labelled, path), every))
-        whole.append(judge_image_labels(looker, opened, collect(looker, opened.labelled.images, crosswalk)))
+        whole.append(
+            evaluate_image_labels(looker, opened, collect_predictions(looker, opened.labelled.images, crosswalk))
+        )
     known = {crosswalk.defect_class(name) for name in class_names}
     sees = frozenset(one for one in DefectClass if one in known)
     return Row(name=looker.name, sees=sees, judgements=tuple(judgements), whole=tuple(whole))
@@ -170,7 +178,7 @@ def _box_cells(one: ClassFigures) -> tuple[str, ...]:
     )
 
 
-def _alarm_cells(rate: Rate, gsd_mm: float | None) -> tuple[str, ...]:
+def _alarm_cells(rate: FalseAlarmRate, gsd_mm: float | None) -> tuple[str, ...]:
     area = "unknown" if rate.area_m2 is None or gsd_mm is None else f"{rate.area_m2:.0f} at {gsd_mm:.1f}"
     interval = "-" if rate.low_per_10_m2 is None else f"{rate.low_per_10_m2:.3f} to {rate.high_per_10_m2:.3f}"
     return str(rate.count), str(rate.photographs), area, _text(rate.per_10_m2), interval
@@ -209,8 +217,8 @@ def main() -> None:
         asked = [replace(exam, labelled=_thinned(exam.labelled, options.every)) for exam in asked]
         rows = []
         for i, name in enumerate(options.models):
-            path = model_file(name)
-            looker = OnnxLooker(path)
+            path = locate_model_file(name)
+            looker = OnnxPredictionSource(path)
             rows.append(
                 measured(
                     looker,

@@ -70,8 +70,8 @@ def compare(scenes: int, seed: int = 7) -> Iterator[tuple[str, str, int, Counter
 
 def _ways(look: TilePass) -> dict[str, Callable[[Sequence[TileDetection]], Boxes]]:
     return {
-        "union": partial(_united, look=look),
-        "union, masks": partial(_united, look=look),
+        "union": partial(_united, detect=look),
+        "union, masks": partial(_united, detect=look),
         "NMS": lambda parts: nms(*_arrays(parts)),
         "NMM": lambda parts: nmm(*_arrays(parts)),
         "WBF": lambda parts: wbf(*_arrays(parts)),

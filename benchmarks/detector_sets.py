@@ -19,17 +19,17 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.detection import Box, build_crosswalk
 from facadelake.evaluation.detectors.labels.labels import (
-    Gathering,
+    LabelCollector,
     LabelledImage,
     LabelledSet,
-    TrueBox,
-    joined,
-    labelled_only,
-    photographs_below,
-    sound_photographs,
+    TruthBox,
+    combine_sets,
+    find_photographs,
+    open_sound_photographs,
+    restrict_to_classes,
 )
 from facadelake.evaluation.detectors.labels.open import open_labels
-from facadelake.evaluation.detectors.labels.sites import with_scale, with_sites
+from facadelake.evaluation.detectors.labels.sites import assign_scale, assign_sites
 from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.imported import place_imported, read_poses
 from facadelake.photos import ingest_photographs
@@ -51,39 +51,39 @@ def crack_images(split: str) -> LabelledSet:
         open_labels(SHARED / "defects" / "omu_quay_crack_yolo", crosswalk, class_names=["crack"]),
     ]
     of_split = [one for one in sets if split in _splits(one.name)]
-    return joined([with_sites(one, SITES, split) for one in of_split])
+    return combine_sets([assign_sites(one, SITES, split) for one in of_split])
 
 
 def facades() -> LabelledSet:
     """Facades of held-out buildings, presumed free of defects; their scale was judged by eye, to a fifth or so."""
-    sound = with_sites(sound_photographs(SHARED / "defects" / "facade_negatives"), SITES, "test")
-    return replace(sound, images=with_scale(sound.images, SITES.with_name("facade_scale.csv")))
+    sound = assign_sites(open_sound_photographs(SHARED / "defects" / "facade_negatives"), SITES, "test")
+    return replace(sound, images=assign_scale(sound.images, SITES.with_name("facade_scale.csv")))
 
 
 def street() -> LabelledSet:
     """Held-out photographs of a street, presumed free of defects, of unknown scale."""
-    return with_sites(sound_photographs(SHARED / "drone" / "lund_street"), SITES, "test")
+    return assign_sites(open_sound_photographs(SHARED / "drone" / "lund_street"), SITES, "test")
 
 
 def mould(work: Path) -> LabelledSet:
     """Interiors with mould and without, boxes drawn by us (training/data/drawn_boxes.yaml)."""
     file = write_coco(read_drawn(SHARED / "defects"), work / "mould_indoor")
-    return labelled_only(open_labels(file, build_crosswalk({})), frozenset({DefectClass.MOISTURE}))
+    return restrict_to_classes(open_labels(file, build_crosswalk({})), frozenset({DefectClass.MOISTURE}))
 
 
 def spalling(folder: Path) -> LabelledSet:
     """Boxes of spalling in a COCO folder; other classes are not labelled there, whatever it lists."""
-    return labelled_only(open_labels(folder, build_crosswalk({})), frozenset({DefectClass.SPALLING}))
+    return restrict_to_classes(open_labels(folder, build_crosswalk({})), frozenset({DefectClass.SPALLING}))
 
 
 def masonry() -> LabelledSet:
     """Cracks in masonry, never learned from: boxes about the pieces of the masks, over gaps of a few pixels."""
     folder = SHARED / "defects" / "masonry_crack_240" / "dataset"
-    gathered = Gathering(folder)
+    gathered = LabelCollector(folder)
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_MASK_GAP_PX, _MASK_GAP_PX))
-    for path in photographs_below(folder / "crack_detection_224_images"):
+    for path in find_photographs(folder / "crack_detection_224_images"):
         mask = cv2.imread(str(folder / "crack_detection_224_masks" / path.name), cv2.IMREAD_GRAYSCALE)
-        size = gathered.size_of(path)
+        size = gathered.read_size(path)
         if mask is None or size is None:
             continue
         cracked = (mask > 127).astype(np.uint8)
@@ -96,9 +96,9 @@ def masonry() -> LabelledSet:
                 width_px=float(np.ptp(columns)) + 1, height_px=float(np.ptp(rows)) + 1,
             )  # fmt: skip
             if max(box.width_px, box.height_px) >= _MASK_LEAST_PX:
-                boxes.append(TrueBox(box=box, defect_class=DefectClass.CRACK))
+                boxes.append(TruthBox(box=box, defect_class=DefectClass.CRACK))
         gathered.add(path, size, boxes, frozenset({DefectClass.CRACK}))
-    found = gathered.finished("masks")
+    found = gathered.create_set("masks")
     images = tuple(replace(one, site="_".join(one.path.stem.split("_")[:2])) for one in found.images)
     return replace(found, name="masonry_crack_240", images=images)
 
@@ -144,7 +144,7 @@ def castle_facade(work: Path) -> LabelledSet:
                 boxes=(), labelled=frozenset(DefectClass), site="castle", gsd_mm=gsd, area_m2=area, target=target,
             )
         )  # fmt: skip
-    return LabelledSet(name="castle", form="photographs without defects", images=tuple(images))
+    return LabelledSet(name="castle", label_format="photographs without defects", images=tuple(images))
 
 
 def seen_area(

@@ -12,7 +12,7 @@ import typer
 
 from cli.options import console, problems
 from facadelake.core.errors import InputDataError
-from facadelake.evaluation.detectors.labels import Form
+from facadelake.evaluation.detectors.labels import LabelFormat
 from schemas.vocabulary import DefectClass
 
 
@@ -24,7 +24,7 @@ def evaluate_detector(
         list[Path] | None,
         typer.Option(help="Labelled photographs: a COCO file, or a folder in COCO, YOLO or VOC format. Repeatable."),
     ] = None,
-    form: Annotated[Form, typer.Option("--format", help="Format of --data.")] = Form.AUTO,
+    form: Annotated[LabelFormat, typer.Option("--format", help="Format of --data.")] = LabelFormat.AUTO,
     classes: Annotated[
         str | None,
         typer.Option(help="Class names by YOLO's class number, such as crack,spalling, if no file has them."),
@@ -65,14 +65,20 @@ def evaluate_detector(
     from cli.terminal.detectors import show_answer, write_pictures
     from cli.terminal.run import ProgressBars
     from facadelake.core.progress import listen_to_progress
-    from facadelake.evaluation.detectors import Question, evaluate_looker, looker_of, model_file, write_results
+    from facadelake.evaluation.detectors import (
+        DetectorEvaluationRequest,
+        evaluate_prediction_source,
+        locate_model_file,
+        open_prediction_source,
+        write_results,
+    )
 
-    path = model_file(model)
+    path = locate_model_file(model)
     if write_card and (path.suffix.lower() != ".onnx" or threshold is not None):
         raise InputDataError("--write-card is for ONNX models at the threshold of their card; omit --threshold")
-    question = Question(
+    question = DetectorEvaluationRequest(
         data=tuple(data or ()),
-        form=form,
+        label_format=form,
         class_names=tuple(name.strip() for name in (classes or "").split(",") if name.strip()),
         sites=sites,
         split=split,
@@ -81,11 +87,11 @@ def evaluate_detector(
         scale=scale,
         image_labels=tuple(image_labels or ()),
     )
-    looker, crosswalk = looker_of(path, threshold)
+    looker, crosswalk = open_prediction_source(path, threshold)
     if plots is not None:
         plots.mkdir(parents=True, exist_ok=True)  # first, so that a folder that cannot be written fails at once
     with ProgressBars(problems) as bars, listen_to_progress(bars):
-        answer = evaluate_looker(looker, crosswalk, question)
+        answer = evaluate_prediction_source(looker, crosswalk, question)
     figures = None if answer.boxes is None else answer.boxes.figures
     for written in write_pictures(answer, plots) if plots is not None else ():
         problems.print(f"written: {written}", soft_wrap=True, highlight=False)
@@ -106,12 +112,12 @@ def describe_detector(
     output: Annotated[Path | None, typer.Option(help="File to write; default: print.")] = None,
 ) -> None:
     """Write the Markdown page of a model from its card: terms, training data, figures by class and site."""
-    from facadelake.evaluation.detectors import model_file, page_of
+    from facadelake.evaluation.detectors import locate_model_file, render_model_page
 
-    path = model_file(model)
+    path = locate_model_file(model)
     if path.suffix.lower() != ".onnx":
         raise InputDataError(f"{path} is not an ONNX model; only a model with a card can be described")
-    text = page_of(path)
+    text = render_model_page(path)
     if output is None:
         sys.stdout.write(text)
         return

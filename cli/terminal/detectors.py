@@ -10,11 +10,11 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.evaluation.detectors import (
-    Answer,
-    Figures,
+    BootstrapInterval,
+    DetectorEvaluation,
+    DetectorFigures,
     ImageLevelFigures,
-    Interval,
-    Operating,
+    OperatingPoint,
     write_plots,
     write_sheets,
 )
@@ -22,7 +22,7 @@ from facadelake.evaluation.detectors import (
 _MOST_SITES = 40
 
 
-def show_answer(console: Console, answer: Answer) -> None:
+def show_answer(console: Console, answer: DetectorEvaluation) -> None:
     """Print tables of classes, sites, confusions, false alarms and image labels, then remarks."""
     if answer.boxes is not None:
         _show_figures(console, answer.boxes.figures)
@@ -30,7 +30,7 @@ def show_answer(console: Console, answer: Answer) -> None:
         _show_image_level(console, figures)
 
 
-def write_pictures(answer: Answer, folder: Path) -> list[Path]:
+def write_pictures(answer: DetectorEvaluation, folder: Path) -> list[Path]:
     """Write curves and contact sheets of the worst errors to ``folder``; returns their paths."""
     if answer.boxes is None:
         return []
@@ -40,7 +40,7 @@ def write_pictures(answer: Answer, folder: Path) -> list[Path]:
     ]
 
 
-def _show_figures(console: Console, figures: Figures) -> None:
+def _show_figures(console: Console, figures: DetectorFigures) -> None:
     judged, data = figures.judged, figures.data
     if figures.classes:
         _print_table(
@@ -124,7 +124,7 @@ def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
 _COUNTS = ("precision", "recall", "F1", "hits / false / missed")
 
 
-def _counts(one: Operating) -> tuple[str, ...]:
+def _counts(one: OperatingPoint) -> tuple[str, ...]:
     return (
         _share(one.precision),
         _share(one.recall),
@@ -151,5 +151,5 @@ def _share(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _interval(interval: Interval | None) -> str:
+def _interval(interval: BootstrapInterval | None) -> str:
     return "-" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"

@@ -8,12 +8,12 @@ import pytest
 
 from facadelake.detection.crosswalk import build_crosswalk
 from facadelake.detection.model_registry import MODELS_FOLDER, SHIPPED_MODEL
-from facadelake.evaluation.detectors.figures import judge
-from facadelake.evaluation.detectors.labels.labels import LabelledSet, sound_photographs
+from facadelake.evaluation.detectors.figures import evaluate_boxes
+from facadelake.evaluation.detectors.labels.labels import LabelledSet, open_sound_photographs
 from facadelake.evaluation.detectors.labels.open import open_labels
-from facadelake.evaluation.detectors.labels.sites import with_sites
-from facadelake.evaluation.detectors.predictions import collect
-from facadelake.evaluation.detectors.sources import OnnxLooker
+from facadelake.evaluation.detectors.labels.sites import assign_sites
+from facadelake.evaluation.detectors.predictions import collect_predictions
+from facadelake.evaluation.detectors.sources import OnnxPredictionSource
 
 pytestmark = pytest.mark.realdata
 
@@ -22,8 +22,8 @@ CROSSWALK = build_crosswalk({})
 
 
 @pytest.fixture(scope="module")
-def looker() -> OnnxLooker:
-    return OnnxLooker(MODELS_FOLDER / SHIPPED_MODEL)
+def looker() -> OnnxPredictionSource:
+    return OnnxPredictionSource(MODELS_FOLDER / SHIPPED_MODEL)
 
 
 def folder_of(shared_data: Path, name: str) -> Path:
@@ -33,21 +33,28 @@ def folder_of(shared_data: Path, name: str) -> Path:
     return folder
 
 
-def test_cracks_on_walls_of_validation_sites(shared_data: Path, looker: OnnxLooker) -> None:
-    labelled = with_sites(open_labels(folder_of(shared_data, "crack_boxes_640"), CROSSWALK), SITES, "val")
-    figures = judge(looker, labelled, collect(looker, labelled.images, CROSSWALK), split="val").figures
+def test_cracks_on_walls_of_validation_sites(shared_data: Path, looker: OnnxPredictionSource) -> None:
+    labelled = assign_sites(open_labels(folder_of(shared_data, "crack_boxes_640"), CROSSWALK), SITES, "val")
+    figures = evaluate_boxes(
+        looker, labelled, collect_predictions(looker, labelled.images, CROSSWALK), split="val"
+    ).figures
     (crack,) = figures.classes
     assert crack.truths == 67 and figures.data.sites == 14
     assert crack.ap50 is not None and crack.ap50 > 0.8  # the goal
     assert crack.operating.precision is not None and crack.operating.precision > 0.7
 
 
-def test_facades_without_defects_stay_quiet(shared_data: Path, looker: OnnxLooker) -> None:
-    sound = with_sites(sound_photographs(folder_of(shared_data, "facade_negatives")), SITES, "val")
-    found = collect(looker, sound.images, CROSSWALK)
-    nothing = LabelledSet(name="", form="", images=())
-    figures = judge(
-        looker, nothing, collect(looker, (), CROSSWALK), split="val", negatives=sound, collected_negatives=found
+def test_facades_without_defects_stay_quiet(shared_data: Path, looker: OnnxPredictionSource) -> None:
+    sound = assign_sites(open_sound_photographs(folder_of(shared_data, "facade_negatives")), SITES, "val")
+    found = collect_predictions(looker, sound.images, CROSSWALK)
+    nothing = LabelledSet(name="", label_format="", images=())
+    figures = evaluate_boxes(
+        looker,
+        nothing,
+        collect_predictions(looker, (), CROSSWALK),
+        split="val",
+        negatives=sound,
+        collected_negatives=found,
     ).figures
     assert figures.negatives is not None
     every = figures.negatives.rates[0]

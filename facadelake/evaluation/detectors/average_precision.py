@@ -24,11 +24,11 @@ from schemas.vocabulary import DefectClass
 
 IOU_THRESHOLDS = np.linspace(0.5, 0.95, 10)
 RECALLS = np.linspace(0.0, 1.0, 101)
-COCO_MOST = 100  # boxes of a photograph that COCO counts
+COCO_BOXES_MAX = 100  # boxes of a photograph that COCO counts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Matches:
+class PredictionMatches:
     """Predictions of one class in the photographs that have labels of it.
 
     ``images``: those photographs. Of each of n predictions, in order of falling score: ``image`` (n,) index into
@@ -51,58 +51,60 @@ class Matches:
     coco_precision: Float64Array
 
 
-def match(
+def match_predictions(
     images: Sequence[LabelledImage],
     predictions: Mapping[str, tuple[Prediction, ...]],
     defect_class: DefectClass,
     *,
-    most: int = COCO_MOST,
-) -> Matches:
+    most: int = COCO_BOXES_MAX,
+) -> PredictionMatches:
     """Match the predictions of a class; at most the ``most`` best of a photograph count."""
     chosen = tuple(image for image in images if defect_class in image.labelled)
-    truths = _placed([image.boxes for image in chosen], defect_class)
-    guesses = _placed([predictions[image.key] for image in chosen], defect_class)
-    evaluation = _evaluated(chosen, truths, guesses, most)
+    truths = _list_boxes_of_class([image.boxes for image in chosen], defect_class)
+    guesses = _list_boxes_of_class([predictions[image.key] for image in chosen], defect_class)
+    evaluation = _run_pycocotools(chosen, truths, guesses, most)
     parts = [one for one in evaluation.evalImgs if one is not None]
     guess_ids, truth_ids = ([id_ for one in parts for id_ in one[key]] for key in ("dtIds", "gtIds"))
     score = np.array([one for part in parts for one in part["dtScores"]], dtype=np.float64)
     order = np.argsort(-score, kind="mergesort")  # as pycocotools orders equal scores
-    counting = ~_side_by_side(parts, "gtIgnore").astype(np.bool_).ravel()
+    counting = ~_concatenate_results(parts, "gtIgnore").astype(np.bool_).ravel()
     guess_places = np.array([guesses[id_ - 1][:2] for id_ in guess_ids], dtype=np.int64).reshape(-1, 2)
     truth_places = np.array([truths[id_ - 1][:2] for id_ in truth_ids], dtype=np.int64).reshape(-1, 2)
-    ignored = _side_by_side(parts, "dtIgnore").astype(np.bool_)
+    ignored = _concatenate_results(parts, "dtIgnore").astype(np.bool_)
     precision = (
         evaluation.eval["precision"][:, :, 0, 0, 0].mean(axis=1) if parts else np.full(len(IOU_THRESHOLDS), -1.0)
     )
-    return Matches(
+    return PredictionMatches(
         defect_class=defect_class,
         images=chosen,
         image=guess_places[order, 0],
         rank=guess_places[order, 1],
         score=score[order],
-        hit=((_side_by_side(parts, "dtMatches") > 0) & ~ignored)[:, order],
+        hit=((_concatenate_results(parts, "dtMatches") > 0) & ~ignored)[:, order],
         ignored=ignored[:, order],
         truth_image=truth_places[counting, 0],
         truth_rank=truth_places[counting, 1],
-        found=_side_by_side(parts, "gtMatches")[:, counting] > 0,
+        found=_concatenate_results(parts, "gtMatches")[:, counting] > 0,
         coco_precision=np.where(precision < 0, np.nan, precision),
     )
 
 
-def average_precision(
-    matches: Matches, weights: Float64Array | None = None, *, thresholds: int = len(IOU_THRESHOLDS)
+def compute_average_precision(
+    matches: PredictionMatches, weights: Float64Array | None = None, *, thresholds: int = len(IOU_THRESHOLDS)
 ) -> Float64Array:
     """Average precision at the first ``thresholds`` of ``IOU_THRESHOLDS``, NaN where there is no truth.
 
     ``weights`` (one a photograph) repeat or leave out photographs: matches do not depend on one another across them, so
     sites and resampled sets need no new matching.
     """
-    curves = [precision_at_recalls(matches, i, weights) for i in range(thresholds)]
+    curves = [compute_precision_at_recalls(matches, i, weights) for i in range(thresholds)]
     means: Float64Array = np.array([curve.mean() for curve in curves])
     return means
 
 
-def precision_at_recalls(matches: Matches, threshold: int, weights: Float64Array | None = None) -> Float64Array:
+def compute_precision_at_recalls(
+    matches: PredictionMatches, threshold: int, weights: Float64Array | None = None
+) -> Float64Array:
     """The precision's envelope (101,) at ``RECALLS`` for the IoU threshold of that index; NaN where no truth is."""
     weight = np.ones(len(matches.images)) if weights is None else weights
     truths = weight[matches.truth_image].sum()
@@ -118,7 +120,7 @@ def precision_at_recalls(matches: Matches, threshold: int, weights: Float64Array
     return reached
 
 
-def _placed(boxes: Sequence[Sequence[Any]], defect_class: DefectClass) -> list[tuple[int, int, Any]]:
+def _list_boxes_of_class(boxes: Sequence[Sequence[Any]], defect_class: DefectClass) -> list[tuple[int, int, Any]]:
     """Index of photograph, index in it, and box, of all boxes of a class."""
     return [
         (i, rank, one)
@@ -128,7 +130,7 @@ def _placed(boxes: Sequence[Sequence[Any]], defect_class: DefectClass) -> list[t
     ]
 
 
-def _evaluated(
+def _run_pycocotools(
     images: Sequence[LabelledImage],
     truths: Sequence[tuple[int, int, Any]],
     guesses: Sequence[tuple[int, int, Any]],
@@ -137,8 +139,8 @@ def _evaluated(
     """pycocotools' evaluation, which prints."""
     with redirect_stdout(io.StringIO()):
         evaluation = COCOeval(
-            _coco(images, truths, lambda one: {"iscrowd": int(one.ignored)}),
-            _coco(images, guesses, lambda one: {"score": one.score}),
+            _build_coco(images, truths, lambda one: {"iscrowd": int(one.ignored)}),
+            _build_coco(images, guesses, lambda one: {"score": one.score}),
             "bbox",
         )
         evaluation.params.iouThrs = IOU_THRESHOLDS
@@ -150,7 +152,7 @@ def _evaluated(
     return evaluation
 
 
-def _coco(
+def _build_coco(
     images: Sequence[LabelledImage],
     boxes: Sequence[tuple[int, int, Any]],
     more: Callable[[Any], dict[str, float]],
@@ -176,7 +178,7 @@ def _coco(
     return coco
 
 
-def _side_by_side(parts: Sequence[Mapping[str, Any]], key: str) -> Float64Array:
+def _concatenate_results(parts: Sequence[Mapping[str, Any]], key: str) -> Float64Array:
     """The (10, n) or (n,) arrays of all photographs, joined."""
     arrays = [np.asarray(one[key], dtype=np.float64) for one in parts]
     if not arrays:

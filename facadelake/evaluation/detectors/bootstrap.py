@@ -11,11 +11,11 @@ from facadelake.core.arrays import Float64Array
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 
 DRAWS = 500
-FEW = 10  # of fewer groups the percentiles say little
+GROUPS_FEW = 10  # of fewer groups the percentiles say little
 
 
 @dataclass(frozen=True, kw_only=True)
-class Interval:
+class BootstrapInterval:
     """95 % of the resampled values lie from ``low`` to ``high``; drawn: ``groups`` of ``unit`` (site or photograph)."""
 
     low: float
@@ -24,9 +24,9 @@ class Interval:
     unit: str
 
 
-def interval_of(
+def estimate_interval(
     images: Sequence[LabelledImage], figure: Callable[[Float64Array], float], *, by_site: bool, draws: int = DRAWS
-) -> Interval | None:
+) -> BootstrapInterval | None:
     """The interval of ``figure``, a function of the photographs' weights; None with one group, or where it has none.
 
     A photograph without a site is a site of its own.
@@ -45,4 +45,4 @@ def interval_of(
     if len(usable) < draws // 2:
         return None
     low, high = np.percentile(usable, [2.5, 97.5])
-    return Interval(low=float(low), high=float(high), groups=groups, unit="site" if by_site else "photograph")
+    return BootstrapInterval(low=float(low), high=float(high), groups=groups, unit="site" if by_site else "photograph")

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.evaluation.detectors.average_precision import Matches
+from facadelake.evaluation.detectors.average_precision import PredictionMatches
 
 BINS = 10
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bin:
+class CalibrationBin:
     """Predictions with a score from ``low`` to ``high``: how many, their mean score, the share that hit."""
 
     low: float
@@ -23,7 +23,7 @@ class Bin:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibration:
+class CalibrationFigures:
     """Scores against hits at an IoU of 0.5, on these photographs: where defects are rarer, precision is lower.
 
     ``ece``: expected calibration error (Guo et al., ICML 2017), the mean distance of score and precision over
@@ -37,29 +37,29 @@ class Calibration:
     ece_shown: float | None
     expected_precision: float | None
     precision_shown: float | None
-    bins: tuple[Bin, ...]
+    bins: tuple[CalibrationBin, ...]
 
 
-def calibration_of(matches: Matches, threshold: float) -> Calibration:
+def compute_calibration(matches: PredictionMatches, threshold: float) -> CalibrationFigures:
     """The calibration of one class's scores."""
     counted = ~matches.ignored[0]
     score, hit = matches.score[counted], matches.hit[0][counted]
     shown = score >= threshold
-    return Calibration(
+    return CalibrationFigures(
         count=len(score),
-        ece=_error(_bins(score, hit)),
+        ece=_compute_calibration_error(_collect_bins(score, hit)),
         count_shown=int(shown.sum()),
-        ece_shown=_error(_bins(score[shown], hit[shown])),
+        ece_shown=_compute_calibration_error(_collect_bins(score[shown], hit[shown])),
         expected_precision=float(score[shown].mean()) if shown.any() else None,
         precision_shown=float(hit[shown].mean()) if shown.any() else None,
-        bins=_bins(score, hit),
+        bins=_collect_bins(score, hit),
     )
 
 
-def _bins(score: np.ndarray, hit: np.ndarray) -> tuple[Bin, ...]:
+def _collect_bins(score: np.ndarray, hit: np.ndarray) -> tuple[CalibrationBin, ...]:
     index = np.minimum((score * BINS).astype(np.int64), BINS - 1)
     return tuple(
-        Bin(
+        CalibrationBin(
             low=i / BINS,
             high=(i + 1) / BINS,
             count=int((index == i).sum()),
@@ -71,6 +71,6 @@ def _bins(score: np.ndarray, hit: np.ndarray) -> tuple[Bin, ...]:
     )
 
 
-def _error(bins: tuple[Bin, ...]) -> float | None:
+def _compute_calibration_error(bins: tuple[CalibrationBin, ...]) -> float | None:
     total = sum(one.count for one in bins)
     return sum(one.count * abs(one.mean_score - one.precision) for one in bins) / total if total else None

@@ -14,8 +14,8 @@ import yaml
 from facadelake.core.errors import ModelError, StoreError
 from facadelake.core.hashing import hash_file
 from facadelake.detection import locate_card, read_card
-from facadelake.evaluation.detectors.false_alarms import FalseAlarms
-from facadelake.evaluation.detectors.figures import ClassFigures, Figures
+from facadelake.evaluation.detectors.false_alarms import FalseAlarmFigures
+from facadelake.evaluation.detectors.figures import ClassFigures, DetectorFigures
 from facadelake.evaluation.detectors.image_level import ImageLevelFigures
 
 KEY = "evaluations"
@@ -23,22 +23,26 @@ _BLOCK = re.compile(r"^metrics:.*\n(?:(?:[ \t-].*)?\n)*", re.MULTILINE)
 
 
 def write_results(
-    model: Path, figures: Figures | None, image_level: Sequence[ImageLevelFigures], *, command: str
+    model: Path, figures: DetectorFigures | None, image_level: Sequence[ImageLevelFigures], *, command: str
 ) -> Path:
     """Write the figures into the card beside ``model`` under ``metrics.evaluations``; the rest of the card stays.
 
     An earlier evaluation of the same model on data of the same name and split is replaced; those of another model's
     hash are dropped, because they are not this model's. Raises ModelError where there is no card beside the model.
     """
-    path = _card_beside(model)
+    path = _find_card_beside(model)
     sha256 = hash_file(model)
     head = {"model_sha256": sha256, "date": datetime.now(UTC).date().isoformat(), "command": command}
-    entries = [] if figures is None else _entries(figures, head)
-    entries += [_image_level(one, head) for one in image_level]
+    entries = [] if figures is None else _build_entries(figures, head)
+    entries += [_build_image_level_entry(one, head) for one in image_level]
     metrics = dict(read_card(path).metrics)
-    replaced = {_what(one) for one in entries}
-    earlier = [one for one in evaluations(metrics) if one.get("model_sha256") == sha256 and _what(one) not in replaced]
-    metrics[KEY] = [_rounded(one) for one in (*earlier, *entries)]
+    replaced = {_identify_entry(one) for one in entries}
+    earlier = [
+        one
+        for one in list_evaluations(metrics)
+        if one.get("model_sha256") == sha256 and _identify_entry(one) not in replaced
+    ]
+    metrics[KEY] = [_round_numbers(one) for one in (*earlier, *entries)]
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".json":
         text = json.dumps({**json.loads(text), "metrics": metrics}, indent=2, ensure_ascii=False) + "\n"
@@ -58,13 +62,13 @@ def write_results(
     return path
 
 
-def evaluations(metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
+def list_evaluations(metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The evaluations that a card's ``metrics`` hold."""
     found = metrics.get(KEY, [])
     return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
 
 
-def _card_beside(model: Path) -> Path:
+def _find_card_beside(model: Path) -> Path:
     beside = locate_card(model)
     for path in (beside, beside.with_suffix(".yml"), beside.with_suffix(".json")):
         if path.is_file():
@@ -72,11 +76,11 @@ def _card_beside(model: Path) -> Path:
     raise ModelError(f"there is no card {beside} to write figures to; a card in the model's metadata cannot be changed")
 
 
-def _what(entry: Mapping[str, Any]) -> tuple[object, ...]:
+def _identify_entry(entry: Mapping[str, Any]) -> tuple[object, ...]:
     return entry.get("kind"), entry.get("data"), entry.get("split")
 
 
-def _entries(figures: Figures, head: Mapping[str, str]) -> list[dict[str, Any]]:
+def _build_entries(figures: DetectorFigures, head: Mapping[str, str]) -> list[dict[str, Any]]:
     entries: list[dict[str, Any]] = []
     if figures.classes:
         data = figures.data
@@ -90,7 +94,7 @@ def _entries(figures: Figures, head: Mapping[str, str]) -> list[dict[str, Any]]:
                 "threshold": figures.judged.threshold,
                 "photographs": data.photographs,
                 "sites": data.sites,
-                "classes": [_class(one) for one in figures.classes],
+                "classes": [_build_class_entry(one) for one in figures.classes],
                 "by_site": [
                     {
                         "site": one.site,
@@ -108,11 +112,11 @@ def _entries(figures: Figures, head: Mapping[str, str]) -> list[dict[str, Any]]:
             }
         )
     if figures.negatives is not None:
-        entries.append(_negatives(figures.negatives, figures.judged.threshold, figures.data.split, head))
+        entries.append(_build_negatives_entry(figures.negatives, figures.judged.threshold, figures.data.split, head))
     return entries
 
 
-def _class(one: ClassFigures) -> dict[str, Any]:
+def _build_class_entry(one: ClassFigures) -> dict[str, Any]:
     by_sites, by_photographs = one.ap50_by_sites, one.ap50_by_photographs
     return {
         "class": str(one.defect_class),
@@ -130,7 +134,9 @@ def _class(one: ClassFigures) -> dict[str, Any]:
     }
 
 
-def _negatives(alarms: FalseAlarms, threshold: float, split: str | None, head: Mapping[str, str]) -> dict[str, Any]:
+def _build_negatives_entry(
+    alarms: FalseAlarmFigures, threshold: float, split: str | None, head: Mapping[str, str]
+) -> dict[str, Any]:
     every = alarms.rates[0]
     return {
         "kind": "without defects",
@@ -154,7 +160,7 @@ def _negatives(alarms: FalseAlarms, threshold: float, split: str | None, head: M
     }
 
 
-def _image_level(figures: ImageLevelFigures, head: Mapping[str, str]) -> dict[str, Any]:
+def _build_image_level_entry(figures: ImageLevelFigures, head: Mapping[str, str]) -> dict[str, Any]:
     return {
         "kind": "image labels",
         "data": figures.name,
@@ -181,12 +187,12 @@ def _image_level(figures: ImageLevelFigures, head: Mapping[str, str]) -> dict[st
     }
 
 
-def _rounded(value: Any) -> Any:
+def _round_numbers(value: Any) -> Any:
     """The same with floats of four decimals, which is more than any of them is worth."""
     if isinstance(value, float):
         return round(value, 4)
     if isinstance(value, dict):
-        return {key: _rounded(one) for key, one in value.items()}
+        return {key: _round_numbers(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_rounded(one) for one in value]
+        return [_round_numbers(one) for one in value]
     return value

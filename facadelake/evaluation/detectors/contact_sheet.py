@@ -13,19 +13,19 @@ import numpy as np
 from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import StoreError
 from facadelake.detection import Box
-from facadelake.evaluation.detectors.average_precision import Matches
-from facadelake.evaluation.detectors.figures import Judgement
+from facadelake.evaluation.detectors.average_precision import PredictionMatches
+from facadelake.evaluation.detectors.figures import BoxEvaluation
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
-from facadelake.evaluation.detectors.predictions import Collected, read_pixels
+from facadelake.evaluation.detectors.predictions import CollectedPredictions, read_pixels
 from schemas.vocabulary import DefectClass
 
 _SIDE_PX = 260
 _CAPTION_PX = 34
 _COLUMNS = 6
-_AROUND = 0.6  # of the box's longer side, on every side of it
-_LEAST_PX = 64.0
-_TRUTH, _SHOWN, _FAULT = (80, 175, 0), (200, 120, 0), (0, 0, 220)  # blue, green, red
-_LETTERS = cv2.FONT_HERSHEY_SIMPLEX
+_MARGIN_SHARE = 0.6  # of the box's longer side, on every side of it
+_SIDE_MIN_PX = 64.0
+_TRUTH_BGR, _PREDICTION_BGR, _FAULT_BGR = (80, 175, 0), (200, 120, 0), (0, 0, 220)  # blue, green, red
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,14 +38,14 @@ class Fault:
     score: float | None
 
 
-def faults_of(shown: Sequence[Matches], collected: Collected, most: int = 18) -> list[Fault]:
+def select_faults(shown: Sequence[PredictionMatches], collected: CollectedPredictions, most: int = 18) -> list[Fault]:
     """The ``most`` most confident false alarms, then the ``most`` largest misses, of all classes together."""
     alarms, misses = [], []
     for matches in shown:
         of_class = matches.defect_class
         for i in np.flatnonzero(~(matches.hit[0] | matches.ignored[0])).tolist():
             image = matches.images[matches.image[i]]
-            one = collected.shown[image.key][matches.rank[i]]
+            one = collected.above_threshold[image.key][matches.rank[i]]
             alarms.append(Fault(image=image, box=one.box, defect_class=of_class, score=one.score))
         for i in np.flatnonzero(~matches.found[0]).tolist():
             image = matches.images[matches.truth_image[i]]
@@ -56,29 +56,32 @@ def faults_of(shown: Sequence[Matches], collected: Collected, most: int = 18) ->
     return [*alarms[:most], *misses[:most]]
 
 
-def alarms_of(collected: Collected, most: int = 36) -> list[Fault]:
+def select_false_alarms(collected: CollectedPredictions, most: int = 36) -> list[Fault]:
     """The ``most`` most confident boxes in photographs without defects."""
     alarms = [
         Fault(image=image, box=one.box, defect_class=one.defect_class, score=one.score)
         for image in collected.images
-        for one in collected.shown[image.key]
+        for one in collected.above_threshold[image.key]
     ]
     return sorted(alarms, key=lambda one: -(one.score or 0.0))[:most]
 
 
 def write_sheets(
-    judgement: Judgement, collected: Collected, collected_negatives: Collected | None, folder: Path
+    judgement: BoxEvaluation,
+    collected: CollectedPredictions,
+    collected_negatives: CollectedPredictions | None,
+    folder: Path,
 ) -> list[Path]:
     """Write ``worst.png`` and, of photographs without defects, ``worst_without_defects.png``; none without faults."""
-    faults = faults_of(list(judgement.matches_above_threshold.values()), collected)
+    faults = select_faults(list(judgement.matches_above_threshold.values()), collected)
     written = [write_contact_sheet(faults, collected, folder / "worst.png")]
     if collected_negatives is not None:
-        alarms = alarms_of(collected_negatives)
+        alarms = select_false_alarms(collected_negatives)
         written.append(write_contact_sheet(alarms, collected_negatives, folder / "worst_without_defects.png"))
     return [path for path in written if path is not None]
 
 
-def write_contact_sheet(faults: Sequence[Fault], collected: Collected, path: Path) -> Path | None:
+def write_contact_sheet(faults: Sequence[Fault], collected: CollectedPredictions, path: Path) -> Path | None:
     """Write the sheet as PNG: red the fault, green what is labelled, blue what else is shown; None without faults."""
     if not faults:
         return None
@@ -88,7 +91,7 @@ def write_contact_sheet(faults: Sequence[Fault], collected: Collected, path: Pat
         many = list(group)
         pixels = read_pixels(faults[many[0]].image.path)
         for i in many:
-            tiles[i] = _tile(faults[i], pixels, collected)
+            tiles[i] = _draw_cell(faults[i], pixels, collected)
     blank = np.full_like(tiles[0], 255)
     cells = [tiles[i] for i in range(len(faults))]
     cells += [blank] * (-len(cells) % min(_COLUMNS, len(cells)))
@@ -100,14 +103,14 @@ def write_contact_sheet(faults: Sequence[Fault], collected: Collected, path: Pat
     return path
 
 
-def _tile(fault: Fault, pixels: UInt8Image | None, collected: Collected) -> UInt8Image:
+def _draw_cell(fault: Fault, pixels: UInt8Image | None, collected: CollectedPredictions) -> UInt8Image:
     """A square around the box with a caption below."""
     tile = np.full((_SIDE_PX + _CAPTION_PX, _SIDE_PX + 4, 3), 255, dtype=np.uint8)
     box, image = fault.box, fault.image
-    side = max((1 + 2 * _AROUND) * max(box.width_px, box.height_px), _LEAST_PX)
+    side = max((1 + 2 * _MARGIN_SHARE) * max(box.width_px, box.height_px), _SIDE_MIN_PX)
     side = min(side, float(max(image.width_px, image.height_px)))
-    left = _inside(box.x_px + box.width_px / 2 - side / 2, side, image.width_px)
-    top = _inside(box.y_px + box.height_px / 2 - side / 2, side, image.height_px)
+    left = _shift_into_image(box.x_px + box.width_px / 2 - side / 2, side, image.width_px)
+    top = _shift_into_image(box.y_px + box.height_px / 2 - side / 2, side, image.height_px)
     gain = _SIDE_PX / side
     if pixels is not None:
         tile_from_img = np.array([[gain, 0, -gain * left], [0, gain, -gain * top]])
@@ -119,23 +122,23 @@ def _tile(fault: Fault, pixels: UInt8Image | None, collected: Collected) -> UInt
         part = cv2.warpAffine(shrunk, tile_from_img, (_SIDE_PX, _SIDE_PX), borderValue=(225, 225, 225))
         tile[:_SIDE_PX, :_SIDE_PX] = part
     inner = tile[:_SIDE_PX, :_SIDE_PX]
-    for other in collected.shown.get(image.key, ()):
-        _draw(inner, other.box, left, top, gain, _SHOWN, 1)
+    for other in collected.above_threshold.get(image.key, ()):
+        _draw_box(inner, other.box, left, top, gain, _PREDICTION_BGR, 1)
     for truth in image.boxes:
-        _draw(inner, truth.box, left, top, gain, _TRUTH, 2)
-    _draw(inner, box, left, top, gain, _FAULT, 2)
+        _draw_box(inner, truth.box, left, top, gain, _TRUTH_BGR, 2)
+    _draw_box(inner, box, left, top, gain, _FAULT_BGR, 2)
     what = "missed" if fault.score is None else f"false alarm {fault.score:.2f}"
     for i, text in enumerate((f"{what} {fault.defect_class}", image.key[-40:])):
-        cv2.putText(tile, text, (3, _SIDE_PX + 13 + 14 * i), _LETTERS, 0.38, (0, 0, 0), 1, cv2.LINE_AA)
+        cv2.putText(tile, text, (3, _SIDE_PX + 13 + 14 * i), _FONT, 0.38, (0, 0, 0), 1, cv2.LINE_AA)
     return tile
 
 
-def _inside(start: float, side: float, length_px: int) -> float:
+def _shift_into_image(start: float, side: float, length_px: int) -> float:
     """Where the square begins, moved so that it shows as much of the photograph as it can."""
     return (length_px - side) / 2 if side >= length_px else min(max(start, 0.0), length_px - side)
 
 
-def _draw(
+def _draw_box(
     tile: UInt8Image, box: Box, left: float, top: float, gain: float, colour: tuple[int, int, int], thickness: int
 ) -> None:
     corners = np.array([[box.x_px, box.y_px], [box.x_px + box.width_px, box.y_px + box.height_px]])

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluation.detectors.bootstrap import interval_of
+from facadelake.evaluation.detectors.bootstrap import estimate_interval
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Prediction
 from schemas.vocabulary import DefectClass
@@ -19,7 +19,7 @@ TEN_M2 = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rate:
+class FalseAlarmRate:
     """False alarms of one class (None: of all) on ``area_m2`` of facade (None: unknown) in ``photographs``.
 
     ``low`` and ``high`` hold the rate per 10 m2 with 95 %: the wider of the exact Poisson interval (Garwood 1936) and
@@ -37,7 +37,7 @@ class Rate:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Threshold:
+class FalseAlarmsAtThreshold:
     """False alarms per 10 m2 and per photograph if only boxes from ``score`` up were shown."""
 
     score: float
@@ -47,7 +47,7 @@ class Threshold:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FalseAlarms:
+class FalseAlarmFigures:
     """Photographs without defects: rates at the card's threshold (all first, then by class), and by threshold.
 
     Facade that several photographs show counts as often, and so does what is seen on it; it is what a detector does
@@ -57,16 +57,16 @@ class FalseAlarms:
 
     name: str
     gsd_mm: float | None
-    rates: tuple[Rate, ...]
-    by_threshold: tuple[Threshold, ...]
+    rates: tuple[FalseAlarmRate, ...]
+    by_threshold: tuple[FalseAlarmsAtThreshold, ...]
 
 
-def false_alarms_of(
+def compute_false_alarms(
     name: str,
     images: Sequence[LabelledImage],
     shown: Mapping[str, tuple[Prediction, ...]],
     down_to_floor: Mapping[str, tuple[Prediction, ...]],
-) -> FalseAlarms:
+) -> FalseAlarmFigures:
     """Every box in these photographs is a false alarm; areas count where all photographs have one.
 
     Raises InputDataError where there is no photograph.
@@ -81,7 +81,7 @@ def false_alarms_of(
     for score in np.round(np.arange(0.05, 1.0, 0.05), 2).tolist():
         count = int((scores >= score).sum())
         by_threshold.append(
-            Threshold(
+            FalseAlarmsAtThreshold(
                 score=score,
                 count=count,
                 per_10_m2=TEN_M2 * count / total if total else None,
@@ -89,18 +89,18 @@ def false_alarms_of(
             )
         )
     classes: list[DefectClass | None] = [None, *DefectClass]
-    rates = tuple(_rate(images, shown, one, total) for one in classes)
+    rates = tuple(_compute_rate(images, shown, one, total) for one in classes)
     gsds = [image.gsd_mm for image in images if image.gsd_mm is not None]
     gsd = float(np.median(gsds)) if gsds else None
-    return FalseAlarms(name=name, gsd_mm=gsd, rates=rates, by_threshold=tuple(by_threshold))
+    return FalseAlarmFigures(name=name, gsd_mm=gsd, rates=rates, by_threshold=tuple(by_threshold))
 
 
-def _rate(
+def _compute_rate(
     images: Sequence[LabelledImage],
     shown: Mapping[str, tuple[Prediction, ...]],
     defect_class: DefectClass | None,
     total_m2: float | None,
-) -> Rate:
+) -> FalseAlarmRate:
     of_image: Counter[str] = Counter(
         image.key
         for image in images
@@ -114,12 +114,12 @@ def _rate(
         high = TEN_M2 * float(chi2.ppf(0.975, 2 * (count + 1))) / 2 / total_m2
         counts = np.array([of_image[image.key] for image in images], dtype=np.float64)
         areas = np.array([image.area_m2 for image in images], dtype=np.float64)
-        drawn = interval_of(
+        drawn = estimate_interval(
             images, lambda weight: TEN_M2 * float(weight @ counts) / float(weight @ areas), by_site=True
         )
         if drawn is not None:
             low, high = min(low, drawn.low), max(high, drawn.high)
-    return Rate(
+    return FalseAlarmRate(
         defect_class=defect_class,
         count=count,
         photographs=len(images),

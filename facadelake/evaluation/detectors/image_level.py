@@ -13,21 +13,23 @@ from scipy.stats import rankdata
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
 from facadelake.detection import Crosswalk
-from facadelake.evaluation.detectors.bootstrap import Interval, interval_of
-from facadelake.evaluation.detectors.figures import Judged
-from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledImage, LabelledSet, photographs_below
-from facadelake.evaluation.detectors.predictions import Collected, Looker
+from facadelake.evaluation.detectors.bootstrap import BootstrapInterval, estimate_interval
+from facadelake.evaluation.detectors.figures import EvaluatedDetector
+from facadelake.evaluation.detectors.labels.labels import LabelCollector, LabelledImage, LabelledSet, find_photographs
+from facadelake.evaluation.detectors.predictions import CollectedPredictions, PredictionSource
 from schemas.vocabulary import DefectClass
 
-_SOUND = frozenset({"intact", "clean", "sound", "negative", "negatives", "none", "normal", "background", "undamaged"})
-_NOT = ("no_", "not_", "non_", "no-", "not-", "non-", "no ", "not ", "non ")
+_SOUND_NAMES = frozenset(
+    {"intact", "clean", "sound", "negative", "negatives", "none", "normal", "background", "undamaged"}
+)
+_NEGATION_PREFIXES = ("no_", "not_", "non_", "no-", "not-", "non-", "no ", "not ", "non ")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageLevelClass:
+class ImageLevelClassFigures:
     """One class against sound photographs, by a photograph's best score of that class (0 where nothing was found).
 
-    ``auroc``: probability that one with the defect scores higher than a sound one (ties half; 0.5 is guessing).
+    ``compute_auroc``: probability that one with the defect scores higher than a sound one (ties half; 0.5 is guessing).
     ``average_precision``: mean precision over those with the defect in order of score; guessing gives their share.
     ``recall`` and ``false_alarm_share`` are shares of photographs with a box at the card's threshold.
     """
@@ -36,7 +38,7 @@ class ImageLevelClass:
     with_defect: int
     sound: int
     auroc: float | None
-    auroc_by_sites: Interval | None
+    auroc_by_sites: BootstrapInterval | None
     average_precision: float | None
     recall: float | None
     false_alarm_share: float | None
@@ -46,11 +48,11 @@ class ImageLevelClass:
 class ImageLevelFigures:
     """Figures of a folder of folders; ``sound_folders`` were taken as free of defects, ``left_out`` was not used."""
 
-    judged: Judged
+    judged: EvaluatedDetector
     name: str
     sha256: str
     sound_folders: tuple[str, ...]
-    classes: tuple[ImageLevelClass, ...]
+    classes: tuple[ImageLevelClassFigures, ...]
     left_out: dict[str, int]
 
     def to_json(self) -> dict[str, object]:
@@ -74,73 +76,77 @@ def open_image_labels(folder: Path, crosswalk: Crosswalk) -> ImageLevelSet:
     """
     if not folder.is_dir():
         raise InputDataError(f"{folder} is no folder; image labels are folders of photographs, one for each class")
-    gathered = Gathering(folder)
+    gathered = LabelCollector(folder)
     sound: set[str] = set()
-    for path in photographs_below(folder):
+    for path in find_photographs(folder):
         name = path.parent.name
         defect_class = crosswalk.defect_class(name)
-        is_sound = name.lower() in _SOUND or name.lower().startswith(_NOT)
+        is_sound = name.lower() in _SOUND_NAMES or name.lower().startswith(_NEGATION_PREFIXES)
         if defect_class is None and not is_sound:
             gathered.left_out[f"photographs in folder '{name}', which stands for no class and not for sound"] += 1
             continue
-        size = gathered.size_of(path)
+        size = gathered.read_size(path)
         if size is not None:
             if is_sound:
                 sound.add(name)
             gathered.add(path, size, [], frozenset() if defect_class is None else frozenset({defect_class}))
-    labelled = gathered.finished("image labels")
+    labelled = gathered.create_set("image labels")
     if not labelled.labelled or not sound:
         raise InputDataError(
             f"{folder} needs folders named by defect classes (crack, spalling, moisture) and one of sound photographs "
-            f"({', '.join(sorted(_SOUND))}, or not_...); it has {sorted({i.path.parent.name for i in labelled.images})}"
+            f"({', '.join(sorted(_SOUND_NAMES))}, or not_...); it has {sorted({i.path.parent.name for i in labelled.images})}"
         )
     return ImageLevelSet(labelled=labelled, sound_folders=tuple(sorted(sound)))
 
 
-def judge_image_labels(looker: Looker, image_set: ImageLevelSet, collected: Collected) -> ImageLevelFigures:
+def evaluate_image_labels(
+    looker: PredictionSource, image_set: ImageLevelSet, collected: CollectedPredictions
+) -> ImageLevelFigures:
     """The figures of every class that has a folder."""
     labelled = image_set.labelled
     left_out = Counter(labelled.left_out) + Counter(collected.left_out)
     return ImageLevelFigures(
-        judged=Judged(name=looker.name, sha256=looker.sha256, threshold=looker.threshold),
+        judged=EvaluatedDetector(name=looker.name, sha256=looker.sha256, threshold=looker.threshold),
         name=labelled.name,
         sha256=labelled.sha256,
         sound_folders=image_set.sound_folders,
-        classes=tuple(_class(one, collected) for one in labelled.labelled),
+        classes=tuple(_compute_class_figures(one, collected) for one in labelled.labelled),
         left_out=dict(left_out),
     )
 
 
-def _class(defect_class: DefectClass, collected: Collected) -> ImageLevelClass:
+def _compute_class_figures(defect_class: DefectClass, collected: CollectedPredictions) -> ImageLevelClassFigures:
     images = [one for one in collected.images if not one.labelled or defect_class in one.labelled]
     positive = np.array([defect_class in one.labelled for one in images])
-    best = np.array([_best(defect_class, one, collected) for one in images])
-    shown = np.array([any(g.defect_class is defect_class for g in collected.shown[one.key]) for one in images])
+    best = np.array([_find_best_score(defect_class, one, collected) for one in images])
+    shown = np.array(
+        [any(g.defect_class is defect_class for g in collected.above_threshold[one.key]) for one in images]
+    )
 
     def area(weights: Float64Array) -> float:
-        return auroc(best.repeat(weights.astype(int)), positive.repeat(weights.astype(int)))
+        return compute_auroc(best.repeat(weights.astype(int)), positive.repeat(weights.astype(int)))
 
     sited = [replace(one, site=one.site or f"\0{i}") for i, one in enumerate(images)]
     value = area(np.ones(len(images)))
-    precision = image_average_precision(best, positive)
-    return ImageLevelClass(
+    precision = compute_image_average_precision(best, positive)
+    return ImageLevelClassFigures(
         defect_class=defect_class,
         with_defect=int(positive.sum()),
         sound=int((~positive).sum()),
         auroc=value if np.isfinite(value) else None,
-        auroc_by_sites=interval_of(sited, area, by_site=True),
+        auroc_by_sites=estimate_interval(sited, area, by_site=True),
         average_precision=precision if np.isfinite(precision) else None,
         recall=float(shown[positive].mean()) if positive.any() else None,
         false_alarm_share=float(shown[~positive].mean()) if (~positive).any() else None,
     )
 
 
-def _best(defect_class: DefectClass, image: LabelledImage, collected: Collected) -> float:
-    found = collected.down_to_floor[image.key]
+def _find_best_score(defect_class: DefectClass, image: LabelledImage, collected: CollectedPredictions) -> float:
+    found = collected.above_floor[image.key]
     return max((one.score for one in found if one.defect_class is defect_class), default=0.0)
 
 
-def auroc(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -> float:
+def compute_auroc(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -> float:
     """Area under the ROC curve by the ranks (Mann and Whitney 1947); NaN where one of the two kinds is missing."""
     is_positive = np.asarray(positive, dtype=np.bool_)
     n, m = int(is_positive.sum()), int((~is_positive).sum())
@@ -149,7 +155,7 @@ def auroc(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -> float:
     return float((rankdata(scores)[is_positive].sum() - n * (n + 1) / 2) / (n * m))
 
 
-def image_average_precision(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -> float:
+def compute_image_average_precision(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -> float:
     """Sum over thresholds of the gain in recall times precision; equal scores fall together. NaN without positives."""
     is_positive = np.asarray(positive, dtype=np.bool_)
     if not is_positive.any():

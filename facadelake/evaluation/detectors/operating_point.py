@@ -11,16 +11,16 @@ import numpy as np
 from pycocotools.mask import iou
 
 from facadelake.core.arrays import Float64Array
-from facadelake.evaluation.detectors.average_precision import Matches
+from facadelake.evaluation.detectors.average_precision import PredictionMatches
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Prediction
 
 NOTHING = "nothing"
-IOU = 0.5
+IOU_MIN = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Operating:
+class OperatingPoint:
     """Counts at the threshold, and from them precision, recall and their harmonic mean (None where undefined)."""
 
     hits: int
@@ -49,20 +49,20 @@ class Operating:
         return {"hits": self.hits, "false_alarms": self.false_alarms, "misses": self.misses, **shares}
 
 
-def operating_of(matches: Matches, weights: Float64Array | None = None) -> Operating:
+def compute_operating_point(matches: PredictionMatches, weights: Float64Array | None = None) -> OperatingPoint:
     """Counts of what is shown, at an IoU of 0.5; ``weights`` as for average precision."""
     weight = np.ones(len(matches.images)) if weights is None else weights
     each = weight[matches.image]
-    return Operating(
+    return OperatingPoint(
         hits=round(float(each[matches.hit[0]].sum())),
         false_alarms=round(float(each[~(matches.hit[0] | matches.ignored[0])].sum())),
         misses=round(float(weight[matches.truth_image][~matches.found[0]].sum())),
     )
 
 
-def joined_operating(parts: Sequence[Operating]) -> Operating:
+def sum_operating_points(parts: Sequence[OperatingPoint]) -> OperatingPoint:
     """The counts of several classes together."""
-    return Operating(
+    return OperatingPoint(
         hits=sum(one.hits for one in parts),
         false_alarms=sum(one.false_alarms for one in parts),
         misses=sum(one.misses for one in parts),
@@ -78,7 +78,9 @@ class Confusion:
     count: int
 
 
-def confusions(images: Sequence[LabelledImage], shown: Mapping[str, tuple[Prediction, ...]]) -> tuple[Confusion, ...]:
+def count_confusions(
+    images: Sequence[LabelledImage], shown: Mapping[str, tuple[Prediction, ...]]
+) -> tuple[Confusion, ...]:
     """What was taken for what, at an IoU of 0.5: truths of the same class are paired first, then of any.
 
     Ignored truths and what lies on them are left out, and so is a lone box of a class of which the photograph has no
@@ -87,14 +89,14 @@ def confusions(images: Sequence[LabelledImage], shown: Mapping[str, tuple[Predic
     counts: Counter[tuple[str, str]] = Counter()
     for image in images:
         guesses = shown[image.key]
-        overlap = overlaps(image, guesses)
+        overlap = compute_coco_iou(image, guesses)
         free_truths, free_guesses = set(range(len(image.boxes))), list(range(len(guesses)))
         for same_class in (True, False):
             for g in list(free_guesses):
                 able = [
                     t
                     for t in free_truths
-                    if overlap[g, t] >= IOU
+                    if overlap[g, t] >= IOU_MIN
                     and (not same_class or image.boxes[t].defect_class is guesses[g].defect_class)
                 ]
                 if not able:
@@ -118,7 +120,7 @@ def confusions(images: Sequence[LabelledImage], shown: Mapping[str, tuple[Predic
     )
 
 
-def overlaps(image: LabelledImage, guesses: Sequence[Prediction]) -> Float64Array:
+def compute_coco_iou(image: LabelledImage, guesses: Sequence[Prediction]) -> Float64Array:
     """Intersection over union (guesses, truths); over the guess alone where the truth is a crowd, as COCO has it."""
     if not guesses or not image.boxes:
         return np.zeros((len(guesses), len(image.boxes)))

@@ -13,31 +13,31 @@ from typing import Any
 from facadelake.core.hashing import hash_file
 from facadelake.detection import ModelCard
 from facadelake.detection.inference import find_card
-from facadelake.evaluation.detectors.card_results import evaluations
+from facadelake.evaluation.detectors.card_results import list_evaluations
 
 
-def page_of(model: Path) -> str:
+def render_model_page(model: Path) -> str:
     """The page in Markdown. Raises ModelError where the model has no card."""
     card = find_card(model)
     sha256 = hash_file(model)
     about = model.with_suffix(".about.md")
-    own = [one for one in evaluations(card.metrics) if one.get("model_sha256") == sha256]
+    own = [one for one in list_evaluations(card.metrics) if one.get("model_sha256") == sha256]
     parts = [
         f"# {card.name}",
         "Made by `facadelake describe-detector` from the model's card; figures are not typed by hand.",
-        _facts(card, model, sha256),
+        _render_facts(card, model, sha256),
         about.read_text(encoding="utf-8").strip() if about.is_file() else "",
-        _training_data(card),
-        *(_boxes(one) for one in own if one.get("kind") == "boxes"),
-        _without_defects([one for one in own if one.get("kind") == "without defects"]),
-        _image_level([one for one in own if one.get("kind") == "image labels"]),
+        _render_training_data(card),
+        *(_render_boxes(one) for one in own if one.get("kind") == "boxes"),
+        _render_false_alarms([one for one in own if one.get("kind") == "without defects"]),
+        _render_image_level([one for one in own if one.get("kind") == "image labels"]),
         "" if own else "## Figures\n\nNone yet: `facadelake evaluate-detector --write-card` measures and writes them.",
-        _commands(own),
+        _render_commands(own),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _facts(card: ModelCard, model: Path, sha256: str) -> str:
+def _render_facts(card: ModelCard, model: Path, sha256: str) -> str:
     spec, calibration = card.input, card.score_calibration
     seen_at = " and ".join(f"{gsd:g}" for gsd in spec.gsd_mm)
     rows = [
@@ -49,46 +49,46 @@ def _facts(card: ModelCard, model: Path, sha256: str) -> str:
         ("sees a facade at", f"{seen_at} mm a pixel" if seen_at else "whatever the photograph has"),
         ("output layout", str(card.output.layout)),
         ("threshold of the score", f"{card.score_threshold:g}"),
-        ("score", _calibration_text(calibration.slope, calibration.intercept)),
+        ("score", _describe_calibration(calibration.slope, calibration.intercept)),
     ]
-    return _table(("", ""), rows)
+    return _render_table(("", ""), rows)
 
 
-def _calibration_text(slope: float, intercept: float) -> str:
+def _describe_calibration(slope: float, intercept: float) -> str:
     if (slope, intercept) == (1.0, 0.0):
         return "as the model gives it"
     return f"calibrated: logit(p) = {slope:.3g} logit(score) {intercept:+.3g}"
 
 
-def _training_data(card: ModelCard) -> str:
+def _render_training_data(card: ModelCard) -> str:
     if not card.training_data:
         return "## Training data\n\nNot stated in the card."
     return "## Training data\n\n" + "\n".join(f"- {one}" for one in card.training_data)
 
 
-def _boxes(entry: Mapping[str, Any]) -> str:
+def _render_boxes(entry: Mapping[str, Any]) -> str:
     named = f"{entry['data']}{', split ' + entry['split'] if entry.get('split') else ''}"
-    classes = _table(
+    classes = _render_table(
         (
             "class", "photographs", "defects", "AP50", "95 % by sites", "95 % by photographs", "mean of sites",
             "AP50:95", "precision", "recall", "F1", "ECE", "expected precision",
         ),
         [
             (
-                one["class"], one["photographs"], one["truths"], _share(one["ap50"]), _span(one["ap50_by_sites"]),
-                _span(one["ap50_by_photographs"]), _share(one["mean_ap50_of_sites"]), _share(one["ap50_95"]),
-                _share(one["precision"]), _share(one["recall"]), _share(one["f1"]), _share(one["ece"]),
-                _share(one["expected_precision"]),
+                one["class"], one["photographs"], one["truths"], _format_share(one["ap50"]), _format_interval(one["ap50_by_sites"]),
+                _format_interval(one["ap50_by_photographs"]), _format_share(one["mean_ap50_of_sites"]), _format_share(one["ap50_95"]),
+                _format_share(one["precision"]), _format_share(one["recall"]), _format_share(one["f1"]), _format_share(one["ece"]),
+                _format_share(one["expected_precision"]),
             )
             for one in entry["classes"]
         ],
     )  # fmt: skip
-    sites = _table(
+    sites = _render_table(
         ("site", "class", "photographs", "defects", "AP50", "AP50:95", "precision", "recall"),
         [
             (
-                one["site"], one["class"], one["photographs"], one["truths"], _share(one["ap50"]),
-                _share(one["ap50_95"]), _share(one["precision"]), _share(one["recall"]),
+                one["site"], one["class"], one["photographs"], one["truths"], _format_share(one["ap50"]),
+                _format_share(one["ap50_95"]), _format_share(one["precision"]), _format_share(one["recall"]),
             )
             for one in sorted(entry["by_site"], key=lambda one: (one["class"], -one["truths"]))
         ],
@@ -102,7 +102,7 @@ def _boxes(entry: Mapping[str, Any]) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def _without_defects(entries: Sequence[Mapping[str, Any]]) -> str:
+def _render_false_alarms(entries: Sequence[Mapping[str, Any]]) -> str:
     if not entries:
         return ""
     rows = [
@@ -115,7 +115,7 @@ def _without_defects(entries: Sequence[Mapping[str, Any]]) -> str:
             rate["false_alarms"],
             rate["photographs_with_one"],
             "" if rate["per_10_m2"] is None else f"{rate['per_10_m2']:.2f}",
-            _span(rate["per_10_m2_interval"]),
+            _format_interval(rate["per_10_m2_interval"]),
         )
         for entry in entries
         for rate in entry["rates"]
@@ -131,17 +131,17 @@ def _without_defects(entries: Sequence[Mapping[str, Any]]) -> str:
         "per 10 m²",
         "95 %",
     )
-    return f"## False alarms where there is no defect\n\n{_table(head, rows)}"
+    return f"## False alarms where there is no defect\n\n{_render_table(head, rows)}"
 
 
-def _image_level(entries: Sequence[Mapping[str, Any]]) -> str:
+def _render_image_level(entries: Sequence[Mapping[str, Any]]) -> str:
     if not entries:
         return ""
     rows = [
         (
-            entry["data"], one["class"], one["with_defect"], one["sound"], _share(one["auroc"]),
-            _span(one["auroc_by_sites"]), _share(one["average_precision"]), _share(one["recall"]),
-            _share(one["false_alarm_share"]),
+            entry["data"], one["class"], one["with_defect"], one["sound"], _format_share(one["auroc"]),
+            _format_interval(one["auroc_by_sites"]), _format_share(one["average_precision"]), _format_share(one["recall"]),
+            _format_share(one["false_alarm_share"]),
         )
         for entry in entries
         for one in entry["classes"]
@@ -151,22 +151,22 @@ def _image_level(entries: Sequence[Mapping[str, Any]]) -> str:
         "share of sound ones with an alarm",
     )  # fmt: skip
     lead = "By the best score of a photograph that is labelled as a whole (AUROC 0.5 is guessing):"
-    return f"## Photographs labelled as a whole\n\n{lead}\n\n{_table(head, rows)}"
+    return f"## Photographs labelled as a whole\n\n{lead}\n\n{_render_table(head, rows)}"
 
 
-def _commands(entries: Sequence[Mapping[str, Any]]) -> str:
+def _render_commands(entries: Sequence[Mapping[str, Any]]) -> str:
     lines = dict.fromkeys(f"{one['date']}: `{one['command']}`" for one in entries)
     return "## How it was measured\n\n" + "\n".join(f"- {line}" for line in lines) if lines else ""
 
 
-def _share(value: float | None) -> str:
+def _format_share(value: float | None) -> str:
     return "" if value is None else f"{value:.3f}"
 
 
-def _span(values: Sequence[float] | None) -> str:
+def _format_interval(values: Sequence[float] | None) -> str:
     return "" if values is None else f"{values[0]:.2f} to {values[1]:.2f}"
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def _render_table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)

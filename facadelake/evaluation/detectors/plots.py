@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from facadelake.evaluation.detectors.average_precision import IOU_THRESHOLDS, RECALLS, precision_at_recalls
+from facadelake.evaluation.detectors.average_precision import IOU_THRESHOLDS, RECALLS, compute_precision_at_recalls
 from facadelake.evaluation.detectors.calibration import BINS
-from facadelake.evaluation.detectors.figures import Judgement
+from facadelake.evaluation.detectors.figures import BoxEvaluation
 from facadelake.evaluation.plot_style import format_axes
 from schemas.vocabulary import DefectClass
 
@@ -24,7 +24,7 @@ _STYLE = {
 _GOAL_PER_10_M2 = 1.0
 
 
-def write_plots(judgement: Judgement, folder: Path) -> list[Path]:
+def write_plots(judgement: BoxEvaluation, folder: Path) -> list[Path]:
     """Write the pictures as PNG into ``folder`` (made if it is not there); one without content is left out.
 
     ``precision_recall``, ``reliability``, ``sites`` and, with photographs without defects, ``false_alarms``.
@@ -33,10 +33,10 @@ def write_plots(judgement: Judgement, folder: Path) -> list[Path]:
     figures = judgement.figures
     written = []
     for name, title, draw in (
-        ("precision_recall", "precision against recall", _precision_recall),
-        ("reliability", "is a score a probability?", _reliability),
-        ("sites", "by site", _sites),
-        ("false_alarms", "where there is no defect", _false_alarms),
+        ("precision_recall", "precision against recall", _plot_precision_recall),
+        ("reliability", "is a score a probability?", _plot_reliability),
+        ("sites", "by site", _plot_sites),
+        ("false_alarms", "where there is no defect", _plot_false_alarms),
     ):
         figure = Figure(dpi=_DPI, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
@@ -50,7 +50,7 @@ def write_plots(judgement: Judgement, folder: Path) -> list[Path]:
     return written
 
 
-def _precision_recall(figure: Figure, judgement: Judgement) -> bool:
+def _plot_precision_recall(figure: Figure, judgement: BoxEvaluation) -> bool:
     """A panel a class: the envelope at IoU 0.5 and 0.75, and the point at which a user is."""
     told = [one for one in judgement.figures.classes if one.truths]
     if not told:
@@ -60,7 +60,7 @@ def _precision_recall(figure: Figure, judgement: Judgement) -> bool:
         colour, _ = _STYLE[one.defect_class]
         matches = judgement.matches_above_floor[one.defect_class]
         for iou, line in ((0.5, "solid"), (0.75, "dotted")):
-            curve = precision_at_recalls(matches, int(np.argmin(np.abs(IOU_THRESHOLDS - iou))))
+            curve = compute_precision_at_recalls(matches, int(np.argmin(np.abs(IOU_THRESHOLDS - iou))))
             label = f"IoU {iou:g}: AP {curve.mean():.3f}"
             axes.step(RECALLS, curve, where="post", color=colour, linestyle=line, label=label)
         counts = one.operating
@@ -78,7 +78,7 @@ def _precision_recall(figure: Figure, judgement: Judgement) -> bool:
     return True
 
 
-def _reliability(figure: Figure, judgement: Judgement) -> bool:
+def _plot_reliability(figure: Figure, judgement: BoxEvaluation) -> bool:
     """Share of hits by score, and how many boxes there are of each score."""
     told = [one for one in judgement.figures.classes if one.calibration.count]
     if not told:
@@ -109,7 +109,7 @@ def _reliability(figure: Figure, judgement: Judgement) -> bool:
     return True
 
 
-def _sites(figure: Figure, judgement: Judgement) -> bool:
+def _plot_sites(figure: Figure, judgement: BoxEvaluation) -> bool:
     """AP50 of every site with how much it rests on, and of all with its interval by sites."""
     told = [one for one in judgement.figures.sites if one.ap50 is not None]
     if len({one.site for one in told}) < 2:
@@ -141,7 +141,7 @@ def _sites(figure: Figure, judgement: Judgement) -> bool:
     return True
 
 
-def _false_alarms(figure: Figure, judgement: Judgement) -> bool:
+def _plot_false_alarms(figure: Figure, judgement: BoxEvaluation) -> bool:
     """Rate of false alarms by threshold, with the one in use and the goal."""
     alarms = judgement.figures.negatives
     if alarms is None:

@@ -32,14 +32,14 @@ class Prediction:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looks:
+class ImagePredictions:
     """What was found in one photograph: down to a score of 0.01, and what a user is shown."""
 
-    down_to_floor: tuple[DetectedBox, ...]
-    shown: tuple[DetectedBox, ...]
+    above_floor: tuple[DetectedBox, ...]
+    above_threshold: tuple[DetectedBox, ...]
 
 
-class Looker(Protocol):
+class PredictionSource(Protocol):
     """Whatever finds boxes. ``threshold`` is the score from which a user is shown a box."""
 
     @property
@@ -51,19 +51,19 @@ class Looker(Protocol):
     @property
     def threshold(self) -> float: ...
 
-    def look(self, image: LabelledImage, pixels_bgr: UInt8Image) -> Looks: ...
+    def detect(self, image: LabelledImage, pixels_bgr: UInt8Image) -> ImagePredictions: ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Collected:
+class CollectedPredictions:
     """Predictions by photograph's key; ``left_out`` counts boxes that could not be used, by reason.
 
     ``images`` are those that could be read; ``seconds`` is the time spent looking, not reading files.
     """
 
     images: tuple[LabelledImage, ...]
-    down_to_floor: Mapping[str, tuple[Prediction, ...]]
-    shown: Mapping[str, tuple[Prediction, ...]]
+    above_floor: Mapping[str, tuple[Prediction, ...]]
+    above_threshold: Mapping[str, tuple[Prediction, ...]]
     left_out: Mapping[str, int]
     seconds: float
 
@@ -73,7 +73,9 @@ class Collected:
         return sum(image.width_px * image.height_px for image in self.images) / 1e6
 
 
-def collect(looker: Looker, images: Sequence[LabelledImage], crosswalk: Crosswalk) -> Collected:
+def collect_predictions(
+    looker: PredictionSource, images: Sequence[LabelledImage], crosswalk: Crosswalk
+) -> CollectedPredictions:
     """Look at every photograph, one in memory at a time; one that cannot be decoded is left out and counted."""
     low: dict[str, tuple[Prediction, ...]] = {}
     shown: dict[str, tuple[Prediction, ...]] = {}
@@ -87,12 +89,14 @@ def collect(looker: Looker, images: Sequence[LabelledImage], crosswalk: Crosswal
             left_out["photographs that cannot be decoded"] += 1
             continue
         begin = time.perf_counter()
-        looks = looker.look(image, pixels)
+        looks = looker.detect(image, pixels)
         seconds += time.perf_counter() - begin
         read.append(image)
-        low[image.key] = _predictions(looks.down_to_floor, image, crosswalk, left_out)
-        shown[image.key] = _predictions(looks.shown, image, crosswalk, Counter())
-    return Collected(images=tuple(read), down_to_floor=low, shown=shown, left_out=dict(left_out), seconds=seconds)
+        low[image.key] = _filter_predictions(looks.above_floor, image, crosswalk, left_out)
+        shown[image.key] = _filter_predictions(looks.above_threshold, image, crosswalk, Counter())
+    return CollectedPredictions(
+        images=tuple(read), above_floor=low, above_threshold=shown, left_out=dict(left_out), seconds=seconds
+    )
 
 
 def read_pixels(path: Path) -> UInt8Image | None:
@@ -105,7 +109,7 @@ def read_pixels(path: Path) -> UInt8Image | None:
     return read_photograph(path)
 
 
-def _predictions(
+def _filter_predictions(
     found: Sequence[DetectedBox], image: LabelledImage, crosswalk: Crosswalk, left_out: Counter[str]
 ) -> tuple[Prediction, ...]:
     kept = []
@@ -116,14 +120,14 @@ def _predictions(
             left_out[f"boxes found of class '{one.class_name}', which stands for no defect class"] += 1
         elif inside is None:
             left_out["boxes found outside their photograph"] += 1
-        elif not _on_target(inside, image):
+        elif not _is_on_target(inside, image):
             left_out["boxes found beside the building"] += 1
         else:
             kept.append(Prediction(box=inside, score=one.score, defect_class=defect_class))
     return tuple(sorted(kept, key=lambda prediction: -prediction.score))
 
 
-def _on_target(box: Box, image: LabelledImage) -> bool:
+def _is_on_target(box: Box, image: LabelledImage) -> bool:
     """Whether the box's middle lies on the building; elsewhere an inspection has no wall to put it on."""
     if image.target is None:
         return True

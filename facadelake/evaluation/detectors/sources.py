@@ -13,14 +13,14 @@ from facadelake.detection.coco import CocoAnnotation, parse_number, read_coco
 from facadelake.detection.inference import DetectedBox, OnnxDetector, find_card
 from facadelake.detection.tiling import detect_image
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
-from facadelake.evaluation.detectors.predictions import Looks
+from facadelake.evaluation.detectors.predictions import ImagePredictions
 
 # Precision at high recall needs the boxes that nobody would be shown.
-FLOOR = 0.01
-_MOST = 300
+SCORE_FLOOR = 0.01
+_DETECTIONS_MAX = 300
 
 
-class OnnxLooker:
+class OnnxPredictionSource:
     """A model with its card's threshold, and with one so low that precision can be drawn against recall.
 
     Each tile is run once: suppression goes from the best down, so that what a tile shows at the card's threshold is
@@ -32,22 +32,27 @@ class OnnxLooker:
         """Load ``model`` with its card; ``threshold`` goes over the card's."""
         self.card = find_card(model)
         self.threshold = self.card.score_threshold if threshold is None else threshold
-        low = {"score_threshold": min(FLOOR, self.threshold), "max_detections": max(_MOST, self.card.max_detections)}
+        low = {
+            "score_threshold": min(SCORE_FLOOR, self.threshold),
+            "max_detections": max(_DETECTIONS_MAX, self.card.max_detections),
+        }
         self._detector = OnnxDetector(model, self.card.model_copy(update=low))
         self.name, self.sha256 = self._detector.name, self._detector.sha256
 
-    def look(self, image: LabelledImage, pixels_bgr: UInt8Image) -> Looks:
+    def detect(self, image: LabelledImage, pixels_bgr: UInt8Image) -> ImagePredictions:
         """What both thresholds give."""
         seen: list[tuple[tuple[DetectedBox, ...], ...]] = []
-        low = detect_image(_Recording(self._detector, seen), pixels_bgr, gsd_mm=image.gsd_mm, target=image.target)
-        replayed = _Replaying(self.card, self.threshold, iter(seen))
-        return Looks(
-            down_to_floor=low,
-            shown=detect_image(replayed, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target),
+        low = detect_image(
+            _RecordingDetector(self._detector, seen), pixels_bgr, gsd_mm=image.gsd_mm, target=image.target
+        )
+        replayed = _ReplayingDetector(self.card, self.threshold, iter(seen))
+        return ImagePredictions(
+            above_floor=low,
+            above_threshold=detect_image(replayed, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target),
         )
 
 
-class _Recording:
+class _RecordingDetector:
     """A detector that keeps what it gave, batch after batch."""
 
     def __init__(self, detector: OnnxDetector, seen: list[tuple[tuple[DetectedBox, ...], ...]]) -> None:
@@ -59,7 +64,7 @@ class _Recording:
         return self._seen[-1]
 
 
-class _Replaying:
+class _ReplayingDetector:
     """A detector that gives again, in the same order of batches, what reaches ``threshold``."""
 
     def __init__(self, card: ModelCard, threshold: float, seen: Iterator[tuple[tuple[DetectedBox, ...], ...]]) -> None:
@@ -73,7 +78,7 @@ class _Replaying:
         )
 
 
-class FileLooker:
+class CocoPredictionSource:
     """Detections of a COCO file, by the photographs' file names; a box without a score has 1."""
 
     def __init__(self, file: Path, threshold: float = 0.0) -> None:
@@ -84,21 +89,23 @@ class FileLooker:
         self.unusable = 0
         for annotation in coco.annotations:
             image = coco.images.get(annotation.image_id)
-            found = _found(annotation, coco.categories.get(annotation.category_id))
+            found = _parse_annotation(annotation, coco.categories.get(annotation.category_id))
             if image is None or found is None:
                 self.unusable += 1
                 continue
             self._found.setdefault(image.file_name.replace("\\", "/"), []).append(found)
         self._names = frozenset(image.file_name.replace("\\", "/") for image in coco.images.values())
 
-    def look(self, image: LabelledImage, pixels_bgr: UInt8Image) -> Looks:
+    def detect(self, image: LabelledImage, pixels_bgr: UInt8Image) -> ImagePredictions:
         """The file's boxes of this photograph, by the longest end of its path that the file names."""
         parts = image.key.split("/")
         name = next((end for i in range(len(parts)) if (end := "/".join(parts[i:])) in self._names), None)
         found = tuple(self._found.get(name, ())) if name else ()
-        return Looks(down_to_floor=found, shown=tuple(one for one in found if one.score >= self.threshold))
+        return ImagePredictions(
+            above_floor=found, above_threshold=tuple(one for one in found if one.score >= self.threshold)
+        )
 
-    def refuse_if_strange(self, images: Sequence[LabelledImage]) -> None:
+    def require_photographs(self, images: Sequence[LabelledImage]) -> None:
         """Raise InputDataError where the file names none of the photographs."""
         ends = {"/".join(image.key.split("/")[i:]) for image in images for i in range(image.key.count("/") + 1)}
         if not ends & self._names:
@@ -108,7 +115,7 @@ class FileLooker:
             )
 
 
-def _found(annotation: CocoAnnotation, class_name: str | None) -> DetectedBox | None:
+def _parse_annotation(annotation: CocoAnnotation, class_name: str | None) -> DetectedBox | None:
     values = [parse_number(value) for value in annotation.bbox] if isinstance(annotation.bbox, list) else []
     numbers = [value for value in values if value is not None]
     score = 1.0 if annotation.score is None else parse_number(annotation.score)

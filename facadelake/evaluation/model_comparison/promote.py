@@ -18,7 +18,7 @@ from facadelake.detection import (
     read_promotions,
 )
 from facadelake.detection.inference import find_card, load_detector
-from facadelake.evaluation.detectors.card_results import evaluations
+from facadelake.evaluation.detectors.card_results import list_evaluations
 from facadelake.evaluation.model_comparison.report import REPORT, ModelComparison, locate_comparison, read_comparison
 
 
@@ -33,7 +33,7 @@ def list_objections(
 ) -> tuple[str, ...]:
     """What speaks against promoting ``new_sha256`` in the place of ``old_sha256`` (None: there is no default yet).
 
-    ``evaluations`` are those of the new model's card; ``lost_max`` confirmed defects may be lost, and at least
+    ``list_evaluations`` are those of the new model's card; ``lost_max`` confirmed defects may be lost, and at least
     ``confirmed_min`` must have been looked at. An empty answer is a yes.
     """
     found = []
@@ -116,7 +116,7 @@ def promote_model(
         comparison,
         old_sha256=old_sha256,
         new_sha256=new_sha256,
-        evaluations=evaluations(find_card(new).metrics),
+        evaluations=list_evaluations(find_card(new).metrics),
         lost_max=lost_max,
         confirmed_min=confirmed_min,
     )

@@ -17,7 +17,7 @@ from facadelake.detection.boxes import Box
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.crosswalk import build_crosswalk
 from facadelake.evaluation.detectors.labels.open import open_labels
-from facadelake.evaluation.detectors.labels.sites import with_sites
+from facadelake.evaluation.detectors.labels.sites import assign_sites
 from facadelake.reviews.review_items import create_missed_review, create_review, list_review_items
 from facadelake.reviews.review_matching import match_reviews
 from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat, choose_split, parse_splits
@@ -125,7 +125,7 @@ def test_rejected_place_is_a_picture_without_box_and_the_unjudged_is_grey(sets: 
 def test_evaluation_reads_the_same_boxes_and_sites(sets: Path, form: TrainingLabelFormat) -> None:
     labelled = open_labels(sets / form, build_crosswalk({}), split="test")
     assert not labelled.left_out
-    sited = with_sites(labelled, sets / form / "sites.csv", "test")
+    sited = assign_sites(labelled, sets / form / "sites.csv", "test")
     assert {image.site for image in sited.images} == {"two"}
     boxes = sorted((one.defect_class, *vars(one.box).values()) for image in sited.images for one in image.boxes)
     assert [name for name, *_ in boxes] == ["crack", "crack", "moisture"]

@@ -1,1 +1,1 @@
-from .format import Form as Form
+from .format import LabelFormat as LabelFormat

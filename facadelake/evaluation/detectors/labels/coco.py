@@ -8,7 +8,7 @@ from pathlib import Path
 
 from facadelake.detection import Box, Crosswalk
 from facadelake.detection.coco import CocoAnnotation, CocoImage, bound_segmentation, parse_number, read_coco
-from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
+from facadelake.evaluation.detectors.labels.labels import LabelCollector, LabelledSet, TruthBox, find_photographs
 
 
 def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:
@@ -19,7 +19,7 @@ def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:
     """
     coco = read_coco(file)
     root = file.parent.parent if file.parent.name.lower() == "annotations" else file.parent
-    gathered = Gathering(root)
+    gathered = LabelCollector(root)
     classes = {key: crosswalk.defect_class(name) for key, name in coco.categories.items()}
     labelled = frozenset(one for one in classes.values() if one is not None)
     by_image: dict[int | str, list[CocoAnnotation]] = defaultdict(list)
@@ -27,40 +27,40 @@ def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:
         if annotation.image_id not in coco.images:
             gathered.left_out["boxes of an image that the file does not list"] += 1
         by_image[annotation.image_id].append(annotation)
-    places = _Places(root, file.parent)
+    places = _PhotographIndex(root, file.parent)
     for image_id, image in coco.images.items():
         path = places.find(image.file_name)
         if path is None:
             gathered.left_out["photographs that are not there"] += 1
             continue
-        size = gathered.size_of(path)
+        size = gathered.read_size(path)
         if size is None:
             continue
-        if not _same_size(image, size):
+        if not _is_size_as_stated(image, size):
             gathered.left_out["photographs of another size than the file says (turned or resized after labelling)"] += 1
             continue
         boxes = []
         for annotation in by_image[image_id]:
             defect_class = classes.get(annotation.category_id)
-            box = _box(annotation, size)
+            box = _parse_box(annotation, size)
             if box is None:
                 gathered.left_out["boxes that are not four numbers"] += 1
             elif defect_class is None:
                 name = coco.categories.get(annotation.category_id, f"category {annotation.category_id}")
                 gathered.left_out[f"boxes of class '{name}', which stands for no defect class"] += 1
             else:
-                boxes.append(TrueBox(box=box, defect_class=defect_class, ignored=annotation.is_crowd))
+                boxes.append(TruthBox(box=box, defect_class=defect_class, ignored=annotation.is_crowd))
         gathered.add(path, size, boxes, labelled)
-    return replace(gathered.finished("coco"), source=file)
+    return replace(gathered.create_set("coco"), source=file)
 
 
-class _Places:
+class _PhotographIndex:
     """Where the photographs of a file lie."""
 
     def __init__(self, root: Path, beside: Path) -> None:
         self._folders = list(dict.fromkeys([beside, beside / "images", root, root / "images"]))
         self._by_name: dict[str, list[Path]] = defaultdict(list)
-        for path in photographs_below(root):
+        for path in find_photographs(root):
             self._by_name[path.name].append(path)
 
     def find(self, file_name: str) -> Path | None:
@@ -72,12 +72,12 @@ class _Places:
         return alike[0] if len(alike) == 1 else None
 
 
-def _same_size(image: CocoImage, size: tuple[int, int]) -> bool:
+def _is_size_as_stated(image: CocoImage, size: tuple[int, int]) -> bool:
     stated = (image.width_px, image.height_px)
     return None in stated or stated == size
 
 
-def _box(annotation: CocoAnnotation, size: tuple[int, int]) -> Box | None:
+def _parse_box(annotation: CocoAnnotation, size: tuple[int, int]) -> Box | None:
     bbox = annotation.bbox
     if bbox is None:
         bbox = bound_segmentation(annotation.segmentation, *size)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 
-class Form(StrEnum):
+class LabelFormat(StrEnum):
     """A format of labels; ``auto`` is found out by what lies there."""
 
     AUTO = "auto"

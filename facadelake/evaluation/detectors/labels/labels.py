@@ -15,11 +15,11 @@ from facadelake.core.errors import InputDataError
 from facadelake.detection import Box, clip_box
 from schemas.vocabulary import DefectClass
 
-PHOTOGRAPHS = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
+PHOTOGRAPH_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrueBox:
+class TruthBox:
     """A labelled defect; an ``ignored`` one (a crowd, a difficult one) neither counts as found nor as missed."""
 
     box: Box
@@ -41,7 +41,7 @@ class LabelledImage:
     path: Path
     width_px: int
     height_px: int
-    boxes: tuple[TrueBox, ...]
+    boxes: tuple[TruthBox, ...]
     labelled: frozenset[DefectClass]
     site: str | None = None
     gsd_mm: float | None = None
@@ -55,7 +55,7 @@ class LabelledSet:
     file of labels, where it is one."""
 
     name: str
-    form: str
+    label_format: str
     images: tuple[LabelledImage, ...]
     left_out: Mapping[str, int] = field(default_factory=dict)
     source: Path | None = None
@@ -82,7 +82,7 @@ class LabelledSet:
         return digest.hexdigest()
 
 
-class Gathering:
+class LabelCollector:
     """Collects a reader's photographs and counts, by reason, what it leaves out."""
 
     def __init__(self, root: Path) -> None:
@@ -91,7 +91,7 @@ class Gathering:
         self.images: list[LabelledImage] = []
         self.left_out: Counter[str] = Counter()
 
-    def size_of(self, path: Path) -> tuple[int, int] | None:
+    def read_size(self, path: Path) -> tuple[int, int] | None:
         """Width and height as stored, or None with the reason counted."""
         try:
             with Image.open(path) as image:
@@ -102,7 +102,7 @@ class Gathering:
         return int(width), int(height)
 
     def add(
-        self, path: Path, size: tuple[int, int], boxes: Sequence[TrueBox], labelled: frozenset[DefectClass]
+        self, path: Path, size: tuple[int, int], boxes: Sequence[TruthBox], labelled: frozenset[DefectClass]
     ) -> None:
         """Take a photograph; boxes are cut to it, those outside or without size are left out and counted."""
         width, height = size
@@ -115,10 +115,10 @@ class Gathering:
             if inside is None:
                 self.left_out["boxes outside their photograph"] += 1
                 continue
-            kept.append(TrueBox(box=inside, defect_class=one.defect_class, ignored=one.ignored))
+            kept.append(TruthBox(box=inside, defect_class=one.defect_class, ignored=one.ignored))
         self.images.append(
             LabelledImage(
-                key=key_below(self.root, path),
+                key=make_key(self.root, path),
                 path=path,
                 width_px=width,
                 height_px=height,
@@ -127,7 +127,7 @@ class Gathering:
             )
         )
 
-    def finished(self, form: str) -> LabelledSet:
+    def create_set(self, form: str) -> LabelledSet:
         """The set. Raises InputDataError where no photograph is left."""
         if not self.images:
             reasons = ", ".join(f"{count} {reason}" for reason, count in self.left_out.items())
@@ -136,38 +136,38 @@ class Gathering:
                 "give a folder or file in COCO, YOLO or VOC form with its photographs (docs/evaluate-detector.md)"
             )
         images = tuple(sorted(self.images, key=lambda one: one.key))
-        return LabelledSet(name=self.root.name, form=form, images=images, left_out=dict(self.left_out))
+        return LabelledSet(name=self.root.name, label_format=form, images=images, left_out=dict(self.left_out))
 
 
-def key_below(root: Path, path: Path) -> str:
+def make_key(root: Path, path: Path) -> str:
     """The path below ``root`` with forward slashes; the file's name where it lies elsewhere."""
     return path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
 
 
-def photographs_below(folder: Path) -> list[Path]:
+def find_photographs(folder: Path) -> list[Path]:
     """All photographs below a folder, in order; hidden files and folders are passed over."""
     return sorted(
         path
         for path in folder.rglob("*")
-        if path.suffix.lower() in PHOTOGRAPHS
+        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES
         and path.is_file()
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
     )
 
 
-def sound_photographs(folder: Path) -> LabelledSet:
+def open_sound_photographs(folder: Path) -> LabelledSet:
     """All photographs below ``folder`` as free of defects of any class. Raises InputDataError where there are none."""
     if not folder.is_dir():
         raise InputDataError(f"photographs without defects: {folder} is no folder")
-    gathered = Gathering(folder)
-    for path in photographs_below(folder):
-        size = gathered.size_of(path)
+    gathered = LabelCollector(folder)
+    for path in find_photographs(folder):
+        size = gathered.read_size(path)
         if size is not None:
             gathered.add(path, size, [], frozenset(DefectClass))
-    return gathered.finished("photographs without defects")
+    return gathered.create_set("photographs without defects")
 
 
-def labelled_only(labelled: LabelledSet, classes: frozenset[DefectClass]) -> LabelledSet:
+def restrict_to_classes(labelled: LabelledSet, classes: frozenset[DefectClass]) -> LabelledSet:
     """The set with labels of ``classes`` alone: of others nothing is known, whatever its list of classes says."""
     images = tuple(
         replace(
@@ -180,7 +180,7 @@ def labelled_only(labelled: LabelledSet, classes: frozenset[DefectClass]) -> Lab
     return replace(labelled, images=images)
 
 
-def joined(sets: Sequence[LabelledSet]) -> LabelledSet:
+def combine_sets(sets: Sequence[LabelledSet]) -> LabelledSet:
     """Several sets as one: keys begin with their set's name where there is more than one, sites too."""
     if len(sets) == 1:
         return sets[0]
@@ -194,5 +194,5 @@ def joined(sets: Sequence[LabelledSet]) -> LabelledSet:
         for image in one.images:
             site = None if image.site is None else f"{one.name}/{image.site}"
             images.append(replace(image, key=f"{one.name}/{image.key}", site=site))
-    forms = "+".join(sorted({one.form for one in sets}))
-    return LabelledSet(name=" + ".join(names), form=forms, images=tuple(images), left_out=dict(left_out))
+    forms = "+".join(sorted({one.label_format for one in sets}))
+    return LabelledSet(name=" + ".join(names), label_format=forms, images=tuple(images), left_out=dict(left_out))

@@ -10,8 +10,8 @@ from pathlib import Path
 from facadelake.core.errors import InputDataError
 from facadelake.detection import Crosswalk
 from facadelake.evaluation.detectors.labels.coco import read_coco_labels
-from facadelake.evaluation.detectors.labels.format import Form
-from facadelake.evaluation.detectors.labels.labels import PHOTOGRAPHS, LabelledSet
+from facadelake.evaluation.detectors.labels.format import LabelFormat
+from facadelake.evaluation.detectors.labels.labels import PHOTOGRAPH_SUFFIXES, LabelledSet
 from facadelake.evaluation.detectors.labels.voc import read_voc_labels
 from facadelake.evaluation.detectors.labels.yolo import read_yolo_labels
 
@@ -20,7 +20,7 @@ def open_labels(
     data: Path,
     crosswalk: Crosswalk,
     *,
-    form: Form = Form.AUTO,
+    form: LabelFormat = LabelFormat.AUTO,
     class_names: Sequence[str] = (),
     split: str | None = None,
     sited: bool = False,
@@ -33,7 +33,7 @@ def open_labels(
     """
     if not data.exists():
         raise InputDataError(f"labelled data {data} does not exist; give a COCO file or a folder of labels")
-    labelled = _opened(data, crosswalk, form, class_names, split)
+    labelled = _read_labels(data, crosswalk, form, class_names, split)
     if split is not None and not sited and not _is_of_split(labelled, data, split):
         raise InputDataError(
             f"nothing in {data} says which photographs are of split '{split}': neither its folders nor a COCO file are "
@@ -45,36 +45,38 @@ def open_labels(
 def _is_of_split(labelled: LabelledSet, data: Path, split: str) -> bool:
     """Whether the COCO file given, or every photograph's folder, is named after the split."""
     by_folder = all(split in image.key.split("/")[:-1] for image in labelled.images)
-    return by_folder or split in _words(data if data.is_file() else labelled.source or data)
+    return by_folder or split in _split_stem(data if data.is_file() else labelled.source or data)
 
 
-def _words(path: Path) -> list[str]:
+def _split_stem(path: Path) -> list[str]:
     return path.stem.replace("-", "_").replace(".", "_").split("_")
 
 
-def _opened(data: Path, crosswalk: Crosswalk, form: Form, class_names: Sequence[str], split: str | None) -> LabelledSet:
+def _read_labels(
+    data: Path, crosswalk: Crosswalk, form: LabelFormat, class_names: Sequence[str], split: str | None
+) -> LabelledSet:
     if data.is_file():
-        if data.suffix.lower() != ".json" or form not in (Form.AUTO, Form.COCO):
+        if data.suffix.lower() != ".json" or form not in (LabelFormat.AUTO, LabelFormat.COCO):
             raise InputDataError(
                 f"{data} is a file, which only COCO labels (.json) are; give the folder of YOLO or VOC"
             )
         return read_coco_labels(data, crosswalk)
-    coco_files = _coco_files(data) if form in (Form.AUTO, Form.COCO) else []
-    if form is Form.AUTO:
-        form = _form_of(data, coco_files)
-    if form is Form.COCO:
-        return read_coco_labels(_chosen(data, coco_files, split), crosswalk)
-    if form is Form.VOC:
+    coco_files = _find_coco_files(data) if form in (LabelFormat.AUTO, LabelFormat.COCO) else []
+    if form is LabelFormat.AUTO:
+        form = _detect_format(data, coco_files)
+    if form is LabelFormat.COCO:
+        return read_coco_labels(_choose_coco_file(data, coco_files, split), crosswalk)
+    if form is LabelFormat.VOC:
         return read_voc_labels(data, crosswalk)
     return read_yolo_labels(data, crosswalk, class_names, split)
 
 
-def _form_of(folder: Path, coco_files: list[Path]) -> Form:
-    found = [Form.COCO] if coco_files else []
+def _detect_format(folder: Path, coco_files: list[Path]) -> LabelFormat:
+    found = [LabelFormat.COCO] if coco_files else []
     if any(_is_voc(path) for path in islice(folder.rglob("*.xml"), 20)):
-        found.append(Form.VOC)
+        found.append(LabelFormat.VOC)
     if any(path.name != "classes.txt" and _is_yolo(path) for path in islice(folder.rglob("*.txt"), 200)):
-        found.append(Form.YOLO)
+        found.append(LabelFormat.YOLO)
     if len(found) != 1:
         names = " and ".join(found) or "neither COCO nor YOLO nor VOC"
         raise InputDataError(
@@ -83,14 +85,14 @@ def _form_of(folder: Path, coco_files: list[Path]) -> Form:
     return found[0]
 
 
-def _coco_files(folder: Path) -> list[Path]:
+def _find_coco_files(folder: Path) -> list[Path]:
     places = [*folder.glob("*.json"), *folder.glob("annotations/*.json")]
     return sorted(path for path in places if _is_coco(path))
 
 
-def _chosen(folder: Path, files: list[Path], split: str | None) -> Path:
+def _choose_coco_file(folder: Path, files: list[Path], split: str | None) -> Path:
     if len(files) > 1 and split is not None:
-        files = [path for path in files if split in _words(path)] or files
+        files = [path for path in files if split in _split_stem(path)] or files
     if len(files) != 1:
         names = ", ".join(path.name for path in files) or "none"
         raise InputDataError(
@@ -121,7 +123,7 @@ def _is_yolo(path: Path) -> bool:
     except (OSError, UnicodeDecodeError):
         return False
     if not text:
-        return any(path.with_suffix(ending).is_file() for ending in PHOTOGRAPHS)
+        return any(path.with_suffix(ending).is_file() for ending in PHOTOGRAPH_SUFFIXES)
     words = text.splitlines()[0].split()
     try:
         [float(word) for word in words]

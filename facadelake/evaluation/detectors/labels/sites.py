@@ -16,12 +16,12 @@ import yaml
 from facadelake.core.errors import InputDataError
 from facadelake.evaluation.detectors.labels.labels import LabelledImage, LabelledSet
 
-_MANY = frozenset("*?[")
+_WILDCARDS = frozenset("*?[")
 # Roboflow exports a.png as a_png_jpg.rf.0123456789abcdef.jpg.
-_ROBOFLOW = re.compile(r"(_(png|jpg|jpeg))*\.rf\.[0-9a-f]+$")
+_ROBOFLOW_SUFFIX = re.compile(r"(_(png|jpg|jpeg))*\.rf\.[0-9a-f]+$")
 
 
-def with_sites(labelled: LabelledSet, file: Path | None, split: str | None = None) -> LabelledSet:
+def assign_sites(labelled: LabelledSet, file: Path | None, split: str | None = None) -> LabelledSet:
     """The photographs with their sites, of one ``split`` where it is given.
 
     ``file`` is a CSV with columns ``image`` (path below the data folder, its end, or a pattern such as ``k1/*``) and
@@ -31,9 +31,9 @@ def with_sites(labelled: LabelledSet, file: Path | None, split: str | None = Non
     Raises InputDataError for a file that lacks a column, or where nothing is left.
     """
     if file is None:
-        return replace(labelled, images=tuple(_sited_by_folder(labelled.images)))
+        return replace(labelled, images=tuple(_assign_sites_by_folder(labelled.images)))
     is_yaml = file.suffix.lower() in {".yaml", ".yml"}
-    rows = _yaml_rows(file, labelled.name) if is_yaml else _csv_rows(file, ("image", "site"))
+    rows = _read_yaml(file, labelled.name) if is_yaml else _read_csv(file, ("image", "site"))
     if split is not None and "split" not in rows.columns:
         raise InputDataError(
             f"{file} has no column 'split' (it has {sorted(rows.columns)}), but --split {split} is asked"
@@ -41,7 +41,7 @@ def with_sites(labelled: LabelledSet, file: Path | None, split: str | None = Non
     left_out = Counter(labelled.left_out)
     images = []
     for image in labelled.images:
-        row = rows.of(image)
+        row = rows.find_row(image)
         if split is not None and row is None:
             left_out["photographs that the sites' file does not list"] += 1
         if split is not None and (row is None or row["split"] != split):
@@ -56,20 +56,20 @@ def with_sites(labelled: LabelledSet, file: Path | None, split: str | None = Non
     return replace(labelled, images=tuple(images), left_out=dict(left_out))
 
 
-def with_scale(images: tuple[LabelledImage, ...], file: Path) -> tuple[LabelledImage, ...]:
+def assign_scale(images: tuple[LabelledImage, ...], file: Path) -> tuple[LabelledImage, ...]:
     """The photographs with GSD and area of facade from a CSV with columns ``image`` (as for sites; ``*`` for all) and
     ``gsd_mm`` (mm a pixel) or ``area_m2`` (of facade to be seen in it), or both.
 
     A GSD alone gives the whole photograph's area; an area alone gives the GSD at which the whole photograph has it.
     Raises InputDataError for values that are not positive numbers, and where no photograph is listed.
     """
-    rows = _csv_rows(file, ("image",))
+    rows = _read_csv(file, ("image",))
     if not rows.columns & {"gsd_mm", "area_m2"}:
         raise InputDataError(f"{file} has neither a column gsd_mm nor area_m2 (it has {sorted(rows.columns)})")
     scaled = []
     for image in images:
-        row = rows.of(image)
-        gsd, area = (rows.positive(row, name) for name in ("gsd_mm", "area_m2"))
+        row = rows.find_row(image)
+        gsd, area = (rows.get_positive_number(row, name) for name in ("gsd_mm", "area_m2"))
         pixels = image.width_px * image.height_px
         if gsd is not None and area is None:
             area = pixels * (gsd / 1000) ** 2
@@ -81,7 +81,7 @@ def with_scale(images: tuple[LabelledImage, ...], file: Path) -> tuple[LabelledI
     return tuple(scaled)
 
 
-def _sited_by_folder(images: tuple[LabelledImage, ...]) -> list[LabelledImage]:
+def _assign_sites_by_folder(images: tuple[LabelledImage, ...]) -> list[LabelledImage]:
     folders = [image.key.rpartition("/")[0] for image in images]
     of_form = {"images", "train", "val", "valid", "test", "jpegimages", "labels"}
     sites = ["/".join(part for part in folder.split("/") if part.lower() not in of_form) for folder in folders]
@@ -90,29 +90,29 @@ def _sited_by_folder(images: tuple[LabelledImage, ...]) -> list[LabelledImage]:
     return [replace(image, site=site or "(top folder)") for image, site in zip(images, sites, strict=True)]
 
 
-class _Rows:
+class _PhotographTable:
     """What a file tells of photographs, by their path or its end, with ending or without; then by pattern."""
 
     def __init__(self, file: Path, rows: list[dict[str, str]], columns: frozenset[str]) -> None:
         self._file = file
         self.columns = columns
         named = {row["image"].strip(): row for row in rows}
-        self._exact = {name: row for name, row in named.items() if not _MANY & set(name)}
-        self._patterns = [(name, row) for name, row in named.items() if _MANY & set(name)]
+        self._exact = {name: row for name, row in named.items() if not _WILDCARDS & set(name)}
+        self._patterns = [(name, row) for name, row in named.items() if _WILDCARDS & set(name)]
 
-    def of(self, image: LabelledImage) -> Mapping[str, str] | None:
+    def find_row(self, image: LabelledImage) -> Mapping[str, str] | None:
         """The line of a photograph, or None."""
         parts = image.key.split("/")
         ends = ["/".join(parts[i:]) for i in range(len(parts))]
         for name in ends:
             stem = name.rpartition(".")[0]
-            for form in (name, stem, _ROBOFLOW.sub("", stem)):
+            for form in (name, stem, _ROBOFLOW_SUFFIX.sub("", stem)):
                 if form in self._exact:
                     return self._exact[form]
         fitting = (row for pattern, row in self._patterns if any(fnmatchcase(end, pattern) for end in ends))
         return next(fitting, None)
 
-    def positive(self, row: Mapping[str, str] | None, column: str) -> float | None:
+    def get_positive_number(self, row: Mapping[str, str] | None, column: str) -> float | None:
         """A line's number, None where the line or the value is not there."""
         text = (row or {}).get(column) or ""
         if not text.strip():
@@ -126,7 +126,7 @@ class _Rows:
         return value
 
 
-def _csv_rows(file: Path, needed: tuple[str, ...]) -> _Rows:
+def _read_csv(file: Path, needed: tuple[str, ...]) -> _PhotographTable:
     try:
         with file.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream)
@@ -139,10 +139,10 @@ def _csv_rows(file: Path, needed: tuple[str, ...]) -> _Rows:
     missing = sorted(set(needed) - columns)
     if missing:
         raise InputDataError(f"{file} has no column {', '.join(missing)} (it has {sorted(columns)})")
-    return _Rows(file, rows, columns)
+    return _PhotographTable(file, rows, columns)
 
 
-def _yaml_rows(file: Path, set_name: str) -> _Rows:
+def _read_yaml(file: Path, set_name: str) -> _PhotographTable:
     try:
         content: Any = yaml.safe_load(file.read_text(encoding="utf-8"))
         listed = content[set_name]
@@ -158,4 +158,4 @@ def _yaml_rows(file: Path, set_name: str) -> _Rows:
             f"{file} does not hold, for the data folder's name '{set_name}', sites with 'split' and 'pictures' "
             f"({type(error).__name__}: {error}); training/data/sites.yaml shows the form, or give a CSV file"
         ) from error
-    return _Rows(file, rows, frozenset({"image", "site", "split"}))
+    return _PhotographTable(file, rows, frozenset({"image", "site", "split"}))

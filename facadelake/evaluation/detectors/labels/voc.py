@@ -10,7 +10,7 @@ from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from facadelake.detection import Box, Crosswalk
-from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
+from facadelake.evaluation.detectors.labels.labels import LabelCollector, LabelledSet, TruthBox, find_photographs
 from schemas.vocabulary import DefectClass
 
 if TYPE_CHECKING:
@@ -24,25 +24,25 @@ def read_voc_labels(folder: Path, crosswalk: Crosswalk) -> LabelledSet:
     left border (devkit of VOC2012). Objects marked difficult are ignored. VOC has no list of classes: every class that
     some file names is labelled everywhere.
     """
-    gathered = Gathering(folder)
+    gathered = LabelCollector(folder)
     by_name: dict[str, list[Path]] = {}
-    for photograph in photographs_below(folder):
+    for photograph in find_photographs(folder):
         by_name.setdefault(photograph.name, []).append(photograph)
         by_name.setdefault(photograph.stem, []).append(photograph)
-    read: list[tuple[Path, tuple[int, int], list[TrueBox]]] = []
+    read: list[tuple[Path, tuple[int, int], list[TruthBox]]] = []
     labelled: set[DefectClass] = set()
     for file in sorted(folder.rglob("*.xml")):
-        tree = _annotation(file, gathered)
+        tree = _read_annotation(file, gathered)
         if tree is None:
             continue
-        path = _photograph(tree, file, by_name)
+        path = _find_photograph(tree, file, by_name)
         if path is None:
             gathered.left_out["photographs that are not there"] += 1
             continue
-        size = gathered.size_of(path)
+        size = gathered.read_size(path)
         if size is None:
             continue
-        stated = tuple(_number(tree.findtext(f"size/{side}")) for side in ("width", "height"))
+        stated = tuple(_parse_number(tree.findtext(f"size/{side}")) for side in ("width", "height"))
         if None not in stated and 0 not in stated and stated != size:
             gathered.left_out["photographs of another size than the file says (turned or resized after labelling)"] += 1
             continue
@@ -50,22 +50,22 @@ def read_voc_labels(folder: Path, crosswalk: Crosswalk) -> LabelledSet:
         for thing in tree.iterfind("object"):
             name = (thing.findtext("name") or "").strip()
             defect_class = crosswalk.defect_class(name)
-            box = _box(thing)
+            box = _parse_box(thing)
             if box is None:
                 gathered.left_out["boxes that are not four numbers"] += 1
             elif defect_class is None:
                 gathered.left_out[f"boxes of class '{name}', which stands for no defect class"] += 1
             else:
                 difficult = (thing.findtext("difficult") or "").strip() == "1"
-                boxes.append(TrueBox(box=box, defect_class=defect_class, ignored=difficult))
+                boxes.append(TruthBox(box=box, defect_class=defect_class, ignored=difficult))
                 labelled.add(defect_class)
         read.append((path, size, boxes))
     for path, size, boxes in read:
         gathered.add(path, size, boxes, frozenset(labelled))
-    return gathered.finished("voc")
+    return gathered.create_set("voc")
 
 
-def _annotation(file: Path, gathered: Gathering) -> Element | None:
+def _read_annotation(file: Path, gathered: LabelCollector) -> Element | None:
     try:
         tree: Element | None = ElementTree.parse(file).getroot()
     except (OSError, ElementTree.ParseError, DefusedXmlException, ValueError):
@@ -74,7 +74,7 @@ def _annotation(file: Path, gathered: Gathering) -> Element | None:
     return tree if tree is not None and tree.tag == "annotation" else None
 
 
-def _photograph(tree: Element, file: Path, by_name: dict[str, list[Path]]) -> Path | None:
+def _find_photograph(tree: Element, file: Path, by_name: dict[str, list[Path]]) -> Path | None:
     """By the file's ``filename``, else by the XML file's own name: beside it, in VOC's place, or anywhere if alone."""
     stated = (tree.findtext("filename") or "").strip().replace("\\", "/").rsplit("/", 1)[-1]
     for name in filter(None, (stated, file.stem)):
@@ -88,7 +88,7 @@ def _photograph(tree: Element, file: Path, by_name: dict[str, list[Path]]) -> Pa
     return None
 
 
-def _number(text: str | None) -> float | None:
+def _parse_number(text: str | None) -> float | None:
     try:
         value = float(text or "")
     except ValueError:
@@ -96,8 +96,8 @@ def _number(text: str | None) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _box(thing: Element) -> Box | None:
-    values = [_number(thing.findtext(f"bndbox/{side}")) for side in ("xmin", "ymin", "xmax", "ymax")]
+def _parse_box(thing: Element) -> Box | None:
+    values = [_parse_number(thing.findtext(f"bndbox/{side}")) for side in ("xmin", "ymin", "xmax", "ymax")]
     numbers = [value for value in values if value is not None]
     if len(numbers) != 4:
         return None

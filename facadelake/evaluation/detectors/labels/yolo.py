@@ -12,10 +12,10 @@ import yaml
 from facadelake.core.errors import InputDataError
 from facadelake.detection import Box, Crosswalk
 from facadelake.detection.inference import has_exif_rotation
-from facadelake.evaluation.detectors.labels.labels import Gathering, LabelledSet, TrueBox, photographs_below
+from facadelake.evaluation.detectors.labels.labels import LabelCollector, LabelledSet, TruthBox, find_photographs
 
 # Labelling tools show the turned view and write shares of it; the pixels as stored are another view.
-_TURNED = "photographs that EXIF turns (YOLO does not say of which view its shares are; store them upright)"
+_EXIF_ROTATED = "photographs that EXIF turns (YOLO does not say of which view its shares are; store them upright)"
 _NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names", "labels/classes.txt")
 
 
@@ -28,18 +28,18 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
     with boxes that EXIF turns is left out.
     Raises InputDataError where nobody says what the numbers stand for.
     """
-    gathered = Gathering(folder)
-    names = tuple(class_names) or _names_of(folder)
+    gathered = LabelCollector(folder)
+    names = tuple(class_names) or _find_class_names(folder)
     classes = [crosswalk.defect_class(name) for name in names]
     labelled = frozenset(one for one in classes if one is not None)
-    paths = photographs_below(folder)
+    paths = find_photographs(folder)
     of_split = [path for path in paths if split in path.relative_to(folder).parts[:-1]]
     without = 0
     for path in of_split or paths:
-        size = gathered.size_of(path)
+        size = gathered.read_size(path)
         if size is None:
             continue
-        text_file = _text_file(path, folder)
+        text_file = _find_text_file(path, folder)
         lines: list[str] = []
         if text_file is None:
             without += 1
@@ -50,13 +50,13 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
                 gathered.left_out["photographs whose text file cannot be read"] += 1
                 continue
         if lines and has_exif_rotation(path):
-            gathered.left_out[_TURNED] += 1
+            gathered.left_out[_EXIF_ROTATED] += 1
             continue
         boxes = []
         for line in lines:
             if not line.strip():
                 continue
-            number, box = _of_line(line, size)
+            number, box = _parse_line(line, size)
             if number is None or box is None:
                 gathered.left_out["lines that are not a class and a box of 0..1"] += 1
             elif not 0 <= number < len(classes):
@@ -64,16 +64,16 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
             elif (defect_class := classes[number]) is None:
                 gathered.left_out[f"boxes of class '{names[number]}', which stands for no defect class"] += 1
             else:
-                boxes.append(TrueBox(box=box, defect_class=defect_class))
+                boxes.append(TruthBox(box=box, defect_class=defect_class))
         gathered.add(path, size, boxes, labelled)
     if without == len(gathered.images):
         gathered.images.clear()  # photographs alone are no labels
     elif without:
         gathered.left_out["text files missing: their photographs were taken as free of defects"] = without
-    return gathered.finished("yolo")
+    return gathered.create_set("yolo")
 
 
-def _text_file(photograph: Path, folder: Path) -> Path | None:
+def _find_text_file(photograph: Path, folder: Path) -> Path | None:
     """The text file beside a photograph, or at its place in ``labels``."""
     beside = photograph.with_suffix(".txt")
     if beside.is_file():
@@ -87,7 +87,7 @@ def _text_file(photograph: Path, folder: Path) -> Path | None:
     return twin if twin.is_file() else None
 
 
-def _of_line(line: str, size: tuple[int, int]) -> tuple[int | None, Box | None]:
+def _parse_line(line: str, size: tuple[int, int]) -> tuple[int | None, Box | None]:
     """Class number and box in pixels; None where the line does not say it."""
     words = line.split()
     try:
@@ -109,11 +109,11 @@ def _of_line(line: str, size: tuple[int, int]) -> tuple[int | None, Box | None]:
     return None, None
 
 
-def _names_of(folder: Path) -> tuple[str, ...]:
+def _find_class_names(folder: Path) -> tuple[str, ...]:
     for name in _NAME_FILES:
         path = folder / name
         if path.is_file():
-            names = _yaml_names(path) if path.suffix in {".yaml", ".yml"} else _lines(path)
+            names = _read_yaml_names(path) if path.suffix in {".yaml", ".yml"} else _read_name_lines(path)
             if names:
                 return names
     raise InputDataError(
@@ -122,11 +122,11 @@ def _names_of(folder: Path) -> tuple[str, ...]:
     )
 
 
-def _lines(path: Path) -> tuple[str, ...]:
+def _read_name_lines(path: Path) -> tuple[str, ...]:
     return tuple(line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip())
 
 
-def _yaml_names(path: Path) -> tuple[str, ...]:
+def _read_yaml_names(path: Path) -> tuple[str, ...]:
     try:
         content: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

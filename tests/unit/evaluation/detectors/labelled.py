@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from facadelake.detection.boxes import Box
-from facadelake.evaluation.detectors.labels.labels import LabelledImage, TrueBox
+from facadelake.evaluation.detectors.labels.labels import LabelledImage, TruthBox
 from facadelake.evaluation.detectors.predictions import Prediction
 from schemas.vocabulary import DefectClass
 
@@ -37,8 +37,8 @@ def image(
         width_px=100,
         height_px=80,
         boxes=(
-            *(TrueBox(box=box(*one), defect_class=defect_class) for one in boxes),
-            *(TrueBox(box=box(*one), defect_class=defect_class, ignored=True) for one in ignored),
+            *(TruthBox(box=box(*one), defect_class=defect_class) for one in boxes),
+            *(TruthBox(box=box(*one), defect_class=defect_class, ignored=True) for one in ignored),
         ),
         labelled=frozenset(labelled),
         site=site,

@@ -56,7 +56,7 @@ def test_the_classical_filter_finds_a_drawn_crack() -> None:
     for start, end in pairwise(ends):
         cv2.line(grey, start, end, 60.0, 3, cv2.LINE_AA)
     pixels = cv2.cvtColor(np.clip(grey, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
-    found = ClassicalCracks().look(image("drawn"), pixels).down_to_floor
+    found = ClassicalCracks().detect(image("drawn"), pixels).above_floor
     best = max(found, key=lambda one: one.score)
     assert [best.box.x_px, best.box.y_px] == pytest.approx([60, 80], abs=8)  # px
     assert [best.box.width_px, best.box.height_px] == pytest.approx([270, 220], abs=12)

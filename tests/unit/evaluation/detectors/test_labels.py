@@ -10,10 +10,15 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import build_crosswalk
-from facadelake.evaluation.detectors.labels.format import Form
-from facadelake.evaluation.detectors.labels.labels import LabelledSet, joined, labelled_only, sound_photographs
+from facadelake.evaluation.detectors.labels.format import LabelFormat
+from facadelake.evaluation.detectors.labels.labels import (
+    LabelledSet,
+    combine_sets,
+    open_sound_photographs,
+    restrict_to_classes,
+)
 from facadelake.evaluation.detectors.labels.open import open_labels
-from facadelake.evaluation.detectors.labels.sites import with_scale, with_sites
+from facadelake.evaluation.detectors.labels.sites import assign_scale, assign_sites
 from tests.unit.evaluation.detectors.labelled import CRACK, MOISTURE, SPALLING, picture
 
 CROSSWALK = build_crosswalk({})
@@ -92,7 +97,7 @@ def test_every_form_reads_the_same(tmp_path: Path, form: str) -> None:
             yolo(folder, beside=form == "yolo beside")
     labelled = open_labels(folder, CROSSWALK)
     (name_a, boxes), (name_b, none) = told(labelled)
-    assert (labelled.name, labelled.form, name_a, name_b, none) == ("walls", form.split()[0], "a", "b", [])
+    assert (labelled.name, labelled.label_format, name_a, name_b, none) == ("walls", form.split()[0], "a", "b", [])
     assert [one[0] for one in boxes] == ["crack", "spalling"]
     assert boxes[0][1:] == pytest.approx((10, 20, 30, 40), abs=1e-9)  # px
     assert boxes[1][1:] == pytest.approx((50, 0, 20, 10), abs=1e-9)
@@ -179,7 +184,7 @@ def test_yolo_needs_names_and_labels(tmp_path: Path) -> None:
     assert len(once.images) == 2 and list(once.left_out.values()) == [1]
     (tmp_path / "labels" / "test" / "a.txt").unlink()
     with pytest.raises(InputDataError, match="no labelled photograph of form yolo"):
-        open_labels(tmp_path, CROSSWALK, form=Form.YOLO, class_names=["crack"])
+        open_labels(tmp_path, CROSSWALK, label_format=LabelFormat.YOLO, class_names=["crack"])
 
 
 def test_voc_difficult_and_broken_files(tmp_path: Path) -> None:
@@ -212,7 +217,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
     voc(tmp_path / "walls")
     with pytest.raises(InputDataError, match="labels of coco and voc"):
         open_labels(tmp_path / "walls", CROSSWALK)
-    assert open_labels(tmp_path / "walls", CROSSWALK, form=Form.VOC).form == "voc"
+    assert open_labels(tmp_path / "walls", CROSSWALK, label_format=LabelFormat.VOC).label_format == "voc"
 
 
 def test_the_hash_knows_boxes_and_sites(tmp_path: Path) -> None:
@@ -221,7 +226,7 @@ def test_the_hash_knows_boxes_and_sites(tmp_path: Path) -> None:
     assert first.sha256 == open_labels(file, CROSSWALK).sha256
     sites = tmp_path / "sites.csv"
     sites.write_text("image,site,split\na.jpg,north,test\n*,south,train\n")
-    sited = with_sites(first, sites)
+    sited = assign_sites(first, sites)
     assert [image.site for image in sited.images] == ["north", "south"] and sited.sha256 != first.sha256
     coco(tmp_path, [{"id": 1, "image_id": 7, "category_id": 3, "bbox": [10, 20, 30, 41]}])
     assert open_labels(file, CROSSWALK).sha256 != first.sha256
@@ -229,23 +234,23 @@ def test_the_hash_knows_boxes_and_sites(tmp_path: Path) -> None:
 
 def test_sites_and_splits(tmp_path: Path) -> None:
     labelled = open_labels(coco(tmp_path / "walls"), CROSSWALK)
-    assert {image.site for image in with_sites(labelled, None).images} == {None}
+    assert {image.site for image in assign_sites(labelled, None).images} == {None}
     sites = tmp_path / "sites.csv"
     sites.write_text("image,site,split\na.jpg,north,test\n")
-    alone = with_sites(labelled, sites, "test")
+    alone = assign_sites(labelled, sites, "test")
     assert [image.key for image in alone.images] == ["images/a.jpg"]
     assert alone.left_out == {"photographs that the sites' file does not list": 1}
     with pytest.raises(InputDataError, match="none of the 2 photographs of walls into split 'val'"):
-        with_sites(labelled, sites, "val")
+        assign_sites(labelled, sites, "val")
     sites.write_text("image,place\na.jpg,north\n")
     with pytest.raises(InputDataError, match="no column site"):
-        with_sites(labelled, sites)
+        assign_sites(labelled, sites)
     by_yaml = tmp_path / "sites.yaml"
     by_yaml.write_text("walls:\n  north: {split: test, pictures: [a]}\n  south: {split: val, pictures: [images/b]}\n")
-    assert [image.site for image in with_sites(labelled, by_yaml, "val").images] == ["south"]
+    assert [image.site for image in assign_sites(labelled, by_yaml, "val").images] == ["south"]
     by_yaml.write_text("roofs: {}\n")
     with pytest.raises(InputDataError, match="data folder's name 'walls'"):
-        with_sites(labelled, by_yaml)
+        assign_sites(labelled, by_yaml)
 
 
 def test_folders_are_sites_where_nobody_says(tmp_path: Path) -> None:
@@ -255,15 +260,15 @@ def test_folders_are_sites_where_nobody_says(tmp_path: Path) -> None:
         label.parent.mkdir()
         label.write_text("0 0.5 0.5 0.1 0.1\n")
     (tmp_path / "classes.txt").write_text("crack\n")
-    labelled = with_sites(open_labels(tmp_path, CROSSWALK), None)
+    labelled = assign_sites(open_labels(tmp_path, CROSSWALK), None)
     assert [image.site for image in labelled.images] == ["north", "south"]
 
 
 def test_sets_are_joined_under_their_names(tmp_path: Path) -> None:
     first = open_labels(coco(tmp_path / "one"), CROSSWALK)
-    second = with_sites(open_labels(voc(tmp_path / "two"), CROSSWALK), None)
-    whole = joined([first, second])
-    assert whole.name == "one + two" and whole.form == "coco+voc"
+    second = assign_sites(open_labels(voc(tmp_path / "two"), CROSSWALK), None)
+    whole = combine_sets([first, second])
+    assert whole.name == "one + two" and whole.label_format == "coco+voc"
     assert [image.key for image in whole.images] == [
         "one/images/a.jpg",
         "one/images/b.jpg",
@@ -271,22 +276,22 @@ def test_sets_are_joined_under_their_names(tmp_path: Path) -> None:
         "two/JPEGImages/b.jpg",
     ]
     with pytest.raises(InputDataError, match="both named 'one'"):
-        joined([first, first])
+        combine_sets([first, first])
 
 
 def test_scale(tmp_path: Path) -> None:
     labelled = open_labels(coco(tmp_path / "walls"), CROSSWALK)
     scale = tmp_path / "scale.csv"
     scale.write_text("image,gsd_mm,area_m2\na.jpg,5,\n*,,3.2\n")
-    a, b = with_scale(labelled.images, scale)
+    a, b = assign_scale(labelled.images, scale)
     assert a.area_m2 == pytest.approx(8000 * 25e-6) and a.gsd_mm == 5  # 100 x 80 px of 5 mm
     assert b.area_m2 == 3.2 and b.gsd_mm == pytest.approx(20.0)
     scale.write_text("image,gsd_mm\na.jpg,-5\n")
     with pytest.raises(InputDataError, match="'-5' is not a positive number"):
-        with_scale(labelled.images, scale)
+        assign_scale(labelled.images, scale)
     scale.write_text("image,gsd_mm\nz.jpg,5\n")
     with pytest.raises(InputDataError, match="lists none of the photographs"):
-        with_scale(labelled.images, scale)
+        assign_scale(labelled.images, scale)
 
 
 def test_a_coco_file_that_lacks_a_key_is_told_of(tmp_path: Path) -> None:
@@ -299,7 +304,7 @@ def test_a_coco_file_that_lacks_a_key_is_told_of(tmp_path: Path) -> None:
 
 
 def test_only_what_was_labelled_is_judged(tmp_path: Path) -> None:
-    alone = labelled_only(open_labels(coco(tmp_path), CROSSWALK), frozenset({SPALLING}))
+    alone = restrict_to_classes(open_labels(coco(tmp_path), CROSSWALK), frozenset({SPALLING}))
     assert alone.labelled == (SPALLING,)
     assert [one.defect_class for one in alone.images[0].boxes] == [SPALLING]
 
@@ -307,7 +312,7 @@ def test_only_what_was_labelled_is_judged(tmp_path: Path) -> None:
 def test_patterns_fit_the_end_of_a_path_and_roboflow_names_their_photograph(tmp_path: Path) -> None:
     for name in ("a_png_jpg.rf.0a1b.jpg", "b_1_jpg.rf.0a1b.jpg"):
         picture(tmp_path / "walls" / "images" / name)
-    found = sound_photographs(tmp_path / "walls")
+    found = open_sound_photographs(tmp_path / "walls")
     sites = tmp_path / "sites.csv"
     sites.write_text("image,site\na,north\nb_?_jpg*,south\n")
-    assert [image.site for image in with_sites(found, sites).images] == ["north", "south"]
+    assert [image.site for image in assign_sites(found, sites).images] == ["north", "south"]

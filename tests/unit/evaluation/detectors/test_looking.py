@@ -14,8 +14,8 @@ import yaml
 from facadelake.detection.crosswalk import build_crosswalk
 from facadelake.detection.inference.detector import load_detector
 from facadelake.detection.tiling.tiled_detection import detect_image
-from facadelake.evaluation.detectors.predictions import collect
-from facadelake.evaluation.detectors.sources import FLOOR, FileLooker, OnnxLooker
+from facadelake.evaluation.detectors.predictions import collect_predictions
+from facadelake.evaluation.detectors.sources import SCORE_FLOOR, CocoPredictionSource, OnnxPredictionSource
 from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model
 from tests.unit.evaluation.detectors.labelled import image, picture
 
@@ -36,10 +36,10 @@ def test_one_run_gives_what_two_would(tmp_path: Path, size: tuple[int, int], thr
     model.with_suffix(".card.yaml").write_text(yaml.safe_dump(card("yolov8")))
     width, height = size
     pixels = np.random.default_rng(1).integers(0, 256, (height, width, 3), dtype=np.uint8)
-    looks = OnnxLooker(model, threshold=threshold).look(image("one"), pixels)
+    looks = OnnxPredictionSource(model, threshold=threshold).detect(image("one"), pixels)
     shown = detect_image(load_detector(model, score_threshold=threshold or 0.25), pixels)
-    low = detect_image(load_detector(model, score_threshold=FLOOR), pixels)
-    assert looks.shown == shown and looks.down_to_floor == low
+    low = detect_image(load_detector(model, score_threshold=SCORE_FLOOR), pixels)
+    assert looks.above_threshold == shown and looks.above_floor == low
     assert 0 < len(shown) < len(low)
 
 
@@ -55,14 +55,14 @@ def test_boxes_of_a_file_are_filtered_and_found_by_the_end_of_their_path(tmp_pat
     content = {"images": [{"id": 1, "file_name": "north/a.png"}], "annotations": boxes, "categories": names}
     file = tmp_path / "found.json"
     file.write_text(json.dumps(content))
-    looker = FileLooker(file, threshold=0.5)
+    looker = CocoPredictionSource(file, threshold=0.5)
     assert looker.unusable == 1
     one = image("walls/north/a.png")
     one = replace(one, path=picture(tmp_path / "a.png"))
     other = replace(one, key="walls/south/a.png")
-    found = collect(looker, [one, other], build_crosswalk({}))
-    assert [(p.score, p.box.width_px) for p in found.shown[one.key]] == [(1.0, 5), (0.9, 30)]  # cut to 100 px
-    assert len(found.down_to_floor[one.key]) == 3 and not found.shown[other.key]
+    found = collect_predictions(looker, [one, other], build_crosswalk({}))
+    assert [(p.score, p.box.width_px) for p in found.above_threshold[one.key]] == [(1.0, 5), (0.9, 30)]  # cut to 100 px
+    assert len(found.above_floor[one.key]) == 3 and not found.above_threshold[other.key]
     assert found.left_out == {"boxes found of class 'person', which stands for no defect class": 1}
 
 
@@ -76,6 +76,6 @@ def test_a_broken_photograph_is_left_out(tmp_path: Path) -> None:
     (tmp_path / "torn.jpg").write_bytes(jpeg[: len(jpeg) // 2])  # OpenCV opens it, half of it grey
     names = ("broken.png", "torn.jpg", "whole.jpg")
     images = [replace(image(name), path=tmp_path / name) for name in names]
-    found = collect(FileLooker(file), images, build_crosswalk({}))
+    found = collect_predictions(CocoPredictionSource(file), images, build_crosswalk({}))
     assert [one.key for one in found.images] == ["whole.jpg"]
     assert found.left_out == {"photographs that cannot be decoded": 2}

@@ -5,9 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from facadelake.evaluation.detectors.average_precision import Matches, average_precision, match
+from facadelake.evaluation.detectors.average_precision import (
+    PredictionMatches,
+    compute_average_precision,
+    match_predictions,
+)
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
-from facadelake.evaluation.detectors.operating_point import confusions, joined_operating, operating_of
+from facadelake.evaluation.detectors.operating_point import (
+    compute_operating_point,
+    count_confusions,
+    sum_operating_points,
+)
 from facadelake.evaluation.detectors.predictions import Prediction
 from tests.unit.evaluation.detectors.labelled import CRACK, MOISTURE, SPALLING, Corner, guess, image
 
@@ -15,9 +23,9 @@ A, B, C = (10.0, 10.0, 20.0, 20.0), (50.0, 10.0, 20.0, 20.0), (10.0, 50.0, 20.0,
 NOWHERE = (75.0, 55.0, 10.0, 10.0)
 
 
-def both(matches: Matches) -> np.ndarray:
+def both(matches: PredictionMatches) -> np.ndarray:
     """Our average precision, after making sure that pycocotools' is the same."""
-    ours = average_precision(matches)
+    ours = compute_average_precision(matches)
     np.testing.assert_allclose(ours, matches.coco_precision, rtol=0, atol=1e-12)
     return ours
 
@@ -27,28 +35,28 @@ def test_a_ranking_by_hand() -> None:
     images = [image("one", A, B, C)]
     found = {"one": (guess(0.9, A), guess(0.8, NOWHERE), guess(0.7, B))}
     expected = (34 * 1.0 + 33 * 2 / 3) / 101  # recalls 0.00 to 0.33 and 0.34 to 0.66 of 101
-    assert both(match(images, found, CRACK))[0] == pytest.approx(expected, abs=1e-12)
+    assert both(match_predictions(images, found, CRACK))[0] == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_perfect_detector_has_one_and_a_shifted_one_zero() -> None:
     images = [image("one", A, B), image("two", C), image("empty")]
     perfect = {one.key: tuple(guess(0.9, tuple(vars(b.box).values())) for b in one.boxes) for one in images}
     shifted = {key: tuple(guess(0.9, (g.box.x_px + 15, g.box.y_px, 20, 20)) for g in gs) for key, gs in perfect.items()}
-    np.testing.assert_allclose(both(match(images, perfect, CRACK)), 1.0, rtol=0, atol=1e-12)
-    assert (both(match(images, shifted, CRACK)) == 0).all()  # an IoU of 1/7
+    np.testing.assert_allclose(both(match_predictions(images, perfect, CRACK)), 1.0, rtol=0, atol=1e-12)
+    assert (both(match_predictions(images, shifted, CRACK)) == 0).all()  # an IoU of 1/7
 
 
 @pytest.mark.parametrize(("width", "reached"), [(10.0, 1), (9.9, 0), (15.0, 6), (14.9, 5), (20.0, 10)])
 def test_an_overlap_of_exactly_the_threshold_is_a_hit(width: float, reached: int) -> None:
     # A guess of that width inside a truth 20 wide has an IoU of width / 20: hits at 0.50, 0.55, ... up to it.
     found = {"one": (guess(0.9, (10, 10, width, 20)),)}
-    precision = both(match([image("one", A)], found, CRACK))
+    precision = both(match_predictions([image("one", A)], found, CRACK))
     assert (precision == 1).sum() == reached and (precision == 0).sum() == 10 - reached
 
 
 def test_a_second_box_on_one_truth_is_a_false_alarm() -> None:
     found = {"one": (guess(0.9, A), guess(0.8, A))}
-    counts = operating_of(match([image("one", A, B)], found, CRACK))
+    counts = compute_operating_point(match_predictions([image("one", A, B)], found, CRACK))
     assert (counts.hits, counts.false_alarms, counts.misses) == (1, 1, 1)
     assert counts.precision == counts.recall == counts.f1 == 0.5
 
@@ -56,18 +64,20 @@ def test_a_second_box_on_one_truth_is_a_false_alarm() -> None:
 def test_ignored_truths_count_neither_way() -> None:
     images = [image("one", A, ignored=(B,))]
     found = {"one": (guess(0.95, B), guess(0.9, A))}
-    matches = match(images, found, CRACK)
+    matches = match_predictions(images, found, CRACK)
     np.testing.assert_allclose(both(matches), 1.0, rtol=0, atol=1e-12)
-    counts = operating_of(matches)
+    counts = compute_operating_point(matches)
     assert (counts.hits, counts.false_alarms, counts.misses) == (1, 0, 0)
-    assert operating_of(match(images, {"one": ()}, CRACK)).misses == 1
-    assert [(one.truth, one.shown, one.count) for one in confusions(images, found)] == [("crack", "crack", 1)]
+    assert compute_operating_point(match_predictions(images, {"one": ()}, CRACK)).misses == 1
+    assert [(one.truth, one.shown, one.count) for one in count_confusions(images, found)] == [("crack", "crack", 1)]
 
 
 def test_without_truth_there_is_no_precision() -> None:
-    assert np.isnan(average_precision(match([image("one")], {"one": (guess(0.9, A),)}, CRACK))).all()
-    assert np.isnan(average_precision(match([], {}, CRACK))).all()
-    none = operating_of(match([image("one")], {"one": ()}, CRACK))
+    assert np.isnan(
+        compute_average_precision(match_predictions([image("one")], {"one": (guess(0.9, A),)}, CRACK))
+    ).all()
+    assert np.isnan(compute_average_precision(match_predictions([], {}, CRACK))).all()
+    none = compute_operating_point(match_predictions([image("one")], {"one": ()}, CRACK))
     assert none.precision is None and none.recall is None and none.f1 is None
 
 
@@ -75,10 +85,10 @@ def test_photographs_without_labels_of_a_class_do_not_judge_it() -> None:
     images = [image("cracks", A), image("spalls", B, defect_class=SPALLING, labelled=(SPALLING,))]
     found = {"cracks": (guess(0.9, A), guess(0.9, B, SPALLING)), "spalls": (guess(0.8, B, SPALLING), guess(0.9, C))}
     for one in (CRACK, SPALLING):
-        matches = match(images, found, one)
+        matches = match_predictions(images, found, one)
         np.testing.assert_allclose(both(matches), 1.0, rtol=0, atol=1e-12)
-        assert operating_of(matches).false_alarms == 0
-    told = {(one.truth, one.shown): one.count for one in confusions(images, found)}
+        assert compute_operating_point(matches).false_alarms == 0
+    told = {(one.truth, one.shown): one.count for one in count_confusions(images, found)}
     assert told == {("crack", "crack"): 1, ("spalling", "spalling"): 1}
 
 
@@ -86,7 +96,7 @@ def test_confusions_pair_the_same_class_first() -> None:
     both_classes = (CRACK, SPALLING)
     images = [image("one", A, B, labelled=both_classes)]
     found = {"one": (guess(0.9, A, SPALLING), guess(0.5, A), guess(0.4, B, SPALLING), guess(0.3, C, MOISTURE))}
-    told = {(one.truth, one.shown): one.count for one in confusions(images, found)}
+    told = {(one.truth, one.shown): one.count for one in count_confusions(images, found)}
     assert told == {("crack", "crack"): 1, ("crack", "spalling"): 1, ("nothing", "spalling"): 1}
 
 
@@ -113,27 +123,31 @@ def random_set(seed: int) -> tuple[list[LabelledImage], dict[str, tuple[Predicti
 @pytest.mark.parametrize("seed", range(4))
 def test_our_accumulation_is_pycocotools(seed: int) -> None:
     images, found = random_set(seed)
-    matches = match(images, found, CRACK)
+    matches = match_predictions(images, found, CRACK)
     assert 0.05 < both(matches)[0] < 0.95
     # A site by weights is the site alone, and sites' counts add up to the whole.
     parts = []
     for site in ("site 0", "site 1", "site 2"):
         of_site = [one for one in images if one.site == site]
         weights = np.array([float(one.site == site) for one in images])
-        alone = match(of_site, found, CRACK)
-        np.testing.assert_allclose(average_precision(matches, weights), alone.coco_precision, rtol=0, atol=1e-12)
-        assert operating_of(matches, weights) == operating_of(alone)
-        parts.append(operating_of(alone))
-    assert joined_operating(parts) == operating_of(matches)
+        alone = match_predictions(of_site, found, CRACK)
+        np.testing.assert_allclose(
+            compute_average_precision(matches, weights), alone.coco_precision, rtol=0, atol=1e-12
+        )
+        assert compute_operating_point(matches, weights) == compute_operating_point(alone)
+        parts.append(compute_operating_point(alone))
+    assert sum_operating_points(parts) == compute_operating_point(matches)
     # Twice every photograph changes nothing but the counts.
     twice = np.full(len(images), 2.0)
-    np.testing.assert_allclose(average_precision(matches, twice), average_precision(matches), rtol=0, atol=1e-12)
-    assert operating_of(matches, twice).hits == 2 * operating_of(matches).hits
-    told = confusions(images, found)
-    assert sum(one.count for one in told if one.shown == "nothing") == operating_of(matches).misses
+    np.testing.assert_allclose(
+        compute_average_precision(matches, twice), compute_average_precision(matches), rtol=0, atol=1e-12
+    )
+    assert compute_operating_point(matches, twice).hits == 2 * compute_operating_point(matches).hits
+    told = count_confusions(images, found)
+    assert sum(one.count for one in told if one.shown == "nothing") == compute_operating_point(matches).misses
 
 
 def test_only_the_best_of_a_photograph_count() -> None:
     found = {"one": (*(guess(0.9 - i / 1000, NOWHERE) for i in range(100)), guess(0.1, A))}
-    assert both(match([image("one", A)], found, CRACK))[0] == 0
-    assert both(match([image("one", A)], found, CRACK, most=101))[0] == pytest.approx(1 / 101, abs=1e-12)
+    assert both(match_predictions([image("one", A)], found, CRACK))[0] == 0
+    assert both(match_predictions([image("one", A)], found, CRACK, most=101))[0] == pytest.approx(1 / 101, abs=1e-12)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluation.detectors.average_precision import average_precision, match
-from facadelake.evaluation.detectors.bootstrap import interval_of
-from facadelake.evaluation.detectors.calibration import calibration_of
-from facadelake.evaluation.detectors.false_alarms import false_alarms_of
+from facadelake.evaluation.detectors.average_precision import compute_average_precision, match_predictions
+from facadelake.evaluation.detectors.bootstrap import estimate_interval
+from facadelake.evaluation.detectors.calibration import compute_calibration
+from facadelake.evaluation.detectors.false_alarms import compute_false_alarms
 from tests.unit.evaluation.detectors.labelled import CRACK, MOISTURE, guess, image
 
 HERE, THERE = (10.0, 10.0, 20.0, 20.0), (60.0, 40.0, 20.0, 20.0)
@@ -21,7 +21,7 @@ def test_calibration_by_hand() -> None:
     found = {f"{i}": (guess(0.9, HERE if i else THERE),) for i in range(10)}
     for key in ("0", "1"):
         found[key] = (*found[key], guess(0.15, THERE if key == "1" else (80.0, 5.0, 10.0, 10.0)))
-    calibration = calibration_of(match(images, found, CRACK), 0.5)
+    calibration = compute_calibration(match_predictions(images, found, CRACK), 0.5)
     assert calibration.count == 12 and calibration.count_shown == 10
     assert calibration.ece == pytest.approx(2 / 12 * 0.15, abs=1e-12)
     assert calibration.ece_shown == pytest.approx(0.0, abs=1e-12)
@@ -30,12 +30,12 @@ def test_calibration_by_hand() -> None:
 
 
 def test_a_score_of_one_lies_in_the_last_bin() -> None:
-    calibration = calibration_of(match([image("one", HERE)], {"one": (guess(1.0, HERE),)}, CRACK), 0.5)
+    calibration = compute_calibration(match_predictions([image("one", HERE)], {"one": (guess(1.0, HERE),)}, CRACK), 0.5)
     assert [(one.high, one.count) for one in calibration.bins] == [(1.0, 1)] and calibration.ece == 0
 
 
 def test_nothing_found_has_no_calibration() -> None:
-    calibration = calibration_of(match([image("one", HERE)], {"one": ()}, CRACK), 0.5)
+    calibration = compute_calibration(match_predictions([image("one", HERE)], {"one": ()}, CRACK), 0.5)
     assert (calibration.count, calibration.ece, calibration.expected_precision) == (0, None, None)
 
 
@@ -47,7 +47,7 @@ def test_false_alarms_by_hand() -> None:
         "three": (),
     }
     shown = {key: tuple(one for one in found if one.score >= 0.5) for key, found in low.items()}
-    alarms = false_alarms_of("walls", images, shown, low)
+    alarms = compute_false_alarms("walls", images, shown, low)
     every, crack, spalling, moisture = alarms.rates
     assert every.count == 3 and every.with_one == 2 and every.area_m2 == pytest.approx(200.0)
     assert every.per_10_m2 == pytest.approx(0.15) and crack.per_10_m2 == pytest.approx(0.1)
@@ -63,7 +63,7 @@ def test_false_alarms_by_hand() -> None:
 def test_without_every_area_there_is_no_rate() -> None:
     images = [image("one", area_m2=30.0), image("two")]
     found = {"one": (guess(0.9, HERE),), "two": ()}
-    rate = false_alarms_of("walls", images, found, found).rates[0]
+    rate = compute_false_alarms("walls", images, found, found).rates[0]
     assert rate.count == 1 and rate.area_m2 is None and rate.per_10_m2 is None and rate.high_per_10_m2 is None
 
 
@@ -74,13 +74,13 @@ def test_resampling_sites_is_wider_than_resampling_their_photographs() -> None:
         one.key: (guess(0.5 + 0.001 * i, HERE if one.site == "0" or (one.site == "1" and i % 2) else THERE),)
         for i, one in enumerate(images)
     }
-    matches = match(images, found, CRACK)
+    matches = match_predictions(images, found, CRACK)
 
     def figure(weights: np.ndarray) -> float:
-        return float(average_precision(matches, weights)[0])
+        return float(compute_average_precision(matches, weights)[0])
 
-    by_site = interval_of(images, figure, by_site=True, draws=200)
-    by_photograph = interval_of(images, figure, by_site=False, draws=200)
+    by_site = estimate_interval(images, figure, by_site=True, draws=200)
+    by_photograph = estimate_interval(images, figure, by_site=False, draws=200)
     assert by_site is not None and by_photograph is not None
     assert (by_site.groups, by_site.unit, by_photograph.groups, by_photograph.unit) == (3, "site", 60, "photograph")
     assert by_site.high - by_site.low > 2 * (by_photograph.high - by_photograph.low)
@@ -90,9 +90,9 @@ def test_resampling_sites_is_wider_than_resampling_their_photographs() -> None:
 
 def test_one_site_says_nothing_of_others() -> None:
     images = [image(f"{i}", HERE, site="one") for i in range(5)]
-    assert interval_of(images, lambda weights: float(weights.sum()), by_site=True) is None
+    assert estimate_interval(images, lambda weights: float(weights.sum()), by_site=True) is None
 
 
 def test_no_photographs_are_refused() -> None:
     with pytest.raises(InputDataError, match="none of the photographs without defects"):
-        false_alarms_of("walls", [], {}, {})
+        compute_false_alarms("walls", [], {}, {})
