@@ -119,7 +119,7 @@ def measured(
         whole.append(
             evaluate_image_labels(looker, opened, collect_predictions(looker, opened.labelled.images, crosswalk))
         )
-    known = {crosswalk.defect_class(name) for name in class_names}
+    known = {crosswalk.find_defect_class(name) for name in class_names}
     sees = frozenset(one for one in DefectClass if one in known)
     return Row(name=looker.name, sees=sees, judgements=tuple(judgements), whole=tuple(whole))
 

@@ -32,7 +32,7 @@ def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: 
             root,
             load_configured_detector(setting),
             class_names=setting.classes,
-            view_of=prepare_building_views(read_building(model.folder), read_table("poses", placed.folder), masks),
+            find_region=prepare_building_views(read_building(model.folder), read_table("poses", placed.folder), masks),
             workers=count_threads(setting),
         )
         write_table("detections", table, folder)

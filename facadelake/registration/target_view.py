@@ -70,7 +70,7 @@ def prepare_building_views(
     """What is known of each photograph, by its photo_id, from table ``poses`` and the user's masks."""
     posed, surface = read_posed_cameras(poses), Surface(building)
 
-    def view_of(photo_id: str) -> SearchRegion:
+    def find_region(photo_id: str) -> SearchRegion:
         if photo_id not in posed:
             return SearchRegion(remark=WITHOUT_POSE)
         seen = render_target_view(posed[photo_id], surface, building.elements, masks.get(photo_id))
@@ -78,4 +78,4 @@ def prepare_building_views(
         target = None if building.surface_kind is SurfaceKind.AS_BUILT else seen.target
         return SearchRegion(gsd_mm=None if math.isnan(seen.gsd_mm) else seen.gsd_mm, target=target)
 
-    return view_of
+    return find_region

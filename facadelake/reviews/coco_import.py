@@ -171,10 +171,12 @@ def _parse_annotation(
     subject: str | None,
 ) -> _DrawnBox | str:
     """What a person drew, or why it cannot be used."""
-    defect_class = None if source is None else crosswalk.defect_class(source)
+    defect_class = None if source is None else crosswalk.find_defect_class(source)
     if defect_class is None:
         return (
-            f"category_id {annotation.category_id!r} has no name" if source is None else crosswalk.why_unknown(source)
+            f"category_id {annotation.category_id!r} has no name"
+            if source is None
+            else crosswalk.explain_unknown(source)
         )
     bbox = annotation.bbox
     if bbox is None:

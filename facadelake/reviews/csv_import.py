@@ -158,9 +158,9 @@ def _review_missed(
 
 
 def _parse_class(name: str, crosswalk: Crosswalk) -> DefectClass:
-    found = crosswalk.defect_class(name)
+    found = crosswalk.find_defect_class(name)
     if found is None:
-        raise _LineError(crosswalk.why_unknown(name))
+        raise _LineError(crosswalk.explain_unknown(name))
     return found
 
 

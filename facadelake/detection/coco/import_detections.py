@@ -66,7 +66,7 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
     for annotation in track(coco.annotations, label="Reading boxes"):
         place = places[annotation.image_id]
         source_class = coco.categories.get(annotation.category_id)
-        defect_class = crosswalk.defect_class(source_class) if source_class is not None else None
+        defect_class = crosswalk.find_defect_class(source_class) if source_class is not None else None
         box, verdict = _check_box(annotation, place)
         if place.verdict.outcome is not DetectionOutcome.ACCEPTED:
             verdict = place.verdict
@@ -182,7 +182,7 @@ def _explain_unknown_class(annotation: CocoAnnotation, source_class: str | None,
     reason = (
         f"category_id {annotation.category_id!r} is not among 'categories'"
         if source_class is None
-        else crosswalk.why_unknown(source_class)
+        else crosswalk.explain_unknown(source_class)
     )
     return _BoxOutcome(outcome=DetectionOutcome.UNKNOWN_CLASS, reason=reason)
 

@@ -80,7 +80,7 @@ def open_image_labels(folder: Path, crosswalk: Crosswalk) -> ImageLevelSet:
     sound: set[str] = set()
     for path in find_photographs(folder):
         name = path.parent.name
-        defect_class = crosswalk.defect_class(name)
+        defect_class = crosswalk.find_defect_class(name)
         is_sound = name.lower() in _SOUND_NAMES or name.lower().startswith(_NEGATION_PREFIXES)
         if defect_class is None and not is_sound:
             gathered.left_out[f"photographs in folder '{name}', which stands for no class and not for sound"] += 1

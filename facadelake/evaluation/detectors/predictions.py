@@ -114,7 +114,7 @@ def _filter_predictions(
 ) -> tuple[Prediction, ...]:
     kept = []
     for one in found:
-        defect_class = crosswalk.defect_class(one.class_name)
+        defect_class = crosswalk.find_defect_class(one.class_name)
         inside = clip_box(one.box, image_width_px=image.width_px, image_height_px=image.height_px).inside
         if defect_class is None:
             left_out[f"boxes found of class '{one.class_name}', which stands for no defect class"] += 1

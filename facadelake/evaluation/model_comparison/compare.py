@@ -116,7 +116,7 @@ def _compare_on_campaign(
     photos = tables["photos"].filter(pa.compute.is_in(tables["photos"].column("photo_id"), pa.array(chosen)))
     model, remark = _read_committed_model(building, campaign_id, tables)
     masks = find_masks(root)
-    view_of = (lambda _: SearchRegion()) if model is None else prepare_building_views(model, tables["poses"], masks)
+    find_region = (lambda _: SearchRegion()) if model is None else prepare_building_views(model, tables["poses"], masks)
     run_id = tables["runs"].column("run_id")[0].as_py()
     found = []
     for one in models:
@@ -130,7 +130,9 @@ def _compare_on_campaign(
             "masks": {photo_id: hash_file(mask) for photo_id, mask in masks.items()},
             "code": compute_code_version(__name__).sha256,
         }
-        found.append(_detect_cached(lake, compute_key(parts), photos, root, one, building.detector.classes, view_of))
+        found.append(
+            _detect_cached(lake, compute_key(parts), photos, root, one, building.detector.classes, find_region)
+        )
     old, new = (select_accepted_detections(table) for table in found)
     changes = compare_boxes(old, new)
     wall: tuple[DefectChange, ...] = ()
@@ -180,13 +182,13 @@ def _detect_cached(
     root: Path,
     model: OnnxDetector,
     classes: Mapping[str, str],
-    view_of: Callable[[str], SearchRegion],
+    find_region: Callable[[str], SearchRegion],
 ) -> pa.Table:
     """What a model finds, from the cache where it has looked at these photographs before."""
 
     def make(folder: Path) -> None:
         workers = len(os.sched_getaffinity(0))
-        table = detect_photographs(photos, root, model, class_names=classes, view_of=view_of, workers=workers)
+        table = detect_photographs(photos, root, model, class_names=classes, find_region=find_region, workers=workers)
         write_table("detections", table, folder)
 
     return read_table("detections", open_stage_cache(lake).get_or_make("compare", key, make).folder)

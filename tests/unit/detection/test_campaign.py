@@ -66,7 +66,7 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
     named = detect_photographs(photos, root, detector, class_names={"car": "moisture"}).to_pylist()
     assert [row["defect_class"] for row in named[:2]] == ["crack", "moisture"]
     told = detect_photographs(
-        photos, root, detector, view_of=lambda photo_id: SearchRegion(remark=f"{photo_id} has no pose")
+        photos, root, detector, find_region=lambda photo_id: SearchRegion(remark=f"{photo_id} has no pose")
     )
     assert told.column("reason").to_pylist()[0] == "near/wide.jpg has no pose"
 
@@ -78,4 +78,4 @@ def test_nothing_is_looked_for_where_the_building_is_not(tmp_path: Path) -> None
     detector = OnnxDetector(save_model(tmp_path / "fixed.onnx", answer("yolov8", [CRACK])), ModelCard(**card("yolov8")))
     nowhere = SearchRegion(gsd_mm=1.0, target=np.zeros((8, 19), dtype=bool))
     assert len(detect_photographs(photos, tmp_path, detector)) == 1
-    assert len(detect_photographs(photos, tmp_path, detector, view_of=lambda _: nowhere)) == 0
+    assert len(detect_photographs(photos, tmp_path, detector, find_region=lambda _: nowhere)) == 0

@@ -29,9 +29,9 @@ WRITTEN_OUT = {
 def test_every_name_is_known(name: str, counterpart: str | None) -> None:
     crosswalk = build_crosswalk()
     for written in (name, name.lower(), name.upper(), f" {name.replace(' ', '_')} "):
-        assert crosswalk.defect_class(written) == counterpart
+        assert crosswalk.find_defect_class(written) == counterpart
     if counterpart is None:
-        assert " (it is one of " in crosswalk.why_unknown(name)
+        assert " (it is one of " in crosswalk.explain_unknown(name)
 
 
 def test_the_sets_are_whole() -> None:
@@ -40,19 +40,19 @@ def test_the_sets_are_whole() -> None:
 
 def test_a_strange_name_is_not_guessed() -> None:
     crosswalk = build_crosswalk()
-    assert crosswalk.defect_class("cracked pipe") is None
-    assert crosswalk.why_unknown("cat") == (
+    assert crosswalk.find_defect_class("cracked pipe") is None
+    assert crosswalk.explain_unknown("cat") == (
         "class 'cat' stands for none of crack, spalling, moisture; "
         "add it to 'classes' of the model's card or of the building's detector if it should"
     )
-    assert crosswalk.why_unknown("Rust").endswith("if it should (it is one of dacl10k's damages)")
+    assert crosswalk.explain_unknown("Rust").endswith("if it should (it is one of dacl10k's damages)")
 
 
 def test_a_building_stands_over_a_card_and_a_card_over_the_table() -> None:
     card, building = {"Rust": DefectClass.MOISTURE, "Efflorescence": "spalling"}, {"rust": "spalling"}
     crosswalk = build_crosswalk(card, building)
-    assert crosswalk.defect_class("RUST") is DefectClass.SPALLING
-    assert crosswalk.defect_class("efflorescence") is DefectClass.SPALLING
-    assert crosswalk.defect_class("Wetspot") is DefectClass.MOISTURE
+    assert crosswalk.find_defect_class("RUST") is DefectClass.SPALLING
+    assert crosswalk.find_defect_class("efflorescence") is DefectClass.SPALLING
+    assert crosswalk.find_defect_class("Wetspot") is DefectClass.MOISTURE
     with pytest.raises(InputDataError, match="'rust' is set to 'corrosion', which is not a defect class; use one of"):
         build_crosswalk(card, {"rust": "corrosion"})

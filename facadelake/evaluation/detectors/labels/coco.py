@@ -20,7 +20,7 @@ def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:
     coco = read_coco(file)
     root = file.parent.parent if file.parent.name.lower() == "annotations" else file.parent
     gathered = LabelCollector(root)
-    classes = {key: crosswalk.defect_class(name) for key, name in coco.categories.items()}
+    classes = {key: crosswalk.find_defect_class(name) for key, name in coco.categories.items()}
     labelled = frozenset(one for one in classes.values() if one is not None)
     by_image: dict[int | str, list[CocoAnnotation]] = defaultdict(list)
     for annotation in coco.annotations:

@@ -49,7 +49,7 @@ def read_voc_labels(folder: Path, crosswalk: Crosswalk) -> LabelledSet:
         boxes = []
         for thing in tree.iterfind("object"):
             name = (thing.findtext("name") or "").strip()
-            defect_class = crosswalk.defect_class(name)
+            defect_class = crosswalk.find_defect_class(name)
             box = _parse_box(thing)
             if box is None:
                 gathered.left_out["boxes that are not four numbers"] += 1

@@ -30,7 +30,7 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
     """
     gathered = LabelCollector(folder)
     names = tuple(class_names) or _find_class_names(folder)
-    classes = [crosswalk.defect_class(name) for name in names]
+    classes = [crosswalk.find_defect_class(name) for name in names]
     labelled = frozenset(one for one in classes if one is not None)
     paths = find_photographs(folder)
     of_split = [path for path in paths if split in path.relative_to(folder).parts[:-1]]
