@@ -13,7 +13,7 @@ from cronsim import CronSim, CronSimError
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 
 from facadelake.core.errors import InputDataError
-from facadelake.registry.bare import infer_surface_kind, require_applicable_keys
+from facadelake.registry.surface_kinds import infer_surface_kind, require_applicable_keys
 from schemas.vocabulary import DefectClass, SurfaceKind
 
 CAMPAIGN = "{campaign}"

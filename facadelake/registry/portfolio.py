@@ -14,8 +14,8 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from facadelake.core.errors import InputDataError
-from facadelake.registry.bare import AS_BUILT
 from facadelake.registry.building import DEFAULT_MODEL, Building
+from facadelake.registry.surface_kinds import AS_BUILT
 
 _PATH_KEYWORDS = (AS_BUILT, DEFAULT_MODEL)  # that stand where a path would
 _VARIABLE = re.compile(r"\$\{(\w+)(?::-([^}]*))?\}")
