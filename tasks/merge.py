@@ -9,7 +9,7 @@ from prefect import task
 from facadelake.building import read_building
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.core.tables import read_table, write_table
-from facadelake.deduplication import Photographs, merge_observations, merge_settings
+from facadelake.deduplication import PhotographSource, merge_observations, resolve_merge_settings
 from facadelake.severity import grade, rule_file
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -40,9 +40,9 @@ def merge_duplicates(
             read_building(model.folder),
             posed,
             prefix=f"{job.building.id}-{job.campaign_id}",
-            settings=merge_settings(passport),
+            settings=resolve_merge_settings(passport),
             covariances=read_pose_covariances(poses),
-            photographs=Photographs(root=job.building.locate_photographs(job.campaign_id), posed=posed),
+            photographs=PhotographSource(root=job.building.locate_photographs(job.campaign_id), posed=posed),
         )
         write_table("observations", merged.observations, folder)
         write_table("merges", merged.merges, folder)

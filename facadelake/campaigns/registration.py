@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from facadelake.building import BuildingModel
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
-from facadelake.deduplication import MergeResult, Photographs, merge_observations, merge_settings
+from facadelake.deduplication import MergeResult, PhotographSource, merge_observations, resolve_merge_settings
 from facadelake.photos import find_masks
 from facadelake.registration import register_detections, resolve_registration_settings
 from facadelake.registry import Building
@@ -40,7 +40,7 @@ def register_on_committed_poses(
         model,
         posed,
         prefix=f"{building.id}-{campaign_id}",
-        settings=merge_settings(passport),
+        settings=resolve_merge_settings(passport),
         covariances=read_pose_covariances(poses),
-        photographs=Photographs(root=root, posed=posed),
+        photographs=PhotographSource(root=root, posed=posed),
     )

@@ -1,4 +1,4 @@
-from .appearance import Photographs as Photographs
+from .appearance import PhotographSource as PhotographSource
 from .merge import MergeResult as MergeResult
 from .merge import merge_observations as merge_observations
-from .settings import merge_settings as merge_settings
+from .settings import resolve_merge_settings as resolve_merge_settings

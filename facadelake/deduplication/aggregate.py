@@ -7,7 +7,7 @@ import numpy as np
 from facadelake.core.arrays import Float64Array, RowIndices
 
 
-def commonest(group: RowIndices, word: RowIndices, weight: Float64Array, groups: int) -> RowIndices:
+def find_most_common(group: RowIndices, word: RowIndices, weight: Float64Array, groups: int) -> RowIndices:
     """The commonest ``word`` (n,) of each of ``groups``; of equally common ones that with more ``weight``, then the
     lowest. A group without rows has -1."""
     key = group * (int(word.max(initial=0)) + 1) + word
@@ -21,7 +21,7 @@ def commonest(group: RowIndices, word: RowIndices, weight: Float64Array, groups:
     return out
 
 
-def weighted_median(group: RowIndices, value: Float64Array, weight: Float64Array, groups: int) -> Float64Array:
+def compute_weighted_medians(group: RowIndices, value: Float64Array, weight: Float64Array, groups: int) -> Float64Array:
     """The weighted median (groups,) of the values (n,) that are not NaN; NaN for a group that has none."""
     rows = np.flatnonzero(np.isfinite(value))
     rows = rows[np.lexsort((value[rows], group[rows]))]
@@ -41,7 +41,7 @@ def weighted_median(group: RowIndices, value: Float64Array, weight: Float64Array
     return out
 
 
-def greatest(group: RowIndices, value: Float64Array, groups: int) -> Float64Array:
+def compute_maxima(group: RowIndices, value: Float64Array, groups: int) -> Float64Array:
     """The largest value (groups,) of each group; -inf for a group that has none."""
     out = np.full(groups, -np.inf)
     np.maximum.at(out, group, value)

@@ -10,26 +10,30 @@ from __future__ import annotations
 import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
-from facadelake.deduplication.cluster import numbered
-from facadelake.deduplication.gate import Pairs
-from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.cluster import label_groups
+from facadelake.deduplication.gate import ObservationPairs
+from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
 
-_HOST_LEAST = 2  # sightings that outvote one
-_OVERLAP_LEAST = 0.5  # of the smaller patch
+_HOST_OBSERVATIONS_MIN = 2  # sightings that outvote one
+_OVERLAP_MIN = 0.5  # of the smaller patch
 
 
-def with_strays(sightings: Sightings, pairs: Pairs, group: RowIndices, settings: MergeSettings) -> RowIndices:
+def assign_class_outliers(
+    sightings: ObservationArrays, pairs: ObservationPairs, group: RowIndices, settings: MergeSettings
+) -> RowIndices:
     """``group`` (n,) with strays in the groups that they belong to, numbered anew by first members."""
     size = np.bincount(group, minlength=1)
     alone = size[group] == 1
     other = sightings.defect_class[pairs.first] != sightings.defect_class[pairs.second]
-    near = pairs.take(other & (pairs.sigmas <= settings.gate_sigma) & (pairs.overlap >= _OVERLAP_LEAST))
+    near = pairs.take(other & (pairs.sigmas <= settings.gate_sigma) & (pairs.overlap >= _OVERLAP_MIN))
     stray = np.r_[near.first, near.second]
     host = group[np.r_[near.second, near.first]]
     squared = np.r_[near.sigmas, near.sigmas] ** 2
     twin = size[group] == 2
-    kept = (alone[stray] & (size[host] >= _HOST_LEAST)) | (twin[stray] & (size[host] > _HOST_LEAST))
+    kept = (alone[stray] & (size[host] >= _HOST_OBSERVATIONS_MIN)) | (
+        twin[stray] & (size[host] > _HOST_OBSERVATIONS_MIN)
+    )
     stray, host, squared = stray[kept], host[kept], squared[kept]
     if len(stray) == 0:
         return group
@@ -42,7 +46,7 @@ def with_strays(sightings: Sightings, pairs: Pairs, group: RowIndices, settings:
     # The nearest host of each stray, less twins that belong together; then the nearest stray of a host and photograph.
     free = free[np.lexsort((host[free], mean[free], stray[free]))]
     free = free[np.r_[True, np.diff(stray[free]) != 0][: len(free)]]
-    free = free[~twin[stray[free]] | _parted(pairs, group, stray[free], host[free], mean[free])]
+    free = free[~twin[stray[free]] | _find_split_pairs(pairs, group, stray[free], host[free], mean[free])]
     seat = host[free] * several + sightings.photo[stray[free]]
     order = np.lexsort((stray[free], mean[free], seat))
     free = free[order[np.r_[True, np.diff(seat[order]) != 0][: len(order)]]]
@@ -53,10 +57,12 @@ def with_strays(sightings: Sightings, pairs: Pairs, group: RowIndices, settings:
     free = free[rank < size[host[free]] - 1]
     out = group.copy()
     out[stray[free]] = host[free]
-    return numbered(out)
+    return label_groups(out)
 
 
-def _parted(pairs: Pairs, group: RowIndices, stray: RowIndices, host: RowIndices, mean: Float64Array) -> BoolArray:
+def _find_split_pairs(
+    pairs: ObservationPairs, group: RowIndices, stray: RowIndices, host: RowIndices, mean: Float64Array
+) -> BoolArray:
     """Which strays (k,) are of a group of two that are nearer to two different hosts than to one another: neighbours
     of one class that were wrongly named alike."""
     count = int(group.max()) + 1

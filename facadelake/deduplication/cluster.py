@@ -17,7 +17,7 @@ from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndic
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Links:
+class _GroupLinks:
     """Pairs of groups ``low`` < ``high`` (k,): sum of squared distances and number of the pairs of sightings between
     them that lie in the gate, and whether the two may never join."""
 
@@ -27,7 +27,7 @@ class _Links:
     count: Float64Array
     barred: BoolArray
 
-    def between(self, group: RowIndices) -> _Links:
+    def merge_groups(self, group: RowIndices) -> _GroupLinks:
         """The links after groups were renamed to ``group[...]`` (n,): inside one group gone, parallel ones added up."""
         low, high = group[self.low], group[self.high]
         low, high = np.minimum(low, high), np.maximum(low, high)
@@ -38,8 +38,10 @@ class _Links:
         low, high = low[kept], high[kept]
         starts = np.flatnonzero(np.r_[True, np.diff(key) != 0][: len(key)])
         if len(starts) == 0:
-            return _Links(low=low, high=high, squared=np.zeros(0), count=np.zeros(0), barred=np.zeros(0, dtype=bool))
-        return _Links(
+            return _GroupLinks(
+                low=low, high=high, squared=np.zeros(0), count=np.zeros(0), barred=np.zeros(0, dtype=bool)
+            )
+        return _GroupLinks(
             low=low[starts],
             high=high[starts],
             squared=np.add.reduceat(self.squared[kept], starts),
@@ -48,7 +50,7 @@ class _Links:
         )
 
 
-def clusters_of(
+def cluster_by_average_linkage(
     first: RowIndices,
     second: RowIndices,
     sigmas: Float64Array,
@@ -66,27 +68,27 @@ def clusters_of(
     group = np.arange(len(photo))
     size = np.ones(len(photo))
     apart = photo[first] == photo[second]
-    links = _Links(low=first, high=second, squared=sigmas**2, count=np.where(apart, 0.0, 1.0), barred=apart).between(
-        group
-    )
+    links = _GroupLinks(
+        low=first, high=second, squared=sigmas**2, count=np.where(apart, 0.0, 1.0), barred=apart
+    ).merge_groups(group)
     while True:
         pairs = size[links.low] * size[links.high]
         mean = (links.squared + (pairs - links.count) * (2 * gate_sigma) ** 2) / pairs
         free = np.flatnonzero(~links.barred & (links.count >= agreement * pairs))
-        chosen = free[_mutual(links.low[free], links.high[free], mean[free], len(photo))]
+        chosen = free[_find_reciprocal_neighbours(links.low[free], links.high[free], mean[free], len(photo))]
         if len(chosen) == 0:
             return group
-        clashing = _clashing(group, photo, links.low[chosen], links.high[chosen])
+        clashing = _find_photo_conflicts(group, photo, links.low[chosen], links.high[chosen])
         links.barred[chosen[clashing]] = True
         joining = chosen[~clashing]
         into = np.arange(len(photo))
         into[links.high[joining]] = links.low[joining]
         size[links.low[joining]] += size[links.high[joining]]
         group = into[group]
-        links = links.between(into)
+        links = links.merge_groups(into)
 
 
-def numbered(group: RowIndices) -> Int64Array:
+def label_groups(group: RowIndices) -> Int64Array:
     """Groups (n,) as numbers from 0, in the order of their first members."""
     _, first, inverse = np.unique(group, return_index=True, return_inverse=True)
     place = np.empty(len(first), dtype=np.int64)
@@ -94,7 +96,7 @@ def numbered(group: RowIndices) -> Int64Array:
     return np.asarray(place[inverse], dtype=np.int64)
 
 
-def _mutual(low: RowIndices, high: RowIndices, mean: Float64Array, count: int) -> BoolArray:
+def _find_reciprocal_neighbours(low: RowIndices, high: RowIndices, mean: Float64Array, count: int) -> BoolArray:
     """Which links (k,) are the nearest of both their groups; of equally near ones the first by name."""
     nearest, best = np.full(count, np.inf), np.full(count, count, dtype=np.int64)
     np.minimum.at(nearest, low, mean)
@@ -106,7 +108,7 @@ def _mutual(low: RowIndices, high: RowIndices, mean: Float64Array, count: int) -
     return mutual
 
 
-def _clashing(group: RowIndices, photo: RowIndices, low: RowIndices, high: RowIndices) -> BoolArray:
+def _find_photo_conflicts(group: RowIndices, photo: RowIndices, low: RowIndices, high: RowIndices) -> BoolArray:
     """Which of the joins (k,) would bring two sightings of one photograph together; each group joins once."""
     join = np.full(len(group), -1, dtype=np.int64)
     join[low], join[high] = np.arange(len(low)), np.arange(len(low))

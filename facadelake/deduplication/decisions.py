@@ -9,32 +9,36 @@ import pyarrow as pa
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.tables import check_table, get_stage_schema
-from facadelake.deduplication.aggregate import commonest
-from facadelake.deduplication.gate import joined_pairs, measured, placing_m2
-from facadelake.deduplication.grouping import Grouping
-from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.aggregate import find_most_common
+from facadelake.deduplication.gate import compute_observation_covariance, concatenate_pairs, measure_pairs
+from facadelake.deduplication.grouping import Clustering
+from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
 from schemas.vocabulary import MergeDecision, MergeReason
 
-_JOINED_EACH = 1  # pairs that are kept for each sighting: its nearest companion in the defect
-_APART_EACH = 2  # and the nearest of other defects
+_JOINED_PAIRS = 1  # pairs that are kept for each sighting: its nearest companion in the defect
+_APART_PAIRS = 2  # and the nearest of other defects
 
 
-def merges_table(
-    detection_ids: pa.Array, defect_ids: pa.Array, sightings: Sightings, grouping: Grouping, settings: MergeSettings
+def build_merges_table(
+    detection_ids: pa.Array,
+    defect_ids: pa.Array,
+    sightings: ObservationArrays,
+    grouping: Clustering,
+    settings: MergeSettings,
 ) -> pa.Table:
     """Table ``merges`` of the pairs nearest to each sighting: in its own defect, and in others.
 
     ``detection_ids`` and ``defect_ids`` (n,) are the sightings'. Not every pair, of which there are many more than
     sightings. A pair of one defect that lies outside the gate is there by its group.
     """
-    grouping = _with_lone(sightings, grouping, settings)
+    grouping = _add_unpaired(sightings, grouping, settings)
     pairs = grouping.pairs
     joined = grouping.group[pairs.first] == grouping.group[pairs.second]
-    kept = np.flatnonzero(_nearest(pairs.first, pairs.second, pairs.sigmas, joined))
+    kept = np.flatnonzero(_select_nearest_pairs(pairs.first, pairs.second, pairs.sigmas, joined))
     first, second = pairs.first[kept], pairs.second[kept]
     words = np.array([str(word) for word in MergeReason])
-    reason = _reasons(sightings, grouping, settings)[kept]
+    reason = _assign_reasons(sightings, grouping, settings)[kept]
     score = grouping.score[kept]
     values = {
         "detection_id": detection_ids.take(pa.array(first)),
@@ -54,10 +58,10 @@ def merges_table(
     return check_table("merges", pa.Table.from_arrays([values[field.name] for field in schema], schema=schema))
 
 
-def _nearest(first: RowIndices, second: RowIndices, sigmas: Float64Array, joined: BoolArray) -> BoolArray:
+def _select_nearest_pairs(first: RowIndices, second: RowIndices, sigmas: Float64Array, joined: BoolArray) -> BoolArray:
     """Which pairs (k,) are among the nearest of one of their sightings."""
     kept = np.zeros(len(first), dtype=bool)
-    for kind, each in ((joined, _JOINED_EACH), (~joined, _APART_EACH)):
+    for kind, each in ((joined, _JOINED_PAIRS), (~joined, _APART_PAIRS)):
         rows = np.flatnonzero(kind & np.isfinite(sigmas) | kind & joined)
         node = np.r_[first[rows], second[rows]]
         order = np.lexsort((np.r_[rows, rows], np.r_[sigmas[rows], sigmas[rows]], node))
@@ -67,7 +71,7 @@ def _nearest(first: RowIndices, second: RowIndices, sigmas: Float64Array, joined
     return kept
 
 
-def _with_lone(sightings: Sightings, grouping: Grouping, settings: MergeSettings) -> Grouping:
+def _add_unpaired(sightings: ObservationArrays, grouping: Clustering, settings: MergeSettings) -> Clustering:
     """The grouping with a pair for each sighting that its group alone, and no pair, brought into its defect."""
     pairs, group = grouping.pairs, grouping.group
     joined = group[pairs.first] == group[pairs.second]
@@ -79,16 +83,18 @@ def _with_lone(sightings: Sightings, grouping: Grouping, settings: MergeSettings
     if len(lone) == 0:
         return grouping
     rows = np.sort(np.column_stack([leads[group[lone]], lone]), axis=1)
-    added = measured(sightings, rows, placing_m2(sightings, grouping.gate), grouping.gate, settings)
+    added = measure_pairs(
+        sightings, rows, compute_observation_covariance(sightings, grouping.gate), grouping.gate, settings
+    )
     return replace(
         grouping,
-        pairs=joined_pairs([pairs, added]),
+        pairs=concatenate_pairs([pairs, added]),
         score=np.r_[grouping.score, np.full(len(lone), np.nan)],
         differs=np.r_[grouping.differs, np.zeros(len(lone), dtype=bool)],
     )
 
 
-def _reasons(sightings: Sightings, grouping: Grouping, settings: MergeSettings) -> RowIndices:
+def _assign_reasons(sightings: ObservationArrays, grouping: Clustering, settings: MergeSettings) -> RowIndices:
     """Reason (k,) of each pair as a place in ``MergeReason``; the last that holds is the one that decided."""
     pairs = grouping.pairs
     first, second = pairs.first, pairs.second
@@ -108,7 +114,7 @@ def _reasons(sightings: Sightings, grouping: Grouping, settings: MergeSettings) 
     reason[joined] = place[MergeReason.GEOGRAPHY]
     reason[joined & compared & ~grouping.differs] = place[MergeReason.GEOGRAPHY_AND_IMAGE]
     group, kind = grouping.group, sightings.defect_class
-    wrong = kind != commonest(group, kind, np.ones(len(kind)), int(group.max(initial=-1)) + 1)[group]
+    wrong = kind != find_most_common(group, kind, np.ones(len(kind)), int(group.max(initial=-1)) + 1)[group]
     reason[joined & (wrong[first] | wrong[second])] = place[MergeReason.OUTVOTED]
     reason[joined & (grouping.unit[first] == grouping.unit[second])] = place[MergeReason.CUT_BY_SEAM]
     return reason

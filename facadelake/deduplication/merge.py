@@ -16,13 +16,13 @@ from facadelake.building.facades import collect_facades
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.deduplication.appearance import Photographs
-from facadelake.deduplication.decisions import merges_table
-from facadelake.deduplication.defects import defects_table
-from facadelake.deduplication.grouping import grouped
-from facadelake.deduplication.observations import codes_of, column, sightings_of
-from facadelake.deduplication.position import positions_of
-from facadelake.deduplication.rear_surface import Moved, looked_behind
+from facadelake.deduplication.appearance import PhotographSource
+from facadelake.deduplication.decisions import build_merges_table
+from facadelake.deduplication.defects import build_defects_table
+from facadelake.deduplication.grouping import cluster_observations
+from facadelake.deduplication.observations import encode_column, read_column, read_observations
+from facadelake.deduplication.position import estimate_positions
+from facadelake.deduplication.rear_surface import ReassignedObservations, reassign_to_rear_surface
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration import compute_tangents
 from schemas.vocabulary import ObservationOutcome
@@ -48,7 +48,7 @@ def merge_observations(
     prefix: str,
     settings: MergeSettings | None = None,
     covariances: Mapping[str, Float64Array] | None = None,
-    photographs: Photographs | None = None,
+    photographs: PhotographSource | None = None,
 ) -> MergeResult:
     """Defects of the registered ``observations``; boxes and scores come from ``detections``, rays from ``posed``.
 
@@ -61,41 +61,41 @@ def merge_observations(
     settings = settings or MergeSettings()
     registered = pc.equal(observations.column("observation_outcome"), str(ObservationOutcome.REGISTERED))
     seen = observations.filter(registered).sort_by("detection_id")
-    sightings = sightings_of(seen, detections, posed, covariances or {})
-    compare = None if photographs is None else photographs.comparison(_words(seen))
-    grouping = grouped(sightings, settings)
-    moved = looked_behind(sightings, grouping, settings, Surface(building))
+    sightings = read_observations(seen, detections, posed, covariances or {})
+    compare = None if photographs is None else photographs.prepare_comparison(_list_photo_ids(seen))
+    grouping = cluster_observations(sightings, settings)
+    moved = reassign_to_rear_surface(sightings, grouping, settings, Surface(building))
     if moved is not None:
-        seen, sightings = _on_elements(seen, moved, building), moved.sightings
+        seen, sightings = _update_reassigned_rows(seen, moved, building), moved.observations
     if moved is not None or compare is not None:
-        grouping = grouped(sightings, settings, compare)
+        grouping = cluster_observations(sightings, settings, compare)
     group = grouping.group
-    positions = positions_of(grouping.whole, grouping.whole_group, grouping.noise, settings)
-    scores = column(detections, "score")[
+    positions = estimate_positions(grouping.unit_observations, grouping.unit_group, grouping.noise, settings)
+    scores = read_column(detections, "score")[
         pc.index_in(seen.column("detection_id"), detections.column("detection_id").combine_chunks()).to_numpy()
     ]
-    named = defects_table(seen, sightings, group, scores, positions, building, prefix=prefix)
-    ids = named.table.column("defect_id").combine_chunks().take(pa.array(named.place[group]))
+    named = build_defects_table(seen, sightings, group, scores, positions, building, prefix=prefix)
+    ids = named.table.column("defect_id").combine_chunks().take(pa.array(named.row[group]))
     at = pc.index_in(observations.column("detection_id"), seen.column("detection_id").combine_chunks())
     place = observations.schema.get_field_index("defect_id")
     _log.info("%d registered observations of %d defects", len(seen), len(named.table))
     return MergeResult(
         defects=named.table,
         observations=observations.set_column(place, observations.schema.field(place), ids.take(at.combine_chunks())),
-        merges=merges_table(seen.column("detection_id").combine_chunks(), ids, sightings, grouping, settings),
+        merges=build_merges_table(seen.column("detection_id").combine_chunks(), ids, sightings, grouping, settings),
     )
 
 
-def _words(seen: pa.Table) -> list[str]:
-    return [str(name) for name in codes_of(seen, "photo_id")[1]]
+def _list_photo_ids(seen: pa.Table) -> list[str]:
+    return [str(name) for name in encode_column(seen, "photo_id")[1]]
 
 
-def _on_elements(seen: pa.Table, moved: Moved, building: BuildingModel) -> pa.Table:
+def _update_reassigned_rows(seen: pa.Table, moved: ReassignedObservations, building: BuildingModel) -> pa.Table:
     """The rows ``assign_facade`` with element, storey, facade and outline of those moved to what they look at behind."""
     guids, storeys, facades = (
         building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
     )
-    sightings, rows = moved.sightings, moved.rows
+    sightings, rows = moved.observations, moved.rows
     places, normals = sightings.xyz_site_m[rows], sightings.normal_site[rows]
     directions = collect_facades(building.elements)
     across, upward = compute_tangents(normals)

@@ -19,12 +19,12 @@ _NO_BOX = np.full(4, np.nan)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sightings:
+class ObservationArrays:
     """Registered observations as arrays, in a fixed order (n rows).
 
     ``ray_site`` (n, 3) is the unit direction from camera to place, ``distance_m`` (n,) its length. ``photo`` and
     ``defect_class`` (into ``CLASSES``) are codes. ``box_img`` (n, 4): x, y, width, height in pixels, NaN where unknown.
-    ``pose_m2`` (n, 3, 3): covariance of the place by its photograph's pose; zero where none is stated.
+    ``pose_covariance_m2`` (n, 3, 3): covariance of the place by its photograph's pose; zero where none is stated.
     """
 
     xyz_site_m: Float64Array
@@ -37,34 +37,34 @@ class Sightings:
     photo: Int64Array
     defect_class: Int64Array
     box_img: Float64Array
-    pose_m2: Float64Array
+    pose_covariance_m2: Float64Array
 
     def __len__(self) -> int:
         return len(self.photo)
 
     @property
-    def half_m(self) -> Float64Array:
+    def half_diagonal_m(self) -> Float64Array:
         """Half the diagonal of each patch's extents (n,)."""
         reach: Float64Array = np.hypot(self.width_m, self.height_m) / 2
         return reach
 
-    def tangents(self) -> tuple[Float64Array, Float64Array]:
+    def compute_tangents(self) -> tuple[Float64Array, Float64Array]:
         """Unit horizontal and upward tangents (n, 3) of each sighting's surface."""
         return compute_tangents(self.normal_site)
 
 
-def column(table: pa.Table, name: str) -> Float64Array:
+def read_column(table: pa.Table, name: str) -> Float64Array:
     """A real column as float64, empty values as NaN."""
     values: Float64Array = table.column(name).to_numpy().astype(np.float64)
     return values
 
 
-def columns(table: pa.Table, *names: str) -> Float64Array:
+def read_columns(table: pa.Table, *names: str) -> Float64Array:
     """Real columns side by side (n, k)."""
-    return np.column_stack([column(table, name) for name in names]) if len(table) else np.zeros((0, len(names)))
+    return np.column_stack([read_column(table, name) for name in names]) if len(table) else np.zeros((0, len(names)))
 
 
-def codes_of(table: pa.Table, name: str) -> tuple[Int64Array, list[str | None]]:
+def encode_column(table: pa.Table, name: str) -> tuple[Int64Array, list[str | None]]:
     """A text column as codes into its own words, which come in order; an empty value is the word None."""
     encoded = pc.dictionary_encode(table.column(name).combine_chunks(), null_encoding="encode")
     words = encoded.dictionary.to_pylist()
@@ -75,48 +75,50 @@ def codes_of(table: pa.Table, name: str) -> tuple[Int64Array, list[str | None]]:
     return place[indices] if len(words) else indices, [words[i] for i in order]
 
 
-def sightings_of(
+def read_observations(
     seen: pa.Table,
     detections: pa.Table,
     posed: Mapping[str, PosedCamera],
     covariances: Mapping[str, Float64Array],
-) -> Sightings:
+) -> ObservationArrays:
     """Registered rows ``seen`` of table ``observations``, in their order, with the boxes of their ``detections``.
 
     ``covariances`` (6, 6) by photo_id: centre (m, site) and attitude (rad, about the camera's own axes).
     """
-    photo, photos = codes_of(seen, "photo_id")
+    photo, photos = encode_column(seen, "photo_id")
     names = [str(name) for name in photos]
     centres = np.array([posed[name].centre_site_m for name in names]).reshape(-1, 3)
     turns = np.array([posed[name].site_from_cam.rotation for name in names]).reshape(-1, 3, 3)
     stated = np.array([covariances.get(name, np.zeros((6, 6))) for name in names]).reshape(-1, 6, 6)
-    xyz = columns(seen, "x_site_m", "y_site_m", "z_site_m")
+    xyz = read_columns(seen, "x_site_m", "y_site_m", "z_site_m")
     away = xyz - centres[photo]
     distance = np.linalg.norm(away, axis=1)
     known = np.array(CLASSES)
-    word, words = codes_of(seen, "defect_class")
+    word, words = encode_column(seen, "defect_class")
     as_class = np.array([int(np.flatnonzero(known == name)[0]) for name in words], dtype=np.int64)
     box = np.tile(_NO_BOX, (len(seen), 1))
     at = pc.index_in(seen.column("detection_id").combine_chunks(), detections.column("detection_id").combine_chunks())
     found = np.flatnonzero(at.is_valid().to_numpy(zero_copy_only=False))
     rows = at.fill_null(0).to_numpy(zero_copy_only=False)[found]
-    box[found] = columns(detections, "box_x_px", "box_y_px", "box_width_px", "box_height_px")[rows]
-    return Sightings(
+    box[found] = read_columns(detections, "box_x_px", "box_y_px", "box_width_px", "box_height_px")[rows]
+    return ObservationArrays(
         xyz_site_m=xyz,
-        normal_site=columns(seen, "normal_x", "normal_y", "normal_z"),
+        normal_site=read_columns(seen, "normal_x", "normal_y", "normal_z"),
         ray_site=away / distance[:, None],
         distance_m=distance,
-        width_m=column(seen, "width_m"),
-        height_m=column(seen, "height_m"),
-        gsd_m=column(seen, "gsd_mm") / 1000,
+        width_m=read_column(seen, "width_m"),
+        height_m=read_column(seen, "height_m"),
+        gsd_m=read_column(seen, "gsd_mm") / 1000,
         photo=photo,
         defect_class=as_class[word] if len(word) else word,
         box_img=box,
-        pose_m2=_by_pose(away, photo, turns, stated),
+        pose_covariance_m2=_propagate_pose_covariance(away, photo, turns, stated),
     )
 
 
-def _by_pose(away: Float64Array, photo: Int64Array, turns: Float64Array, stated: Float64Array) -> Float64Array:
+def _propagate_pose_covariance(
+    away: Float64Array, photo: Int64Array, turns: Float64Array, stated: Float64Array
+) -> Float64Array:
     """Covariance (n, 3, 3) in m2 that poses give the places ``away`` (n, 3) from their centres."""
     out = np.zeros((len(away), 3, 3))
     for number in np.flatnonzero(np.abs(stated).sum(axis=(1, 2)) > 0):

@@ -15,35 +15,35 @@ from scipy.spatial import cKDTree
 
 from facadelake.building.surface import MISS, Surface
 from facadelake.core.arrays import Float64Array, RowIndices
-from facadelake.deduplication.cluster import numbered
-from facadelake.deduplication.gate import Noise, measured, placing_m2
-from facadelake.deduplication.grouping import Grouping
-from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.cluster import label_groups
+from facadelake.deduplication.gate import PositionNoise, compute_observation_covariance, measure_pairs
+from facadelake.deduplication.grouping import Clustering
+from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.deduplication.triangulate import Planes, Rays, planes_of, triangulated
+from facadelake.deduplication.triangulate import GroupRays, SurfacePlanes, find_planes, triangulate_groups
 
 _log = logging.getLogger(__name__)
-_LAYERS = 3  # surfaces behind the first that are looked at
+_REAR_SURFACES = 3  # surfaces behind the first that are looked at
 _FAR_M = 1e4  # a ray that met nothing goes on out of the scene
-_BEYOND_M = 0.01  # so far behind a surface the ray goes on
-_APART_SIGMAS = 3.0  # rays and surface that disagree by less are left to the relief
-_STRANGE = 9.0  # what it costs, in squared sigmas, that the model is wrong here: one part in a hundred
-_TOGETHER_LEAST = 3  # sightings that two groups have together, to be believed that they meet behind
-_NEAR_MISS = 1.5  # gates: groups that are no further apart on the first surface were decided there
+_RAY_OFFSET_M = 0.01  # so far behind a surface the ray goes on
+_SEPARATION_SIGMAS = 3.0  # rays and surface that disagree by less are left to the relief
+_MODEL_ERROR_COST = 9.0  # what it costs, in squared sigmas, that the model is wrong here: one part in a hundred
+_COMBINED_OBSERVATIONS_MIN = 3  # sightings that two groups have together, to be believed that they meet behind
+_DECIDED_GATES = 1.5  # gates: groups that are no further apart on the first surface were decided there
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Moved:
-    """``sightings`` with ``rows`` (m,) moved to what they look at behind, on ``element`` (m,) rows of the building."""
+class ReassignedObservations:
+    """``observations`` with ``rows`` (m,) moved to what they look at behind, on ``element`` (m,) rows of the building."""
 
-    sightings: Sightings
+    observations: ObservationArrays
     rows: RowIndices
     element: RowIndices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Layers:
-    """What the rays of k sightings meet behind their hits, ``_LAYERS`` each: how far behind (k, l), place, normal
+class _RearSurfaces:
+    """What the rays of k sightings meet behind their hits, ``_REAR_SURFACES`` each: how far behind (k, l), place, normal
     (k, l, 3) and element (k, l); a miss is infinitely far."""
 
     behind_m: Float64Array
@@ -52,8 +52,10 @@ class _Layers:
     element: RowIndices
 
 
-def looked_behind(sightings: Sightings, grouping: Grouping, settings: MergeSettings, surface: Surface) -> Moved | None:
-    """The ``sightings`` with those moved that look past the model's first surface; None where none do."""
+def reassign_to_rear_surface(
+    sightings: ObservationArrays, grouping: Clustering, settings: MergeSettings, surface: Surface
+) -> ReassignedObservations | None:
+    """The ``observations`` with those moved that look past the model's first surface; None where none do."""
     if settings.offset_m > 0 or len(sightings) == 0:
         return None  # rays of a block that may itself stand off tell no depth
     # Parts of a defect that a seam cut have no ray through its middle.
@@ -64,64 +66,66 @@ def looked_behind(sightings: Sightings, grouping: Grouping, settings: MergeSetti
     usable = usable[np.argsort(grouping.group[usable], kind="stable")]
     if len(usable) == 0:
         return None
-    group, noise = numbered(grouping.group[usable]), grouping.noise
-    rays = Rays(sightings, usable, group, noise)
-    planes = planes_of(sightings, rays)
-    first = rays.rows[rays.nearest(rays.middles())]
-    layers = _behind(sightings, first, surface)
-    crossing = _crossing(sightings, rays, planes, layers, noise)
-    meeting = _meeting(sightings, rays, planes, layers, first, noise, settings)
+    group, noise = label_groups(grouping.group[usable]), grouping.noise
+    rays = GroupRays(sightings, usable, group, noise)
+    planes = find_planes(sightings, rays)
+    first = rays.rows[rays.find_nearest(rays.compute_medians())]
+    layers = _cast_rear_surfaces(sightings, first, surface)
+    crossing = _find_crossing_depth(sightings, rays, planes, layers, noise)
+    meeting = _find_meeting_depth(sightings, rays, planes, layers, first, noise, settings)
     depth = np.where(np.isfinite(crossing), crossing, meeting)[group]
     rows, depth = usable[np.isfinite(depth)], depth[np.isfinite(depth)]
     if len(rows) == 0:
         return None
-    own = _behind(sightings, rows, surface)
+    own = _cast_rear_surfaces(sightings, rows, surface)
     nearest = np.argmin(np.abs(own.behind_m - depth[:, None]), axis=1)
     kept = np.flatnonzero(np.isfinite(own.behind_m[np.arange(len(rows)), nearest]))
     _log.info("%d sightings look past the model's first surface", len(kept))
-    return _moved(sightings, rows[kept], _chosen(own, kept, nearest[kept]))
+    return _move_observations(sightings, rows[kept], _select_surfaces(own, kept, nearest[kept]))
 
 
-def _crossing(sightings: Sightings, rays: Rays, planes: Planes, layers: _Layers, noise: Noise) -> Float64Array:
+def _find_crossing_depth(
+    sightings: ObservationArrays, rays: GroupRays, planes: SurfacePlanes, layers: _RearSurfaces, noise: PositionNoise
+) -> Float64Array:
     """How far (g,) behind their first surface the rays of each group cross at another; NaN where they do not."""
-    held = triangulated(rays, planes, noise.relief_m)
+    held = triangulate_groups(rays, planes, noise.relief_m)
     off = np.einsum("gi,gi->g", held.xyz_site_m - planes.xyz_site_m, planes.normal_site)
     out = np.full(len(off), np.nan)
-    suspects = np.flatnonzero((rays.count >= 2) & (off < -_APART_SIGMAS * noise.relief_m))
+    suspects = np.flatnonzero((rays.count >= 2) & (off < -_SEPARATION_SIGMAS * noise.relief_m))
     if len(suspects) == 0:
         return out
     rows = np.flatnonzero(np.isin(rays.group, suspects))
-    own = Rays(sightings, rays.rows[rows], np.searchsorted(suspects, rays.group[rows]), noise)
-    depth, least = out[suspects], held.cost[suspects] - _STRANGE
-    for number in range(_LAYERS):
+    own = GroupRays(sightings, rays.rows[rows], np.searchsorted(suspects, rays.group[rows]), noise)
+    depth, least = out[suspects], held.cost[suspects] - _MODEL_ERROR_COST
+    for number in range(_REAR_SURFACES):
         met = np.isfinite(layers.behind_m[suspects, number])
-        plane = Planes(
+        plane = SurfacePlanes(
             xyz_site_m=np.where(met[:, None], layers.xyz_site_m[suspects, number], planes.xyz_site_m[suspects]),
             normal_site=np.where(met[:, None], layers.normal_site[suspects, number], planes.normal_site[suspects]),
         )
-        found = triangulated(own, plane, noise.relief_m)
+        found = triangulate_groups(own, plane, noise.relief_m)
         off = np.einsum("gi,gi->g", found.xyz_site_m - plane.xyz_site_m, plane.normal_site)
-        better = met & (found.cost < least) & (np.abs(off) < _APART_SIGMAS * noise.relief_m)
+        better = met & (found.cost < least) & (np.abs(off) < _SEPARATION_SIGMAS * noise.relief_m)
         depth = np.where(better, layers.behind_m[suspects, number], depth)
         least = np.where(better, found.cost, least)
     out[suspects] = depth
     return out
 
 
-def _meeting(
-    sightings: Sightings,
-    rays: Rays,
-    planes: Planes,
-    layers: _Layers,
+def _find_meeting_depth(
+    sightings: ObservationArrays,
+    rays: GroupRays,
+    planes: SurfacePlanes,
+    layers: _RearSurfaces,
     first: RowIndices,
-    noise: Noise,
+    noise: PositionNoise,
     settings: MergeSettings,
 ) -> Float64Array:
     """How far (g,) behind its first surface each group meets another; NaN where it meets none."""
-    free = triangulated(rays, planes, 10.0)
+    free = triangulate_groups(rays, planes, 10.0)
     off = np.einsum("gi,gi->g", free.xyz_site_m - planes.xyz_site_m, planes.normal_site)
     depth = np.einsum("gli,gi->gl", layers.xyz_site_m - planes.xyz_site_m[:, None], planes.normal_site)
-    slack = _APART_SIGMAS * np.hypot(free.normal_sigma_m, noise.relief_m)
+    slack = _SEPARATION_SIGMAS * np.hypot(free.normal_sigma_m, noise.relief_m)
     with np.errstate(invalid="ignore"):
         allowed = np.isfinite(layers.behind_m) & (
             (rays.count < 2)[:, None] | (np.abs(depth - off[:, None]) <= slack[:, None])
@@ -131,24 +135,26 @@ def _meeting(
     if len(owner) == 0:
         return out
     # Each group where it is, and wherever behind it may be.
-    here = _part(sightings, first)
-    there = _moved(_part(sightings, first[owner]), np.arange(len(owner)), _chosen(layers, owner, layer)).sightings
-    whole = concatenated(here, there)
+    here = _select_observations(sightings, first)
+    there = _move_observations(
+        _select_observations(sightings, first[owner]), np.arange(len(owner)), _select_surfaces(layers, owner, layer)
+    ).observations
+    whole = concatenate_observations(here, there)
     group = np.r_[np.arange(len(first)), owner]
     behind = np.r_[np.zeros(len(first)), layers.behind_m[owner, layer]]
     near = cKDTree(whole.xyz_site_m).query_pairs(settings.ceiling_m, output_type="ndarray")
     near = near[(group[near[:, 0]] != group[near[:, 1]]) & (behind[near].max(axis=1) > 0)]
     near = near[whole.defect_class[near[:, 0]] == whole.defect_class[near[:, 1]]]
-    pairs = measured(whole, near, placing_m2(whole, noise), noise, settings)
-    at_first = measured(here, group[near], placing_m2(here, noise), noise, settings)
+    pairs = measure_pairs(whole, near, compute_observation_covariance(whole, noise), noise, settings)
+    at_first = measure_pairs(here, group[near], compute_observation_covariance(here, noise), noise, settings)
     met = (pairs.sigmas <= settings.gate_sigma) & pairs.touching
-    met &= at_first.sigmas > _NEAR_MISS * settings.gate_sigma
+    met &= at_first.sigmas > _DECIDED_GATES * settings.gate_sigma
     near, sigmas = near[met], pairs.sigmas[met]
     ends = near.ravel()
     support = rays.count[group] + np.bincount(
         ends, weights=rays.count[group[near[:, ::-1].ravel()]], minlength=len(group)
     )
-    strong = support[near].max(axis=1) >= _TOGETHER_LEAST
+    strong = support[near].max(axis=1) >= _COMBINED_OBSERVATIONS_MIN
     near = near[strong][np.argsort(sigmas[strong], kind="stable")]
     photos = {
         number: set(sightings.photo[rays.rows[rays.starts[number] :][: rays.count[number]]].tolist())
@@ -167,25 +173,25 @@ def _meeting(
     return out
 
 
-def _behind(sightings: Sightings, rows: RowIndices, surface: Surface) -> _Layers:
+def _cast_rear_surfaces(sightings: ObservationArrays, rows: RowIndices, surface: Surface) -> _RearSurfaces:
     """What lies behind the hits of ``rows`` (k,)."""
-    shape = (len(rows), _LAYERS)
+    shape = (len(rows), _REAR_SURFACES)
     distance, element = np.full(shape, np.inf), np.full(shape, MISS, dtype=np.int64)
     xyz, normal = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
     ray, start = sightings.ray_site[rows], sightings.xyz_site_m[rows]
     gone = np.zeros(len(rows))
-    for number in range(_LAYERS):
-        hits = surface.cast(start + _BEYOND_M * ray, ray)
-        gone = gone + hits.distance_m + _BEYOND_M
+    for number in range(_REAR_SURFACES):
+        hits = surface.cast(start + _RAY_OFFSET_M * ray, ray)
+        gone = gone + hits.distance_m + _RAY_OFFSET_M
         distance[:, number], xyz[:, number] = gone, hits.xyz_site_m
         normal[:, number], element[:, number] = hits.normal_site, hits.element
         start = np.where(hits.hit[:, None], hits.xyz_site_m, start + _FAR_M * ray)
-    return _Layers(behind_m=distance, xyz_site_m=xyz, normal_site=normal, element=element)
+    return _RearSurfaces(behind_m=distance, xyz_site_m=xyz, normal_site=normal, element=element)
 
 
-def _chosen(layers: _Layers, rows: RowIndices, layer: RowIndices) -> _Layers:
+def _select_surfaces(layers: _RearSurfaces, rows: RowIndices, layer: RowIndices) -> _RearSurfaces:
     """One ``layer`` (k,) of each of ``rows`` (k,)."""
-    return _Layers(
+    return _RearSurfaces(
         behind_m=layers.behind_m[rows, layer],
         xyz_site_m=layers.xyz_site_m[rows, layer],
         normal_site=layers.normal_site[rows, layer],
@@ -193,7 +199,7 @@ def _chosen(layers: _Layers, rows: RowIndices, layer: RowIndices) -> _Layers:
     )
 
 
-def _moved(sightings: Sightings, rows: RowIndices, layer: _Layers) -> Moved:
+def _move_observations(sightings: ObservationArrays, rows: RowIndices, layer: _RearSurfaces) -> ReassignedObservations:
     """The sightings with ``rows`` where their rays meet the layer chosen for each; extents grow with the distance."""
     values = {
         name: getattr(sightings, name).copy()
@@ -203,15 +209,20 @@ def _moved(sightings: Sightings, rows: RowIndices, layer: _Layers) -> Moved:
     values["xyz_site_m"][rows], values["normal_site"][rows] = layer.xyz_site_m, layer.normal_site
     for name in ("distance_m", "width_m", "height_m", "gsd_m"):
         values[name][rows] *= grown
-    return Moved(sightings=replace(sightings, **values), rows=rows, element=layer.element)
+    return ReassignedObservations(observations=replace(sightings, **values), rows=rows, element=layer.element)
 
 
-def _part(sightings: Sightings, rows: RowIndices) -> Sightings:
-    return Sightings(**{field.name: getattr(sightings, field.name)[rows] for field in fields(Sightings)})
+def _select_observations(sightings: ObservationArrays, rows: RowIndices) -> ObservationArrays:
+    return ObservationArrays(
+        **{field.name: getattr(sightings, field.name)[rows] for field in fields(ObservationArrays)}
+    )
 
 
-def concatenated(a: Sightings, b: Sightings) -> Sightings:
+def concatenate_observations(a: ObservationArrays, b: ObservationArrays) -> ObservationArrays:
     """Sightings one after the other."""
-    return Sightings(
-        **{field.name: np.concatenate([getattr(a, field.name), getattr(b, field.name)]) for field in fields(Sightings)}
+    return ObservationArrays(
+        **{
+            field.name: np.concatenate([getattr(a, field.name), getattr(b, field.name)])
+            for field in fields(ObservationArrays)
+        }
     )

@@ -10,8 +10,8 @@ from typing import Any
 from facadelake.core.errors import InputDataError
 from schemas.vocabulary import ControlKind
 
-_CHECK_POINTS_LEAST = 3
-_MEAN_OF_3D = 1.596  # mean length of a vector of three errors of one sigma each
+_CHECK_POINTS_MIN = 3
+_MEAN_ERROR_3D = 1.596  # mean length of a vector of three errors of one sigma each
 GPS_OFFSET_M = 2.0  # one sigma of what all positions of an uncorrected receiver share, after tens of minutes
 
 
@@ -42,15 +42,17 @@ class MergeSettings:
     block_sigma_m: float = inf
 
     @classmethod
-    def under(cls, control: ControlKind, *, checked_m: float | None = None, check_points: int = 0) -> MergeSettings:
+    def build_for_control(
+        cls, control: ControlKind, *, checked_m: float | None = None, check_points: int = 0
+    ) -> MergeSettings:
         """The settings for a campaign placed by ``control``: GPS alone leaves it metres off the model.
 
         ``checked_m``: mean distance that ``check_points`` held-out points came out from where they were surveyed.
         """
-        checked = checked_m is not None and check_points >= _CHECK_POINTS_LEAST
+        checked = checked_m is not None and check_points >= _CHECK_POINTS_MIN
         return cls(
             offset_m=GPS_OFFSET_M if control is ControlKind.GPS else 0.0,
-            block_sigma_m=(checked_m or 0.0) / _MEAN_OF_3D if checked else inf,
+            block_sigma_m=(checked_m or 0.0) / _MEAN_ERROR_3D if checked else inf,
         )
 
     def __post_init__(self) -> None:
@@ -69,9 +71,9 @@ class MergeSettings:
         return max(self.ceiling_m, 3 * self.offset_m)
 
 
-def merge_settings(passport: Mapping[str, Any]) -> MergeSettings:
+def resolve_merge_settings(passport: Mapping[str, Any]) -> MergeSettings:
     """What the campaign's row of table ``georeference`` tells the merging."""
-    return MergeSettings.under(
+    return MergeSettings.build_for_control(
         ControlKind(passport["control"]),
         checked_m=passport["check_residual_mean_m"],
         check_points=passport["check_points"],

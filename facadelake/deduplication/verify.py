@@ -14,50 +14,55 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
-from facadelake.deduplication.appearance import Likeness
-from facadelake.deduplication.gate import Noise, Pairs
-from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.appearance import AppearanceScore
+from facadelake.deduplication.gate import ObservationPairs, PositionNoise
+from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
 
-_EDGE = 0.75  # of the gate: joined pairs further apart are looked at
-_EACH = 3  # pairs compared between two groups, and in one
-_PAIRS_MOST = 10_000  # compared at most, the nearest first
-_SURE = 0.5  # of the gate: how near those count whose pictures say that they are one
+_GATE_EDGE = 0.75  # of the gate: joined pairs further apart are looked at
+_PAIRS_EACH = 3  # pairs compared between two groups, and in one
+_PAIRS_MAX = 10_000  # compared at most, the nearest first
+_CONFIRMED_GATE = 0.5  # of the gate: how near those count whose pictures say that they are one
 
-Compare = Callable[[Sightings, RowIndices, RowIndices, Float64Array], Likeness]
+Compare = Callable[[ObservationArrays, RowIndices, RowIndices, Float64Array], AppearanceScore]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verified:
+class ComparedPairs:
     """``pairs`` as the pictures have them, and of each its ``score`` (k,), NaN where not compared, and whether it
     ``differs`` (k,)."""
 
-    pairs: Pairs
+    pairs: ObservationPairs
     score: Float64Array
     differs: BoolArray
 
 
-def unverified(pairs: Pairs) -> Verified:
+def build_uncompared_pairs(pairs: ObservationPairs) -> ComparedPairs:
     """The pairs by their places alone."""
     no = np.zeros(len(pairs), dtype=bool)
-    return Verified(pairs=pairs, score=np.full(len(pairs), np.nan), differs=no)
+    return ComparedPairs(pairs=pairs, score=np.full(len(pairs), np.nan), differs=no)
 
 
-def verified(
-    sightings: Sightings, pairs: Pairs, group: RowIndices, gate: Noise, settings: MergeSettings, compare: Compare
-) -> Verified:
+def compare_ambiguous_pairs(
+    sightings: ObservationArrays,
+    pairs: ObservationPairs,
+    group: RowIndices,
+    gate: PositionNoise,
+    settings: MergeSettings,
+    compare: Compare,
+) -> ComparedPairs:
     """The pairs of sightings in ``group`` (n,), the doubtful ones compared."""
     alike = (sightings.defect_class[pairs.first] == sightings.defect_class[pairs.second]) & (
         sightings.photo[pairs.first] != sightings.photo[pairs.second]
     )
     a, b = group[pairs.first], group[pairs.second]
     case = np.minimum(a, b) * (int(group.max(initial=0)) + 1) + np.maximum(a, b)
-    edge = alike & (a == b) & (pairs.sigmas >= _EDGE * settings.gate_sigma)
+    edge = alike & (a == b) & (pairs.sigmas >= _GATE_EDGE * settings.gate_sigma)
     rival = np.flatnonzero(alike & (a != b) & pairs.touching)
-    rival = rival[~_share_a_photograph(sightings.photo, group, a[rival], b[rival])]
-    looked = np.r_[_first_few(case, np.flatnonzero(edge), -pairs.sigmas), _first_few(case, rival, pairs.sigmas)]
-    looked = np.sort(looked[np.argsort(pairs.sigmas[looked], kind="stable")][:_PAIRS_MOST])
-    out = unverified(pairs)
+    rival = rival[~_share_photograph(sightings.photo, group, a[rival], b[rival])]
+    looked = np.r_[_select_first(case, np.flatnonzero(edge), -pairs.sigmas), _select_first(case, rival, pairs.sigmas)]
+    looked = np.sort(looked[np.argsort(pairs.sigmas[looked], kind="stable")][:_PAIRS_MAX])
+    out = build_uncompared_pairs(pairs)
     if len(looked) == 0:
         return out
     extent = np.maximum(sightings.width_m, sightings.height_m)
@@ -76,10 +81,10 @@ def verified(
     away[looked] = found.differs & (other > same)[number]
     welcome = np.isin(case, np.unique(case[looked[(same > other)[number]]])) & (a != b) & alike & ~away
     sigmas = np.where(away, np.inf, pairs.sigmas)
-    return Verified(
+    return ComparedPairs(
         pairs=replace(
             pairs,
-            sigmas=np.where(welcome, np.minimum(sigmas, _SURE * settings.gate_sigma), sigmas),
+            sigmas=np.where(welcome, np.minimum(sigmas, _CONFIRMED_GATE * settings.gate_sigma), sigmas),
             touching=pairs.touching | welcome,
         ),
         score=score,
@@ -87,7 +92,7 @@ def verified(
     )
 
 
-def _share_a_photograph(photo: RowIndices, group: RowIndices, a: RowIndices, b: RowIndices) -> BoolArray:
+def _share_photograph(photo: RowIndices, group: RowIndices, a: RowIndices, b: RowIndices) -> BoolArray:
     """Whether the groups ``a`` and ``b`` (k,) have a photograph in common."""
     shape = (int(group.max(initial=0)) + 1, int(photo.max(initial=0)) + 1)
     shown = csr_array((np.ones(len(group)), (group, photo)), shape=shape)
@@ -95,9 +100,9 @@ def _share_a_photograph(photo: RowIndices, group: RowIndices, a: RowIndices, b: 
     return common
 
 
-def _first_few(case: RowIndices, rows: RowIndices, order: Float64Array) -> RowIndices:
-    """Of ``rows``, the first ``_EACH`` of each case by ``order``."""
+def _select_first(case: RowIndices, rows: RowIndices, order: Float64Array) -> RowIndices:
+    """Of ``rows``, the first ``_PAIRS_EACH`` of each case by ``order``."""
     ranked = rows[np.lexsort((rows, order[rows], case[rows]))]
     starts = np.flatnonzero(np.r_[True, np.diff(case[ranked]) != 0][: len(ranked)])
     rank = np.arange(len(ranked)) - np.repeat(starts, np.diff(np.r_[starts, len(ranked)]))
-    return ranked[rank < _EACH]
+    return ranked[rank < _PAIRS_EACH]

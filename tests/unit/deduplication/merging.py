@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.observations import ObservationArrays
 
 
 def sightings_on_wall(places, photo, *, size_m=0.2, kinds=None, boxes=None, eyes=None):
@@ -16,7 +16,7 @@ def sightings_on_wall(places, photo, *, size_m=0.2, kinds=None, boxes=None, eyes
     away = xyz - (xyz - [0, 10.0, 0] if eyes is None else np.asarray(eyes, dtype=float))
     distance = np.linalg.norm(away, axis=1)
     size = np.broadcast_to(np.asarray(size_m, dtype=float).reshape(-1, 1) if np.ndim(size_m) < 2 else size_m, (n, 2))
-    return Sightings(
+    return ObservationArrays(
         xyz_site_m=xyz,
         normal_site=np.tile([0.0, -1, 0], (n, 1)),
         ray_site=away / distance[:, None],
@@ -27,5 +27,5 @@ def sightings_on_wall(places, photo, *, size_m=0.2, kinds=None, boxes=None, eyes
         photo=np.asarray(photo, dtype=np.int64),
         defect_class=np.zeros(n, dtype=np.int64) if kinds is None else np.asarray(kinds, dtype=np.int64),
         box_img=np.full((n, 4), np.nan) if boxes is None else np.asarray(boxes, dtype=float),
-        pose_m2=np.zeros((n, 3, 3)),
+        pose_covariance_m2=np.zeros((n, 3, 3)),
     )

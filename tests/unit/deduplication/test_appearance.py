@@ -6,9 +6,9 @@ import pytest
 
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.deduplication.appearance import Photographs
-from facadelake.deduplication.grouping import grouped
-from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.appearance import PhotographSource
+from facadelake.deduplication.grouping import cluster_observations
+from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
 from tests.unit.registration.wall_scene import looking
 
@@ -51,7 +51,7 @@ def sightings_of(places, photo, cameras, size_m=0.15):
     away = xyz - np.array([list(cameras.values())[number].centre_site_m for number in photo])
     distance = np.linalg.norm(away, axis=1)
     n = len(xyz)
-    return Sightings(
+    return ObservationArrays(
         xyz_site_m=xyz,
         normal_site=np.tile([0.0, -1, 0], (n, 1)),
         ray_site=away / distance[:, None],
@@ -62,15 +62,15 @@ def sightings_of(places, photo, cameras, size_m=0.15):
         photo=np.asarray(photo),
         defect_class=np.zeros(n, dtype=np.int64),
         box_img=np.full((n, 4), np.nan),
-        pose_m2=np.zeros((n, 3, 3)),
+        pose_covariance_m2=np.zeros((n, 3, 3)),
     )
 
 
 def likeness(folder, places, photo):
     root, cameras = folder
     sightings = sightings_of(places, photo, cameras)
-    pictures = Photographs(root=root, posed=cameras)
-    return pictures.likeness(sightings, list(cameras), np.array([0]), np.array([1]), np.array([0.06]))
+    pictures = PhotographSource(root=root, posed=cameras)
+    return pictures.compare_pairs(sightings, list(cameras), np.array([0]), np.array([1]), np.array([0.06]))
 
 
 def test_one_place_looks_the_same_from_aside_and_in_other_light(folder):
@@ -112,8 +112,8 @@ def test_pictures_join_what_a_pose_parts_and_part_what_it_brings_together(
     stated = Similarity(rotation=real.rotation, translation=real.translation + aside)
     placed = {**cameras, "b.png": PosedCamera(camera=CAMERA, site_from_cam=stated)}
     sightings = sightings_of([(0.1, 2.1), (registered_x, 2.1)], [0, 1], placed, size_m=0.2)
-    compare = Photographs(root=root, posed=placed).comparison(list(placed))
-    assert grouped(sightings, MergeSettings()).group.tolist() == [0, by_places]
-    told = grouped(sightings, MergeSettings(), compare)
+    compare = PhotographSource(root=root, posed=placed).prepare_comparison(list(placed))
+    assert cluster_observations(sightings, MergeSettings()).group.tolist() == [0, by_places]
+    told = cluster_observations(sightings, MergeSettings(), compare)
     assert told.group.tolist() == [0, by_pictures]
     assert told.differs.tolist() == [bool(by_pictures)]

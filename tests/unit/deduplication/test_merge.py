@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.deduplication.grouping import grouped
+from facadelake.deduplication.grouping import cluster_observations
 from facadelake.deduplication.merge import merge_observations
-from facadelake.deduplication.observations import Sightings
+from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration.observe import observe_detections
 from facadelake.registration.settings import RegistrationSettings
@@ -23,7 +23,7 @@ MERGE = MergeSettings()
 def sightings_at(x_m, photo, size_m=0.2, defect_class=None):
     """Sightings at places along a wall y = 0, seen square-on."""
     n = len(x_m)
-    return Sightings(
+    return ObservationArrays(
         xyz_site_m=np.column_stack([x_m, np.zeros(n), np.zeros(n)]),
         normal_site=np.tile([0.0, -1, 0], (n, 1)),
         ray_site=np.tile([0.0, 1, 0], (n, 1)),
@@ -34,12 +34,12 @@ def sightings_at(x_m, photo, size_m=0.2, defect_class=None):
         photo=np.asarray(photo),
         defect_class=np.zeros(n, dtype=np.int64) if defect_class is None else np.asarray(defect_class),
         box_img=np.full((n, 4), np.nan),
-        pose_m2=np.zeros((n, 3, 3)),
+        pose_covariance_m2=np.zeros((n, 3, 3)),
     )
 
 
 def merged(sightings):
-    return grouped(sightings, MERGE).group.tolist()
+    return cluster_observations(sightings, MERGE).group.tolist()
 
 
 def paper_algorithm_1(x_m, threshold_m):

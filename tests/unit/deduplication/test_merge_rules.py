@@ -5,9 +5,9 @@ import pyarrow as pa
 import pytest
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.deduplication.decisions import merges_table
-from facadelake.deduplication.grouping import grouped
-from facadelake.deduplication.rear_surface import looked_behind
+from facadelake.deduplication.decisions import build_merges_table
+from facadelake.deduplication.grouping import cluster_observations
+from facadelake.deduplication.rear_surface import reassign_to_rear_surface
 from facadelake.deduplication.settings import MergeSettings
 from tests.unit.deduplication.merging import sightings_on_wall
 from tests.unit.registration.wall_scene import sheet
@@ -16,7 +16,7 @@ SETTINGS = MergeSettings()
 
 
 def groups(sightings):
-    return grouped(sightings, SETTINGS).group.tolist()
+    return cluster_observations(sightings, SETTINGS).group.tolist()
 
 
 @pytest.mark.parametrize("size_m", [0.03, 0.15, 0.35])
@@ -89,11 +89,11 @@ def test_what_an_occluder_cut_is_one_where_others_see_it_whole():
     whole = [(0.0, 2.0), (0.01, 2.0)]
     size = np.array([HALF_SIZE, HALF_SIZE, (1.0, 0.1), (1.0, 0.1)])
     sightings = sightings_on_wall(HALVES + whole, [0, 0, 1, 2], size_m=size, boxes=BOXES_APART + [(0, 0, 300, 33)] * 2)
-    found = grouped(sightings, SETTINGS)
+    found = cluster_observations(sightings, SETTINGS)
     assert found.group.tolist() == [0, 0, 0, 0]
     assert found.unit.tolist() == [0, 0, 1, 2]
-    np.testing.assert_allclose(found.whole.width_m[0], 1.0, rtol=0, atol=1e-9)  # m
-    np.testing.assert_allclose(found.whole.xyz_site_m[0], [0, 0, 2], rtol=0, atol=1e-9)  # m
+    np.testing.assert_allclose(found.unit_observations.width_m[0], 1.0, rtol=0, atol=1e-9)  # m
+    np.testing.assert_allclose(found.unit_observations.xyz_site_m[0], [0, 0, 2], rtol=0, atol=1e-9)  # m
 
 
 def test_neighbours_in_line_are_two_where_others_see_two():
@@ -117,10 +117,10 @@ def test_every_join_is_explained_once():
     places = np.repeat([(0, 1), (0.2, 1), (3, 1)], 5, axis=0) + rng.normal(0, 0.01, (15, 2))
     kinds = [0, 0, 0, 0, 1, *[0] * 10]
     sightings = sightings_on_wall(places, np.tile(np.arange(5), 3), kinds=kinds)
-    found = grouped(sightings, SETTINGS)
+    found = cluster_observations(sightings, SETTINGS)
     names = pa.array([f"d{i:02d}" for i in range(15)])
     defects = pa.array([f"D{group}" for group in found.group])
-    rows = merges_table(names, defects, sightings, found, SETTINGS).to_pylist()
+    rows = build_merges_table(names, defects, sightings, found, SETTINGS).to_pylist()
     joined = {row["detection_id"] for row in rows if row["merge_decision"] == "joined"}
     joined |= {row["other_detection_id"] for row in rows if row["merge_decision"] == "joined"}
     assert joined == set(names.to_pylist())
@@ -155,24 +155,24 @@ def test_rays_that_cross_behind_a_part_of_the_model_are_of_what_lies_behind():
     eyes = np.array([[-2.0, -10, 2], [-0.5, -10, 2], [0.5, -10, 2], [2, -10, 2]])
     surface, element, sightings = behind_a_pillar(eyes, [0.1, 0.0, 2.0])
     assert element.tolist() == [1, 1, 1, 1]
-    first = grouped(sightings, SETTINGS)
-    moved = looked_behind(sightings, first, SETTINGS, surface)
+    first = cluster_observations(sightings, SETTINGS)
+    moved = reassign_to_rear_surface(sightings, first, SETTINGS, surface)
     assert moved is not None
     assert moved.element.tolist() == [0] * len(moved.rows)
     assert sorted(moved.rows.tolist()) == [0, 1, 2, 3]
-    np.testing.assert_allclose(moved.sightings.xyz_site_m, np.tile([0.1, 0, 2], (4, 1)), rtol=0, atol=1e-6)  # m
-    assert groups(moved.sightings) == [0, 0, 0, 0]
+    np.testing.assert_allclose(moved.observations.xyz_site_m, np.tile([0.1, 0, 2], (4, 1)), rtol=0, atol=1e-6)  # m
+    assert groups(moved.observations) == [0, 0, 0, 0]
 
 
 def test_a_defect_on_the_pillar_stays_there():
     eyes = np.array([[-2.0, -10, 2], [-0.5, -10, 2], [0.5, -10, 2], [2, -10, 2]])
     surface, element, sightings = behind_a_pillar(eyes, [0.1, -2.0, 2.0])
     assert element.tolist() == [1, 1, 1, 1]
-    assert looked_behind(sightings, grouped(sightings, SETTINGS), SETTINGS, surface) is None
+    assert reassign_to_rear_surface(sightings, cluster_observations(sightings, SETTINGS), SETTINGS, surface) is None
 
 
 def test_under_gps_alone_nothing_is_moved():
     eyes = np.array([[-2.0, -10, 2], [-0.5, -10, 2], [0.5, -10, 2], [2, -10, 2]])
     surface, _, sightings = behind_a_pillar(eyes, [0.1, 0.0, 2.0])
     doubtful = MergeSettings(offset_m=2.0)
-    assert looked_behind(sightings, grouped(sightings, doubtful), doubtful, surface) is None
+    assert reassign_to_rear_surface(sightings, cluster_observations(sightings, doubtful), doubtful, surface) is None

@@ -5,14 +5,14 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from facadelake.deduplication.gate import Noise
-from facadelake.deduplication.observations import Sightings
-from facadelake.deduplication.position import positions_of
+from facadelake.deduplication.gate import PositionNoise
+from facadelake.deduplication.observations import ObservationArrays
+from facadelake.deduplication.position import estimate_positions
 from facadelake.deduplication.settings import MergeSettings
 
 NORMAL = np.array([0.0, -1, 0])
 EYES = np.array([[-6.0, -8, 1], [5.0, -9, 2], [0.5, -10, 0], [-2.0, -7, 3], [3.0, -12, 1]])
-NOISE = Noise(size_share=0.02, floor_m=0.003, relief_m=0.05)
+NOISE = PositionNoise(size_share=0.02, floor_m=0.003, relief_m=0.05)
 
 
 def sightings_of_place(place, eyes=EYES, aside=None, size_m=0.2, pose_m2=None):
@@ -21,7 +21,7 @@ def sightings_of_place(place, eyes=EYES, aside=None, size_m=0.2, pose_m2=None):
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     distance = -eyes[:, 1] / ray[:, 1]
     n = len(eyes)
-    return Sightings(
+    return ObservationArrays(
         xyz_site_m=eyes + ray * distance[:, None],
         normal_site=np.tile(NORMAL, (n, 1)),
         ray_site=ray,
@@ -32,12 +32,12 @@ def sightings_of_place(place, eyes=EYES, aside=None, size_m=0.2, pose_m2=None):
         photo=np.arange(n),
         defect_class=np.zeros(n, dtype=np.int64),
         box_img=np.full((n, 4), np.nan),
-        pose_m2=np.zeros((n, 3, 3)) if pose_m2 is None else pose_m2,
+        pose_covariance_m2=np.zeros((n, 3, 3)) if pose_m2 is None else pose_m2,
     )
 
 
 def one(sightings, noise=NOISE, settings=None):
-    found = positions_of(sightings, np.zeros(len(sightings), dtype=np.int64), noise, settings or MergeSettings())
+    found = estimate_positions(sightings, np.zeros(len(sightings), dtype=np.int64), noise, settings or MergeSettings())
     return found
 
 
@@ -96,10 +96,11 @@ def test_under_gps_alone_the_surface_is_the_better_word():
 def test_what_the_poses_share_does_not_average_out():
     place, shared = np.array([0.3, -0.03, 1.2]), np.diag([0.02, 0.01, 0.015]) ** 2
     free = one(sightings_of_place(place)).covariance_m2[0]
-    held = one(sightings_of_place(place, pose_m2=np.tile(shared, (5, 1, 1)))).covariance_m2[0]
+    held = one(sightings_of_place(place, pose_covariance_m2=np.tile(shared, (5, 1, 1)))).covariance_m2[0]
     np.testing.assert_allclose(held - free, shared, rtol=0, atol=1e-9)  # m2
     measured = one(
-        sightings_of_place(place, pose_m2=np.tile(shared, (5, 1, 1))), settings=MergeSettings(block_sigma_m=0.005)
+        sightings_of_place(place, pose_covariance_m2=np.tile(shared, (5, 1, 1))),
+        settings=MergeSettings(block_sigma_m=0.005),
     ).covariance_m2[0]
     np.testing.assert_allclose(np.trace(measured - free) / 3, 0.005**2, rtol=0, atol=1e-9)  # m2
 
@@ -115,8 +116,10 @@ def test_the_covariance_holds_what_is_off(views):
         sightings_of_place(place, EYES[:views], aside=rng.normal(0, 1, (views, 3)) * [along, 0.003, along])
         for place in places
     ]
-    whole = Sightings(**{f.name: np.concatenate([getattr(one, f.name) for one in made]) for f in fields(Sightings)})
-    found = positions_of(whole, np.repeat(np.arange(400), views), NOISE, MergeSettings())
+    whole = ObservationArrays(
+        **{f.name: np.concatenate([getattr(one, f.name) for one in made]) for f in fields(ObservationArrays)}
+    )
+    found = estimate_positions(whole, np.repeat(np.arange(400), views), NOISE, MergeSettings())
     error = found.xyz_site_m - np.array(places)
     squared = np.einsum("gi,gij,gj->g", error, np.linalg.inv(found.covariance_m2), error)
     assert 0.90 < np.mean(squared < 7.815) < 0.985  # chi-square with 3 degrees of freedom

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.deduplication.crack_width import Evidence, crack_evidence
+from facadelake.deduplication.crack_width import CrackWidthEstimate, estimate_crack_widths
 from facadelake.registration.observe import observe_detections
 from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import looking
@@ -70,7 +70,7 @@ def test_below_the_limit_there_is_a_limit_and_no_width(wall, detections_of):
     np.testing.assert_allclose(row["crack_width_limit_mm"], 1.5 * 10000 / 1500 / 0.6, rtol=0.01, atol=0)  # mm
 
 
-def together(*sightings: tuple[str | None, float | None, float | None, float | None]) -> Evidence:
+def together(*sightings: tuple[str | None, float | None, float | None, float | None]) -> CrackWidthEstimate:
     """One crack of sightings (outcome, width, sigma, limit), all equally well seen."""
     names = ("crack_width_outcome", "crack_width_mm", "crack_width_sigma_mm", "crack_width_limit_mm")
     columns = {name: [one[i] for one in sightings] for i, name in enumerate(names)}
@@ -78,29 +78,29 @@ def together(*sightings: tuple[str | None, float | None, float | None, float | N
     table = pa.table({name: pa.array(values, types[name]) for name, values in columns.items()})
     table = table.append_column("crack_width_max_mm", table.column("crack_width_mm"))
     count = len(sightings)
-    return crack_evidence(table, np.zeros(count, dtype=np.int64), np.ones(count), 1)
+    return estimate_crack_widths(table, np.zeros(count, dtype=np.int64), np.ones(count), 1)
 
 
 def test_the_surest_sighting_has_most_to_say_and_none_is_surer_than_it():
     found = together(("measured", 4.0, 0.2, 1.0), ("measured", 4.1, 2.0, 3.0), ("measured", 6.0, 2.0, 3.0))
     assert found.outcome.to_pylist() == ["measured"]
-    np.testing.assert_allclose(found.width, 4.0, rtol=0, atol=0.11)  # mm
-    assert 0.2 < found.sigma[0] < 0.4  # mm
-    np.testing.assert_allclose(found.limit, 1.0, rtol=0, atol=0)  # mm
+    np.testing.assert_allclose(found.width_mm, 4.0, rtol=0, atol=0.11)  # mm
+    assert 0.2 < found.sigma_mm[0] < 0.4  # mm
+    np.testing.assert_allclose(found.limit_mm, 1.0, rtol=0, atol=0)  # mm
 
 
 def test_one_measurement_goes_before_any_limit_and_the_smallest_limit_is_the_bound():
     assert together(("below_limit", None, None, 5.0), ("measured", 4.0, 0.5, 2.0)).outcome.to_pylist() == ["measured"]
     bound = together(("below_limit", None, None, 5.0), ("below_limit", None, None, 3.0), ("no_line", None, None, None))
     assert bound.outcome.to_pylist() == ["below_limit"]
-    assert np.isnan(bound.width[0])
-    np.testing.assert_allclose(bound.limit, 3.0, rtol=0, atol=0)  # mm
+    assert np.isnan(bound.width_mm[0])
+    np.testing.assert_allclose(bound.limit_mm, 3.0, rtol=0, atol=0)  # mm
 
 
 def test_a_coarse_photographs_width_beyond_a_better_ones_bound_is_left_out():
     found = together(("measured", 9.0, 1.0, 6.0), ("below_limit", None, None, 3.0))
     assert found.outcome.to_pylist() == ["below_limit"]
-    np.testing.assert_allclose(found.limit, 3.0, rtol=0, atol=0)  # mm
+    np.testing.assert_allclose(found.limit_mm, 3.0, rtol=0, atol=0)  # mm
     near = together(("measured", 4.0, 1.0, 3.0), ("below_limit", None, None, 3.0))
     assert near.outcome.to_pylist() == ["measured"]
 
@@ -108,11 +108,11 @@ def test_a_coarse_photographs_width_beyond_a_better_ones_bound_is_left_out():
 def test_what_a_person_stated_goes_before_what_was_measured():
     found = together(("measured", 9.0, 0.1, 1.0), ("stated", 3.0, None, None))
     assert found.outcome.to_pylist() == ["stated"]
-    np.testing.assert_allclose(found.width, 3.0, rtol=0, atol=0)  # mm
-    assert np.isnan(found.sigma[0])
+    np.testing.assert_allclose(found.width_mm, 3.0, rtol=0, atol=0)  # mm
+    assert np.isnan(found.sigma_mm[0])
 
 
 def test_other_classes_have_no_outcome():
     found = together((None, None, None, None))
     assert found.outcome.to_pylist() == [None]
-    assert np.isnan([found.width[0], found.limit[0]]).all()
+    assert np.isnan([found.width_mm[0], found.limit_mm[0]]).all()
