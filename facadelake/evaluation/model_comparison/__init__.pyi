@@ -1,4 +1,4 @@
-from .changes import Change as Change
+from .box_changes import Change as Change
 from .compare import ModelComparisonResult as ModelComparisonResult
 from .compare import compare_models as compare_models
 from .promote import promote_model as promote_model

@@ -22,10 +22,9 @@ from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.detection import SearchRegion, detect_photographs
 from facadelake.detection.inference import OnnxDetector, load_detector
-from facadelake.evaluation.model_comparison.against_reviews import ReviewComparison, compare_with_reviews
-from facadelake.evaluation.model_comparison.changes import BoxChange, Change, compare_boxes
+from facadelake.evaluation.model_comparison.box_changes import BoxChange, Change, compare_boxes
 from facadelake.evaluation.model_comparison.contact_sheet import Crop, write_sheet
-from facadelake.evaluation.model_comparison.defects import DefectChange, compare_defects, join_detections
+from facadelake.evaluation.model_comparison.defect_changes import DefectChange, compare_defects, join_detections
 from facadelake.evaluation.model_comparison.report import (
     CampaignComparison,
     ComparedModel,
@@ -35,6 +34,7 @@ from facadelake.evaluation.model_comparison.report import (
     locate_comparison,
     write_comparison,
 )
+from facadelake.evaluation.model_comparison.review_comparison import ReviewComparison, compare_with_reviews
 from facadelake.photos import find_masks
 from facadelake.registration import prepare_building_views
 from facadelake.registry import Building, Portfolio

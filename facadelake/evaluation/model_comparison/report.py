@@ -10,9 +10,9 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from facadelake.core.errors import InputDataError, StoreError
-from facadelake.evaluation.model_comparison.against_reviews import ReviewComparison, ReviewedFinding
-from facadelake.evaluation.model_comparison.changes import BoxChange, Change
-from facadelake.evaluation.model_comparison.defects import DefectChange
+from facadelake.evaluation.model_comparison.box_changes import BoxChange, Change
+from facadelake.evaluation.model_comparison.defect_changes import DefectChange
+from facadelake.evaluation.model_comparison.review_comparison import ReviewComparison, ReviewedFinding
 from facadelake.reviews import Review
 
 FOLDER, REPORT = "comparisons", "comparison.json"

@@ -11,10 +11,9 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.evaluation.model_comparison.against_reviews import ReviewComparison, compare_with_reviews
-from facadelake.evaluation.model_comparison.changes import Change, compare_boxes, compute_covered_share
+from facadelake.evaluation.model_comparison.box_changes import Change, compare_boxes, compute_covered_share
 from facadelake.evaluation.model_comparison.contact_sheet import Crop, write_sheet
-from facadelake.evaluation.model_comparison.defects import compare_defects, join_detections
+from facadelake.evaluation.model_comparison.defect_changes import compare_defects, join_detections
 from facadelake.evaluation.model_comparison.promote import describe_evidence, list_objections
 from facadelake.evaluation.model_comparison.report import (
     CampaignComparison,
@@ -25,6 +24,7 @@ from facadelake.evaluation.model_comparison.report import (
     read_comparison,
     write_comparison,
 )
+from facadelake.evaluation.model_comparison.review_comparison import ReviewComparison, compare_with_reviews
 from facadelake.reviews.box_matching import corners_from_boxes
 from facadelake.reviews.review_items import create_missed_review, create_review, list_review_items
 from facadelake.reviews.review_matching import match_reviews, select_accepted_detections

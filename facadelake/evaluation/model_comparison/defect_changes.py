@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.evaluation.model_comparison.changes import BoxChange, Change
+from facadelake.evaluation.model_comparison.box_changes import BoxChange, Change
 from facadelake.reviews import AcceptedDetection
 from schemas.vocabulary import DefectClass
 

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from facadelake.evaluation.model_comparison.changes import is_found
+from facadelake.evaluation.model_comparison.box_changes import is_found
 from facadelake.reviews import AcceptedDetection, Review, ReviewStatus
 
 
