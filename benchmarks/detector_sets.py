@@ -31,7 +31,7 @@ from facadelake.evaluation.detectors.labels.labels import (
 from facadelake.evaluation.detectors.labels.open import open_labels
 from facadelake.evaluation.detectors.labels.sites import assign_scale, assign_sites
 from facadelake.georeferencing import SiteFrame
-from facadelake.georeferencing.imported import place_imported, read_poses
+from facadelake.georeferencing.imported import place_imported_poses, read_poses
 from facadelake.photos import ingest_photographs
 from facadelake.registry import read_portfolio
 from schemas.vocabulary import DefectClass
@@ -131,7 +131,7 @@ def castle_facade(work: Path) -> LabelledSet:
         georeference_level=model.georeference_level,
     )
     path = write_published(SHARED / "castle" / "truth", work / "castle-poses.csv", noise=None)
-    placed = place_imported(read_poses(path), photos, place=place, surface=surface, placement_sigma_max_m=0.5)
+    placed = place_imported_poses(read_poses(path), photos, place=place, surface=surface, placement_sigma_max_m=0.5)
     is_target = np.append(mask_target_elements(model.elements), False)  # the last answers for a miss
     images = []
     for photo_id, posed in sorted(read_posed_cameras(placed.poses).items()):

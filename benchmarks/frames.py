@@ -32,9 +32,9 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.detection.coco import read_coco
 from facadelake.evaluation.campaigns.truth import Truth, read_truth
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
-from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
-from facadelake.georeferencing.similarity_fit import robust_similarity
-from facadelake.georeferencing.triangulation import View, intersect
+from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference
+from facadelake.georeferencing.similarity_fit import fit_similarity
+from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from facadelake.photos import ingest_photographs
 from facadelake.sfm import (
     Reconstruction,
@@ -132,9 +132,9 @@ def reference(earlier: Block) -> tuple[ReferencePoints, Similarity]:
     """The reference of a campaign that truth has placed."""
     sfm = earlier.reconstruction
     sigma = np.full((len(sfm.photos), 3), _CAMERA_SIGMA_M)
-    site_from_sfm = robust_similarity(sfm.centres_sfm, earlier.centres_site_m, sigma).target_from_source
+    site_from_sfm = fit_similarity(sfm.centres_sfm, earlier.centres_site_m, sigma).target_from_source
     cameras, xyz_site_m = earlier.posed(site_from_sfm), site_from_sfm.apply(sfm.xyz_sfm)
-    points = reference_of(
+    points = build_reference(
         sfm,
         read_descriptors(earlier.folder),
         cameras=cameras,
@@ -153,8 +153,8 @@ def triangulated(campaign: Block, site_from_sfm: Similarity) -> dict[str, Float6
     posed = dict(zip((p.photo_id for p in campaign.reconstruction.photos), campaign.posed(site_from_sfm), strict=True))
     found = {}
     for name, marks in campaign.boxes.items():
-        views = [View(camera=posed[p].camera, world_from_cam=posed[p].site_from_cam, xy_img=xy) for p, xy in marks]
-        point = intersect(views) if len(views) >= 2 else None
+        views = [ImageRay(camera=posed[p].camera, world_from_cam=posed[p].site_from_cam, xy_img=xy) for p, xy in marks]
+        point = intersect_rays(views) if len(views) >= 2 else None
         if point is not None:
             found[name] = point.xyz_world
     return found

@@ -37,8 +37,8 @@ from facadelake.evaluation.campaigns import compute_figures
 from facadelake.evaluation.campaigns.comparison import compare_with_truth
 from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp import read_surveyed_points
-from facadelake.georeferencing.imported import place_imported, read_poses
-from facadelake.georeferencing.imported.placement import PlacedByImport
+from facadelake.georeferencing.imported import place_imported_poses, read_poses
+from facadelake.georeferencing.imported.placement import ImportedPlacement
 from facadelake.photos import ingest_photographs
 from facadelake.registry import Building, read_portfolio
 
@@ -72,7 +72,7 @@ def _scenery(building_id: str, campaign_id: str, truth: Path, name: str) -> Scen
     )  # fmt: skip
 
 
-def _registered(scene: Scenery, placed: PlacedByImport, boxes: str) -> dict[str, Any]:
+def _registered(scene: Scenery, placed: ImportedPlacement, boxes: str) -> dict[str, Any]:
     """The figures of one detections file on imported poses, by the domain's own calls."""
     found = import_coco(scene.building.locate_detections(scene.campaign_id, boxes), scene.photos, class_names={})
     tables = {"poses": placed.poses, "georeference": placed.georeference}
@@ -108,7 +108,7 @@ def imported(report: Report, work: Path) -> None:
         ):
             begin = time.perf_counter()
             path = write_published(scene.truth, work / f"{scene.name} {words}.csv".replace(" ", "-"), noise=noise)
-            placed = place_imported(
+            placed = place_imported_poses(
                 read_poses(path),
                 scene.photos,
                 place=place,

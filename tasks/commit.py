@@ -5,7 +5,7 @@ from __future__ import annotations
 from prefect import task
 
 from facadelake.core.tables import read_table
-from facadelake.georeferencing.campaign import REFERENCE, drop_reference, keep_reference
+from facadelake.georeferencing.campaign import REFERENCE_FILE, drop_reference, store_reference
 from facadelake.lake import Committed, commit_campaign, lake_tables
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import whole_campaign
@@ -24,9 +24,9 @@ def commit(job: InspectionJob, results: StageResults, checks: StageResult) -> Co
         tables=lake_tables(tables, run),
         inputs_sha256=run.inputs_sha256,
     )
-    reference = results.placed.folder / REFERENCE
+    reference = results.placed.folder / REFERENCE_FILE
     if reference.is_file():
-        keep_reference(reference, job.lake, job.building.id, job.campaign_id)
+        store_reference(reference, job.lake, job.building.id, job.campaign_id)
     else:
         drop_reference(job.lake, job.building.id, job.campaign_id)
     return committed

@@ -10,9 +10,9 @@ from facadelake.building import read_building
 from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing import Control, SiteFrame, build_poses_table, georeference_reconstruction
-from facadelake.georeferencing.campaign import REFERENCE, earlier_references, read_reference
+from facadelake.georeferencing.campaign import REFERENCE_FILE, list_earlier_references, read_reference
 from facadelake.georeferencing.gcp import read_surveyed_points
-from facadelake.georeferencing.model import model_control
+from facadelake.georeferencing.model import build_model_control
 from facadelake.sfm import read_descriptors, read_reconstruction
 from schemas.vocabulary import ControlKind
 from tasks.job import InspectionJob, StageResult
@@ -31,7 +31,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
     )
     # By GPS or by the model, a campaign stands for itself.
     alone = job.control in (ControlKind.GPS, ControlKind.MODEL)
-    references = [] if alone else earlier_references(job.lake, building.id, job.campaign_id)
+    references = [] if alone else list_earlier_references(job.lake, building.id, job.campaign_id)
     root = building.locate_photographs(job.campaign_id)
 
     def make(folder: Path) -> Counts:
@@ -52,7 +52,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
                 kind=job.control,
                 points=read_surveyed_points(gcp_file) if gcp_file else None,
                 check_points=read_surveyed_points(check_file) if check_file else None,
-                model=model_control(
+                model=build_model_control(
                     model_of_building,
                     [root / photo.photo_id for photo in reconstruction.photos],
                     tolerances.model_sigma_m,
@@ -70,7 +70,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         write_table("georeference_points", placed.points_table(origin), folder)
         reference = placed.reference(reconstruction, descriptors, building.id, job.campaign_id, origin)
         if reference is not None:
-            reference.save(folder / REFERENCE)
+            reference.save(folder / REFERENCE_FILE)
         return {"localised": len(placed.cameras), "not localised": len(reconstruction.unlocalised)}
 
     inputs = {

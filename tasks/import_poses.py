@@ -12,7 +12,7 @@ from facadelake.core.hashing import hash_files
 from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp import read_surveyed_points
-from facadelake.georeferencing.imported import place_imported, pose_files, read_poses
+from facadelake.georeferencing.imported import list_pose_files, place_imported_poses, read_poses
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -32,7 +32,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
     def make(folder: Path) -> Counts:
         building = read_building(model.folder)
         photos_table = read_table("photos", photos.folder)
-        placed = place_imported(
+        placed = place_imported_poses(
             read_poses(path),
             photos_table,
             place=SiteFrame(
@@ -51,7 +51,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
         return {"localised": placed.localised, "not localised": len(placed.poses) - placed.localised}
 
     inputs = {
-        "poses": hash_files(pose_files(path)),
+        "poses": hash_files(list_pose_files(path)),
         "name": path.name,
         "surveyed": hash_files(surveyed),
         "placement_sigma_max_m": limit_m,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection import load_configured_detector, resolve_default_model
-from facadelake.georeferencing.imported import pose_files
+from facadelake.georeferencing.imported import list_pose_files
 from facadelake.registry import Building, CocoDetectorSetting
 from facadelake.severity import rule_file
 from schemas.vocabulary import ControlKind, SurfaceKind
@@ -36,7 +36,7 @@ def chosen_poses(building: Building, campaign_id: str, georeference: str, poses:
     if georeference == AUTO:
         found = building.locate_poses(campaign_id, poses)
         if found is not None:
-            pose_files(found)
+            list_pose_files(found)
         return found
     if poses is not None:
         raise InputDataError(

@@ -21,33 +21,33 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block
 from facadelake.georeferencing.adjustment.evidence import ControlObservations
-from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
+from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.placement import MIN_CONTROL_POINTS, intersect_marks
 from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps, collect_gps_priors
 from facadelake.georeferencing.gps.terms import build_attitude_terms, build_datum_terms, build_position_terms
-from facadelake.georeferencing.model.lean import Lean, lean_of, upright, upright_words
-from facadelake.georeferencing.model.plumb_lines import vertical_of
+from facadelake.georeferencing.model.lean import BlockLean, correct_lean, describe_lean, estimate_lean
+from facadelake.georeferencing.model.plumb_lines import estimate_vertical
 from facadelake.georeferencing.passport import (
     PassportPoint,
-    control_points,
-    gps_points,
-    model_fit,
-    points_table,
-    require_good,
-    require_one_frame,
+    build_control_points,
+    build_gps_points,
+    build_points_table,
+    compare_with_model,
+    require_accuracy,
+    require_consistent_frame,
 )
 from facadelake.georeferencing.site_frame import SiteFrame
-from facadelake.georeferencing.starts import Start, start_by
+from facadelake.georeferencing.starts import InitialPlacement, find_initial_placement
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind, PointKind
 
 logger = logging.getLogger(__name__)
 
 # An earlier campaign placed no worse than this goes before control points.
-_FINE_FRAME_M = 0.03
+_MAX_PREFERRED_FRAME_SIGMA_M = 0.03
 # No photograph of a building is taken from farther; swapped axes and wrong zones are off by hundreds of kilometres.
-_FARTHEST_M = 10_000.0
+_MAX_DISTANCE_M = 10_000.0
 _REMEDY = (
     "bring control points (gcp_list.txt, 3 or more around the building), a wider block or a model with openings, or "
     "accept metres with --georeference gps"
@@ -55,7 +55,7 @@ _REMEDY = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Georeferenced:
+class GeoreferencedCampaign:
     """The campaign on the globe.
 
     ``cameras`` and ``covariance`` (6, 6; centre in m, attitude in rad about the camera's axes) by photo_id;
@@ -90,7 +90,7 @@ class Georeferenced:
         xyz[self.adjusted.ties.point] = self.adjusted.xyz_site_m
         covariance[self.adjusted.ties.point] = self.adjusted.point_covariance_m2
         try:
-            return reference_of(
+            return build_reference(
                 reconstruction,
                 descriptors,
                 cameras=self.adjusted.cameras,
@@ -107,44 +107,48 @@ class Georeferenced:
 
     def points_table(self, origin: SiteOrigin) -> pa.Table:
         """Table `georeference_points`."""
-        return points_table(self.points, origin)
+        return build_points_table(self.points, origin)
 
 
 def georeference_reconstruction(
     reconstruction: Reconstruction, photos: pa.Table, *, place: SiteFrame, control: Control
-) -> Georeferenced:
+) -> GeoreferencedCampaign:
     """Place the block in site, by the control that was asked for, else by the best that works; what did not is said.
 
     Raises GeoreferenceError where the control cannot place the block, or not well enough.
     """
     priors = collect_gps_priors(reconstruction, photos, place.origin)
     if control.kind is not None:
-        return _placed(control.kind, reconstruction, priors, place, control, ())
-    kinds, remarks = _offered(reconstruction, control)
+        return _georeference_by(control.kind, reconstruction, priors, place, control, ())
+    kinds, remarks = _rank_controls(reconstruction, control)
     for kind in kinds[:-1]:
         try:
-            return _placed(kind, reconstruction, priors, place, control, (f"chosen by itself: {kind}", *remarks))
+            return _georeference_by(
+                kind, reconstruction, priors, place, control, (f"chosen by itself: {kind}", *remarks)
+            )
         except GeoreferenceError as error:
             logger.warning("not placed by %s: %s", kind, error)
             remarks.append(f"not placed by {kind}: {error}")
     try:
-        return _placed(kinds[-1], reconstruction, priors, place, control, (f"chosen by itself: {kinds[-1]}", *remarks))
+        return _georeference_by(
+            kinds[-1], reconstruction, priors, place, control, (f"chosen by itself: {kinds[-1]}", *remarks)
+        )
     except GeoreferenceError as error:
         raise GeoreferenceError("; ".join([str(error), *remarks])) from error
 
 
-def _offered(reconstruction: Reconstruction, control: Control) -> tuple[list[ControlKind], list[str]]:
+def _rank_controls(reconstruction: Reconstruction, control: Control) -> tuple[list[ControlKind], list[str]]:
     """The kinds of control to try, the best first, and what is to be said of those that are not tried.
 
     An earlier campaign that is itself placed to centimetres comes first, so that defects can be compared at the
     centimetre; control points then judge it. Wrong control points are the user's to mend, not to be passed over.
     """
-    finest_m = min((_frame_sigma(reference) for reference, _ in control.references), default=np.inf)
+    finest_m = min((_compute_frame_sigma(reference) for reference, _ in control.references), default=np.inf)
     campaign = [ControlKind.CAMPAIGN]
     if control.points is not None:
         usable = sum(mark is not None for mark in intersect_marks(reconstruction, control.points))
         if usable >= MIN_CONTROL_POINTS:
-            return [*(campaign if finest_m <= _FINE_FRAME_M else []), ControlKind.GCP], []
+            return [*(campaign if finest_m <= _MAX_PREFERRED_FRAME_SIGMA_M else []), ControlKind.GCP], []
         remarks = [
             f"{usable} of {len(control.points.points)} control points of {control.points.source} can be used "
             f"({MIN_CONTROL_POINTS} are needed)"
@@ -157,15 +161,15 @@ def _offered(reconstruction: Reconstruction, control: Control) -> tuple[list[Con
     return [*kinds, ControlKind.GPS], remarks
 
 
-def _placed(
+def _georeference_by(
     kind: ControlKind,
     reconstruction: Reconstruction,
     priors: GpsPriors,
     place: SiteFrame,
     control: Control,
     remarks: tuple[str, ...],
-) -> Georeferenced:
-    start = start_by(kind, reconstruction, priors, place=place, control=control).with_remarks(remarks)
+) -> GeoreferencedCampaign:
+    start = find_initial_placement(kind, reconstruction, priors, place=place, control=control).with_remarks(remarks)
     _refuse_far_away(start.site_from_sfm.apply(reconstruction.centres_sfm), kind, place.origin)
     if kind is not ControlKind.GPS:
         _check_against_gps(start, reconstruction, priors)
@@ -181,20 +185,20 @@ def _placed(
     )
     adjusted = adjust_block(reconstruction, start.site_from_sfm, evidence)
     if start.model is None:
-        return _described(reconstruction, priors, place, control, start, adjusted, None)
+        return _build_campaign(reconstruction, priors, place, control, start, adjusted, None)
     edges = control.model.edges if control.model is not None else None
-    vertical = vertical_of(adjusted.cameras, edges.photographs) if edges is not None else None
-    lean = lean_of(adjusted, start.model.sigma_m, vertical)
+    vertical = estimate_vertical(adjusted.cameras, edges.photographs) if edges is not None else None
+    lean = estimate_lean(adjusted, start.model.sigma_m, vertical)
     if vertical is not None:
-        start = start.with_remarks((upright_words(vertical, lean),))
-    return _described(reconstruction, priors, place, control, start, upright(adjusted, lean), lean)
+        start = start.with_remarks((describe_lean(vertical, lean),))
+    return _build_campaign(reconstruction, priors, place, control, start, correct_lean(adjusted, lean), lean)
 
 
-def _frame_sigma(reference: ReferencePoints) -> float:
+def _compute_frame_sigma(reference: ReferencePoints) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(reference.frame_covariance_m2)[-1]))
 
 
-def _check_against_gps(start: Start, reconstruction: Reconstruction, priors: GpsPriors) -> None:
+def _check_against_gps(start: InitialPlacement, reconstruction: Reconstruction, priors: GpsPriors) -> None:
     # RTK bends less than the block does: no judge of it.
     if priors.sigma_m.size and float(np.median(priors.sigma_m)) > 1.0:
         centres = reconstruction.centres_sfm[priors.photo]
@@ -205,37 +209,37 @@ def _refuse_far_away(centres_site_m: Float64Array, control: ControlKind, origin:
     """Raise GeoreferenceError where the cameras came to lie at another place than the building (site's origin)."""
     middle_m = np.median(centres_site_m, axis=0)
     away_m = float(np.linalg.norm(middle_m))
-    if away_m > _FARTHEST_M:
+    if away_m > _MAX_DISTANCE_M:
         lon, lat, _ = origin.geo_from_site(middle_m[None])[0]
         raise GeoreferenceError(
             f"the photographs come to lie {away_m / 1000:.0f} km from the building model (limit "
-            f"{_FARTHEST_M / 1000:.0f} km) by {control}, near lon {lon:.3f}, lat {lat:.3f}; are latitude and longitude "
+            f"{_MAX_DISTANCE_M / 1000:.0f} km) by {control}, near lon {lon:.3f}, lat {lat:.3f}; are latitude and longitude "
             "(or east and north) swapped, is a CRS or UTM zone wrong, or do photographs and model belong to different "
             "buildings?"
         )
 
 
-def _described(
+def _build_campaign(
     reconstruction: Reconstruction,
     priors: GpsPriors,
     place: SiteFrame,
     control: Control,
-    start: Start,
+    start: InitialPlacement,
     adjusted: AdjustedBlock,
-    lean: Lean | None,
-) -> Georeferenced:
+    lean: BlockLean | None,
+) -> GeoreferencedCampaign:
     frame = adjusted.datum_covariance_m2 + start.frame_covariance_m2
     leaning = np.zeros((1, 6, 6)) if lean is None else lean.covariance(adjusted)
     frame += leaning[:, :3, :3].mean(axis=0)  # what a lean does to a camera of the block, on average
     sigma_m = np.sqrt(np.diag(frame))
-    points = [*control_points(start, adjusted), *gps_points(reconstruction, priors, adjusted, start)]
+    points = [*build_control_points(start, adjusted), *build_gps_points(reconstruction, priors, adjusted, start)]
     held_out_m = np.array(
         [np.linalg.norm(p.residual_site_m) for p in points if p.kind in (PointKind.HELD_OUT, PointKind.CHECK)]
     )
     if start.kind is ControlKind.CAMPAIGN and len(held_out_m):
-        require_one_frame(held_out_m, float(sigma_m.max()), start.words)
+        require_consistent_frame(held_out_m, float(sigma_m.max()), start.words)
     excused = control.kind is ControlKind.GPS
-    require_good(
+    require_accuracy(
         control=start.kind,
         sigma_m=sigma_m,
         limit_m=np.inf if excused else control.placement_sigma_max_m,
@@ -271,7 +275,7 @@ def _described(
             "check_residual_mean_m": float(held_out_m.mean()),
             "check_residual_max_m": float(held_out_m.max()),
         }
-    remarks = [*start.remarks, *_lens_remarks(adjusted)]
+    remarks = [*start.remarks, *_build_lens_remarks(adjusted)]
     if len(priors.photo):
         centres = np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
         offset = np.median(priors.xyz_site_m - centres, axis=0)
@@ -279,7 +283,7 @@ def _described(
         row["gps_offset_sigma_m"] = float(adjusted.gps_offset_sigma_m.max())
         if priors.datum_unknown and start.kind is not ControlKind.GPS:
             remarks.append("GPS heights do not name their datum, and gps_offset_up_m says how far they are off")
-    fit = model_fit(adjusted, control.model.surface) if control.model is not None else None
+    fit = compare_with_model(adjusted, control.model.surface) if control.model is not None else None
     if fit is not None:
         row["model_residual_m"] = fit.residual_m
         if np.isfinite(fit.doming_m):
@@ -291,7 +295,7 @@ def _described(
             "edge_features": start.shift.features,
         }
     row["remarks"] = "; ".join(remarks)
-    return Georeferenced(
+    return GeoreferencedCampaign(
         control=start.kind,
         site_from_sfm=site_from_sfm,
         cameras=dict(zip(ids, adjusted.cameras, strict=True)),
@@ -304,7 +308,7 @@ def _described(
     )
 
 
-def _lens_remarks(adjusted: AdjustedBlock) -> list[str]:
+def _build_lens_remarks(adjusted: AdjustedBlock) -> list[str]:
     remarks = []
     if adjusted.held_terms:
         remarks.append(f"lens terms that the photographs do not show, held at nought: {', '.join(adjusted.held_terms)}")

@@ -17,14 +17,14 @@ from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, compute_held_out_residuals
 from facadelake.georeferencing.adjustment.model_terms import RaySurface, match_points_to_surface
 from facadelake.georeferencing.gps.alignment import GpsPriors
-from facadelake.georeferencing.starts import Start
+from facadelake.georeferencing.starts import InitialPlacement
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind, PointKind
 
 _MODEL_GATE_M = 0.5
-_LEAST_FOR_DOMING = 200
+_MIN_POINTS_FOR_DOMING = 200
 # How far control points may lie (median) from a block placed by an earlier campaign, in its own sigmas and at least.
-_FRAME_SIGMAS, _LEAST_FRAME_M = 3.0, 0.05
+_MAX_FRAME_SIGMAS, _MIN_FRAME_TOLERANCE_M = 3.0, 0.05
 _AXES = ("east", "north", "up")
 
 
@@ -39,7 +39,7 @@ class PassportPoint:
     used: bool
 
 
-def points_table(points: Sequence[PassportPoint], origin: SiteOrigin) -> pa.Table:
+def build_points_table(points: Sequence[PassportPoint], origin: SiteOrigin) -> pa.Table:
     """Table ``georeference_points``."""
     if not points:
         return table_from_rows("georeference_points", [])
@@ -66,7 +66,7 @@ def points_table(points: Sequence[PassportPoint], origin: SiteOrigin) -> pa.Tabl
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelFit:
+class ModelComparison:
     """How the block lies on the model: the median distance of tie points from the faces they were seen on, and the
     sagitta of a common curvature with its sigma (NaN where too few points lie on walls)."""
 
@@ -75,7 +75,7 @@ class ModelFit:
     doming_sigma_m: float
 
 
-def model_fit(adjusted: AdjustedBlock, surface: RaySurface) -> ModelFit | None:
+def compare_with_model(adjusted: AdjustedBlock, surface: RaySurface) -> ModelComparison | None:
     """The test of the block against the model; None where its tie points do not meet the model.
 
     Doming: ``away = a + b u + c (u^2 - mean)`` along each wall's horizontal u, with one curvature c for all walls; the
@@ -105,7 +105,7 @@ def model_fit(adjusted: AdjustedBlock, surface: RaySurface) -> ModelFit | None:
         left.append(away[own] - plane @ taken[:, 1])
         longest = max(longest, float(np.ptp(u)))
     doming, sigma = np.nan, np.nan
-    if rows and sum(map(len, rows)) >= _LEAST_FOR_DOMING:
+    if rows and sum(map(len, rows)) >= _MIN_POINTS_FOR_DOMING:
         bends, aways = np.concatenate(rows), np.concatenate(left)
         core = np.abs(aways) < 3 * 1.4826 * np.median(np.abs(aways))
         bends, aways = bends[core], aways[core]
@@ -113,10 +113,10 @@ def model_fit(adjusted: AdjustedBlock, surface: RaySurface) -> ModelFit | None:
         spread = float(np.std(aways - curvature * bends) / np.sqrt(bends @ bends))
         half = (longest / 2) ** 2
         doming, sigma = curvature * half, spread * half * float(np.sqrt(adjusted.tie_variance_factor))
-    return ModelFit(residual_m=float(np.median(np.abs(away))), doming_m=doming, doming_sigma_m=sigma)
+    return ModelComparison(residual_m=float(np.median(np.abs(away))), doming_m=doming, doming_sigma_m=sigma)
 
 
-def require_good(
+def require_accuracy(
     *, control: ControlKind, sigma_m: Float64Array, limit_m: float, held_out_m: Float64Array, remedy: str
 ) -> None:
     """Refuse a placement that is not known to ``limit_m``: by its own sigma (3,), or at held-out points (k,).
@@ -138,9 +138,9 @@ def require_good(
         )
 
 
-def require_one_frame(held_out_m: Float64Array, sigma_m: float, words: str) -> None:
+def require_consistent_frame(held_out_m: Float64Array, sigma_m: float, words: str) -> None:
     """Control points must lie where a block that was placed by an earlier campaign has them."""
-    limit_m = max(_FRAME_SIGMAS * sigma_m, _LEAST_FRAME_M)
+    limit_m = max(_MAX_FRAME_SIGMAS * sigma_m, _MIN_FRAME_TOLERANCE_M)
     if float(np.median(held_out_m)) > limit_m:
         raise GeoreferenceError(
             f"placed by {words}, control points lie {np.median(held_out_m):.2f} m off (median, limit {limit_m:.2f} m): "
@@ -148,7 +148,7 @@ def require_one_frame(held_out_m: Float64Array, sigma_m: float, words: str) -> N
         )
 
 
-def control_points(start: Start, adjusted: AdjustedBlock) -> list[PassportPoint]:
+def build_control_points(start: InitialPlacement, adjusted: AdjustedBlock) -> list[PassportPoint]:
     """Control points as fitted, the same left out in turn, and check points."""
     marked = start.marked
     if marked is None:
@@ -178,8 +178,8 @@ def control_points(start: Start, adjusted: AdjustedBlock) -> list[PassportPoint]
     return points
 
 
-def gps_points(
-    reconstruction: Reconstruction, priors: GpsPriors, adjusted: AdjustedBlock, start: Start
+def build_gps_points(
+    reconstruction: Reconstruction, priors: GpsPriors, adjusted: AdjustedBlock, start: InitialPlacement
 ) -> list[PassportPoint]:
     cameras = adjusted.cameras
     return [

@@ -16,14 +16,14 @@ from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import columns_from_camera
 from facadelake.core.tables import table_from_rows
-from facadelake.georeferencing.georeference import Georeferenced
+from facadelake.georeferencing.georeference import GeoreferencedCampaign
 from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, rotation_from_attitude
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import PhotoOutcome, PointKind, PoseSource, PositionSource
 
 
 def build_poses_table(
-    georeferenced: Georeferenced, reconstruction: Reconstruction, photos: pa.Table, *, origin: SiteOrigin
+    georeferenced: GeoreferencedCampaign, reconstruction: Reconstruction, photos: pa.Table, *, origin: SiteOrigin
 ) -> pa.Table:
     """One row for each accepted photograph of ``photos``, with a pose or with the reason why it has none.
 
@@ -48,21 +48,21 @@ def build_poses_table(
                 "reprojection_error_px": photo.reprojection_error_px,
                 "tie_points": photo.tie_points,
             }
-            placed = placed_columns(georeferenced.cameras[photo_id], georeferenced.covariance[photo_id], origin)
+            placed = build_pose_columns(georeferenced.cameras[photo_id], georeferenced.covariance[photo_id], origin)
             rows.append(said | placed)
             continue
         said |= {"reason": reason_of.get(photo_id, "not part of the reconstruction"), "tie_points": 0}
-        prior = prior_pose(row, georeferenced, origin)
+        prior = pose_from_prior(row, georeferenced, origin)
         if prior is None:
             rows.append(said | {"pose_source": PoseSource.UNLOCALISED})
         else:
             rows.append(
-                said | {"pose_source": PoseSource.PRIOR} | placed_columns(prior.posed, prior.covariance, origin)
+                said | {"pose_source": PoseSource.PRIOR} | build_pose_columns(prior.posed, prior.covariance, origin)
             )
     return table_from_rows("poses", rows)
 
 
-def placed_columns(posed: PosedCamera, covariance: Float64Array, origin: SiteOrigin) -> dict[str, Any]:
+def build_pose_columns(posed: PosedCamera, covariance: Float64Array, origin: SiteOrigin) -> dict[str, Any]:
     """Centre in site and EPSG:4979, attitude, intrinsics, and the ``covariance`` (6, 6) with its sigmas, as columns."""
     lon, lat, height = origin.geo_from_site(posed.centre_site_m[None])[0].tolist()
     return {
@@ -70,12 +70,12 @@ def placed_columns(posed: PosedCamera, covariance: Float64Array, origin: SiteOri
         "lon_deg": lon,
         "lat_deg": lat,
         "height_ellipsoidal_m": height,
-        **_covariance_columns(covariance),
+        **_build_covariance_columns(covariance),
         "geometry": shapely.to_wkb(shapely.Point(lon, lat, height), output_dimension=3, flavor="iso"),
     }
 
 
-def _covariance_columns(covariance: Float64Array) -> dict[str, Any]:
+def _build_covariance_columns(covariance: Float64Array) -> dict[str, Any]:
     """The covariance (6, 6) of centre and attitude, and sigmas for people."""
     east, north, up = np.sqrt(np.diag(covariance)[:3]).tolist()
     attitude = float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])))
@@ -88,7 +88,7 @@ def _covariance_columns(covariance: Float64Array) -> dict[str, Any]:
     }
 
 
-_FEWEST_RESIDUALS = 3
+_MIN_RESIDUALS = 3
 _MAD_TO_SIGMA = 1.4826
 _TILT_SIGMA_DEG = 2.0
 
@@ -101,18 +101,18 @@ class PriorPose:
     covariance: Float64Array
 
 
-def prior_pose(row: Mapping[str, Any], placed: Georeferenced, origin: SiteOrigin) -> PriorPose | None:
+def pose_from_prior(row: Mapping[str, Any], placed: GeoreferencedCampaign, origin: SiteOrigin) -> PriorPose | None:
     """The pose that a row of table ``photos`` states, or None where it lacks position, height, attitude or lens."""
     stated = ("prior_lon_deg", "prior_lat_deg", "prior_height_m", "prior_yaw_deg", "prior_pitch_deg", "prior_roll_deg")
     if row["prior_source"] == PositionSource.NONE or any(row[name] is None for name in stated):
         return None
-    camera = _lens(row, placed)
+    camera = _find_camera(row, placed)
     if camera is None:
         return None
     given = origin.site_from_geo(np.array([[row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"]]]))[0]
     sigma_m = np.array([row["prior_sigma_horizontal_m"]] * 2 + [row["prior_sigma_vertical_m"]], dtype=np.float64)
     left = np.array([p.residual_site_m for p in placed.points if p.kind is PointKind.GPS and p.used]).reshape(-1, 3)
-    if len(left) >= _FEWEST_RESIDUALS:
+    if len(left) >= _MIN_RESIDUALS:
         # Its neighbours in the block show what GPS has in common (taken out) and how it scatters (left over).
         given = given - np.median(left, axis=0)
         scatter = _MAD_TO_SIGMA * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
@@ -129,7 +129,7 @@ def prior_pose(row: Mapping[str, Any], placed: Georeferenced, origin: SiteOrigin
     )
 
 
-def _lens(row: Mapping[str, Any], placed: Georeferenced) -> Camera | None:
+def _find_camera(row: Mapping[str, Any], placed: GeoreferencedCampaign) -> Camera | None:
     """The adjusted lens of a photograph of the same size and like focal length, else what the photograph states."""
     width, height, focal = row["image_width_px"], row["image_height_px"], row["prior_focal_px"]
     for other in placed.cameras.values():

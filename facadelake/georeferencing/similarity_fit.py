@@ -13,14 +13,14 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity, estimate_similarity
 
 # Three points fix a similarity; a draw whose triangle is thinner than this (height over longest side) is not tried.
-_THINNEST_TRIANGLE = 0.02
-_ALL_TRIPLES_UP_TO = 18
+_MIN_TRIANGLE_HEIGHT_RATIO = 0.02
+_MAX_POINTS_FOR_ALL_TRIPLES = 18
 _DRAWS = 1500
 _OUTLIER_SIGMAS = 3.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
+class SimilarityFit:
     """The similarity, which points it rests on, and the residuals (n, 3) ``target - fit(source)`` of all points."""
 
     target_from_source: Similarity
@@ -28,7 +28,7 @@ class Fit:
     residual: Float64Array
 
 
-def robust_similarity(source: Float64Array, target: Float64Array, sigma: Float64Array, *, seed: int = 1) -> Fit:
+def fit_similarity(source: Float64Array, target: Float64Array, sigma: Float64Array, *, seed: int = 1) -> SimilarityFit:
     """RANSAC similarity of point pairs (n, 3), then least squares; ``sigma`` (n, 3) are one-sigma errors of ``target``.
 
     A point is used where its residual stays within 3.5 sigma. Raises GeoreferenceError for fewer than 3 points, points
@@ -38,10 +38,12 @@ def robust_similarity(source: Float64Array, target: Float64Array, sigma: Float64
         estimate_similarity(source, target)  # says what is missing
     best: BoolArray = np.zeros(len(source), dtype=bool)
     best_cost = np.inf
-    for triple in _triples(len(source), seed):
-        if _thin(source[triple]) or _thin(target[triple]):
+    for triple in _draw_triples(len(source), seed):
+        if _is_thin(source[triple]) or _is_thin(target[triple]):
             continue
-        distance = _normalised(source, target, sigma, estimate_similarity(source[triple], target[triple]))
+        distance = _compute_normalised_distance(
+            source, target, sigma, estimate_similarity(source[triple], target[triple])
+        )
         cost = float(np.minimum(distance, _OUTLIER_SIGMAS).sum())  # MSAC: inliers count by how well they fit
         if cost < best_cost:
             best, best_cost = distance < _OUTLIER_SIGMAS, cost
@@ -53,32 +55,34 @@ def robust_similarity(source: Float64Array, target: Float64Array, sigma: Float64
     weight = 1.0 / (sigma**2).sum(axis=1)
     for _ in range(10):
         fit = estimate_similarity(source[best], target[best], weight[best])
-        now = _normalised(source, target, sigma, fit) < _OUTLIER_SIGMAS
+        now = _compute_normalised_distance(source, target, sigma, fit) < _OUTLIER_SIGMAS
         if now.sum() < 3 or (now == best).all():
             break
         best = now
-    return Fit(target_from_source=fit, used=best, residual=target - fit.apply(source))
+    return SimilarityFit(target_from_source=fit, used=best, residual=target - fit.apply(source))
 
 
-def _triples(n: int, seed: int) -> list[list[int]]:
-    if n <= _ALL_TRIPLES_UP_TO:
+def _draw_triples(n: int, seed: int) -> list[list[int]]:
+    if n <= _MAX_POINTS_FOR_ALL_TRIPLES:
         return [list(triple) for triple in combinations(range(n), 3)]
     rng = np.random.default_rng(seed)
     return [rng.choice(n, size=3, replace=False).tolist() for _ in range(_DRAWS)]
 
 
-def _thin(corners: Float64Array) -> bool:
+def _is_thin(corners: Float64Array) -> bool:
     a, b = corners[1] - corners[0], corners[2] - corners[0]
     longest = max(float(a @ a), float(b @ b), float((b - a) @ (b - a)))
-    return bool(np.linalg.norm(np.cross(a, b)) < _THINNEST_TRIANGLE * longest)
+    return bool(np.linalg.norm(np.cross(a, b)) < _MIN_TRIANGLE_HEIGHT_RATIO * longest)
 
 
-def _normalised(source: Float64Array, target: Float64Array, sigma: Float64Array, fit: Similarity) -> Float64Array:
+def _compute_normalised_distance(
+    source: Float64Array, target: Float64Array, sigma: Float64Array, fit: Similarity
+) -> Float64Array:
     distance: Float64Array = np.sqrt((((target - fit.apply(source)) / sigma) ** 2).mean(axis=1))
     return distance
 
 
-def parameters_applied(start: Similarity, pivot: Float64Array, step: Float64Array) -> Similarity:
+def apply_parameters(start: Similarity, pivot: Float64Array, step: Float64Array) -> Similarity:
     """``start`` moved by ``step``: translation (3), rotation vector (3) about ``pivot`` (3,), logarithm of scale (1).
 
     Steps about a pivot amid the points keep translation, rotation and scale nearly uncorrelated.

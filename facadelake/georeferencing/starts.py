@@ -18,7 +18,7 @@ from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transfo
 from facadelake.georeferencing.gcp.placement import intersect_marks, place_by_control_points
 from facadelake.georeferencing.gps.alignment import GpsPriors, align_to_gps
 from facadelake.georeferencing.model.control import place_by_model
-from facadelake.georeferencing.model.edge_search import ShiftFound
+from facadelake.georeferencing.model.edge_search import EdgeShift
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind
@@ -32,7 +32,7 @@ _CELL_M = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Start:
+class InitialPlacement:
     """A start, ``site_from_sfm``, and the evidence to adjust it to.
 
     ``gps_used`` (n,): which priors agree. ``frame_covariance_m2`` (3, 3): what the control itself has in common as an
@@ -51,35 +51,35 @@ class Start:
     marked: MarkedPoints | None = None
     known: SharedTiePoints | None = None
     model: SurfaceConstraint | None = None
-    shift: ShiftFound | None = None
+    shift: EdgeShift | None = None
     datum_sigma_m: Float64Array | None = None
     reference_campaign: str | None = None
     frame_covariance_m2: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
 
-    def with_remarks(self, remarks: tuple[str, ...]) -> Start:
+    def with_remarks(self, remarks: tuple[str, ...]) -> InitialPlacement:
         """The same start with ``remarks`` before its own."""
         return replace(self, remarks=(*remarks, *self.remarks))
 
 
-def start_by(
+def find_initial_placement(
     kind: ControlKind, reconstruction: Reconstruction, priors: GpsPriors, *, place: SiteFrame, control: Control
-) -> Start:
+) -> InitialPlacement:
     """The start by ``kind``. Raises GeoreferenceError where it cannot place the block."""
     match kind:
         case ControlKind.GCP:
-            start = _by_control(reconstruction, priors, place, control)
+            start = _place_by_control_points(reconstruction, priors, place, control)
         case ControlKind.CAMPAIGN:
-            start = _by_campaign(reconstruction, priors, place, control)
+            start = _place_by_campaign(reconstruction, priors, place, control)
         case ControlKind.MODEL:
-            start = _by_model(reconstruction, priors, control)
+            start = _place_by_model(reconstruction, priors, control)
         case ControlKind.GPS:
-            start = _by_gps(reconstruction, priors)
+            start = _place_by_gps(reconstruction, priors)
     for held_out in (control.check_points, control.points if kind is ControlKind.CAMPAIGN else None):
-        start = _with_check_points(start, reconstruction, place, held_out)
+        start = _add_check_points(start, reconstruction, place, held_out)
     return start
 
 
-def _agreeing_gps(site_from_sfm: Similarity, reconstruction: Reconstruction, priors: GpsPriors) -> BoolArray:
+def _find_consistent_gps(site_from_sfm: Similarity, reconstruction: Reconstruction, priors: GpsPriors) -> BoolArray:
     """Priors (n,) within 3.5 sigmas of the placement, their common offset aside."""
     if not len(priors.photo):
         return np.zeros(0, dtype=bool)
@@ -89,7 +89,9 @@ def _agreeing_gps(site_from_sfm: Similarity, reconstruction: Reconstruction, pri
     return good
 
 
-def _by_control(reconstruction: Reconstruction, priors: GpsPriors, place: SiteFrame, control: Control) -> Start:
+def _place_by_control_points(
+    reconstruction: Reconstruction, priors: GpsPriors, place: SiteFrame, control: Control
+) -> InitialPlacement:
     placed = place_by_control_points(reconstruction, control.points, place.origin, place.vertical_datum)
     rows = np.flatnonzero(placed.agree)
     marks = [placed.marks[row] for row in rows]
@@ -102,11 +104,11 @@ def _by_control(reconstruction: Reconstruction, priors: GpsPriors, place: SiteFr
         xy_img=np.vstack([mark.xy_img for mark in marks if mark is not None]),
         sigma_px=MARK_SIGMA_PX,
     )
-    return Start(
+    return InitialPlacement(
         kind=ControlKind.GCP,
         words="control points",
         site_from_sfm=placed.site_from_sfm,
-        gps_used=_agreeing_gps(placed.site_from_sfm, reconstruction, priors),
+        gps_used=_find_consistent_gps(placed.site_from_sfm, reconstruction, priors),
         points_used=len(rows),
         points_total=len(placed.names),
         residual_m=lambda adjusted: np.linalg.norm(
@@ -117,7 +119,7 @@ def _by_control(reconstruction: Reconstruction, priors: GpsPriors, place: SiteFr
     )
 
 
-def _known(found: ReferenceMatch) -> SharedTiePoints:
+def _select_shared_points(found: ReferenceMatch) -> SharedTiePoints:
     """One shared point of each half-metre cell, the best known: neighbours share their errors, so thousands of them
     would claim a tenth of a millimetre."""
     cell = np.floor(found.xyz_site_m / _CELL_M).astype(np.int64)
@@ -131,7 +133,9 @@ def _known(found: ReferenceMatch) -> SharedTiePoints:
     )
 
 
-def _by_campaign(reconstruction: Reconstruction, priors: GpsPriors, place: SiteFrame, control: Control) -> Start:
+def _place_by_campaign(
+    reconstruction: Reconstruction, priors: GpsPriors, place: SiteFrame, control: Control
+) -> InitialPlacement:
     if not control.references:
         raise GeoreferenceError(
             "georeference by an earlier campaign was asked for, but the lake holds none of this building that was "
@@ -144,7 +148,7 @@ def _by_campaign(reconstruction: Reconstruction, priors: GpsPriors, place: SiteF
         except GeoreferenceError as error:
             problems.append(f"{reference.campaign_id}: {error}")
             continue
-        known = _known(found)
+        known = _select_shared_points(found)
 
         def residual_m(adjusted: AdjustedBlock, known: SharedTiePoints = known) -> Float64Array:
             row = {int(point): k for k, point in enumerate(adjusted.ties.point)}
@@ -153,11 +157,11 @@ def _by_campaign(reconstruction: Reconstruction, priors: GpsPriors, place: SiteF
             left: Float64Array = np.linalg.norm(at - known.xyz_site_m[held], axis=1)
             return left
 
-        return Start(
+        return InitialPlacement(
             kind=ControlKind.CAMPAIGN,
             words=f"points shared with campaign {reference.campaign_id}",
             site_from_sfm=found.site_from_sfm,
-            gps_used=_agreeing_gps(found.site_from_sfm, reconstruction, priors),
+            gps_used=_find_consistent_gps(found.site_from_sfm, reconstruction, priors),
             points_used=len(found.point),
             points_total=found.compared,
             residual_m=residual_m,
@@ -169,19 +173,19 @@ def _by_campaign(reconstruction: Reconstruction, priors: GpsPriors, place: SiteF
     raise GeoreferenceError("no earlier campaign could be found again: " + "; ".join(problems))
 
 
-def _by_model(reconstruction: Reconstruction, priors: GpsPriors, control: Control) -> Start:
+def _place_by_model(reconstruction: Reconstruction, priors: GpsPriors, control: Control) -> InitialPlacement:
     model = control.model
     if model is None:
         raise GeoreferenceError("georeference by the model was asked for, but the model's surface was not given")
     placed = place_by_model(reconstruction, priors, model)
-    return Start(
+    return InitialPlacement(
         kind=ControlKind.MODEL,
         words="the building model's faces" + (" and edges" if model.edges is not None else ""),
         site_from_sfm=placed.site_from_sfm,
-        gps_used=_agreeing_gps(placed.site_from_sfm, reconstruction, priors),
+        gps_used=_find_consistent_gps(placed.site_from_sfm, reconstruction, priors),
         points_used=len(placed.walls.residual_m),
         points_total=placed.walls.points_offered,
-        residual_m=_wall_residuals,
+        residual_m=_compute_wall_residuals,
         remarks=placed.remarks,
         model=SurfaceConstraint(surface=model.surface, sigma_m=model.sigma_m),
         shift=placed.shift,
@@ -189,14 +193,14 @@ def _by_model(reconstruction: Reconstruction, priors: GpsPriors, control: Contro
     )
 
 
-def _wall_residuals(adjusted: AdjustedBlock) -> Float64Array:
+def _compute_wall_residuals(adjusted: AdjustedBlock) -> Float64Array:
     walls = adjusted.problem.walls
     at = adjusted.solution.state.node_m[walls.node]
     away: Float64Array = np.abs(np.einsum("ij,ij->i", walls.normal_site, at) - walls.distance_m)
     return away
 
 
-def _by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Start:
+def _place_by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> InitialPlacement:
     aligned = align_to_gps(reconstruction, priors)
 
     def residual_m(adjusted: AdjustedBlock) -> Float64Array:
@@ -204,7 +208,7 @@ def _by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Start:
         left: Float64Array = np.linalg.norm(priors.xyz_site_m - centres, axis=1)[aligned.used]
         return left
 
-    return Start(
+    return InitialPlacement(
         kind=ControlKind.GPS,
         words="the photographs' GPS",
         site_from_sfm=aligned.site_from_sfm,
@@ -216,9 +220,9 @@ def _by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Start:
     )
 
 
-def _with_check_points(
-    start: Start, reconstruction: Reconstruction, place: SiteFrame, check_points: SurveyedPoints | None
-) -> Start:
+def _add_check_points(
+    start: InitialPlacement, reconstruction: Reconstruction, place: SiteFrame, check_points: SurveyedPoints | None
+) -> InitialPlacement:
     """Check points are adjusted as places, but hold nothing: their sigma is infinite."""
     if check_points is None:
         return start

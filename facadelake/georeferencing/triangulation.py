@@ -14,13 +14,13 @@ from facadelake.core.camera import Camera
 from facadelake.core.frames import Similarity
 
 # A mark that misses the point's own rays by more than this is on something else.
-WRONG_MARK_PX = 8.0
+MAX_MARK_RESIDUAL_PX = 8.0
 # Rays that meet at a smaller angle leave the distance open.
-SMALLEST_ANGLE_DEG = 2.0
+MIN_ANGLE_DEG = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
+class ImageRay:
     """A mark in a photograph: the camera, its pose in some world frame, and the pixel (2,)."""
 
     camera: Camera
@@ -47,31 +47,31 @@ class Intersection:
     rms_px: float
 
 
-def _midpoint(views: Sequence[View]) -> Float64Array | None:
+def _compute_midpoint(views: Sequence[ImageRay]) -> Float64Array | None:
     """Least-squares point of several rays; None where they are near parallel."""
     origins, directions = (np.array(parts) for parts in zip(*(view.ray() for view in views), strict=True))
     widest = np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0)))
-    if widest < SMALLEST_ANGLE_DEG:
+    if widest < MIN_ANGLE_DEG:
         return None
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     point: Float64Array = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origins))
     return point
 
 
-def intersect(views: Sequence[View]) -> Intersection | None:
+def intersect_rays(views: Sequence[ImageRay]) -> Intersection | None:
     """The point most views agree on, refined in pixels; None where fewer than two agree at a useful angle."""
     best: BoolArray = np.zeros(len(views), dtype=bool)
     for pair in combinations(views, 2):
-        start = _midpoint(pair)
+        start = _compute_midpoint(pair)
         if start is None:
             continue
-        near = np.array([np.linalg.norm(view.residual_px(start)) < WRONG_MARK_PX for view in views])
+        near = np.array([np.linalg.norm(view.residual_px(start)) < MAX_MARK_RESIDUAL_PX for view in views])
         if near.sum() > best.sum():
             best = near
     if best.sum() < 2:
         return None
     kept = [view for view, good in zip(views, best, strict=True) if good]
-    start = _midpoint(kept)
+    start = _compute_midpoint(kept)
     if start is None:
         return None
     # Lengths in a free network have no unit: steps are scaled by the distance to the cameras.

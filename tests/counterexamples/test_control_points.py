@@ -13,7 +13,7 @@ import pytest
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import SurveyedPoint, SurveyedPoints, read_surveyed_points
-from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
+from facadelake.georeferencing.georeference import GeoreferencedCampaign, georeference_reconstruction
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PositionSource
 from tests.synthetic.test_georeference import ORIGIN, Scene, ring
@@ -71,7 +71,7 @@ def placed(
     photos: pa.Table | None = None,
     *,
     limit_m: float = 60.0,  # GPS heights of an unknown datum are known to 50 m
-) -> Georeferenced:
+) -> GeoreferencedCampaign:
     return georeference_reconstruction(
         SCENE.reconstruction(),
         SCENE.photos() if photos is None else photos,
@@ -80,7 +80,7 @@ def placed(
     )
 
 
-def camera_errors_m(found: Georeferenced) -> np.ndarray:
+def camera_errors_m(found: GeoreferencedCampaign) -> np.ndarray:
     truth = {name: centre for name, (centre, _) in zip(SCENE.ids(), SCENE.poses, strict=True)}
     return np.array([np.linalg.norm(posed.centre_site_m - truth[name]) for name, posed in found.cameras.items()])
 

@@ -16,7 +16,7 @@ from facadelake.core.frames import estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import read_surveyed_points
-from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
+from facadelake.georeferencing.georeference import GeoreferencedCampaign, georeference_reconstruction
 from facadelake.georeferencing.poses_table import build_poses_table
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.photos.ingest import ingest_photographs
@@ -62,7 +62,7 @@ def block(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Block:
     return Block(root, photos, found, np.array([truth[photo.photo_id] for photo in found.photos]))
 
 
-def placed(block: Block, shared_data: Path, control: ControlKind) -> Georeferenced:
+def placed(block: Block, shared_data: Path, control: ControlKind) -> GeoreferencedCampaign:
     """Georeference with the castle's control points."""
     return georeference_reconstruction(
         block.reconstruction,
@@ -72,7 +72,7 @@ def placed(block: Block, shared_data: Path, control: ControlKind) -> Georeferenc
     )
 
 
-def error_m(block: Block, found: Georeferenced) -> np.ndarray:
+def error_m(block: Block, found: GeoreferencedCampaign) -> np.ndarray:
     """Camera centres minus truth (n, 3)."""
     centres = np.array([found.cameras[photo.photo_id].centre_site_m for photo in block.reconstruction.photos])
     return centres - block.centres_site_m

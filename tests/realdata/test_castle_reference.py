@@ -18,8 +18,8 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.matching import match_reference
-from facadelake.georeferencing.campaign.reference import ReferencePoints, read_reference, reference_of
-from facadelake.georeferencing.triangulation import View, intersect
+from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference, read_reference
+from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from facadelake.photos.ingest import ingest_photographs
 from facadelake.sfm.reconstruction import Reconstruction, read_descriptors, read_reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
@@ -51,10 +51,10 @@ class Half:
         tracks = np.flatnonzero(sfm.image_point_tie_point == row)
         cameras = [self.published[sfm.image_point_photo[k]] for k in tracks]
         views = [
-            View(camera=posed.camera, world_from_cam=posed.site_from_cam, xy_img=sfm.image_point_xy_img[k])
+            ImageRay(camera=posed.camera, world_from_cam=posed.site_from_cam, xy_img=sfm.image_point_xy_img[k])
             for posed, k in zip(cameras, tracks, strict=True)
         ]
-        point = intersect(views)
+        point = intersect_rays(views)
         return None if point is None else point.xyz_world
 
 
@@ -110,7 +110,7 @@ def reference(halves: tuple[Half, Half], tmp_path_factory: pytest.TempPathFactor
     ]
     xyz = site_from_sfm.apply(sfm.xyz_sfm)
     path = tmp_path_factory.mktemp("reference") / "reference.npz"
-    reference_of(
+    build_reference(
         sfm,
         halves[0].descriptors,
         cameras=cameras,

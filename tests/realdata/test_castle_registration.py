@@ -24,7 +24,7 @@ from facadelake.deduplication.settings import MergeSettings
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluation.campaigns.evaluate import evaluate
 from facadelake.evaluation.campaigns.figures import CampaignFigures
-from facadelake.georeferencing.imported.placement import PlacedByImport, place_imported
+from facadelake.georeferencing.imported.placement import ImportedPlacement, place_imported_poses
 from facadelake.georeferencing.imported.read import read_poses
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.photos.ingest import ingest_photographs
@@ -46,17 +46,17 @@ class Castle:
             self.root / "images", distance_to_model_m=None, close_range_below_m=8.0
         )
 
-    def placed(self, path: Path) -> PlacedByImport:
+    def placed(self, path: Path) -> ImportedPlacement:
         model = self.model
         place = SiteFrame(
             origin=model.origin, map_crs=model.map_crs, vertical_datum=model.vertical_datum,
             georeference_level=model.georeference_level,
         )  # fmt: skip
-        return place_imported(
+        return place_imported_poses(
             read_poses(path), self.photos, place=place, surface=self.surface, placement_sigma_max_m=0.5
         )
 
-    def figures(self, placed: PlacedByImport, boxes: str) -> CampaignFigures:
+    def figures(self, placed: ImportedPlacement, boxes: str) -> CampaignFigures:
         posed, covariances = read_posed_cameras(placed.poses), read_pose_covariances(placed.poses)
         found = import_coco(self.root / boxes, self.photos, class_names={})
         seen = observe_detections(

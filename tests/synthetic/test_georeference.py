@@ -15,7 +15,7 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import ImageMark, SurveyedPoint, SurveyedPoints
-from facadelake.georeferencing.georeference import Georeferenced, georeference_reconstruction
+from facadelake.georeferencing.georeference import GeoreferencedCampaign, georeference_reconstruction
 from facadelake.georeferencing.model.control import ModelControl
 from facadelake.georeferencing.poses_table import build_poses_table
 from facadelake.georeferencing.site_frame import SiteFrame
@@ -178,7 +178,7 @@ class Scene:
             points.append(SurveyedPoint(name=f"G{k + 1}", x=east, y=north, z=height, sightings=tuple(sightings[:5])))
         return SurveyedPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(points))
 
-    def placed(self, control: ControlKind | None, **given: object) -> Georeferenced:
+    def placed(self, control: ControlKind | None, **given: object) -> GeoreferencedCampaign:
         """Georeference the block."""
         return georeference_reconstruction(
             self.reconstruction(),
@@ -193,7 +193,7 @@ class Scene:
             ),
         )
 
-    def error_m(self, found: Georeferenced) -> np.ndarray:
+    def error_m(self, found: GeoreferencedCampaign) -> np.ndarray:
         """Camera centres minus truth (n, 3)."""
         truth = np.array([centre for centre, _ in self.poses])
         return np.array([found.cameras[photo_id].centre_site_m for photo_id in self.ids()]) - truth

@@ -25,7 +25,7 @@ class DescriptorPairs:
         return len(self.a)
 
 
-def mutual_pairs(a: UInt8Array, b: UInt8Array, *, largest_ratio: float) -> DescriptorPairs:
+def match_descriptors(a: UInt8Array, b: UInt8Array, *, largest_ratio: float) -> DescriptorPairs:
     """Pairs of ``a`` (n, 128) and ``b`` (m, 128) that are each other's nearest and pass the ratio test in ``b``.
 
     Angles between descriptors are compared, in float32; exact, not approximate: 100,000 against 100,000 take about a
@@ -34,7 +34,7 @@ def mutual_pairs(a: UInt8Array, b: UInt8Array, *, largest_ratio: float) -> Descr
     if len(a) == 0 or len(b) < 2:
         empty = np.zeros(0, dtype=np.int64)
         return DescriptorPairs(a=empty, b=empty, ratio=np.zeros(0))
-    unit_a, unit_b = _unit(a), _unit(b)
+    unit_a, unit_b = _normalise(a), _normalise(b)
     best_of_b = np.full(len(b), -1.0, dtype=np.float32)
     nearest = np.zeros(len(a), dtype=np.int64)
     first, second = np.full((2, len(a)), -1.0, dtype=np.float32)
@@ -64,7 +64,7 @@ def mutual_pairs(a: UInt8Array, b: UInt8Array, *, largest_ratio: float) -> Descr
     return DescriptorPairs(a=kept, b=nearest[kept], ratio=ratio[kept])
 
 
-def _unit(descriptors: UInt8Array) -> Float32Array:
+def _normalise(descriptors: UInt8Array) -> Float32Array:
     values = descriptors.astype(np.float32)
     length = np.linalg.norm(values, axis=1, keepdims=True)
     unit: Float32Array = values / np.maximum(length, 1.0)

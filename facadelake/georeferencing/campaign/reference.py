@@ -21,11 +21,11 @@ from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.sfm import Reconstruction, describe_tie_point_views
 
-MOST_POINTS = 100_000
+MAX_POINTS = 100_000
 # A point that is known no better than this says nothing of a campaign to be placed at the centimetre.
-LARGEST_SIGMA_M = 0.10
+MAX_SIGMA_M = 0.10
 _VOXEL_M = 0.5
-_FEWEST_PHOTOGRAPHS = 2
+_MIN_PHOTOGRAPHS = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,7 +123,7 @@ def read_reference(path: Path) -> ReferencePoints:
     return reference
 
 
-def reference_of(
+def build_reference(
     reconstruction: Reconstruction,
     descriptors: UInt8Array,
     *,
@@ -134,7 +134,7 @@ def reference_of(
     building_id: str,
     campaign_id: str,
     origin: SiteOrigin,
-    most: int = MOST_POINTS,
+    most: int = MAX_POINTS,
 ) -> ReferencePoints:
     """The reference that a placed campaign leaves: its ``most`` best tie points, spread over the building.
 
@@ -142,21 +142,19 @@ def reference_of(
     NaN where the adjustment dropped a point. ``cameras``: the adjusted ones, in the order of ``reconstruction.photos``.
     Raises GeoreferenceError where no point is known to better than 10 cm.
     """
-    check_rows(reconstruction, descriptors)
-    sigma_m = _largest_sigma(covariance_m2)
+    check_descriptor_count(reconstruction, descriptors)
+    sigma_m = _compute_largest_sigma(covariance_m2)
     seen = describe_tie_point_views(reconstruction, cameras, xyz_site_m)
-    usable = (
-        np.isfinite(xyz_site_m).all(axis=1) & (seen.photographs >= _FEWEST_PHOTOGRAPHS) & (sigma_m <= LARGEST_SIGMA_M)
-    )
+    usable = np.isfinite(xyz_site_m).all(axis=1) & (seen.photographs >= _MIN_PHOTOGRAPHS) & (sigma_m <= MAX_SIGMA_M)
     if not usable.any():
         raise GeoreferenceError(
-            f"none of the {len(xyz_site_m)} tie points is known to {LARGEST_SIGMA_M:.2f} m, so this campaign cannot be "
+            f"none of the {len(xyz_site_m)} tie points is known to {MAX_SIGMA_M:.2f} m, so this campaign cannot be "
             "the reference of later ones; photograph with more overlap, or nearer"
         )
     # Long tracks are found again more surely than short ones; of two as long the better known one.
     worth = np.sqrt(seen.photographs) / np.maximum(sigma_m, 1e-4)
     kept = np.flatnonzero(usable)
-    kept = kept[choose_spread(xyz_site_m[kept], worth[kept], most=most)]
+    kept = kept[choose_spread_points(xyz_site_m[kept], worth[kept], most=most)]
     return ReferencePoints(
         building_id=building_id,
         campaign_id=campaign_id,
@@ -171,7 +169,7 @@ def reference_of(
     )
 
 
-def check_rows(reconstruction: Reconstruction, descriptors: UInt8Array) -> None:
+def check_descriptor_count(reconstruction: Reconstruction, descriptors: UInt8Array) -> None:
     """Raise InputDataError where the descriptors are not those of the reconstruction's tie points, row by row."""
     if descriptors.shape != (len(reconstruction.xyz_sfm), 128):
         raise InputDataError(
@@ -180,7 +178,7 @@ def check_rows(reconstruction: Reconstruction, descriptors: UInt8Array) -> None:
         )
 
 
-def choose_spread(xyz_m: Float64Array, worth: Float64Array, *, most: int) -> Int64Array:
+def choose_spread_points(xyz_m: Float64Array, worth: Float64Array, *, most: int) -> Int64Array:
     """Rows (sorted) of the ``most`` points: each half-metre cell gives its worthiest, then its second, and so on."""
     if len(xyz_m) <= most:
         return np.arange(len(xyz_m))
@@ -192,7 +190,7 @@ def choose_spread(xyz_m: Float64Array, worth: Float64Array, *, most: int) -> Int
     return chosen
 
 
-def _largest_sigma(covariance_m2: Float64Array) -> Float64Array:
+def _compute_largest_sigma(covariance_m2: Float64Array) -> Float64Array:
     """One sigma (m,) in the direction in which each point is known worst; inf where it is not known."""
     whole = np.isfinite(covariance_m2).all(axis=(1, 2))
     sigma = np.full(len(covariance_m2), np.inf)
@@ -201,23 +199,23 @@ def _largest_sigma(covariance_m2: Float64Array) -> Float64Array:
     return sigma
 
 
-REFERENCE = "reference.npz"
+REFERENCE_FILE = "reference.npz"
 
 
-def _kept(lake: Path, building_id: str) -> Path:
+def _get_folder(lake: Path, building_id: str) -> Path:
     return lake / "references" / building_id
 
 
-def earlier_references(lake: Path, building_id: str, campaign_id: str) -> list[Path]:
+def list_earlier_references(lake: Path, building_id: str, campaign_id: str) -> list[Path]:
     """References of the building's campaigns whose id sorts before ``campaign_id``, the first campaign first."""
-    folder = _kept(lake, building_id)
+    folder = _get_folder(lake, building_id)
     return sorted(path for path in folder.glob("*.npz") if path.stem < campaign_id)
 
 
-def keep_reference(made: Path, lake: Path, building_id: str, campaign_id: str) -> Path:
+def store_reference(made: Path, lake: Path, building_id: str, campaign_id: str) -> Path:
     """Keep the reference of a committed campaign in the lake's folder; an older one of the same campaign is replaced
     whole."""
-    folder = _kept(lake, building_id)
+    folder = _get_folder(lake, building_id)
     folder.mkdir(parents=True, exist_ok=True)
     part = folder / f".{campaign_id}.{uuid.uuid4().hex[:8]}.part"
     try:
@@ -231,4 +229,4 @@ def keep_reference(made: Path, lake: Path, building_id: str, campaign_id: str) -
 
 def drop_reference(lake: Path, building_id: str, campaign_id: str) -> None:
     """Forget the reference of a campaign that was committed anew without one: its frame is no longer that one."""
-    (_kept(lake, building_id) / f"{campaign_id}.npz").unlink(missing_ok=True)
+    (_get_folder(lake, building_id) / f"{campaign_id}.npz").unlink(missing_ok=True)

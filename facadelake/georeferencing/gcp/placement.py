@@ -16,8 +16,8 @@ from facadelake.georeferencing.gcp.control_points import (
     match_photo_names,
     transform_to_site,
 )
-from facadelake.georeferencing.similarity_fit import robust_similarity
-from facadelake.georeferencing.triangulation import Intersection, View, intersect
+from facadelake.georeferencing.similarity_fit import fit_similarity
+from facadelake.georeferencing.triangulation import ImageRay, Intersection, intersect_rays
 from facadelake.sfm import Reconstruction
 
 # Survey, marking and the free block's own bending together; a control point farther off (3.5 times) is a blunder.
@@ -74,9 +74,9 @@ def intersect_marks(
 
 def _intersect(reconstruction: Reconstruction, photo: Int64Array, xy_img: Float64Array) -> Intersection | None:
     photos = [reconstruction.photos[row] for row in photo]
-    return intersect(
+    return intersect_rays(
         [
-            View(camera=photo.camera, world_from_cam=photo.sfm_from_cam, xy_img=xy)
+            ImageRay(camera=photo.camera, world_from_cam=photo.sfm_from_cam, xy_img=xy)
             for photo, xy in zip(photos, xy_img, strict=True)
         ]
     )
@@ -103,7 +103,7 @@ def place_by_control_points(
             f"match the files (not usable: {', '.join(lost) or 'none'})"
         )
     xyz_sfm = np.array([mark.xyz_sfm for mark in marks if mark is not None])
-    fit = robust_similarity(xyz_sfm, xyz_site[usable], np.full(xyz_sfm.shape, _CONTROL_SIGMA_M))
+    fit = fit_similarity(xyz_sfm, xyz_site[usable], np.full(xyz_sfm.shape, _CONTROL_SIGMA_M))
     if 2 * fit.used.sum() <= usable.sum():
         raise GeoreferenceError(
             f"only {int(fit.used.sum())} of {usable.sum()} control points of {control_points.source} agree with one "

@@ -13,7 +13,7 @@ from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.georeferencing.similarity_fit import parameters_applied, robust_similarity
+from facadelake.georeferencing.similarity_fit import apply_parameters, fit_similarity
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import HeightDatum, PositionSource
 
@@ -144,7 +144,7 @@ def align_to_gps(reconstruction: Reconstruction, priors: GpsPriors) -> GpsAlignm
         start, used = _align_by_attitude(centres, rotations_sfm, priors)
         remarks.append("the cameras stand near one line: the turn about it rests on the gimbal's attitudes")
     else:
-        fit = robust_similarity(centres, priors.xyz_site_m, priors.sigma_m)
+        fit = fit_similarity(centres, priors.xyz_site_m, priors.sigma_m)
         start, used = fit.target_from_source, fit.used
     adjusted, rotation_sigma_deg = _refine_alignment(start, used, centres, rotations_sfm, priors)
     if rotation_sigma_deg > _MAX_ROTATION_SIGMA_DEG:
@@ -208,7 +208,7 @@ def _refine_alignment(
     noise = priors.sigma_m[used] / 3.0
 
     def residuals(step: Float64Array) -> Float64Array:
-        now = parameters_applied(start, pivot, step)
+        now = apply_parameters(start, pivot, step)
         position = ((now.apply(centres[used]) - priors.xyz_site_m[used]) / noise).ravel()
         turn = now.rotation @ rotations_sfm[known]
         angle = Rotation.from_matrix(turn @ priors.site_from_cam_rotation[known].transpose(0, 2, 1)).as_rotvec()
@@ -219,7 +219,7 @@ def _refine_alignment(
     variance = np.linalg.pinv(information[3:6, 3:6] - _compute_eliminated_information(information), hermitian=True)
     weakest = np.linalg.eigvalsh(information[3:6, 3:6] - _compute_eliminated_information(information))[0]
     sigma = np.sqrt(np.linalg.eigvalsh(variance)[-1]) if weakest > 1e-9 else np.inf
-    return parameters_applied(start, pivot, fit.x), float(np.degrees(sigma))
+    return apply_parameters(start, pivot, fit.x), float(np.degrees(sigma))
 
 
 def _compute_eliminated_information(information: Float64Array) -> Float64Array:

@@ -17,13 +17,13 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.georeferencing.imported.attitude import CameraAxes, Direction, from_quaternion
+from facadelake.georeferencing.imported.attitude import CameraAxes, RotationDirection, rotation_from_quaternion
 from facadelake.georeferencing.imported.records import (
     ImportedLens,
     ImportedPose,
     ImportedPoses,
     UnusablePose,
-    read_head,
+    read_header,
 )
 from facadelake.georeferencing.imported.world import SITE, North, PoseWorld
 
@@ -31,7 +31,7 @@ GEOREFERENCE = "georeference.txt"
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _KEYS = ("crs", "site_origin", "offset", "transform")
 # The parameters of each camera model as COLMAP orders them.
-_MODELS = {
+_CAMERA_MODELS = {
     "SIMPLE_PINHOLE": ("f", "cx", "cy"),
     "PINHOLE": ("fx", "fy", "cx", "cy"),
     "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
@@ -45,9 +45,9 @@ def read_colmap_text(folder: Path) -> ImportedPoses:
 
     Raises InputDataError where a file is missing or not COLMAP's.
     """
-    lenses = _lenses(folder / "cameras.txt")
+    lenses = _read_lenses(folder / "cameras.txt")
     poses, unusable = [], []
-    for number, line in _image_lines(folder / "images.txt"):
+    for number, line in _read_image_lines(folder / "images.txt"):
         words = line.split(maxsplit=9)
         name = words[9] if len(words) == 10 else ""
         try:
@@ -58,8 +58,10 @@ def read_colmap_text(folder: Path) -> ImportedPoses:
             lens = lenses.get(words[8], f"camera {words[8]} is not in cameras.txt")
             if isinstance(lens, str):
                 raise InputDataError(lens)
-            numbers = _numbers(words[1:8])
-            world_from_cam = from_quaternion(numbers[:4], Direction.CAM_FROM_WORLD, CameraAxes.RIGHT_DOWN_FORWARD)
+            numbers = _parse_numbers(words[1:8])
+            world_from_cam = rotation_from_quaternion(
+                numbers[:4], RotationDirection.CAM_FROM_WORLD, CameraAxes.RIGHT_DOWN_FORWARD
+            )
             poses.append(
                 ImportedPose(
                     image=name, xyz_world=-world_from_cam @ numbers[4:7], world_from_cam=world_from_cam, lens=lens
@@ -69,36 +71,38 @@ def read_colmap_text(folder: Path) -> ImportedPoses:
             unusable.append(UnusablePose(image=name, reason=f"images.txt, line {number}: {error}"))
     return ImportedPoses(
         source=f"{folder.name}/images.txt",
-        world=_world(folder / GEOREFERENCE),
+        world=_read_world(folder / GEOREFERENCE),
         poses=tuple(poses),
         unusable=tuple(unusable),
     )
 
 
-def _lines(path: Path) -> list[tuple[int, str]]:
+def _read_lines(path: Path) -> list[tuple[int, str]]:
     """The file's lines with their numbers, comments left out, empty ones kept."""
-    return [(i, line.strip()) for i, line in enumerate(_text(path).splitlines(), start=1) if not line.startswith("#")]
+    return [
+        (i, line.strip()) for i, line in enumerate(_read_text(path).splitlines(), start=1) if not line.startswith("#")
+    ]
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputDataError(f"COLMAP's {path} cannot be read as text: {error}") from error
 
 
-def _image_lines(path: Path) -> list[tuple[int, str]]:
+def _read_image_lines(path: Path) -> list[tuple[int, str]]:
     """The lines that are not lists of points, whether or not every image has its (perhaps empty) line of points."""
-    return [(number, line) for number, line in _lines(path) if line and not _points(line)]
+    return [(number, line) for number, line in _read_lines(path) if line and not _is_point_list(line)]
 
 
-def _points(line: str) -> bool:
+def _is_point_list(line: str) -> bool:
     """Whether a line is X, Y, POINT3D_ID over and over."""
     words = line.split()
     return len(words) % 3 == 0 and all(_NUMBER.fullmatch(word) for word in words)
 
 
-def _numbers(words: list[str]) -> Float64Array:
+def _parse_numbers(words: list[str]) -> Float64Array:
     try:
         numbers = np.array([float(word) for word in words])
     except ValueError as error:
@@ -108,24 +112,24 @@ def _numbers(words: list[str]) -> Float64Array:
     return numbers
 
 
-def _lenses(path: Path) -> dict[str, ImportedLens | str]:
+def _read_lenses(path: Path) -> dict[str, ImportedLens | str]:
     """The lenses by camera id, or why one cannot be used."""
     lenses: dict[str, ImportedLens | str] = {}
-    for number, line in _lines(path):
+    for number, line in _read_lines(path):
         words = line.split()
         if not words:
             continue
         if len(words) < 5:
             raise InputDataError(f"{path}, line {number}: '{line}' is not CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
-        names = _MODELS.get(words[1])
+        names = _CAMERA_MODELS.get(words[1])
         if names is None:
             lenses[words[0]] = (
-                f"camera {words[0]} is of the model {words[1]}; known are {', '.join(_MODELS)}: calibrate with one of "
+                f"camera {words[0]} is of the model {words[1]}; known are {', '.join(_CAMERA_MODELS)}: calibrate with one of "
                 "these (OPENCV holds most lenses)"
             )
             continue
         try:
-            width, height, *values = _numbers(words[2:])
+            width, height, *values = _parse_numbers(words[2:])
             given = dict(zip(names, values, strict=True))
         except (InputDataError, ValueError) as error:
             lenses[words[0]] = f"cameras.txt, line {number}: {words[1]} has the parameters {', '.join(names)} ({error})"
@@ -145,12 +149,12 @@ def _lenses(path: Path) -> dict[str, ImportedLens | str]:
     return lenses
 
 
-def _world(path: Path) -> PoseWorld:
+def _read_world(path: Path) -> PoseWorld:
     """Where the world lies, by ``georeference.txt``: crs, and an offset or a similarity into it."""
     if not path.is_file():
         return PoseWorld(crs=None, north=North.GRID)
-    lines = "\n".join(f"# {line.lstrip('# ')}" for line in _text(path).splitlines())
-    said, rest = read_head(path, lines, _KEYS)
+    lines = "\n".join(f"# {line.lstrip('# ')}" for line in _read_text(path).splitlines())
+    said, rest = read_header(path, lines, _KEYS)
     if rest.strip() or "crs" not in said or ("offset" in said and "transform" in said):
         raise InputDataError(
             f"{path}: give crs (an EPSG code or 'site') and at most one of offset (x y z) and transform (scale qw qx "
@@ -159,13 +163,13 @@ def _world(path: Path) -> PoseWorld:
     crs = said["crs"]
     origin = None
     if "site_origin" in said:
-        lon, lat, height = _exactly(path, said, "site_origin", 3)
+        lon, lat, height = _parse_vector(path, said, "site_origin", 3)
         origin = SiteOrigin(lon_deg=lon, lat_deg=lat, height_ellipsoidal_m=height)
     crs_from_world = None
     if "offset" in said:
-        crs_from_world = Similarity(rotation=np.eye(3), translation=_exactly(path, said, "offset", 3))
+        crs_from_world = Similarity(rotation=np.eye(3), translation=_parse_vector(path, said, "offset", 3))
     elif "transform" in said:
-        scale, w, x, y, z, *shift = _exactly(path, said, "transform", 8)
+        scale, w, x, y, z, *shift = _parse_vector(path, said, "transform", 8)
         if not (scale > 0 and np.linalg.norm([w, x, y, z]) > 0):
             raise InputDataError(f"{path}, transform: {said['transform']}: the scale or the quaternion is not above 0")
         crs_from_world = Similarity(
@@ -176,10 +180,10 @@ def _world(path: Path) -> PoseWorld:
     )
 
 
-def _exactly(path: Path, said: dict[str, str], key: str, count: int) -> Float64Array:
+def _parse_vector(path: Path, said: dict[str, str], key: str, count: int) -> Float64Array:
     words = re.split(r"[\s,;]+", said[key].strip())
     try:
-        numbers = _numbers(words)
+        numbers = _parse_numbers(words)
     except InputDataError as error:
         raise InputDataError(f"{path}, {key}: {error}") from error
     if len(numbers) != count:

@@ -15,18 +15,18 @@ from facadelake.core.photo_names import PhotoNames
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
 from facadelake.georeferencing.passport import PassportPoint
 from facadelake.georeferencing.site_frame import SiteFrame
-from facadelake.georeferencing.triangulation import View, intersect
+from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from schemas.vocabulary import HeightDatum, PointKind, PositionSource
 
 _AXES = ("east", "north", "up")
-_LEAST_PRIORS = 3
+_MIN_PRIORS = 3
 # No flight's GPS errs so far as a whole (heights shift by 15 m); geoid and ellipsoid lie further apart in most places.
-_GPS_FARTHEST_M = 20.0
+_MAX_GPS_OFFSET_M = 20.0
 _MAD_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Evidence:
+class ImportValidation:
     """Points of the passport, its columns that they fill, and what is to be said of them."""
 
     points: tuple[PassportPoint, ...]
@@ -39,32 +39,32 @@ class Evidence:
         return np.array([np.linalg.norm(p.residual_site_m) for p in self.points if p.kind is PointKind.CHECK])
 
 
-def evidence_of(
+def validate_imported_poses(
     posed: Mapping[str, PosedCamera],
     photos: Sequence[Mapping[str, Any]],
     surveyed: Sequence[SurveyedPoints],
     place: SiteFrame,
-) -> Evidence:
+) -> ImportValidation:
     """Surveyed points against their intersection by the imported cameras, and the photographs' GPS against the centres.
 
     All are check points: nothing of them holds the poses. ``photos`` are accepted rows of table ``photos``. A point
     that fewer than two posed photographs mark at a useful angle is left out.
     """
-    checks = [point for file in surveyed for point in _check_points(posed, file, place)]
-    gps = _gps_points(posed, photos, place.origin)
+    checks = [point for file in surveyed for point in _build_check_points(posed, file, place)]
+    gps = _build_gps_points(posed, photos, place.origin)
     columns: dict[str, Any] = {"check_points": len(checks)}
     remarks = []
     if checks:
         off_m = np.array([np.linalg.norm(point.residual_site_m) for point in checks])
         columns |= {"check_residual_mean_m": float(off_m.mean()), "check_residual_max_m": float(off_m.max())}
-    if len(gps) >= _LEAST_PRIORS:
+    if len(gps) >= _MIN_PRIORS:
         left = np.array([point.residual_site_m for point in gps])
         offset = np.median(left, axis=0)
         scatter = _MAD_TO_SIGMA * np.median(np.abs(left - offset), axis=0) / np.sqrt(len(left))
         columns |= {f"gps_offset_{axis}_m": float(value) for axis, value in zip(_AXES, offset, strict=True)}
         columns["gps_offset_sigma_m"] = float(scatter.max())
         worst = int(np.argmax(np.abs(offset)))
-        if abs(offset[worst]) > _GPS_FARTHEST_M:
+        if abs(offset[worst]) > _MAX_GPS_OFFSET_M:
             remarks.append(
                 f"the photographs' GPS lies {offset[worst]:+.0f} m {_AXES[worst]} of the poses: is a height datum or a "
                 "CRS of the poses another than stated?"
@@ -72,10 +72,12 @@ def evidence_of(
         datums = {row["prior_height_datum"] for row in photos if row["prior_source"] != PositionSource.NONE}
         if datums != {HeightDatum.ELLIPSOIDAL}:
             remarks.append("GPS heights do not all name the ellipsoid; gps_offset_up_m says how far they are off")
-    return Evidence(points=(*checks, *gps), columns=columns, remarks=tuple(remarks))
+    return ImportValidation(points=(*checks, *gps), columns=columns, remarks=tuple(remarks))
 
 
-def _check_points(posed: Mapping[str, PosedCamera], surveyed: SurveyedPoints, place: SiteFrame) -> list[PassportPoint]:
+def _build_check_points(
+    posed: Mapping[str, PosedCamera], surveyed: SurveyedPoints, place: SiteFrame
+) -> list[PassportPoint]:
     names = PhotoNames(posed)
     given = transform_to_site(surveyed, origin=place.origin, vertical_datum=place.vertical_datum)
     points = []
@@ -86,8 +88,8 @@ def _check_points(posed: Mapping[str, PosedCamera], surveyed: SurveyedPoints, pl
             if photo_id is not None:
                 camera = posed[photo_id]
                 xy = np.array([sighting.x_px, sighting.y_px])
-                views.append(View(camera=camera.camera, world_from_cam=camera.site_from_cam, xy_img=xy))
-        found = intersect(views)
+                views.append(ImageRay(camera=camera.camera, world_from_cam=camera.site_from_cam, xy_img=xy))
+        found = intersect_rays(views)
         if found is not None:
             points.append(
                 PassportPoint(
@@ -101,7 +103,7 @@ def _check_points(posed: Mapping[str, PosedCamera], surveyed: SurveyedPoints, pl
     return points
 
 
-def _gps_points(
+def _build_gps_points(
     posed: Mapping[str, PosedCamera], photos: Sequence[Mapping[str, Any]], origin: SiteOrigin
 ) -> list[PassportPoint]:
     rows = [

@@ -17,11 +17,11 @@ from facadelake.core.frames import Similarity
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints
-from facadelake.georeferencing.imported.checks import SurfaceLike, refuse_impossible
-from facadelake.georeferencing.imported.evidence import Evidence, evidence_of
+from facadelake.georeferencing.imported.checks import SurfaceLike, check_plausibility
+from facadelake.georeferencing.imported.evidence import ImportValidation, validate_imported_poses
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
-from facadelake.georeferencing.passport import points_table, require_good
-from facadelake.georeferencing.poses_table import placed_columns
+from facadelake.georeferencing.passport import build_points_table, require_accuracy
+from facadelake.georeferencing.poses_table import build_pose_columns
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PhotoOutcome, PoseSource
 
@@ -31,7 +31,7 @@ SIGMA_ATTITUDE_DEG = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlacedByImport:
+class ImportedPlacement:
     """A campaign whose poses were imported: tables ``poses``, ``georeference`` and ``georeference_points``."""
 
     poses: pa.Table
@@ -40,7 +40,7 @@ class PlacedByImport:
     localised: int
 
 
-def place_imported(
+def place_imported_poses(
     found: ImportedPoses,
     photos: pa.Table,
     *,
@@ -48,7 +48,7 @@ def place_imported(
     surface: SurfaceLike,
     placement_sigma_max_m: float,
     surveyed: Sequence[SurveyedPoints] = (),
-) -> PlacedByImport:
+) -> ImportedPlacement:
     """One row for each accepted photograph of ``photos``, with its imported pose or with the reason why it has none.
 
     ``surveyed`` points and the photographs' GPS judge the poses in the passport; they do not move them.
@@ -57,15 +57,15 @@ def place_imported(
     to be of use, or off the surveyed points.
     """
     accepted = [row for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
-    own, reasons, strangers = _matched(found, accepted)
-    posed = _posed(own, {row["photo_id"]: row for row in accepted}, reasons, found, place)
+    own, reasons, strangers = _match_to_photographs(found, accepted)
+    posed = _build_cameras(own, {row["photo_id"]: row for row in accepted}, reasons, found, place)
     if not posed:
         some = "; ".join([*list(reasons.values())[:2], *strangers[:2]])
         raise InputDataError(
             f"none of the {len(found.poses) + len(found.unusable)} poses of {found.source} can be used for the "
             f"{len(accepted)} photographs of the campaign: {some or 'the file has no lines'}"
         )
-    remarks = refuse_impossible(posed, accepted, surface, place, source=found.source)
+    remarks = check_plausibility(posed, accepted, surface, place, source=found.source)
     covariance = {photo_id: own[photo_id].covariance for photo_id in posed}
     silent = sum(stated is None for stated in covariance.values())
     if silent:
@@ -86,26 +86,28 @@ def place_imported(
         }
         if photo_id in posed:
             stated = covariance[photo_id]
-            columns = placed_columns(posed[photo_id], _assumed() if stated is None else stated, place.origin)
+            columns = build_pose_columns(
+                posed[photo_id], _build_assumed_covariance() if stated is None else stated, place.origin
+            )
             rows.append(said | {"pose_source": PoseSource.IMPORTED} | columns)
         else:
             reason = reasons.get(photo_id, f"{found.source} has no pose of it")
             rows.append(said | {"pose_source": PoseSource.UNLOCALISED, "reason": reason})
     poses = table_from_rows("poses", rows)
-    evidence = evidence_of(posed, accepted, surveyed, place)
-    return PlacedByImport(
+    evidence = validate_imported_poses(posed, accepted, surveyed, place)
+    return ImportedPlacement(
         poses=poses,
-        georeference=_passport(found, poses, place, remarks, evidence, placement_sigma_max_m),
-        georeference_points=points_table(evidence.points, place.origin),
+        georeference=_build_passport(found, poses, place, remarks, evidence, placement_sigma_max_m),
+        georeference_points=build_points_table(evidence.points, place.origin),
         localised=len(posed),
     )
 
 
-def _assumed() -> Float64Array:
+def _build_assumed_covariance() -> Float64Array:
     return np.diag([SIGMA_POSITION_M**2] * 3 + [np.radians(SIGMA_ATTITUDE_DEG) ** 2] * 3)
 
 
-def _matched(
+def _match_to_photographs(
     found: ImportedPoses, accepted: Sequence[Mapping[str, Any]]
 ) -> tuple[dict[str, ImportedPose], dict[str, str], list[str]]:
     """Poses by photo_id, reasons of photographs whose line cannot be used, and names that mean no photograph."""
@@ -133,7 +135,7 @@ def _matched(
     return own, reasons, strangers
 
 
-def _posed(
+def _build_cameras(
     own: Mapping[str, ImportedPose],
     row_of: Mapping[str, Mapping[str, Any]],
     reasons: dict[str, str],
@@ -142,7 +144,7 @@ def _posed(
 ) -> dict[str, PosedCamera]:
     """The cameras in site; a lens that does not fit its photograph, or a place off the map, becomes a reason."""
     posed = {}
-    for (photo_id, pose), at in zip(own.items(), _in_site(list(own.values()), found, place), strict=True):
+    for (photo_id, pose), at in zip(own.items(), _transform_to_site(list(own.values()), found, place), strict=True):
         row = row_of[photo_id]
         if isinstance(at, GeoreferenceError):
             reasons[photo_id] = f"{found.source}: {at}"
@@ -157,7 +159,7 @@ def _posed(
     return posed
 
 
-def _in_site(
+def _transform_to_site(
     poses: Sequence[ImportedPose], found: ImportedPoses, place: SiteFrame
 ) -> list[tuple[Float64Array, Float64Array] | GeoreferenceError]:
     """Centre and rotation of each pose in site, or why it has none. Raises GeoreferenceError where none has."""
@@ -179,13 +181,18 @@ def _in_site(
         return placed
 
 
-def _passport(
-    found: ImportedPoses, poses: pa.Table, place: SiteFrame, remarks: Sequence[str], evidence: Evidence, limit_m: float
+def _build_passport(
+    found: ImportedPoses,
+    poses: pa.Table,
+    place: SiteFrame,
+    remarks: Sequence[str],
+    evidence: ImportValidation,
+    limit_m: float,
 ) -> pa.Table:
     """Table ``georeference``: what an import can say of itself; residuals it has none."""
     known = [row for row in poses.to_pylist() if row["pose_source"] == PoseSource.IMPORTED]
     sigma_m = np.array([np.median([row[f"sigma_{axis}_m"] for row in known]) for axis in ("east", "north", "up")])
-    require_good(
+    require_accuracy(
         control=ControlKind.IMPORTED,
         sigma_m=sigma_m,
         limit_m=limit_m,

@@ -17,19 +17,19 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import GEO, SiteOrigin
 from facadelake.georeferencing.imported.attitude import (
     CameraAxes,
-    Direction,
     PitchZero,
-    from_matrix,
-    from_omega_phi_kappa,
-    from_quaternion,
-    from_yaw_pitch_roll,
+    RotationDirection,
+    rotation_from_matrix,
+    rotation_from_omega_phi_kappa,
+    rotation_from_quaternion,
+    rotation_from_yaw_pitch_roll,
 )
 from facadelake.georeferencing.imported.records import (
     ImportedLens,
     ImportedPose,
     ImportedPoses,
     UnusablePose,
-    read_head,
+    read_header,
 )
 from facadelake.georeferencing.imported.world import SITE, North, PoseWorld
 
@@ -50,17 +50,17 @@ _KEYS = (
 )  # fmt: skip
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
-Word = TypeVar("Word", bound=StrEnum)
+Keyword = TypeVar("Word", bound=StrEnum)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Layout:
+class _CsvConventions:
     """How the lines of one file are to be read."""
 
     image: str
     position: tuple[str, ...]
     attitude: tuple[str, ...]
-    direction: Direction
+    direction: RotationDirection
     axes: CameraAxes
     zero: PitchZero
     pixel_shift: float
@@ -73,18 +73,18 @@ def read_poses_csv(path: Path) -> ImportedPoses:
 
     Raises InputDataError where the file as a whole cannot be read: its head, its columns, its CRS.
     """
-    text = _text(path)
-    head, body = read_head(path, text, _KEYS)
+    text = _read_text(path)
+    head, body = read_header(path, text, _KEYS)
     delimiter = max(",;\t", key=body.partition("\n")[0].count)
     reader = csv.DictReader(body.splitlines(), delimiter=delimiter)
     columns = [name.strip() for name in reader.fieldnames or ()]
     reader.fieldnames = columns
-    layout, world, remarks = _layout(path, columns, head)
+    layout, world, remarks = _parse_conventions(path, columns, head)
     poses, unusable = [], []
     for row in reader:
         image = (row.get(layout.image) or "").strip()
         try:
-            poses.append(_pose(image, {name: value or "" for name, value in row.items() if name}, layout))
+            poses.append(_parse_pose(image, {name: value or "" for name, value in row.items() if name}, layout))
         except InputDataError as error:
             unusable.append(UnusablePose(image=image, reason=f"{path.name}: {error}"))
     return ImportedPoses(
@@ -92,14 +92,16 @@ def read_poses_csv(path: Path) -> ImportedPoses:
     )
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputDataError(f"poses {path} cannot be read as text in UTF-8: {error}") from error
 
 
-def _layout(path: Path, columns: list[str], head: Mapping[str, str]) -> tuple[_Layout, PoseWorld, list[str]]:
+def _parse_conventions(
+    path: Path, columns: list[str], head: Mapping[str, str]
+) -> tuple[_CsvConventions, PoseWorld, list[str]]:
     """How to read the lines, the world they are in, and what the head leaves to be assumed."""
     image = next((name for name in ("image", "photo_id") if name in columns), None)
     missing = [name for name in _LENS if name not in columns]
@@ -109,14 +111,14 @@ def _layout(path: Path, columns: list[str], head: Mapping[str, str]) -> tuple[_L
             f"{', '.join(columns) or 'none'}); docs/poses-csv.md says which are needed"
         )
     # Geographic columns go first: they need no origin.
-    position = _one_of(path, columns, (_GEO, _SITE_COLUMNS, _CRS_COLUMNS), "position", several=True)
-    attitude = _one_of(path, columns, (_QUATERNION, _MATRIX, _YAW, _OMEGA), "attitude", several=False)
+    position = _choose_columns(path, columns, (_GEO, _SITE_COLUMNS, _CRS_COLUMNS), "position", several=True)
+    attitude = _choose_columns(path, columns, (_QUATERNION, _MATRIX, _YAW, _OMEGA), "attitude", several=False)
     remarks = []
-    direction = _word(path, head, "rotation", Direction.WORLD_FROM_CAM)
+    direction = _parse_keyword(path, head, "rotation", RotationDirection.WORLD_FROM_CAM)
     if attitude in (_QUATERNION, _MATRIX) and "rotation" not in head:
         remarks.append(f"{path.name} does not say which way its rotations turn: taken as {direction}")
     grid = North.GRID if position == _CRS_COLUMNS else North.TRUE
-    north = _word(path, head, "north", grid)
+    north = _parse_keyword(path, head, "north", grid)
     if attitude == _YAW and "north" not in head:
         north = North.TRUE  # of a compass and a gimbal
     crs = GEO if position == _GEO else SITE if position == _SITE_COLUMNS else head.get("crs")
@@ -125,27 +127,29 @@ def _layout(path: Path, columns: list[str], head: Mapping[str, str]) -> tuple[_L
             f"poses {path} say crs: {head['crs']}, but their columns {', '.join(position)} are of {crs}; name the "
             "columns x, y, z, or correct the head"
         )
-    corner = _number(path, head.get("top_left_pixel", "0.5"), "top_left_pixel")
+    corner = _parse_number(path, head.get("top_left_pixel", "0.5"), "top_left_pixel")
     if corner not in (0.0, 0.5):
         raise InputDataError(f"poses {path} say top_left_pixel: {corner:g}; its centre is 0.5 (COLMAP) or 0 (OpenCV)")
-    stated = tuple(_number(path, head[key], key) for key in ("sigma_position_m", "sigma_attitude_deg") if key in head)
+    stated = tuple(
+        _parse_number(path, head[key], key) for key in ("sigma_position_m", "sigma_attitude_deg") if key in head
+    )
     if len(stated) == 1 or any(value <= 0 for value in stated):
         raise InputDataError(f"poses {path}: give sigma_position_m and sigma_attitude_deg both, and positive")
-    layout = _Layout(
+    layout = _CsvConventions(
         image=image,
         position=position,
         attitude=attitude,
         direction=direction,
-        axes=_word(path, head, "camera_axes", CameraAxes.RIGHT_DOWN_FORWARD),
-        zero=_word(path, head, "pitch_zero", PitchZero.HORIZON),
+        axes=_parse_keyword(path, head, "camera_axes", CameraAxes.RIGHT_DOWN_FORWARD),
+        zero=_parse_keyword(path, head, "pitch_zero", PitchZero.HORIZON),
         pixel_shift=0.5 - corner,
         has=frozenset(columns),
         sigmas=(stated[0], stated[1]) if stated else None,
     )
-    return layout, PoseWorld(crs=crs, north=north, origin=_origin(path, head)), remarks
+    return layout, PoseWorld(crs=crs, north=north, origin=_parse_origin(path, head)), remarks
 
 
-def _one_of(
+def _choose_columns(
     path: Path, columns: list[str], sets: tuple[tuple[str, ...], ...], what: str, *, several: bool
 ) -> tuple[str, ...]:
     whole = [names for names in sets if set(names) <= set(columns)]
@@ -158,7 +162,7 @@ def _one_of(
     return whole[0]
 
 
-def _word(path: Path, head: Mapping[str, str], key: str, default: Word) -> Word:
+def _parse_keyword(path: Path, head: Mapping[str, str], key: str, default: Keyword) -> Keyword:
     kind = type(default)
     try:
         return kind(head.get(key, default))
@@ -168,14 +172,14 @@ def _word(path: Path, head: Mapping[str, str], key: str, default: Word) -> Word:
         ) from error
 
 
-def _number(path: Path, text: str, key: str) -> float:
+def _parse_number(path: Path, text: str, key: str) -> float:
     try:
         return float(text)
     except ValueError as error:
         raise InputDataError(f"poses {path} say {key}: '{text}', which is no number") from error
 
 
-def _origin(path: Path, head: Mapping[str, str]) -> SiteOrigin | None:
+def _parse_origin(path: Path, head: Mapping[str, str]) -> SiteOrigin | None:
     if "site_origin" not in head:
         return None
     numbers = _NUMBER.findall(head["site_origin"])
@@ -187,7 +191,7 @@ def _origin(path: Path, head: Mapping[str, str]) -> SiteOrigin | None:
     return SiteOrigin(lon_deg=lon, lat_deg=lat, height_ellipsoidal_m=height)
 
 
-def _values(row: Mapping[str, str], names: tuple[str, ...]) -> Float64Array:
+def _parse_values(row: Mapping[str, str], names: tuple[str, ...]) -> Float64Array:
     values = []
     for name in names:
         try:
@@ -200,37 +204,39 @@ def _values(row: Mapping[str, str], names: tuple[str, ...]) -> Float64Array:
     return numbers
 
 
-def _pose(image: str, row: Mapping[str, str], layout: _Layout) -> ImportedPose:
+def _parse_pose(image: str, row: Mapping[str, str], layout: _CsvConventions) -> ImportedPose:
     if not image:
         raise InputDataError("a line without the name of its photograph")
-    fx, fy, *centre = _values(row, _LENS)
+    fx, fy, *centre = _parse_values(row, _LENS)
     cx, cy = np.array(centre) + layout.pixel_shift
-    distortion = [float(_values(row, (name,))[0]) if name in layout.has and row[name] else 0.0 for name in _DISTORTION]
-    size = [round(value) for value in _values(row, _SIZE)] if set(_SIZE) <= layout.has else [None, None]
+    distortion = [
+        float(_parse_values(row, (name,))[0]) if name in layout.has and row[name] else 0.0 for name in _DISTORTION
+    ]
+    size = [round(value) for value in _parse_values(row, _SIZE)] if set(_SIZE) <= layout.has else [None, None]
     k1, k2, p1, p2 = distortion
     return ImportedPose(
         image=image,
-        xyz_world=_values(row, layout.position),
-        world_from_cam=_attitude(_values(row, layout.attitude), layout),
+        xyz_world=_parse_values(row, layout.position),
+        world_from_cam=_parse_attitude(_parse_values(row, layout.attitude), layout),
         lens=ImportedLens(
             fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, k1=k1, k2=k2, p1=p1, p2=p2, width_px=size[0], height_px=size[1]
         ),
-        covariance=_covariance(row, layout),
+        covariance=_parse_covariance(row, layout),
     )  # fmt: skip
 
 
-def _attitude(values: Float64Array, layout: _Layout) -> Float64Array:
+def _parse_attitude(values: Float64Array, layout: _CsvConventions) -> Float64Array:
     if layout.attitude == _QUATERNION:
-        return from_quaternion(values, layout.direction, layout.axes)
+        return rotation_from_quaternion(values, layout.direction, layout.axes)
     if layout.attitude == _MATRIX:
-        return from_matrix(values.reshape(3, 3), layout.direction, layout.axes)
+        return rotation_from_matrix(values.reshape(3, 3), layout.direction, layout.axes)
     first, second, third = values.tolist()
     if layout.attitude == _YAW:
-        return from_yaw_pitch_roll(first, second, third, layout.zero)
-    return from_omega_phi_kappa(first, second, third)
+        return rotation_from_yaw_pitch_roll(first, second, third, layout.zero)
+    return rotation_from_omega_phi_kappa(first, second, third)
 
 
-def _covariance(row: Mapping[str, str], layout: _Layout) -> Float64Array | None:
+def _parse_covariance(row: Mapping[str, str], layout: _CsvConventions) -> Float64Array | None:
     """The line's own 36 numbers, its sigmas, or the head's; None where nothing is said."""
     if "covariance" in layout.has and row["covariance"].strip():
         numbers = np.array([float(number) for number in _NUMBER.findall(row["covariance"])])
@@ -244,7 +250,7 @@ def _covariance(row: Mapping[str, str], layout: _Layout) -> Float64Array | None:
         symmetric: Float64Array = (whole + whole.T) / 2
         return symmetric
     if set(_SIGMAS) <= layout.has and row[_SIGMAS[0]].strip():
-        sigmas = _values(row, _SIGMAS)
+        sigmas = _parse_values(row, _SIGMAS)
         if (sigmas <= 0).any():
             raise InputDataError(f"columns {', '.join(_SIGMAS)}: a sigma must be positive")
         return np.diag(np.array([*sigmas[:3], *[np.radians(sigmas[3])] * 3]) ** 2)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from facadelake.georeferencing.imported.colmap import read_colmap_text
 from facadelake.georeferencing.imported.poses_csv import read_poses_csv
-from facadelake.georeferencing.imported.records import ImportedPoses, pose_files
+from facadelake.georeferencing.imported.records import ImportedPoses, list_pose_files
 
 
 def read_poses(path: Path) -> ImportedPoses:
@@ -15,5 +15,5 @@ def read_poses(path: Path) -> ImportedPoses:
     Raises InputDataError where there are none or the file as a whole cannot be read; a line that gives no pose is
     unusable, with its reason.
     """
-    first, *_ = pose_files(path)
+    first, *_ = list_pose_files(path)
     return read_poses_csv(first) if first.suffix.lower() == ".csv" else read_colmap_text(first.parent)

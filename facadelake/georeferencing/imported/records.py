@@ -13,10 +13,10 @@ from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
 from facadelake.georeferencing.imported.world import PoseWorld
 
-_SAID = re.compile(r"#?\s*([A-Za-z_]+)\s*:\s*(.*)")
+_KEY_VALUE = re.compile(r"#?\s*([A-Za-z_]+)\s*:\s*(.*)")
 
 
-def read_head(path: Path, text: str, keys: Sequence[str]) -> tuple[dict[str, str], str]:
+def read_header(path: Path, text: str, keys: Sequence[str]) -> tuple[dict[str, str], str]:
     """What the lines before the table say, by key, and the rest of the text.
 
     A line ``# word: value`` must have one of ``keys``, so that a misspelt one is not passed over; other lines that
@@ -26,7 +26,7 @@ def read_head(path: Path, text: str, keys: Sequence[str]) -> tuple[dict[str, str
     lines = text.splitlines()
     begin = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), len(lines))
     for number, line in enumerate(lines[:begin], start=1):
-        found = _SAID.fullmatch(line.strip())
+        found = _KEY_VALUE.fullmatch(line.strip())
         if found is None:
             continue
         key, value = found[1], found[2].strip()
@@ -119,7 +119,7 @@ class ImportedPoses:
     remarks: tuple[str, ...] = ()
 
 
-def pose_files(path: Path) -> tuple[Path, ...]:
+def list_pose_files(path: Path) -> tuple[Path, ...]:
     """The files that poses at ``path`` consist of: a CSV file, or COLMAP's texts in a folder (any of them names it).
 
     Raises InputDataError where there are none.

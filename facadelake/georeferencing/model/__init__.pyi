@@ -1,1 +1,1 @@
-from .control import model_control as model_control
+from .control import build_model_control as build_model_control

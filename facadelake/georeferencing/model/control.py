@@ -17,7 +17,7 @@ from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.model_terms import RaySurface
 from facadelake.georeferencing.gps.alignment import GpsPriors, align_to_gps
 from facadelake.georeferencing.model.alignment import ModelAlignment, align_to_model
-from facadelake.georeferencing.model.edge_search import ShiftFound, find_shift
+from facadelake.georeferencing.model.edge_search import EdgeShift, search_shift
 from facadelake.georeferencing.model.gradients import GreyFiles
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import SurfaceKind
@@ -27,20 +27,20 @@ _SEARCH_SIGMA_M = 5.0
 # What a similarity to walls leaves of the datum, for the adjustment to better.
 _WALLS_SIGMA_M = 0.05
 # A mesh of more was measured: its creases are its roughness, not the building's edges.
-_ROUGH_TRIANGLES = 50_000
+_MAX_DESIGNED_TRIANGLES = 50_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ModelEdgesInPhotographs:
+class ModelEdgeControl:
     """The model's edges and the photographs that may show them, in the order of the block's photographs."""
 
     edges: ModelEdges
     surface: Surface
     photographs: GreyFiles
 
-    def find_shift(self, cameras: Sequence[PosedCamera], free: Float64Array, sigma_m: Float64Array) -> ShiftFound:
+    def find_shift(self, cameras: Sequence[PosedCamera], free: Float64Array, sigma_m: Float64Array) -> EdgeShift:
         """Where along ``free`` (j, 3) the edges meet the photographs; see ``edge_search.find_shift``."""
-        return find_shift(cameras, self.photographs, self.edges, self.surface, free, sigma_m)
+        return search_shift(cameras, self.photographs, self.edges, self.surface, free, sigma_m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,24 +54,24 @@ class ModelControl:
     surface: RaySurface
     sigma_m: float
     ground_site_m: float
-    edges: ModelEdgesInPhotographs | None = None
+    edges: ModelEdgeControl | None = None
 
 
-def model_control(building: BuildingModel, photographs: Sequence[Path], sigma_m: float) -> ModelControl:
+def build_model_control(building: BuildingModel, photographs: Sequence[Path], sigma_m: float) -> ModelControl:
     """The control that ``building`` gives to the block of ``photographs`` (in the block's order)."""
     surface = Surface(building)
-    rough = building.surface_kind is not SurfaceKind.IFC and len(building.triangles) > _ROUGH_TRIANGLES
+    rough = building.surface_kind is not SurfaceKind.IFC and len(building.triangles) > _MAX_DESIGNED_TRIANGLES
     return ModelControl(
         surface=surface,
         sigma_m=sigma_m,
         ground_site_m=float(building.vertices_site_m[:, 2].min()),
-        edges=None if rough else _edges(building, surface, photographs),
+        edges=None if rough else _build_edge_control(building, surface, photographs),
     )
 
 
-def _edges(building: BuildingModel, surface: Surface, photographs: Sequence[Path]) -> ModelEdgesInPhotographs:
+def _build_edge_control(building: BuildingModel, surface: Surface, photographs: Sequence[Path]) -> ModelEdgeControl:
     edges = extract_model_edges(building.vertices_site_m, building.triangles, building.element_of_triangle)
-    return ModelEdgesInPhotographs(edges=edges, surface=surface, photographs=GreyFiles(paths=tuple(photographs)))
+    return ModelEdgeControl(edges=edges, surface=surface, photographs=GreyFiles(paths=tuple(photographs)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,7 +85,7 @@ class ModelPlacement:
 
     site_from_sfm: Similarity
     walls: ModelAlignment
-    shift: ShiftFound | None
+    shift: EdgeShift | None
     datum_sigma_m: Float64Array | None
     remarks: tuple[str, ...]
 
@@ -99,7 +99,7 @@ def place_by_model(reconstruction: Reconstruction, priors: GpsPriors, model: Mod
     by_gps = align_to_gps(reconstruction, priors)
     found: list[ModelPlacement] = []
     problems: list[GeoreferenceError] = []
-    for lift_m in _height_starts(priors, model.ground_site_m):
+    for lift_m in _list_height_corrections(priors, model.ground_site_m):
         lifted = priors.lifted(lift_m)
         start = Similarity(
             rotation=by_gps.site_from_sfm.rotation,
@@ -107,7 +107,7 @@ def place_by_model(reconstruction: Reconstruction, priors: GpsPriors, model: Mod
             scale=by_gps.site_from_sfm.scale,
         )
         try:
-            found.append(_placed_from(start, reconstruction, lifted, model))
+            found.append(_place_from(start, reconstruction, lifted, model))
         except GeoreferenceError as error:
             problems.append(error)
     if not found:
@@ -115,7 +115,7 @@ def place_by_model(reconstruction: Reconstruction, priors: GpsPriors, model: Mod
     return max(found, key=lambda placement: placement.shift.score if placement.shift is not None else 0.0)
 
 
-def _height_starts(priors: GpsPriors, ground_site_m: float) -> list[float]:
+def _list_height_corrections(priors: GpsPriors, ground_site_m: float) -> list[float]:
     """What to add to the priors' heights: nothing, and, where their datum is unknown and they tell their height above
     the take-off, what puts the take-off on the ground."""
     relative = priors.height_relative_m
@@ -126,7 +126,7 @@ def _height_starts(priors: GpsPriors, ground_site_m: float) -> list[float]:
     return [0.0] if abs(lift_m) < _SEARCH_SIGMA_M else [0.0, lift_m]
 
 
-def _placed_from(
+def _place_from(
     start: Similarity, reconstruction: Reconstruction, priors: GpsPriors, model: ModelControl
 ) -> ModelPlacement:
     walls = align_to_model(start, reconstruction, priors, model.surface)
@@ -140,7 +140,7 @@ def _placed_from(
             remarks=walls.remarks,
         )
     sigma_m = np.linalg.norm(np.minimum(priors.common_sigma_m, _SEARCH_SIGMA_M) * free, axis=1)
-    shift = model.edges.find_shift(cameras_of(reconstruction, walls.site_from_sfm), free, sigma_m)
+    shift = model.edges.find_shift(build_cameras(reconstruction, walls.site_from_sfm), free, sigma_m)
     moved = Similarity(
         rotation=walls.site_from_sfm.rotation,
         translation=walls.site_from_sfm.translation + shift.shift_site_m,
@@ -164,7 +164,7 @@ def _placed_from(
     )
 
 
-def cameras_of(reconstruction: Reconstruction, site_from_sfm: Similarity) -> tuple[PosedCamera, ...]:
+def build_cameras(reconstruction: Reconstruction, site_from_sfm: Similarity) -> tuple[PosedCamera, ...]:
     """The block's cameras under a similarity."""
     return tuple(
         PosedCamera(

@@ -18,8 +18,8 @@ from facadelake.core.camera import PosedCamera
 _CREASE_COSINE = np.cos(np.radians(20.0))
 _SIDE_PX = 1.5  # where the rays beside an edge are cast, pixels of the photograph
 _OWN_PLANE_M = 0.005
-_NEAREST_M = 0.1
-_SENSITIVE = 0.35  # of a shift, at least this share must move an edge across itself
+_MIN_DEPTH_M = 0.1
+_MIN_SENSITIVITY = 0.35  # of a shift, at least this share must move an edge across itself
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +42,7 @@ class EdgeSamples:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SeenSamples:
+class VisibleEdgeSamples:
     """The samples a camera sees: ``row`` (k,) in the samples asked, ``xy_img`` and unit ``normal_img`` (k, 2) in
     pixels of the photograph, ``pixel_m`` (k,) the size of a pixel at the sample, square to the view."""
 
@@ -51,9 +51,9 @@ class SeenSamples:
     normal_img: Float64Array
     pixel_m: Float64Array
 
-    def take(self, which: BoolArray) -> SeenSamples:
+    def take(self, which: BoolArray) -> VisibleEdgeSamples:
         """Those of ``which`` (k,)."""
-        return SeenSamples(
+        return VisibleEdgeSamples(
             row=self.row[which],
             xy_img=self.xy_img[which],
             normal_img=self.normal_img[which],
@@ -75,21 +75,21 @@ def sample_edges(edges: ModelEdges, spacing_m: float) -> EdgeSamples:
     )
 
 
-def seen_samples(
+def find_visible_samples(
     samples: EdgeSamples, posed: PosedCamera, surface: Surface, *, border_px: float, free: Float64Array | None = None
-) -> SeenSamples:
+) -> VisibleEdgeSamples:
     """The samples that ``posed`` sees, ``border_px`` or more inside its photograph.
 
     With ``free`` (j, 3), unit directions of shift in site, only edges that such a shift moves across themselves.
     """
-    in_photograph = _in_photograph(samples, posed, border_px)
+    in_photograph = _project_samples(samples, posed, border_px)
     row = in_photograph.row
     ray = samples.xyz_site_m[row] - posed.centre_site_m
     # Beside the edge as the camera sees it: across the plane of the edge and the camera's centre.
     beside = np.cross(samples.direction[row], ray)
     beside /= np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-12)
     if free is not None:
-        moved = np.linalg.norm(beside @ free.T, axis=1) > _SENSITIVE
+        moved = np.linalg.norm(beside @ free.T, axis=1) > _MIN_SENSITIVITY
         in_photograph, ray, beside = in_photograph.take(moved), ray[moved], beside[moved]
     beside *= (_SIDE_PX * in_photograph.pixel_m)[:, None]
     xyz, distance = samples.xyz_site_m[in_photograph.row], np.linalg.norm(ray, axis=1)
@@ -106,7 +106,7 @@ def seen_samples(
     return in_photograph.take(~hidden & ((own[0] ^ own[1]) | (own[0] & own[1] & turned)))
 
 
-def _in_photograph(samples: EdgeSamples, posed: PosedCamera, border_px: float) -> SeenSamples:
+def _project_samples(samples: EdgeSamples, posed: PosedCamera, border_px: float) -> VisibleEdgeSamples:
     """The samples that lie inside the photograph, hidden or not."""
     camera = posed.camera
     xyz_cam = posed.site_from_cam.invert().apply(samples.xyz_site_m)
@@ -115,7 +115,7 @@ def _in_photograph(samples: EdgeSamples, posed: PosedCamera, border_px: float) -
     width, height = camera.width_px, camera.height_px
     corners = camera.rays_cam_from_img(np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]]))
     widest = 1.02 * float(np.linalg.norm(corners[:, :2] / corners[:, 2:], axis=1).max())
-    row = np.flatnonzero((depth > _NEAREST_M) & (np.linalg.norm(xyz_cam[:, :2], axis=1) < widest * depth))
+    row = np.flatnonzero((depth > _MIN_DEPTH_M) & (np.linalg.norm(xyz_cam[:, :2], axis=1) < widest * depth))
     xy = camera.project(xyz_cam[row])
     inside = ((xy >= border_px) & (xy <= np.array([width, height]) - border_px)).all(axis=1)
     row, xy = row[inside], xy[inside]
@@ -125,7 +125,7 @@ def _in_photograph(samples: EdgeSamples, posed: PosedCamera, border_px: float) -
     length = np.linalg.norm(along, axis=1)
     clear = length > 0.1  # else the edge points at the camera
     along = along[clear] / length[clear, None]
-    return SeenSamples(
+    return VisibleEdgeSamples(
         row=row[clear],
         xy_img=xy[clear],
         normal_img=np.column_stack([-along[:, 1], along[:, 0]]),

@@ -11,10 +11,15 @@ from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.model.edge_samples import EdgeSamples, SeenSamples, seen_samples
-from facadelake.georeferencing.model.gradients import Gradients, GreyPhotographs, gradients, reduction_for
+from facadelake.georeferencing.model.edge_samples import EdgeSamples, VisibleEdgeSamples, find_visible_samples
+from facadelake.georeferencing.model.gradients import (
+    GreyPhotographs,
+    ImageGradients,
+    choose_reduction,
+    compute_gradients,
+)
 
-_LEAST_SAMPLES = 3  # of an edge in a photograph
+_MIN_SAMPLES = 3  # of an edge in a photograph
 _BATCH = 64
 
 
@@ -33,7 +38,7 @@ class EdgeScene:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scores:
+class EdgeScores:
     """Evidence (shifts, features) and its weight, in samples; ``usual_weight`` is what a shift is expected to see."""
 
     evidence: Float64Array
@@ -56,43 +61,45 @@ class Scores:
         return total
 
 
-def score_shifts(search: EdgeScene, shifts: Float64Array, node: Int64Array, tolerance_m: float) -> Scores:
+def score_shifts(search: EdgeScene, shifts: Float64Array, node: Int64Array, tolerance_m: float) -> EdgeScores:
     """Evidence for ``shifts`` (s, j); what is visible is asked once for those of one ``node`` (s,)."""
     evidence, weight = np.zeros((len(shifts), search.features)), np.zeros((len(shifts), search.features))
     nodes = [np.flatnonzero(node == k) for k in range(node.max() + 1)]
     for row in search.rows:
-        level: Gradients | None = None
+        level: ImageGradients | None = None
         for members in nodes:
             centre = shifts[members].mean(axis=0)
-            posed = moved_camera(search.cameras[row], centre @ search.free)
-            seen = seen_samples(search.samples, posed, search.surface, border_px=4.0, free=search.free)
-            if len(seen.row) < _LEAST_SAMPLES:
+            posed = shift_camera(search.cameras[row], centre @ search.free)
+            seen = find_visible_samples(search.samples, posed, search.surface, border_px=4.0, free=search.free)
+            if len(seen.row) < _MIN_SAMPLES:
                 continue
             if level is None:
-                level = _level(search, int(row), float(np.median(seen.pixel_m)), tolerance_m)
-            for batch in _batches(members):
-                _add(search, posed, seen, level, shifts[batch] - centre, evidence, weight, batch)
+                level = _compute_gradients(search, int(row), float(np.median(seen.pixel_m)), tolerance_m)
+            for batch in _split_into_batches(members):
+                _add_evidence(search, posed, seen, level, shifts[batch] - centre, evidence, weight, batch)
     usual = float(np.median(np.sqrt(weight).sum(axis=1)))
-    return Scores(evidence=evidence, weight=weight, usual_weight=usual)
+    return EdgeScores(evidence=evidence, weight=weight, usual_weight=usual)
 
 
-def _batches(members: Int64Array) -> Iterator[Int64Array]:
+def _split_into_batches(members: Int64Array) -> Iterator[Int64Array]:
     for begin in range(0, len(members), _BATCH):
         yield members[begin : begin + _BATCH]
 
 
-def _level(search: EdgeScene, row: int, pixel_m: float, tolerance_m: float) -> Gradients:
+def _compute_gradients(search: EdgeScene, row: int, pixel_m: float, tolerance_m: float) -> ImageGradients:
     """Gradients blurred by half of ``tolerance_m`` on the building."""
     sigma = tolerance_m / 2 / pixel_m
-    reduction = reduction_for(sigma, search.cameras[row].camera)
-    return gradients(search.photographs.grey(row, reduction), reduction=reduction, sigma_px=max(sigma / reduction, 0.7))
+    reduction = choose_reduction(sigma, search.cameras[row].camera)
+    return compute_gradients(
+        search.photographs.grey(row, reduction), reduction=reduction, sigma_px=max(sigma / reduction, 0.7)
+    )
 
 
-def _add(
+def _add_evidence(
     search: EdgeScene,
     posed: PosedCamera,
-    seen: SeenSamples,
-    level: Gradients,
+    seen: VisibleEdgeSamples,
+    level: ImageGradients,
     shifts: Float64Array,
     evidence: Float64Array,
     weight: Float64Array,
@@ -111,7 +118,7 @@ def _add(
     first = np.flatnonzero(np.r_[True, edge[1:] != edge[:-1]])
     count = np.add.reduceat(inside, first, axis=1, dtype=np.float64)
     total = np.add.reduceat(across * inside, first, axis=1, dtype=np.float64)
-    count[count < _LEAST_SAMPLES] = 0.0
+    count[count < _MIN_SAMPLES] = 0.0
     mean = np.divide(total, count, out=np.zeros_like(total), where=count > 0)
     feature = search.samples.feature[seen.row[first]]
     for k, row in enumerate(rows):
@@ -119,7 +126,7 @@ def _add(
         weight[row] += np.bincount(feature, count[k], search.features)
 
 
-def moved_camera(posed: PosedCamera, shift_site_m: Float64Array) -> PosedCamera:
+def shift_camera(posed: PosedCamera, shift_site_m: Float64Array) -> PosedCamera:
     site_from_cam = posed.site_from_cam
     return PosedCamera(
         camera=posed.camera,

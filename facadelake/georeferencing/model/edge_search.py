@@ -18,11 +18,11 @@ from facadelake.building.surface import ModelEdges, Surface
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
-from facadelake.georeferencing.model.edge_samples import sample_edges, seen_samples
-from facadelake.georeferencing.model.edge_scores import EdgeScene, moved_camera, score_shifts
+from facadelake.georeferencing.model.edge_samples import find_visible_samples, sample_edges
+from facadelake.georeferencing.model.edge_scores import EdgeScene, score_shifts, shift_camera
 from facadelake.georeferencing.model.gradients import GreyPhotographs
 
-_log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
 _WINDOW_SIGMAS = 3.0
 # Blur of the photographs on the building, coarse to fine; a search in two directions begins one level coarser.
@@ -32,22 +32,22 @@ _SPACING_M = 0.10
 _COARSE_SPACING = 1.25  # of the coarsest blur
 _SPARSE_M = 0.6
 _NODE_LEVELS = 7.5  # what is visible is asked anew after so many times the coarsest blur
-_MOST_PHOTOS = 30
-_LEAST_FEATURES = 6
-_RIVALS = 5
-_APART_M = 0.40  # two peaks closer than this are one answer, blurred by the building's relief
-_LEAST_GAP_SIGMAS = 2.0
+_MAX_PHOTOGRAPHS = 30
+_MIN_FEATURES = 6
+_MAX_PEAKS = 5
+_MIN_PEAK_SEPARATION_M = 0.40  # two peaks closer than this are one answer, blurred by the building's relief
+_MIN_GAP_SIGMAS = 2.0
 _CONSENSUS_M = 0.4
 _CONSENSUS_STEP_M = 0.02
 _PROFILE_M = 0.06  # frames and mouldings show lines beside the one that was modelled
-_MISTAKEN = 0.2  # share of features that show something else
+_OUTLIER_SHARE = 0.2  # share of features that show something else
 _TRUSTED_SAMPLES = 200.0
 _NO_EVIDENCE = 0.1
 _BOOTSTRAPS = 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ShiftFound:
+class EdgeShift:
     """``shift_site_m`` (3,) is to be added to the cameras' centres; ``sigma_m`` one sigma along the free directions.
 
     ``score`` (0 to 1) is how well the edges are met there, ``edge_score_runner_up`` the best elsewhere, at
@@ -64,7 +64,7 @@ class ShiftFound:
     features: int
 
 
-def find_shift(
+def search_shift(
     cameras: Sequence[PosedCamera],
     photographs: GreyPhotographs,
     edges: ModelEdges,
@@ -73,7 +73,7 @@ def find_shift(
     sigma_m: Float64Array,
     *,
     tolerance_m: float = 0.05,
-) -> ShiftFound:
+) -> EdgeShift:
     """Search within three ``sigma_m`` (j,) along the unit directions ``free`` (j, 3) of site; j is 1 or 2.
 
     Photograph k of ``photographs`` was taken by ``cameras[k]``; ``tolerance_m`` is one sigma of as-built against
@@ -85,43 +85,43 @@ def find_shift(
     search = EdgeScene(
         cameras=cameras,
         photographs=photographs,
-        rows=_spread(cameras, _MOST_PHOTOS // len(free)),
+        rows=_choose_photographs(cameras, _MAX_PHOTOGRAPHS // len(free)),
         samples=sample_edges(edges, _COARSE_SPACING * levels[0]),
         surface=surface,
         free=free,
         features=int(edges.feature.max(initial=-1)) + 1,
     )
-    grid = _grid(reach, levels[0] / 2)
+    grid = _build_grid(reach, levels[0] / 2)
     shifts = grid.reshape(-1, len(free))
     _, node = np.unique(np.round(shifts / (_NODE_LEVELS * levels[0])), axis=0, return_inverse=True)
-    seen = _ever_seen(search, edges, shifts, node.ravel())
+    seen = _find_visible_edges(search, edges, shifts, node.ravel())
     search = replace(search, samples=search.samples.take(seen[search.samples.edge]))
     scores = score_shifts(search, shifts, node.ravel(), levels[0])
-    peaks = _peaks(scores.total.reshape(grid.shape[:-1]), grid, levels[0] / 2)
+    peaks = _find_peaks(scores.total.reshape(grid.shape[:-1]), grid, levels[0] / 2)
     dense = sample_edges(edges, _SPACING_M)
     search = replace(search, samples=dense.take(seen[dense.edge]))
-    rivals: list[_Peak] = []
+    rivals: list[_ShiftCandidate] = []
     for coarser, finer in pairwise(levels):
-        rivals = _refined(search, peaks, coarser, finer)
+        rivals = _refine_peaks(search, peaks, coarser, finer)
         peaks = np.array([rival.shift for rival in rivals])
     best = rivals[0]
     features = int((best.weight > 0).sum())
-    if features < _LEAST_FEATURES:
+    if features < _MIN_FEATURES:
         raise GeoreferenceError(
-            f"{features} edges of the building model are seen by {len(search.rows)} photographs, {_LEAST_FEATURES} are "
+            f"{features} edges of the building model are seen by {len(search.rows)} photographs, {_MIN_FEATURES} are "
             "needed: model openings, storey lines or eaves, take photographs that show them, or give control points"
         )
-    rival, gap = _closest_rival(rivals)
-    if gap < _LEAST_GAP_SIGMAS:
+    rival, gap = _find_closest_rival(rivals)
+    if gap < _MIN_GAP_SIGMAS:
         raise GeoreferenceError(
-            f"two placements of the building model fit its edges alike: a shift of {_words(best.shift @ free)} (score "
-            f"{best.score:.3f}) and of {_words(rival.shift @ free)} (score {rival.score:.3f}); they differ by "
-            f"{gap:.1f} standard errors (limit {_LEAST_GAP_SIGMAS}): storeys or windows repeat. Give one control point "
+            f"two placements of the building model fit its edges alike: a shift of {_describe_shift(best.shift @ free)} (score "
+            f"{best.score:.3f}) and of {_describe_shift(rival.shift @ free)} (score {rival.score:.3f}); they differ by "
+            f"{gap:.1f} standard errors (limit {_MIN_GAP_SIGMAS}): storeys or windows repeat. Give one control point "
             "on the ground, or photographs with RTK, or that show the building's ends and its roof"
         )
-    _log.info("edges: best score %.3f, next %.3f, %.1f standard errors less", best.score, rival.score, gap)
-    shift, sigma = _consensus(search, best.shift, tolerance_m)
-    return ShiftFound(
+    logger.info("edges: best score %.3f, next %.3f, %.1f standard errors less", best.score, rival.score, gap)
+    shift, sigma = _estimate_consensus(search, best.shift, tolerance_m)
+    return EdgeShift(
         shift_site_m=shift @ free,
         sigma_m=sigma,
         score=best.score,
@@ -133,7 +133,7 @@ def find_shift(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Peak:
+class _ShiftCandidate:
     """A shift (j,) that may be the answer, and each feature's best evidence near it and root weight (features,)."""
 
     shift: Float64Array
@@ -142,9 +142,9 @@ class _Peak:
     weight: Float64Array
 
 
-def _refined(search: EdgeScene, peaks: Float64Array, coarser_m: float, finer_m: float) -> list[_Peak]:
+def _refine_peaks(search: EdgeScene, peaks: Float64Array, coarser_m: float, finer_m: float) -> list[_ShiftCandidate]:
     """The peaks moved to their best place at the finer level, best first; each sees what is visible there."""
-    around = _grid(np.full(len(search.free), coarser_m), finer_m / 2).reshape(-1, len(search.free))
+    around = _build_grid(np.full(len(search.free), coarser_m), finer_m / 2).reshape(-1, len(search.free))
     shifts = (peaks[:, None, :] + around[None]).reshape(-1, len(search.free))
     scores = score_shifts(search, shifts, np.repeat(np.arange(len(peaks)), len(around)), finer_m)
     shape = (len(peaks), len(around), search.features)
@@ -152,7 +152,7 @@ def _refined(search: EdgeScene, peaks: Float64Array, coarser_m: float, finer_m: 
     root = np.sqrt(scores.weight).reshape(shape).mean(axis=1)
     best = total.argmax(axis=1)
     found = [
-        _Peak(
+        _ShiftCandidate(
             shift=peaks[k] + around[best[k]],
             score=float(total[k, best[k]]),
             evidence=mean[k].max(axis=0),
@@ -163,14 +163,14 @@ def _refined(search: EdgeScene, peaks: Float64Array, coarser_m: float, finer_m: 
     return sorted(found, key=lambda peak: -peak.score)
 
 
-def _closest_rival(rivals: list[_Peak]) -> tuple[_Peak, float]:
+def _find_closest_rival(rivals: list[_ShiftCandidate]) -> tuple[_ShiftCandidate, float]:
     """The other answer that the best beats by the fewest standard errors, and by how many.
 
     Each feature is a witness: what they say of the difference has a mean and, from their scatter, a standard error.
     """
     best, closest, least = rivals[0], rivals[0], np.inf
     for other in rivals[1:]:
-        if np.linalg.norm(other.shift - best.shift) < _APART_M:
+        if np.linalg.norm(other.shift - best.shift) < _MIN_PEAK_SEPARATION_M:
             continue
         weight = np.maximum(best.weight, other.weight)
         share = weight / max(float(weight.sum()), 1e-12)
@@ -183,14 +183,14 @@ def _closest_rival(rivals: list[_Peak]) -> tuple[_Peak, float]:
     return closest, least
 
 
-def _consensus(search: EdgeScene, start: Float64Array, tolerance_m: float) -> tuple[Float64Array, float]:
+def _estimate_consensus(search: EdgeScene, start: Float64Array, tolerance_m: float) -> tuple[Float64Array, float]:
     """The shift (j,) that most features agree on, and its standard error (m).
 
     Each feature has its own idea of the shift, with several candidates where profiles run side by side. The likeliest
     shift is taken, where every feature is off by its own normal deviation, the building's tolerance, and a share of
     them is mistaken. The error is the scatter under resampling of the features.
     """
-    grid = _grid(np.full(len(search.free), _CONSENSUS_M), _CONSENSUS_STEP_M)
+    grid = _build_grid(np.full(len(search.free), _CONSENSUS_M), _CONSENSUS_STEP_M)
     shifts = start + grid.reshape(-1, len(search.free))
     scores = score_shifts(search, shifts, np.zeros(len(shifts), dtype=np.int64), _FINEST_M)
     seen = np.median(scores.weight, axis=0) > 0
@@ -200,7 +200,7 @@ def _consensus(search: EdgeScene, start: Float64Array, tolerance_m: float) -> tu
     trust = trust / (trust + _TRUSTED_SAMPLES)
     blur = (0.0, *[float(np.hypot(tolerance_m, _PROFILE_M)) / _CONSENSUS_STEP_M] * len(search.free))
     likely = gaussian_filter(curve.reshape(-1, *grid.shape[:-1]), blur, mode="nearest").reshape(curve.shape)
-    ballots = np.log((1 - _MISTAKEN) * likely + _MISTAKEN / curve.shape[1])
+    ballots = np.log((1 - _OUTLIER_SHARE) * likely + _OUTLIER_SHARE / curve.shape[1])
     draws = np.random.default_rng(1).multinomial(len(trust), np.full(len(trust), 1 / len(trust)), size=_BOOTSTRAPS)
     total = (np.vstack([np.ones(len(trust)), draws]) * trust) @ ballots
     places = shifts[total.argmax(axis=1)]
@@ -208,41 +208,41 @@ def _consensus(search: EdgeScene, start: Float64Array, tolerance_m: float) -> tu
     return places[0], float(spread)
 
 
-def _words(shift_site_m: Float64Array) -> str:
+def _describe_shift(shift_site_m: Float64Array) -> str:
     east, north, up = shift_site_m
     return f"{east:+.2f} m east, {north:+.2f} m north, {up:+.2f} m up"
 
 
-def _grid(reach_m: Float64Array, step_m: float) -> Float64Array:
+def _build_grid(reach_m: Float64Array, step_m: float) -> Float64Array:
     """Shifts (..., j) on a grid within ``reach_m`` (j,) of none, none among them."""
     counts = [max(1, int(np.ceil(limit / step_m))) for limit in reach_m]
     axes = [np.arange(-count, count + 1) * step_m for count in counts]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def _spread(cameras: Sequence[PosedCamera], most: int) -> Int64Array:
+def _choose_photographs(cameras: Sequence[PosedCamera], most: int) -> Int64Array:
     """Rows of at most ``most`` photographs, in even steps through the block."""
     count = min(len(cameras), most)
     return np.unique(np.linspace(0, len(cameras) - 1, count).round().astype(np.int64))
 
 
-def _ever_seen(search: EdgeScene, edges: ModelEdges, shifts: Float64Array, node: Int64Array) -> BoolArray:
+def _find_visible_edges(search: EdgeScene, edges: ModelEdges, shifts: Float64Array, node: Int64Array) -> BoolArray:
     """The edges that a sparse look, from every node, finds visible: most of a building is inside."""
     sparse = sample_edges(edges, _SPARSE_M)
     seen = np.zeros(len(edges.feature), dtype=bool)
     for k in range(node.max() + 1):
         centre = shifts[node == k].mean(axis=0) @ search.free
         for row in search.rows:
-            found = seen_samples(
-                sparse, moved_camera(search.cameras[row], centre), search.surface, border_px=0.0, free=search.free
+            found = find_visible_samples(
+                sparse, shift_camera(search.cameras[row], centre), search.surface, border_px=0.0, free=search.free
             )
             seen[sparse.edge[found.row]] = True
     return seen
 
 
-def _peaks(total: Float64Array, grid: Float64Array, step_m: float) -> Float64Array:
-    """The best local maxima (k, j), best first, each the highest within ``_APART_M``."""
-    highest = total == maximum_filter(total, size=2 * round(_APART_M / step_m) + 1, mode="nearest")
+def _find_peaks(total: Float64Array, grid: Float64Array, step_m: float) -> Float64Array:
+    """The best local maxima (k, j), best first, each the highest within ``_MIN_PEAK_SEPARATION_M``."""
+    highest = total == maximum_filter(total, size=2 * round(_MIN_PEAK_SEPARATION_M / step_m) + 1, mode="nearest")
     at = np.flatnonzero(highest)
-    order = at[np.argsort(-total.ravel()[at])][:_RIVALS]
+    order = at[np.argsort(-total.ravel()[at])][:_MAX_PEAKS]
     return grid.reshape(-1, grid.shape[-1])[order]

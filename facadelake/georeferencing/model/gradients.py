@@ -14,15 +14,15 @@ from facadelake.core.arrays import Float32Array, Float64Array, UInt8Array
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
 
-_GREY = {
+_IMREAD_FLAGS = {
     1: cv2.IMREAD_GRAYSCALE,
     2: cv2.IMREAD_REDUCED_GRAYSCALE_2,
     4: cv2.IMREAD_REDUCED_GRAYSCALE_4,
     8: cv2.IMREAD_REDUCED_GRAYSCALE_8,
 }
-_MOST_PX = 16e6
+_MAX_PX = 16e6
 _NOISE_GREY = 1.0  # grey values per pixel: gradients below are noise of the sensor and of JPEG
-_AROUND_SIGMAS = 6.0  # how far around a pixel its neighbours' gradients count
+_WINDOW_SIGMAS = 6.0  # how far around a pixel its neighbours' gradients count
 
 
 class GreyPhotographs(Protocol):
@@ -40,20 +40,24 @@ class GreyFiles:
     def grey(self, row: int, reduction: int, /) -> UInt8Array:
         """Grey pixels of photograph ``row``; raises InputDataError where its file cannot be decoded."""
         path = self.paths[row]
-        grey = cv2.imread(str(path), _GREY[reduction] | cv2.IMREAD_IGNORE_ORIENTATION) if path.is_file() else None
+        grey = (
+            cv2.imread(str(path), _IMREAD_FLAGS[reduction] | cv2.IMREAD_IGNORE_ORIENTATION) if path.is_file() else None
+        )
         if grey is None:
             raise InputDataError(f"photograph {path} cannot be decoded; is it there, and complete?")
         return np.asarray(grey, dtype=np.uint8)
 
 
-def reduction_for(pixels: float, camera: Camera) -> int:
+def choose_reduction(pixels: float, camera: Camera) -> int:
     """The largest of 1, 2, 4, 8 that is no more than ``pixels``; more where the photograph would fill the memory."""
-    wanted = max(n for n in _GREY if n == 1 or n <= pixels)
-    return next(n for n in _GREY if n == 8 or (n >= wanted and camera.width_px * camera.height_px / n**2 <= _MOST_PX))
+    wanted = max(n for n in _IMREAD_FLAGS if n == 1 or n <= pixels)
+    return next(
+        n for n in _IMREAD_FLAGS if n == 8 or (n >= wanted and camera.width_px * camera.height_px / n**2 <= _MAX_PX)
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Gradients:
+class ImageGradients:
     """Gradients (h, w) of a reduced photograph, divided by what is usual around each pixel: lengths from 0 to 1."""
 
     x: Float32Array
@@ -68,18 +72,18 @@ class Gradients:
         u, v = at[..., 0].reshape(-1, 1), at[..., 1].reshape(-1, 1)
         found = np.zeros(len(u), dtype=np.float32)
         normal = normal_img.reshape(-1, 2).astype(np.float32)
-        for begin in range(0, len(u), _ROWS):
-            part = slice(begin, begin + _ROWS)
+        for begin in range(0, len(u), _MAX_REMAP_ROWS):
+            part = slice(begin, begin + _MAX_REMAP_ROWS)
             gx = cv2.remap(self.x, u[part], v[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
             gy = cv2.remap(self.y, u[part], v[part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
             found[part] = gx[:, 0] * normal[part, 0] + gy[:, 0] * normal[part, 1]
         return found.reshape(shape)
 
 
-_ROWS = 32_000
+_MAX_REMAP_ROWS = 32_000
 
 
-def gradients(grey: UInt8Array, *, reduction: int, sigma_px: float) -> Gradients:
+def compute_gradients(grey: UInt8Array, *, reduction: int, sigma_px: float) -> ImageGradients:
     """Gradients of ``grey`` (already reduced) smoothed by ``sigma_px`` of its own pixels.
 
     Divided by the root of the squared length here and the mean squared length around, so that neither contrast nor a
@@ -90,10 +94,10 @@ def gradients(grey: UInt8Array, *, reduction: int, sigma_px: float) -> Gradients
     y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
     squared = cv2.multiply(x, x)
     cv2.accumulateSquare(y, squared)
-    around = 2 * int(np.ceil(_AROUND_SIGMAS * sigma_px)) + 1
+    around = 2 * int(np.ceil(_WINDOW_SIGMAS * sigma_px)) + 1
     usual = np.asarray(cv2.blur(squared, (around, around)), dtype=np.float32)
     length = np.sqrt(usual + np.asarray(squared, dtype=np.float32) + (_NOISE_GREY / max(sigma_px, 1.0)) ** 2)
-    return Gradients(
+    return ImageGradients(
         x=np.asarray(cv2.divide(x, length), dtype=np.float32),
         y=np.asarray(cv2.divide(y, length), dtype=np.float32),
         reduction=reduction,

@@ -15,14 +15,14 @@ from scipy.spatial.transform import Rotation
 from facadelake.core.arrays import Float64Array
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
 from facadelake.georeferencing.adjustment.linearise import build_skew_matrices
-from facadelake.georeferencing.model.plumb_lines import Vertical
+from facadelake.georeferencing.model.plumb_lines import VerticalDirection
 
 _RIM_PERCENT = 2.0
-_LEAST_HALF_HEIGHT_M = 1.0
+_MIN_HALF_HEIGHT_M = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Lean:
+class BlockLean:
     """By what the block is turned about ``pivot_site_m`` (3,), the walls' middle, to stand upright.
 
     ``turn_rad`` (2,): about east and about north. ``sigma_rad``: one sigma of each that is left.
@@ -48,7 +48,7 @@ class Lean:
         return covariance
 
 
-def lean_of(adjusted: AdjustedBlock, model_sigma_m: float, vertical: Vertical | None) -> Lean:
+def estimate_lean(adjusted: AdjustedBlock, model_sigma_m: float, vertical: VerticalDirection | None) -> BlockLean:
     """The lean of a block that walls hold, from two observations: that walls are plumb, and what upright lines say.
 
     Walls are plumb to ``model_sigma_m`` over half the height of those that hold the block. Without upright lines the
@@ -57,22 +57,22 @@ def lean_of(adjusted: AdjustedBlock, model_sigma_m: float, vertical: Vertical | 
     state = adjusted.solution.state
     held = state.node_m[adjusted.problem.walls.node]
     if not len(held):
-        return Lean(pivot_site_m=np.zeros(3), turn_rad=np.zeros(2), sigma_rad=0.0)
+        return BlockLean(pivot_site_m=np.zeros(3), turn_rad=np.zeros(2), sigma_rad=0.0)
     low, high = np.percentile(held[:, 2], [_RIM_PERCENT, 100.0 - _RIM_PERCENT])
-    sigma_rad = model_sigma_m / max((high - low) / 2.0, _LEAST_HALF_HEIGHT_M)
+    sigma_rad = model_sigma_m / max((high - low) / 2.0, _MIN_HALF_HEIGHT_M)
     pivot = np.median(held, axis=0)
     if vertical is None:
-        return Lean(pivot_site_m=pivot, turn_rad=np.zeros(2), sigma_rad=sigma_rad)
+        return BlockLean(pivot_site_m=pivot, turn_rad=np.zeros(2), sigma_rad=sigma_rad)
     share = sigma_rad**2 / (sigma_rad**2 + vertical.sigma_rad**2)
     x, y, _ = vertical.up_site
-    return Lean(
+    return BlockLean(
         pivot_site_m=pivot,
         turn_rad=share * np.array([y, -x]),  # what turns ``up`` into the site's z
         sigma_rad=float(sigma_rad * np.sqrt(1.0 - share)),
     )
 
 
-def upright(adjusted: AdjustedBlock, lean: Lean) -> AdjustedBlock:
+def correct_lean(adjusted: AdjustedBlock, lean: BlockLean) -> AdjustedBlock:
     """The block turned by ``lean``: cameras, points and all, so that nothing within it changes."""
     state, turn = adjusted.solution.state, lean.rotation
 
@@ -89,7 +89,7 @@ def upright(adjusted: AdjustedBlock, lean: Lean) -> AdjustedBlock:
     return replace(adjusted, solution=replace(adjusted.solution, state=moved))
 
 
-def upright_words(vertical: Vertical, lean: Lean) -> str:
+def describe_lean(vertical: VerticalDirection, lean: BlockLean) -> str:
     """What upright lines said of the block, for the passport."""
     off = float(np.degrees(np.linalg.norm(vertical.up_site[:2])))
     turned = float(np.degrees(np.linalg.norm(lean.turn_rad)))

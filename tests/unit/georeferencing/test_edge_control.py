@@ -17,8 +17,8 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.model.edge_samples import sample_edges, seen_samples
-from facadelake.georeferencing.model.edge_search import find_shift
+from facadelake.georeferencing.model.edge_samples import find_visible_samples, sample_edges
+from facadelake.georeferencing.model.edge_search import search_shift
 
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
 _FACES = np.array(
@@ -140,7 +140,7 @@ def test_hidden_edges_and_seams_in_one_plane_are_not_seen() -> None:
     boxes: list[Box] = [(0, 0, 0, 2, 1, 3), (2, 0, 0, 2, 1, 3), (1, 5, 1, 1, 1, 1)]
     surface, edges = Surface.from_mesh(*_mesh(boxes)), extract_model_edges(*_mesh(boxes))
     samples = sample_edges(edges, 0.05)
-    seen = seen_samples(samples, _camera(2.0, -8.0, 1.5), surface, border_px=2.0)
+    seen = find_visible_samples(samples, _camera(2.0, -8.0, 1.5), surface, border_px=2.0)
     xyz = samples.xyz_site_m[seen.row]
     np.testing.assert_allclose(xyz[:, 1], 0.0, rtol=0, atol=1e-9)  # m: the front alone
     outline = np.minimum.reduce([xyz[:, 0], 4.0 - xyz[:, 0], xyz[:, 2], 3.0 - xyz[:, 2]])
@@ -151,7 +151,7 @@ def test_hidden_edges_and_seams_in_one_plane_are_not_seen() -> None:
 def test_normals_in_the_photograph_are_square_to_the_edge_as_projected(house: _Scene) -> None:
     samples = sample_edges(house.edges, 0.2)
     posed = house.cameras[3]
-    seen = seen_samples(samples, posed, house.surface, border_px=2.0)
+    seen = find_visible_samples(samples, posed, house.surface, border_px=2.0)
     ahead = posed.project_site(samples.xyz_site_m[seen.row] + 0.02 * samples.direction[seen.row])
     back = posed.project_site(samples.xyz_site_m[seen.row] - 0.02 * samples.direction[seen.row])
     along = (ahead - back) / np.linalg.norm(ahead - back, axis=1, keepdims=True)
@@ -162,7 +162,7 @@ def test_normals_in_the_photograph_are_square_to_the_edge_as_projected(house: _S
 @pytest.mark.parametrize("start_m", [-1.7, 0.0, 1.4])
 def test_the_height_is_found_from_any_start_within_gps(house: _Scene, start_m: float) -> None:
     cameras = _shifted(house.cameras, (0.0, 0.0, start_m))
-    found = find_shift(cameras, house.photographs, house.edges, house.surface, _UP, np.array([0.8]))
+    found = search_shift(cameras, house.photographs, house.edges, house.surface, _UP, np.array([0.8]))
     np.testing.assert_allclose(found.shift_site_m, [0, 0, -start_m], rtol=0, atol=0.03)  # m; a pixel is 0.05 m
     assert found.gap_sigmas > 2.0
     assert 0.0 < found.sigma_m < 0.05
@@ -172,7 +172,7 @@ def test_the_height_is_found_from_any_start_within_gps(house: _Scene, start_m: f
 def test_the_shift_along_a_facade_is_found_with_the_height(house: _Scene) -> None:
     cameras = _shifted(house.cameras, (0.5, 0.0, -0.6))
     free = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    found = find_shift(cameras, house.photographs, house.edges, house.surface, free, np.array([0.3, 0.3]))
+    found = search_shift(cameras, house.photographs, house.edges, house.surface, free, np.array([0.3, 0.3]))
     np.testing.assert_allclose(found.shift_site_m, [-0.5, 0.0, 0.6], rtol=0, atol=0.04)  # m
 
 
@@ -185,7 +185,9 @@ def test_storeys_that_repeat_beyond_every_photograph_are_refused() -> None:
     cameras = [_camera(x, -9.0, z, yaw_deg=-x) for x, z in [(-3, 0.0), (0, 0.4), (3, 0.0), (1, 1.4)]]
     scene = _scene(tall, cameras)
     with pytest.raises(GeoreferenceError, match=r"fit its edges alike.*standard errors \(limit") as refused:
-        find_shift(_shifted(cameras, (0, 0, 0.9)), scene.photographs, scene.edges, scene.surface, _UP, np.array([1.6]))
+        search_shift(
+            _shifted(cameras, (0, 0, 0.9)), scene.photographs, scene.edges, scene.surface, _UP, np.array([1.6])
+        )
     assert "control point" in str(refused.value)
 
 
@@ -193,7 +195,7 @@ def test_photographs_of_something_else_are_refused(house: _Scene) -> None:
     rng = np.random.default_rng(5)
     noise = _Drawn(images=[rng.integers(60, 190, (240, 320), dtype=np.uint8) for _ in house.cameras])
     with pytest.raises(GeoreferenceError):
-        find_shift(house.cameras, noise, house.edges, house.surface, _UP, np.array([0.8]))
+        search_shift(house.cameras, noise, house.edges, house.surface, _UP, np.array([0.8]))
 
 
 def test_a_model_without_edges_in_sight_is_refused(house: _Scene) -> None:
@@ -201,4 +203,4 @@ def test_a_model_without_edges_in_sight_is_refused(house: _Scene) -> None:
     with pytest.raises(
         GeoreferenceError, match=r"0 edges of the building model are seen by 1 photographs, 6 are needed"
     ):
-        find_shift(away, house.photographs, house.edges, house.surface, _UP, np.array([0.5]))
+        search_shift(away, house.photographs, house.edges, house.surface, _UP, np.array([0.5]))

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from facadelake.core.errors import InputDataError
 from facadelake.georeferencing.imported.attitude import (
     CameraAxes,
-    Direction,
     PitchZero,
-    from_matrix,
-    from_omega_phi_kappa,
-    from_quaternion,
-    from_yaw_pitch_roll,
+    RotationDirection,
+    rotation_from_matrix,
+    rotation_from_omega_phi_kappa,
+    rotation_from_quaternion,
+    rotation_from_yaw_pitch_roll,
 )
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def test_omega_phi_kappa_is_the_published_matrix(omega_deg: float, phi_deg: floa
             [sin(k) * sin(o) - cos(k) * cos(o) * sin(p), sin(k) * cos(o) * sin(p) + cos(k) * sin(o), cos(o) * cos(p)],
         ]
     )
-    found = from_omega_phi_kappa(omega_deg, phi_deg, kappa_deg)
+    found = rotation_from_omega_phi_kappa(omega_deg, phi_deg, kappa_deg)
     np.testing.assert_allclose(turned(found, RIGHT), published[:, 0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(turned(found, -DOWN), published[:, 1], rtol=0, atol=1e-12)
     np.testing.assert_allclose(turned(found, -FORWARD), published[:, 2], rtol=0, atol=1e-12)
@@ -56,7 +56,7 @@ def test_a_gimbal_is_north_east_down(yaw_deg: float, pitch_deg: float, roll_deg:
     about_y = np.array([[cos(p), 0, sin(p)], [0, 1, 0], [-sin(p), 0, cos(p)]])
     about_x = np.array([[1, 0, 0], [0, cos(r), -sin(r)], [0, sin(r), cos(r)]])
     ned = about_z @ about_y @ about_x
-    found = from_yaw_pitch_roll(yaw_deg, pitch_deg, roll_deg, PitchZero.HORIZON)
+    found = rotation_from_yaw_pitch_roll(yaw_deg, pitch_deg, roll_deg, PitchZero.HORIZON)
     for axis_cam, axis_body in ((FORWARD, 0), (RIGHT, 1), (DOWN, 2)):
         north, east, down = ned[:, axis_body]
         np.testing.assert_allclose(turned(found, axis_cam), [east, north, -down], rtol=0, atol=1e-12)
@@ -68,7 +68,7 @@ def test_a_gimbal_is_north_east_down(yaw_deg: float, pitch_deg: float, roll_deg:
 )
 def test_pitch_from_nadir_by_the_published_examples(yaw: float, pitch: float, looks: Array, top: Array) -> None:
     """Pix4D's article: at 0, 0, 0 the camera looks down and the image's top is north; pitch 90 looks forward."""
-    found = from_yaw_pitch_roll(yaw, pitch, 0.0, PitchZero.NADIR)
+    found = rotation_from_yaw_pitch_roll(yaw, pitch, 0.0, PitchZero.NADIR)
     np.testing.assert_allclose(turned(found, FORWARD), looks, rtol=0, atol=1e-12)
     np.testing.assert_allclose(turned(found, -DOWN), top, rtol=0, atol=1e-12)
 
@@ -79,18 +79,18 @@ def test_directions_and_axes_of_one_camera() -> None:
     flipped = np.column_stack([-NORTH, UP, -EAST])  # y up, z backward
     down, up = CameraAxes.RIGHT_DOWN_FORWARD, CameraAxes.RIGHT_UP_BACKWARD
     for matrix, direction, axes in (
-        (world_from_cam, Direction.WORLD_FROM_CAM, down),
-        (world_from_cam.T, Direction.CAM_FROM_WORLD, down),
-        (flipped, Direction.WORLD_FROM_CAM, up),
-        (flipped.T, Direction.CAM_FROM_WORLD, up),
+        (world_from_cam, RotationDirection.WORLD_FROM_CAM, down),
+        (world_from_cam.T, RotationDirection.CAM_FROM_WORLD, down),
+        (flipped, RotationDirection.WORLD_FROM_CAM, up),
+        (flipped.T, RotationDirection.CAM_FROM_WORLD, up),
     ):
-        np.testing.assert_allclose(from_matrix(matrix, direction, axes), world_from_cam, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(rotation_from_matrix(matrix, direction, axes), world_from_cam, rtol=0, atol=1e-12)
 
 
 def test_a_rounded_matrix_becomes_a_rotation() -> None:
     """Six digits, as files have them, leave it orthonormal to 1e-12."""
-    exact = from_omega_phi_kappa(12.3, -40.2, 77.7)
-    found = from_matrix(np.round(exact, 6), Direction.WORLD_FROM_CAM, CameraAxes.RIGHT_DOWN_FORWARD)
+    exact = rotation_from_omega_phi_kappa(12.3, -40.2, 77.7)
+    found = rotation_from_matrix(np.round(exact, 6), RotationDirection.WORLD_FROM_CAM, CameraAxes.RIGHT_DOWN_FORWARD)
     np.testing.assert_allclose(found @ found.T, np.eye(3), rtol=0, atol=1e-12)
     np.testing.assert_allclose(found, exact, rtol=0, atol=2e-6)
 
@@ -105,6 +105,8 @@ def test_a_rounded_matrix_becomes_a_rotation() -> None:
 )
 def test_what_is_no_rotation_is_refused(matrix: Array, said: str) -> None:
     with pytest.raises(InputDataError, match=said):
-        from_matrix(matrix, Direction.WORLD_FROM_CAM, CameraAxes.RIGHT_DOWN_FORWARD)
+        rotation_from_matrix(matrix, RotationDirection.WORLD_FROM_CAM, CameraAxes.RIGHT_DOWN_FORWARD)
     with pytest.raises(InputDataError, match="length is 2"):
-        from_quaternion(np.array([0.0, 0, 0, 2]), Direction.WORLD_FROM_CAM, CameraAxes.RIGHT_DOWN_FORWARD)
+        rotation_from_quaternion(
+            np.array([0.0, 0, 0, 2]), RotationDirection.WORLD_FROM_CAM, CameraAxes.RIGHT_DOWN_FORWARD
+        )

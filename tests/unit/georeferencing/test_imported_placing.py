@@ -11,13 +11,15 @@ import pytest
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.georeferencing.gcp.control_points import ImageMark, SurveyedPoint, SurveyedPoints
-from facadelake.georeferencing.imported.placement import SIGMA_POSITION_M, PlacedByImport, place_imported
+from facadelake.georeferencing.imported.placement import SIGMA_POSITION_M, ImportedPlacement, place_imported_poses
 from facadelake.georeferencing.imported.read import read_poses
 from tests.unit.georeferencing.imported_wall import CENTRES, NAMES, ORIGIN, PLACE, geo, geo_csv, photos, wall, write
 
 
-def placed(path: Path, of: pa.Table | None = None, limit_m: float = 0.5) -> PlacedByImport:
-    return place_imported(read_poses(path), of or photos(), place=PLACE, surface=wall(), placement_sigma_max_m=limit_m)
+def placed(path: Path, of: pa.Table | None = None, limit_m: float = 0.5) -> ImportedPlacement:
+    return place_imported_poses(
+        read_poses(path), of or photos(), place=PLACE, surface=wall(), placement_sigma_max_m=limit_m
+    )
 
 
 def test_every_photograph_has_its_pose(tmp_path: Path) -> None:
@@ -140,7 +142,7 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     path.write_text(high)
     lon, lat, height = ORIGIN.geo_from_site(CENTRES[1][None])[0]
     said = {"prior_source": "exif", "prior_lon_deg": lon, "prior_lat_deg": lat, "prior_height_m": height + 30.0}
-    found = place_imported(
+    found = place_imported_poses(
         read_poses(path), photos(**said), place=PLACE, surface=wall(), placement_sigma_max_m=0.5,
         surveyed=[marked(points)],
     )  # fmt: skip
@@ -160,7 +162,7 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
         for p, q in zip(shifted.points, marked(off).points, strict=True)
     ))  # fmt: skip
     with pytest.raises(GeoreferenceError, match=r"held-out points lie 1\.95 m"):
-        place_imported(
+        place_imported_poses(
             read_poses(path), photos(), place=PLACE, surface=wall(), placement_sigma_max_m=0.5, surveyed=[wrong]
         )
 

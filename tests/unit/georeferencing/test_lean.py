@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
-from facadelake.georeferencing.model.lean import lean_of
+from facadelake.georeferencing.model.lean import estimate_lean
 
 
 def test_a_lean_moves_cameras_as_a_turned_block_does() -> None:
@@ -20,7 +20,7 @@ def test_a_lean_moves_cameras_as_a_turned_block_does() -> None:
     state = SimpleNamespace(node_m=wall, centre_site_m=centre, site_from_cam=rotation)
     walls = SimpleNamespace(node=np.arange(len(wall)))
     adjusted = SimpleNamespace(solution=SimpleNamespace(state=state), problem=SimpleNamespace(walls=walls))
-    found = lean_of(cast(AdjustedBlock, adjusted), 0.03, None).covariance(cast(AdjustedBlock, adjusted))[0]
+    found = estimate_lean(cast(AdjustedBlock, adjusted), 0.03, None).covariance(cast(AdjustedBlock, adjusted))[0]
     sigma = 0.03 / (0.96 * 12 / 2)  # rad: the tolerance over half the height between the rims
     draws = []
     for lean in rng.normal(0, sigma, (4000, 2)):

@@ -10,7 +10,7 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block
 from facadelake.georeferencing.adjustment.evidence import ControlObservations
-from facadelake.georeferencing.passport import PassportPoint, model_fit, points_table, require_good
+from facadelake.georeferencing.passport import PassportPoint, build_points_table, compare_with_model, require_accuracy
 from schemas.vocabulary import ControlKind, PointKind
 from tests.unit.georeferencing.small_block import (
     SITE_FROM_SFM,
@@ -30,15 +30,15 @@ def test_a_placement_not_known_well_enough_is_refused() -> None:
         r"placed by gps, .* known to 0\.62 m up \(one sigma\), the limit is 0\.5 m .*placement_sigma_max_m\); do so"
     )
     with pytest.raises(GeoreferenceError, match=message):
-        require_good(
+        require_accuracy(
             control=ControlKind.GPS, sigma_m=np.array([0.1, 0.2, 0.62]), limit_m=0.5, held_out_m=np.zeros(0),
             remedy="do so",
         )  # fmt: skip
     with pytest.raises(GeoreferenceError, match=r"known to 0\.70 m east"):
-        require_good(
+        require_accuracy(
             control=ControlKind.MODEL, sigma_m=np.array([0.7, 0.1, 0.1]), limit_m=0.5, held_out_m=np.zeros(0), remedy=""
         )
-    require_good(control=ControlKind.GCP, sigma_m=GOOD, limit_m=0.5, held_out_m=np.zeros(0), remedy="")
+    require_accuracy(control=ControlKind.GCP, sigma_m=GOOD, limit_m=0.5, held_out_m=np.zeros(0), remedy="")
 
 
 def test_held_out_points_that_lie_elsewhere_are_refused() -> None:
@@ -46,9 +46,9 @@ def test_held_out_points_that_lie_elsewhere_are_refused() -> None:
     with pytest.raises(
         GeoreferenceError, match=r"lie 1\.70 m \(median\) .* the limit is 1\.5 m .* coordinates, CRS and"
     ):
-        require_good(control=ControlKind.GCP, sigma_m=GOOD, limit_m=0.5, held_out_m=far, remedy="")
+        require_accuracy(control=ControlKind.GCP, sigma_m=GOOD, limit_m=0.5, held_out_m=far, remedy="")
     one_bad = np.array([9.0, 0.02, 0.03])  # one wrong point is no reason: it is named in the table
-    require_good(control=ControlKind.GCP, sigma_m=GOOD, limit_m=0.5, held_out_m=one_bad, remedy="")
+    require_accuracy(control=ControlKind.GCP, sigma_m=GOOD, limit_m=0.5, held_out_m=one_bad, remedy="")
 
 
 def test_points_are_told_in_site_and_on_the_globe() -> None:
@@ -57,12 +57,12 @@ def test_points_are_told_in_site_and_on_the_globe() -> None:
         name="G1", kind=PointKind.HELD_OUT, xyz_site_m=np.array([3.0, 4.0, 5.0]),
         residual_site_m=np.array([0.01, -0.02, 0.03]), used=False,
     )  # fmt: skip
-    row = points_table([point], origin).to_pylist()[0]
+    row = build_points_table([point], origin).to_pylist()[0]
     geo = np.array([[row["lon_deg"], row["lat_deg"], row["height_ellipsoidal_m"]]])
     np.testing.assert_allclose(origin.site_from_geo(geo)[0], [3.0, 4.0, 5.0], rtol=0, atol=1e-5)  # m
     assert (row["residual_east_m"], row["residual_north_m"], row["residual_up_m"]) == (0.01, -0.02, 0.03)
     assert (row["point_kind"], row["point_used"]) == ("held_out", False)
-    assert points_table([], origin).num_rows == 0
+    assert build_points_table([], origin).num_rows == 0
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def bent(adjusted: AdjustedBlock, away_m: Callable[[np.ndarray], np.ndarray]) ->
 
 
 def test_a_block_that_is_not_bent_shows_no_doming(held: AdjustedBlock) -> None:
-    fit = model_fit(held, BoxSurface())
+    fit = compare_with_model(held, BoxSurface())
     assert fit is not None
     assert 0.001 < fit.residual_m < 0.02
     assert 1e-5 < fit.doming_sigma_m < 0.01
@@ -97,7 +97,7 @@ def test_a_block_that_is_not_bent_shows_no_doming(held: AdjustedBlock) -> None:
 @pytest.mark.parametrize("sagitta_m", [0.06, -0.06])
 def test_a_bent_block_shows_its_sagitta(held: AdjustedBlock, sagitta_m: float) -> None:
     """Every facade bulges like one sphere: ``sagitta_m`` over the half of the longest, 5 m."""
-    before, after = model_fit(held, BoxSurface()), model_fit(
+    before, after = compare_with_model(held, BoxSurface()), compare_with_model(
         bent(held, lambda u: sagitta_m * (u / 5.0) ** 2), BoxSurface()
     )  # fmt: skip
     assert before is not None and after is not None
@@ -106,11 +106,11 @@ def test_a_bent_block_shows_its_sagitta(held: AdjustedBlock, sagitta_m: float) -
 
 
 def test_a_wall_that_leans_or_stands_off_is_not_bent(held: AdjustedBlock) -> None:
-    after = model_fit(bent(held, lambda u: 0.1 + 0.01 * u), BoxSurface())
+    after = compare_with_model(bent(held, lambda u: 0.1 + 0.01 * u), BoxSurface())
     assert after is not None
     assert abs(after.doming_m) < 3.5 * after.doming_sigma_m + 0.004  # m
     assert 0.07 < after.residual_m < 0.14
 
 
 def test_a_model_of_another_place_says_nothing(held: AdjustedBlock) -> None:
-    assert model_fit(held, BoxSurface(half_m=(1.0, 1.0), ground=False)) is None
+    assert compare_with_model(held, BoxSurface(half_m=(1.0, 1.0), ground=False)) is None

@@ -15,8 +15,8 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
-from facadelake.georeferencing.model.lean import lean_of, upright
-from facadelake.georeferencing.model.plumb_lines import BUILT_SIGMA_RAD, Vertical, vertical_of
+from facadelake.georeferencing.model.lean import correct_lean, estimate_lean
+from facadelake.georeferencing.model.plumb_lines import BUILT_SIGMA_RAD, VerticalDirection, estimate_vertical
 
 CAMERA = Camera(width_px=1200, height_px=900, fx_px=1000, fy_px=1000, cx_px=610, cy_px=440, k1=-0.05)
 LOOKING_NORTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # site_from_cam: x east, y down, z north
@@ -70,7 +70,7 @@ def test_the_vertical_is_found_through_pitch_roll_and_distortion() -> None:
     rng = np.random.default_rng(3)
     up = np.array([np.radians(0.4), np.radians(-0.3), 1.0])
     views = cameras(8)
-    found = vertical_of(views, Drawn(images=[drawn(view, up, rng, built_deg=0.2) for view in views]))
+    found = estimate_vertical(views, Drawn(images=[drawn(view, up, rng, built_deg=0.2) for view in views]))
     assert found is not None
     off_deg = np.degrees(found.up_site[:2] / found.up_site[2]) - [0.4, -0.3]
     assert np.abs(off_deg).max() < 0.08  # deg: 0.2 deg each, some hundred lines
@@ -86,11 +86,11 @@ def test_photographs_without_upright_lines_or_that_cannot_be_read_are_passed_ove
     views = cameras(6)
     images = [drawn(view, up, rng, built_deg=0.1) for view in views]
     images[1], images[2] = None, np.full_like(images[0], 90)
-    found = vertical_of(views, Drawn(images=images))
+    found = estimate_vertical(views, Drawn(images=images))
     assert found is not None
     assert found.photographs == 4
     images[3] = None
-    assert vertical_of(views, Drawn(images=images)) is None  # three photographs are too few
+    assert estimate_vertical(views, Drawn(images=images)) is None  # three photographs are too few
 
 
 def _wall_block(lean_rad: Float64Array) -> tuple[AdjustedBlock, Float64Array]:
@@ -119,27 +119,29 @@ def test_a_block_that_leans_with_its_walls_is_set_upright_as_far_as_the_lines_kn
     adjusted, true = _wall_block(lean_rad)
     # In the leaning block's frame the vertical is the site's, turned back.
     up = Rotation.from_rotvec([*-lean_rad, 0.0]).as_matrix() @ np.array([0.0, 0.0, 1.0])
-    sure = lean_of(adjusted, 0.10, Vertical(up_site=up, sigma_rad=1e-6, lines=900, photographs=9))
+    sure = estimate_lean(adjusted, 0.10, VerticalDirection(up_site=up, sigma_rad=1e-6, lines=900, photographs=9))
     np.testing.assert_allclose(sure.turn_rad, lean_rad, rtol=0, atol=1e-5)  # rad
     state = adjusted.solution.state
     np.testing.assert_allclose(
         (state.centre_site_m - sure.pivot_site_m) @ sure.rotation.T + sure.pivot_site_m, true, rtol=0, atol=5e-4
     )  # m
     np.testing.assert_allclose(sure.rotation @ state.site_from_cam[0], LOOKING_NORTH, rtol=0, atol=2e-5)
-    unsure = lean_of(adjusted, 0.03, Vertical(up_site=up, sigma_rad=0.03 / 5.76, lines=900, photographs=9))
+    unsure = estimate_lean(
+        adjusted, 0.03, VerticalDirection(up_site=up, sigma_rad=0.03 / 5.76, lines=900, photographs=9)
+    )
     np.testing.assert_allclose(unsure.turn_rad, lean_rad / 2, rtol=0, atol=2e-5)  # rad: both words weigh the same
     assert unsure.sigma_rad == pytest.approx(0.03 / 5.76 / np.sqrt(2), rel=0.02)
 
 
 def test_nothing_within_the_block_changes() -> None:
     adjusted, _ = _wall_block(np.radians([0.4, 0.1]))
-    lean = lean_of(
-        adjusted, 0.03, Vertical(up_site=np.array([0.003, 0.004, 1.0]), sigma_rad=1e-3, lines=9, photographs=9)
+    lean = estimate_lean(
+        adjusted, 0.03, VerticalDirection(up_site=np.array([0.003, 0.004, 1.0]), sigma_rad=1e-3, lines=9, photographs=9)
     )
 
     @dataclass(frozen=True)
     class Frozen:
-        """The fields that ``upright`` replaces."""
+        """The fields that ``correct_lean`` replaces."""
 
         node_m: Float64Array
         centre_site_m: Float64Array
@@ -154,7 +156,7 @@ def test_nothing_within_the_block_changes() -> None:
         solution: Held
 
     before = Frozen(**vars(adjusted.solution.state))
-    after = upright(cast(AdjustedBlock, Block(solution=Held(state=before))), lean).solution.state
+    after = correct_lean(cast(AdjustedBlock, Block(solution=Held(state=before))), lean).solution.state
     for old, new in zip(before.site_from_cam, after.site_from_cam, strict=True):
         seen = [
             (points - state.centre_site_m[0]) @ rotation

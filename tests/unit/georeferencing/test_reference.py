@@ -8,8 +8,13 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.georeferencing.campaign.reference import ReferencePoints, choose_spread, read_reference, reference_of
-from facadelake.georeferencing.triangulation import View, intersect
+from facadelake.georeferencing.campaign.reference import (
+    ReferencePoints,
+    build_reference,
+    choose_spread_points,
+    read_reference,
+)
+from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from facadelake.sfm.tie_point_covariance import (
     compute_tie_point_covariance,
     describe_tie_point_views,
@@ -40,7 +45,7 @@ def reference(of: Campaign, *, most: int = 1000, spoil: slice | None = None) -> 
     covariance = compute_tie_point_covariance(of.reconstruction, of.cameras, xyz, sigma_px=NOISE_PX)
     if spoil is not None:
         xyz[spoil] = np.nan
-    return reference_of(
+    return build_reference(
         of.reconstruction,
         of.descriptors,
         cameras=of.cameras,
@@ -80,8 +85,8 @@ def test_a_smaller_reference_is_spread_over_the_building(placed: Campaign) -> No
 
 def test_of_a_cell_the_worthiest_point_is_chosen() -> None:
     xyz = np.array([[0.1, 0.1, 0.1], [0.2, 0.1, 0.1], [0.3, 0.1, 0.1], [5.0, 5.0, 5.0]])
-    assert choose_spread(xyz, np.array([1.0, 3.0, 2.0, 0.1]), most=2).tolist() == [1, 3]
-    assert choose_spread(xyz, np.array([1.0, 3.0, 2.0, 0.1]), most=3).tolist() == [1, 2, 3]
+    assert choose_spread_points(xyz, np.array([1.0, 3.0, 2.0, 0.1]), most=2).tolist() == [1, 3]
+    assert choose_spread_points(xyz, np.array([1.0, 3.0, 2.0, 0.1]), most=3).tolist() == [1, 2, 3]
 
 
 def test_a_campaign_of_loose_points_cannot_be_a_reference(placed: Campaign) -> None:
@@ -102,7 +107,7 @@ def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
     poses = [placed.cameras[i].site_from_cam for i in photos]
     for _ in range(80):
         views = [
-            View(
+            ImageRay(
                 camera=CAMERA,
                 world_from_cam=pose,
                 xy_img=CAMERA.project(pose.invert().apply(placed.xyz_true_m[row][None]))[0]
@@ -110,7 +115,7 @@ def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
             )
             for pose in poses
         ]
-        point = intersect(views)
+        point = intersect_rays(views)
         assert point is not None
         found.append(point.xyz_world)
     scatter = np.linalg.eigvalsh(np.cov(np.array(found).T))

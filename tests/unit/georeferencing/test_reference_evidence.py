@@ -7,11 +7,11 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError
 from facadelake.georeferencing.campaign.consistency import (
-    agreeing_when_bent,
-    chi_square,
-    misfit,
-    shared_places,
-    without_bending,
+    compute_chi_square,
+    compute_misfit,
+    count_shared_cells,
+    extend_agreement_by_bending,
+    remove_bending,
 )
 from facadelake.georeferencing.campaign.matching import match_reference
 from tests.unit.georeferencing.test_reference_matching import reference
@@ -82,12 +82,12 @@ def test_bending_is_taken_out_and_scatter_is_left() -> None:
     bending = 0.002 * (xyz[:, :1] - 3) * (xyz[:, 2:] + 1) * [1, 2, 3]
     wrong = rng.random(3000) < 0.05
     residual = scatter + bending + np.where(wrong[:, None], 0.2, 0.0)
-    left = without_bending(xyz, residual, covariance)
+    left = remove_bending(xyz, residual, covariance)
     np.testing.assert_allclose(left[~wrong], scatter[~wrong], rtol=0, atol=0.004)  # m
-    assert 0.95 < misfit(chi_square(left[~wrong], covariance[~wrong])) < 1.05
-    assert misfit(chi_square(residual, covariance)) > 3
+    assert 0.95 < compute_misfit(compute_chi_square(left[~wrong], covariance[~wrong])) < 1.05
+    assert compute_misfit(compute_chi_square(residual, covariance)) > 3
     few = xyz[:, 0] < 4  # 4 x 9 m: too small a part to tell a bending from what single windows are off by
-    np.testing.assert_array_equal(without_bending(xyz[few], residual[few], covariance[few]), residual[few])
+    np.testing.assert_array_equal(remove_bending(xyz[few], residual[few], covariance[few]), residual[few])
 
 
 def test_a_stretched_block_keeps_its_right_pairs() -> None:
@@ -100,7 +100,7 @@ def test_a_stretched_block_keeps_its_right_pairs() -> None:
     tolerance = np.full(2000, 0.12)
     joined = np.linalg.norm(residual, axis=1) < tolerance
     assert joined[~wrong].mean() < 0.6
-    found = agreeing_when_bent(xyz, residual, joined, tolerance)
+    found = extend_agreement_by_bending(xyz, residual, joined, tolerance)
     assert found[~wrong].mean() > 0.99
     assert found[wrong].mean() < 0.01
 
@@ -108,5 +108,5 @@ def test_a_stretched_block_keeps_its_right_pairs() -> None:
 def test_places_are_counted_where_both_campaigns_have_points() -> None:
     place = np.column_stack([np.arange(6), np.zeros(6), np.zeros(6)]) + 0.5
     earlier, later = np.repeat(place[:4], 3, axis=0), np.repeat(place[1:], 3, axis=0)
-    assert shared_places(later, earlier, place[[1, 5]]) == (1, 3)
-    assert shared_places(later[::3], earlier, place) == (0, 0)  # one point does not make a place
+    assert count_shared_cells(later, earlier, place[[1, 5]]) == (1, 3)
+    assert count_shared_cells(later[::3], earlier, place) == (0, 0)  # one point does not make a place

@@ -9,7 +9,7 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
-from facadelake.georeferencing.campaign.reference import ReferencePoints, reference_of
+from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference
 from facadelake.sfm.tie_point_covariance import compute_tie_point_covariance
 from tests.unit.georeferencing.two_campaigns import (
     NOISE_PX,
@@ -28,7 +28,7 @@ POINTS = 1000
 def reference(of: Campaign) -> ReferencePoints:
     """The reference that truth's placement of a campaign leaves."""
     xyz = of.site_from_sfm.apply(of.reconstruction.xyz_sfm)
-    return reference_of(
+    return build_reference(
         of.reconstruction,
         of.descriptors,
         cameras=of.cameras,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from facadelake.georeferencing.campaign import descriptor_matching as descriptor_pairs
-from facadelake.georeferencing.campaign.descriptor_matching import mutual_pairs
-from facadelake.georeferencing.campaign.similarity_search import shared_similarity
+from facadelake.georeferencing.campaign.descriptor_matching import match_descriptors
+from facadelake.georeferencing.campaign.similarity_search import search_similarity
 from tests.unit.georeferencing.two_campaigns import a_similarity, another_day, faces, random_descriptors
 
 
@@ -22,7 +22,7 @@ def test_mutual_pairs_are_those_of_brute_force(monkeypatch: pytest.MonkeyPatch) 
     mutual = distance.argmin(axis=0)[nearest] == np.arange(300)
     ratio = sorted_[:, 0] / sorted_[:, 1]
     expected = {(i, int(nearest[i])): ratio[i] for i in np.flatnonzero(mutual & (ratio <= 0.9))}
-    found = mutual_pairs(a, b, largest_ratio=0.9)
+    found = match_descriptors(a, b, largest_ratio=0.9)
     assert dict.fromkeys(zip(found.a.tolist(), found.b.tolist(), strict=True)).keys() == expected.keys()
     assert 150 < len(found) <= 180
     said = [expected[pair] for pair in zip(found.a.tolist(), found.b.tolist(), strict=True)]
@@ -33,9 +33,9 @@ def test_mutual_pairs_are_those_of_brute_force(monkeypatch: pytest.MonkeyPatch) 
 def test_what_looks_alike_twice_is_no_pair() -> None:
     rng = np.random.default_rng(2)
     a = random_descriptors(50, rng)
-    assert len(mutual_pairs(a, np.concatenate([a, a[:20]]), largest_ratio=0.9)) == 30
-    assert len(mutual_pairs(a, a[:1], largest_ratio=0.9)) == 0  # nothing to compare the nearest with
-    assert len(mutual_pairs(a[:0], a, largest_ratio=0.9)) == 0
+    assert len(match_descriptors(a, np.concatenate([a, a[:20]]), largest_ratio=0.9)) == 30
+    assert len(match_descriptors(a, a[:1], largest_ratio=0.9)) == 0  # nothing to compare the nearest with
+    assert len(match_descriptors(a[:0], a, largest_ratio=0.9)) == 0
 
 
 @pytest.mark.parametrize("share", [0.6, 0.1])
@@ -44,7 +44,7 @@ def test_the_shared_similarity_is_found_among_wrong_pairs(share: float) -> None:
     target, truth = faces(3000, rng), a_similarity(4)
     right = rng.random(3000) < share
     source = truth.invert().apply(np.where(right[:, None], target + rng.normal(0, 0.01, (3000, 3)), faces(3000, rng)))
-    found = shared_similarity(source, target, np.full(3000, 0.10))
+    found = search_similarity(source, target, np.full(3000, 0.10))
     assert found is not None
     assert found.agrees[right].mean() > 0.99
     assert found.agrees[~right].mean() < 0.01
@@ -54,10 +54,10 @@ def test_the_shared_similarity_is_found_among_wrong_pairs(share: float) -> None:
 
 def test_pairs_without_a_common_similarity_give_none_or_a_handful() -> None:
     rng = np.random.default_rng(5)
-    found = shared_similarity(faces(500, rng), faces(500, rng)[rng.permutation(500)], np.full(500, 0.10))
+    found = search_similarity(faces(500, rng), faces(500, rng)[rng.permutation(500)], np.full(500, 0.10))
     assert found is None or found.agrees.sum() < 15
 
 
 def test_points_on_a_line_fix_no_similarity() -> None:
     line = np.linspace(0, 20, 200)[:, None] * np.array([1.0, 0.2, 0.1])
-    assert shared_similarity(line, line, np.full(200, 0.05)) is None
+    assert search_similarity(line, line, np.full(200, 0.05)) is None
