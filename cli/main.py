@@ -143,9 +143,9 @@ def regrade(
     portfolio.
     """
     from cli.terminal.listings import show_regrading
-    from facadelake.campaigns import preview_grades, registered_rules, regrade_campaigns
+    from facadelake.campaigns import find_registered_rules, preview_grades, regrade_campaigns
 
-    registered = registered_rules(portfolio, building)
+    registered = find_registered_rules(portfolio, building)
     if dry_run:
         show_regrading(console, preview_grades(lake, building, campaign, rules), [], registered)
     else:

@@ -154,11 +154,11 @@ def pictures(
     photographs, the distribution. Running it again overwrites the files.
     """
     from cli.terminal.drawing import draw_in_terminal, get_default_folder
-    from facadelake.campaigns import resolved_campaign
+    from facadelake.campaigns import resolve_campaign
     from facadelake.reporting import draw_pictures
 
     registered = read_portfolio_at(portfolio).get_building(building)
-    chosen = resolved_campaign(registered, campaign)
+    chosen = resolve_campaign(registered, campaign)
     draw_in_terminal(
         console,
         lambda: draw_pictures(

@@ -48,13 +48,13 @@ def export_task(
     Everything in an exported photograph counts as reviewed when the task is imported: export what will be reviewed.
     """
     from cli.terminal.reviews import show_task
-    from facadelake.campaigns import resolved_campaign
+    from facadelake.campaigns import resolve_campaign
     from facadelake.reviews import export_task as write
 
     registered = read_portfolio_at(portfolio).get_building(building)
     task, files = write(
         registered,
-        resolved_campaign(registered, campaign),
+        resolve_campaign(registered, campaign),
         folder,
         lake=lake,
         photographs=tuple(photo or ()),
@@ -83,11 +83,11 @@ def import_reviews(
     Running it again adds nothing. Defects and published files are not changed.
     """
     from cli.terminal.reviews import show_import
-    from facadelake.campaigns import resolved_campaign
+    from facadelake.campaigns import resolve_campaign
     from facadelake.reviews import import_reviews as add
 
     registered = read_portfolio_at(portfolio).get_building(building)
-    chosen = resolved_campaign(registered, campaign)
+    chosen = resolve_campaign(registered, campaign)
     show_import(console, add(registered, chosen, file, lake=lake, reviewer=reviewer, task=task))
 
 

@@ -10,7 +10,7 @@ from uuid import uuid4
 
 from prefect import flow
 
-from facadelake.campaigns import AUTO, LATEST, plan_inspection, regrading_replaced
+from facadelake.campaigns import AUTO, LATEST, describe_replaced_regrading, plan_inspection
 from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import FacadelakeError
 from facadelake.registry import CocoDetectorSetting, read_portfolio
@@ -123,7 +123,7 @@ def inspect_building(
     )
     checks = validate_tables(job, results)
     committed = commit(job, results, checks)
-    warnings += [regrading_replaced(building, campaign, rules) for rules in committed.regraded_before]
+    warnings += [describe_replaced_regrading(building, campaign, rules) for rules in committed.regraded_before]
     pictures: StageResult | None = None
     try:
         pictures = draw(job, results, checks)

@@ -10,7 +10,7 @@ from facadelake.building import read_building
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.core.tables import read_table, write_table
 from facadelake.deduplication import PhotographSource, merge_observations, resolve_merge_settings
-from facadelake.severity import grade, rule_file
+from facadelake.severity import find_rule_file, grade_defects
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -28,7 +28,7 @@ def merge_duplicates(
 
     Doubtful pairs are compared in the photographs, whose hashes table ``photos`` has.
     """
-    rules = rule_file(job.building.severity_rules)
+    rules = find_rule_file(job.building.severity_rules)
 
     def make(folder: Path) -> Counts:
         passport = read_table("georeference", placed.folder).to_pylist()[0]
@@ -46,7 +46,7 @@ def merge_duplicates(
         )
         write_table("observations", merged.observations, folder)
         write_table("merges", merged.merges, folder)
-        write_table("defects", grade(merged.defects, rules), folder)
+        write_table("defects", grade_defects(merged.defects, rules), folder)
         return {"defects": len(merged.defects), "decisions": len(merged.merges)}
 
     inputs = {"rules": rules.stem, "prefix": [job.building.id, job.campaign_id]}

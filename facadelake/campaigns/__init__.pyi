@@ -1,11 +1,11 @@
-from .committed import committed_model as committed_model
-from .committed import committed_tables as committed_tables
+from .committed import read_committed_model as read_committed_model
+from .committed import read_committed_tables as read_committed_tables
 from .preflight import AUTO as AUTO
 from .preflight import LATEST as LATEST
 from .preflight import plan_inspection as plan_inspection
-from .preflight import resolved_campaign as resolved_campaign
+from .preflight import resolve_campaign as resolve_campaign
 from .registration import register_on_committed_poses as register_on_committed_poses
+from .regrading import describe_replaced_regrading as describe_replaced_regrading
+from .regrading import find_registered_rules as find_registered_rules
 from .regrading import preview_grades as preview_grades
-from .regrading import registered_rules as registered_rules
 from .regrading import regrade_campaigns as regrade_campaigns
-from .regrading import regrading_replaced as regrading_replaced

@@ -23,7 +23,9 @@ log = logging.getLogger("facadelake.flows")
 _SAME_PLACE_M = 0.001
 
 
-def committed_tables(building: Building, campaign_id: str, names: Sequence[str], *, lake: Path) -> dict[str, pa.Table]:
+def read_committed_tables(
+    building: Building, campaign_id: str, names: Sequence[str], *, lake: Path
+) -> dict[str, pa.Table]:
     """The campaign's rows of table ``buildings`` and of those in ``names``, all of one version.
 
     Raises StoreError where the lake does not hold the campaign.
@@ -40,7 +42,7 @@ def committed_tables(building: Building, campaign_id: str, names: Sequence[str],
     return tables
 
 
-def committed_model(building: Building, campaign_id: str, committed: Mapping[str, Any]) -> BuildingModel:
+def read_committed_model(building: Building, campaign_id: str, committed: Mapping[str, Any]) -> BuildingModel:
     """The registry's model, which must stand where it stood in ``committed``, the campaign's row of table buildings.
 
     Raises InputDataError where it does not, or where the building has no model.

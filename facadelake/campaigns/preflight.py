@@ -9,14 +9,14 @@ from facadelake.core.errors import InputDataError
 from facadelake.detection import load_configured_detector, resolve_default_model
 from facadelake.georeferencing.imported import list_pose_files
 from facadelake.registry import Building, CocoDetectorSetting
-from facadelake.severity import rule_file
+from facadelake.severity import find_rule_file
 from schemas.vocabulary import ControlKind, SurfaceKind
 
 LATEST = "latest"
 AUTO = "auto"
 
 
-def resolved_campaign(building: Building, campaign_id: str) -> str:
+def resolve_campaign(building: Building, campaign_id: str) -> str:
     """The campaign itself, or the building's newest for 'latest'. Raises InputDataError where there is none."""
     if campaign_id != LATEST:
         return campaign_id
@@ -28,7 +28,7 @@ def resolved_campaign(building: Building, campaign_id: str) -> str:
     return known[-1]
 
 
-def chosen_poses(building: Building, campaign_id: str, georeference: str, poses: str | None) -> Path | None:
+def choose_poses(building: Building, campaign_id: str, georeference: str, poses: str | None) -> Path | None:
     """The poses to import: those asked for, else the registry's unless a control is named; None: to be found anew.
 
     Raises InputDataError where poses are named and not there, or asked for together with a control.
@@ -55,7 +55,7 @@ def check_control(building: Building, campaign_id: str, georeference: str, poses
             f"building '{building.id}' has no model (model: as-built), so --georeference model has nothing to hold to; "
             "use gcp, campaign or gps, or give the registry a model"
         )
-    if chosen_poses(building, campaign_id, georeference, poses) is not None:
+    if choose_poses(building, campaign_id, georeference, poses) is not None:
         raise InputDataError(
             f"building '{building.id}' has no model (model: as-built): its surface is made of tie points, which "
             "imported poses do not bring; let the poses be found (--georeference gcp, campaign or gps), or give the "
@@ -72,7 +72,7 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
         building.locate_model()
         building.locate_offset_file()
     building.locate_photographs(campaign_id)
-    rule_file(building.severity_rules)
+    find_rule_file(building.severity_rules)
     if isinstance(building.detector, CocoDetectorSetting):
         building.locate_detections(campaign_id, detections)
     elif detections is not None:
@@ -116,13 +116,13 @@ def plan_inspection(
 
     Raises InputDataError for what is missing or contradicts itself, ModelError for a detector that cannot be used.
     """
-    campaign = resolved_campaign(building, campaign_id)
+    campaign = resolve_campaign(building, campaign_id)
     warnings = check_files(building, campaign, detections)
     check_control(building, campaign, georeference, poses)
     return PlannedInspection(
         building=resolve_default_model(building),
         campaign_id=campaign,
         control=None if georeference == AUTO else ControlKind(georeference),
-        poses=chosen_poses(building, campaign, georeference, poses),
+        poses=choose_poses(building, campaign, georeference, poses),
         warnings=warnings,
     )

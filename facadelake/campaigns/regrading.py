@@ -8,10 +8,10 @@ from pathlib import Path
 from facadelake.lake import Regrading, preview, regrade, versions
 from facadelake.publish import publish_regraded
 from facadelake.registry import Building, read_portfolio
-from facadelake.severity import rule_file
+from facadelake.severity import find_rule_file
 
 
-def registered_rules(portfolio: Path, building_id: str) -> str | None:
+def find_registered_rules(portfolio: Path, building_id: str) -> str | None:
     """The rule pack that the registry names for a building, None where it does not know the building."""
     if not portfolio.exists():
         return None
@@ -19,7 +19,7 @@ def registered_rules(portfolio: Path, building_id: str) -> str | None:
     return known.get(building_id)
 
 
-def regrading_replaced(building: Building, campaign_id: str, rules: str) -> str:
+def describe_replaced_regrading(building: Building, campaign_id: str, rules: str) -> str:
     """What to tell of a regrading that a new inspection has replaced by the registry's grades."""
     return (
         f"the earlier version was regraded by {rules}, this one is graded by the registry's {building.severity_rules}; "
@@ -29,7 +29,7 @@ def regrading_replaced(building: Building, campaign_id: str, rules: str) -> str:
 
 def preview_grades(lake: Path, building_id: str, campaign_id: str | None, rules: str) -> Regrading:
     """What ``regrade_campaigns`` would change; nothing is written."""
-    return preview(lake, building_id=building_id, campaign_id=campaign_id, rule_file=rule_file(rules))
+    return preview(lake, building_id=building_id, campaign_id=campaign_id, rule_file=find_rule_file(rules))
 
 
 def regrade_campaigns(
@@ -40,7 +40,7 @@ def regrade_campaigns(
     A regrading whose publishing was cut off is published by the next call. Raises FacadelakeError where the pack or the
     campaign is unknown, or the lake cannot be written.
     """
-    done = regrade(lake, building_id=building_id, campaign_id=campaign_id, rule_file=rule_file(rules))
+    done = regrade(lake, building_id=building_id, campaign_id=campaign_id, rule_file=find_rule_file(rules))
     newest = {
         row["campaign_id"]: row
         for row in versions(lake).to_pylist()

@@ -21,7 +21,7 @@ from facadelake.lake.connect import LOCK_TIMEOUT_S
 from facadelake.lake.migrate import open_to_write
 from facadelake.lake.read import read_table
 from facadelake.lake.transaction import last_version, version_of_lake
-from facadelake.severity import BY_RULES, GRADES, grade
+from facadelake.severity import BY_RULES, GRADES, grade_defects
 
 logger = logging.getLogger(__name__)
 
@@ -107,7 +107,7 @@ def _judged(lake: Path, building_id: str, campaign_id: str | None, rule_file: Pa
     graded = []
     for campaign in defects.column("campaign_id").unique().to_pylist():  # a rule may compare defects of a campaign
         ours = pc.equal(defects.column("campaign_id"), campaign)
-        new = grade(defects.filter(ours), rule_file).select(["campaign_id", "defect_id", *GRADES])
+        new = grade_defects(defects.filter(ours), rule_file).select(["campaign_id", "defect_id", *GRADES])
         old = defects.filter(ours).select(GRADES[:2]).rename_columns(["severity_before", "rule_before"])
         both = pa.Table.from_arrays([*new.columns, *old.columns], names=[*new.column_names, *old.column_names])
         graded.append(both.filter(pc.invert(persons.filter(ours))))

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
 
 from facadelake.building.surface import Surface
-from facadelake.campaigns import committed_model, committed_tables
+from facadelake.campaigns import read_committed_model, read_committed_tables
 from facadelake.core.errors import InputDataError
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import get_stage_schema
@@ -189,13 +189,13 @@ def draw_pictures(
 
 
 def _inspection(building: Building, campaign_id: str, lake: Path) -> Inspection:
-    held = committed_tables(building, campaign_id, _TABLES, lake=lake)
+    held = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
     tables = {name: held[name].select(get_stage_schema(name).names) for name in _TABLES}
     return Inspection(
         building_name=building.name,
         campaign_id=campaign_id,
         photographs_root=building.locate_photographs(campaign_id),
-        building=committed_model(building, campaign_id, held["buildings"].to_pylist()[0]),
+        building=read_committed_model(building, campaign_id, held["buildings"].to_pylist()[0]),
         posed=read_posed_cameras(tables["poses"]),
         placement_sigma_max_m=building.tolerances.placement_sigma_max_m,
         **tables,

@@ -17,7 +17,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from facadelake.building.surface import Surface, ViewImages, render_view_images, render_virtual_photograph
-from facadelake.campaigns import committed_model, committed_tables, resolved_campaign
+from facadelake.campaigns import read_committed_model, read_committed_tables, resolve_campaign
 from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
@@ -174,8 +174,8 @@ def view_photograph(
     ``view_<photo>.png`` here; without ``scale`` panels are 1000 pixels wide. Raises InputDataError where the photograph
     has no pose or is not known, StoreError where the lake does not hold the campaign.
     """
-    campaign = resolved_campaign(building, campaign_id)
-    tables = committed_tables(building, campaign, ["poses"], lake=lake)
+    campaign = resolve_campaign(building, campaign_id)
+    tables = read_committed_tables(building, campaign, ["poses"], lake=lake)
     photo_id = _one_of([row["photo_id"] for row in tables["poses"].to_pylist()], photo, building.id, campaign)
     row = next(row for row in tables["poses"].to_pylist() if row["photo_id"] == photo_id)
     posed = read_posed_cameras(tables["poses"]).get(photo_id)
@@ -184,7 +184,7 @@ def view_photograph(
             f"{photo_id} has no measured pose in {building.id} {campaign} ({row['reason'] or row['pose_source']}), "
             "so there is no view of the model to show; choose another photograph"
         )
-    model = committed_model(building, campaign, tables["buildings"].to_pylist()[0])
+    model = read_committed_model(building, campaign, tables["buildings"].to_pylist()[0])
     surface = Surface(model)
     scale = scale if scale is not None else min(1.0, _USUAL_WIDTH_PX / posed.camera.width_px)
     with report_progress("Casting rays and rendering"):

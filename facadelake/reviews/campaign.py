@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from facadelake.campaigns import committed_tables
+from facadelake.campaigns import read_committed_tables
 from facadelake.core.errors import InputDataError
 from facadelake.detection import build_crosswalk
 from facadelake.lake import Added, append_reviews, read_table
@@ -53,7 +53,7 @@ class ReviewImport:
 
 def read_reviewed_campaign(building: Building, campaign_id: str, *, lake: Path) -> ReviewedCampaign:
     """The campaign and what holds of its detections. Raises StoreError where the lake does not have it."""
-    tables = committed_tables(building, campaign_id, _TABLES, lake=lake)
+    tables = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
     seen_as = tables["observations"].select(["detection_id", "defect_id"]).to_pylist()
     judgement = match_reviews(reviews_from_table(tables["reviews"]), select_accepted_detections(tables["detections"]))
     return ReviewedCampaign(

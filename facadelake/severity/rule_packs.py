@@ -24,21 +24,21 @@ _SEVERITIES = re.compile(r"^-- severities: (.+)$", re.MULTILINE)
 _NAME = re.compile(r"[a-z][a-z0-9_]*_v[0-9]+")
 
 
-def rule_packs(folder: Path = RULES) -> tuple[str, ...]:
+def list_rule_packs(folder: Path = RULES) -> tuple[str, ...]:
     """The names of the rule packs that there are, in order."""
     return tuple(sorted(found.stem for found in folder.glob("*_v*.sql")))
 
 
-def rule_file(name: str, folder: Path = RULES) -> Path:
+def find_rule_file(name: str, folder: Path = RULES) -> Path:
     """The file of rule pack ``name`` such as ``extent_v1``. Raises InputDataError, naming those there are."""
     path = folder / f"{name}.sql"
     if not _NAME.fullmatch(name) or not path.is_file():
-        there = ", ".join(rule_packs(folder)) or "none"
+        there = ", ".join(list_rule_packs(folder)) or "none"
         raise InputDataError(f"there is no severity rule pack {name} in {folder}; there are {there}")
     return path
 
 
-def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
+def grade_defects(defects: pa.Table, rule_file: Path) -> pa.Table:
     """The defects with ``severity``, ``severity_rule`` (the file's name) and ``graded_by`` filled by the rule pack.
 
     These columns may be absent or hold anything before, which the rule does not see; the others keep their order.
@@ -49,7 +49,7 @@ def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
         rule = rule_file.read_text("utf-8")
     except OSError as error:
         raise InputDataError(f"the severity rule {rule_file} cannot be read: {error}") from error
-    words = _words_of(rule, rule_file.name)
+    words = _parse_severities(rule, rule_file.name)
     given = defects.drop_columns([name for name in GRADES if name in defects.column_names])
     with closing(open_duckdb()) as connection:
         require_plain_select(connection, rule, frozenset({"defects"}))
@@ -61,22 +61,22 @@ def grade(defects: pa.Table, rule_file: Path) -> pa.Table:
             ).to_arrow_table()
         except SqlError as error:
             raise InputDataError(f"the severity rule {rule_file.name} cannot be run: {error}") from error
-    return _filled(defects, graded, rule_file.stem, words)
+    return _fill_grades(defects, graded, rule_file.stem, words)
 
 
 def severities(rule_file: Path) -> tuple[str, ...]:
     """The words of a rule pack, worst first. Raises InputDataError where its header does not list them."""
-    return tuple(_words_of(rule_file.read_text("utf-8"), rule_file.name))
+    return tuple(_parse_severities(rule_file.read_text("utf-8"), rule_file.name))
 
 
-def _words_of(rule: str, name: str) -> list[str]:
+def _parse_severities(rule: str, name: str) -> list[str]:
     found = _SEVERITIES.search(rule)
     if found is None:
         raise InputDataError(f"the severity rule {name} does not say '-- severities: worst, ..., least'; add that line")
     return [word.strip() for word in found[1].split(",")]
 
 
-def _filled(defects: pa.Table, graded: pa.Table, rule: str, words: list[str]) -> pa.Table:
+def _fill_grades(defects: pa.Table, graded: pa.Table, rule: str, words: list[str]) -> pa.Table:
     ids = graded.column("defect_id").to_pylist()
     words_of = dict(zip(ids, graded.column("severity").to_pylist(), strict=True))
     wanted = defects.column("defect_id").to_pylist()

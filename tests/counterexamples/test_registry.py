@@ -8,7 +8,7 @@ import pytest
 
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.registry import Building, read_portfolio
-from facadelake.severity.rule_packs import rule_file
+from facadelake.severity.rule_packs import find_rule_file
 from tests.counterexamples.command_line import facadelake
 
 GOOD = """
@@ -177,7 +177,7 @@ def test_detections_that_are_not_there(tmp_path: Path) -> None:
 def test_an_unknown_severity_rule_pack(tmp_path: Path) -> None:
     building = hall(tmp_path, GOOD + "    severity_rules: extent_v9\n")
     with pytest.raises(InputDataError) as raised:
-        rule_file(building.severity_rules)
+        find_rule_file(building.severity_rules)
     folder = Path(__file__).resolve().parents[2] / "data" / "severity"
     assert str(raised.value) == (
         f"there is no severity rule pack extent_v9 in {folder}; there are bre251_v1, concrete_03_v1, extent_v1, "

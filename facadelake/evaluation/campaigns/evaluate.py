@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.building import read_registered_model
-from facadelake.campaigns import committed_tables, register_on_committed_poses
+from facadelake.campaigns import read_committed_tables, register_on_committed_poses
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.detection.coco import import_coco
@@ -38,7 +38,7 @@ def compare_campaign(
     Raises StoreError where the lake does not hold the campaign, InputDataError where the truth is not usable.
     """
     names = ("photos", "poses", "georeference", "detections", "observations", "defects")
-    tables = committed_tables(building, campaign_id, names, lake=lake)
+    tables = read_committed_tables(building, campaign_id, names, lake=lake)
     place = tables["buildings"].to_pylist()[0]
     origin = SiteOrigin(
         lon_deg=place["origin_lon_deg"],

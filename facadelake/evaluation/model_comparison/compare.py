@@ -14,7 +14,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from facadelake.building import BuildingModel
-from facadelake.campaigns import committed_model, committed_tables, register_on_committed_poses
+from facadelake.campaigns import read_committed_model, read_committed_tables, register_on_committed_poses
 from facadelake.core.cache import open_stage_cache
 from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import FacadelakeError, InputDataError
@@ -109,7 +109,7 @@ class _CampaignResult:
 def _compare_on_campaign(
     building: Building, campaign_id: str, models: Sequence[OnnxDetector], lake: Path, sample: int | None
 ) -> _CampaignResult:
-    tables = committed_tables(building, campaign_id, _TABLES, lake=lake)
+    tables = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
     root = building.locate_photographs(campaign_id)
     reviews = reviews_from_table(tables["reviews"])
     chosen, total = _select_photographs(tables["photos"], {word.photo_id for word in reviews}, sample)
@@ -169,7 +169,7 @@ def _read_committed_model(
 ) -> tuple[BuildingModel | None, str]:
     """The building's model as it stood, else why there is none: then boxes are compared in photographs alone."""
     try:
-        return committed_model(building, campaign_id, tables["buildings"].to_pylist()[0]), ""
+        return read_committed_model(building, campaign_id, tables["buildings"].to_pylist()[0]), ""
     except FacadelakeError as error:
         _log.warning("%s %s is compared in photographs alone: %s", building.id, campaign_id, error)
         return None, str(error)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.campaigns.preflight import chosen_poses
+from facadelake.campaigns.preflight import choose_poses
 from facadelake.core.errors import InputDataError
 from facadelake.registry import Building, read_portfolio
 
@@ -31,18 +31,18 @@ def hall(tmp_path: Path) -> Building:
 
 def test_the_registrys_unless_a_control_is_named(hall: Building, tmp_path: Path) -> None:
     own = tmp_path / "2026-04" / "poses.csv"
-    assert chosen_poses(hall, "2026-04", "auto", None) == own
-    assert chosen_poses(hall, "2026-04", "gcp", None) is None
+    assert choose_poses(hall, "2026-04", "auto", None) == own
+    assert choose_poses(hall, "2026-04", "gcp", None) is None
     other = tmp_path / "other.csv"
     other.write_text("image\n")
-    assert chosen_poses(hall, "2026-04", "auto", str(other)) == other
+    assert choose_poses(hall, "2026-04", "auto", str(other)) == other
 
 
 def test_poses_that_are_not_there_or_contradict(hall: Building, tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"2026-10/poses\.csv.*do not exist.*--georeference"):
-        chosen_poses(hall, "2026-10", "auto", None)
+        choose_poses(hall, "2026-10", "auto", None)
     with pytest.raises(InputDataError, match="contradict"):
-        chosen_poses(hall, "2026-04", "gcp", "other.csv")
+        choose_poses(hall, "2026-04", "gcp", "other.csv")
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputDataError, match="no poses at"):
-        chosen_poses(hall, "2026-04", "auto", str(tmp_path / "empty"))
+        choose_poses(hall, "2026-04", "auto", str(tmp_path / "empty"))

@@ -13,11 +13,11 @@ from facadelake.lake.connect import writing
 from facadelake.lake.questions import ask
 from facadelake.lake.read import read_table, read_tables, versions
 from facadelake.lake.regrading import Regrading, Step, preview, regrade
-from facadelake.severity.rule_packs import rule_file
+from facadelake.severity.rule_packs import find_rule_file
 from schemas.tables import TABLES
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit
 
-FISP = rule_file("nyc_fisp_v1")
+FISP = find_rule_file("nyc_fisp_v1")
 EVERY = {"building_id": BUILDING, "campaign_id": None, "rule_file": FISP}
 
 
@@ -112,7 +112,7 @@ def test_what_a_person_graded_stays(tmp_path: Path, first: Committed) -> None:
             "UPDATE defects SET severity = 'UNSAFE', severity_rule = 'nyc_fisp_v1', graded_by = 'A. Mason' "
             "WHERE defect_id = 'defect-0000'"
         )
-    done = regrade(tmp_path, **{**EVERY, "rule_file": rule_file("bre251_v1")})
+    done = regrade(tmp_path, **{**EVERY, "rule_file": find_rule_file("bre251_v1")})
     assert (done.by_persons, sum(step.defects for step in done.steps)) == (1, 2)
     assert grades(tmp_path) == [
         ("UNSAFE", "nyc_fisp_v1", "A. Mason"),

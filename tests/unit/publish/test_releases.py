@@ -20,7 +20,7 @@ from facadelake.lake.regrading import regrade
 from facadelake.publish import releases
 from facadelake.publish.geopackage import facade_layers, geo_layers, right_of
 from facadelake.publish.releases import publish_campaign, publish_regraded
-from facadelake.severity.rule_packs import rule_file
+from facadelake.severity.rule_packs import find_rule_file
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit, lake_tables
 
 KEYS = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
@@ -252,7 +252,7 @@ def test_regraded_campaign_keeps_its_pictures_and_says_that_they_are_older(
     folder, old = lake
     first = publish_campaign(folder, version=old, pictures=tmp_path / "pictures", **KEYS)
     for pack in ("nyc_fisp_v1", "bre251_v1"):
-        version = regrade(folder, rule_file=rule_file(pack), **KEYS).version
+        version = regrade(folder, rule_file=find_rule_file(pack), **KEYS).version
         assert version is not None
         new = publish_regraded(folder, version=version, **KEYS)
         assert (new / "crops" / "1.png").read_bytes() == b"picture"
@@ -269,7 +269,7 @@ def test_regraded_campaign_keeps_its_pictures_and_says_that_they_are_older(
 
 
 def test_regraded_campaign_that_was_never_published(lake: tuple[Path, int]) -> None:
-    version = regrade(lake[0], rule_file=rule_file("nyc_fisp_v1"), **KEYS).version
+    version = regrade(lake[0], rule_file=find_rule_file("nyc_fisp_v1"), **KEYS).version
     assert version is not None
     assert (publish_regraded(lake[0], version=version, **KEYS) / "defects.gpkg").is_file()
 

@@ -18,7 +18,7 @@ from facadelake.reporting.inspection import PictureSettings
 from facadelake.reporting.overlays import photo_overlays, telling_photographs
 from facadelake.reporting.page.defects import worst_first
 from facadelake.reporting.page.report import write_report
-from facadelake.severity.rule_packs import rule_file, rule_packs, severities
+from facadelake.severity.rule_packs import find_rule_file, list_rule_packs, severities
 from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
 
 COARSE = PictureSettings(cell_m=0.03, overlay_width_px=500)
@@ -88,9 +88,9 @@ def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, 
     assert table.count("no picture") == 1
 
 
-@pytest.mark.parametrize("pack", rule_packs())
+@pytest.mark.parametrize("pack", list_rule_packs())
 def test_the_words_of_every_rule_pack_stand_worst_first(pack: str) -> None:
-    words = severities(rule_file(pack))
+    words = severities(find_rule_file(pack))
     rows = [{"severity": word, "area_m2": float(place), "defect_id": word} for place, word in enumerate(words)]
     found = worst_first(pa.Table.from_pylist(rows[::-1]))
     assert [row["severity"] for row in found] == list(words)

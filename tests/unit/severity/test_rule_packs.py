@@ -10,7 +10,7 @@ from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement_file, read_statements
 from facadelake.core.tables import check_table
-from facadelake.severity.rule_packs import RULES, grade, rule_file, rule_packs, severities
+from facadelake.severity.rule_packs import RULES, find_rule_file, grade_defects, list_rule_packs, severities
 from tests.unit.lake.small_campaign import stage_tables
 
 HEADER = "-- severities: bad, good\n"
@@ -25,7 +25,7 @@ def defects(*rows: tuple[str, float, float, float]) -> pa.Table:
 def graded(tmp_path: Path, sql: str, rows: int = 2) -> pa.Table:
     path = tmp_path / "trial_v1.sql"
     path.write_text(HEADER + sql)
-    return grade(defects(*[("crack", 1.0, 1.0, 1.0)] * rows), path)
+    return grade_defects(defects(*[("crack", 1.0, 1.0, 1.0)] * rows), path)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def graded(tmp_path: Path, sql: str, rows: int = 2) -> pa.Table:
     ],
 )
 def test_extent_rule(row: tuple[str, float, float, float], severity: str) -> None:
-    result = grade(defects(row), rule_file("extent_v1"))
+    result = grade_defects(defects(row), find_rule_file("extent_v1"))
     assert result["severity"].to_pylist() == [severity]
     assert result["severity_rule"].to_pylist() == ["extent_v1"]
 
@@ -65,7 +65,7 @@ def worded(pack: str, **values: object) -> str:
             for name in crack
         ]
     )
-    graded = grade(pa.Table.from_pylist([crack | values], schema=schema), rule_file(pack))
+    graded = grade_defects(pa.Table.from_pylist([crack | values], schema=schema), find_rule_file(pack))
     assert graded["severity_rule"].to_pylist() == [pack]
     assert graded["graded_by"].to_pylist() == ["rules"]
     return str(graded["severity"][0])
@@ -174,21 +174,21 @@ def test_fisp_errs_towards_the_worse_word(values: dict[str, object], word: str) 
 
 
 def test_every_pack_tells_what_it_is_and_the_lake_ranks_its_words() -> None:
-    assert {"extent_v1", "paper_crack_width_v1", "bre251_v1", "concrete_03_v1", "nyc_fisp_v1"} <= set(rule_packs())
+    assert {"extent_v1", "paper_crack_width_v1", "bre251_v1", "concrete_03_v1", "nyc_fisp_v1"} <= set(list_rule_packs())
     (view,) = (view for view in read_statements(locate_source("sql/views")) if view.name == "severities")
     ranked: dict[str, list[str]] = {}
     for pack, word, _ in open_duckdb().execute(f"{view.sql} ORDER BY severity_rule, severity_rank").fetchall():
         ranked.setdefault(pack, []).append(word)
-    assert ranked == {pack: list(severities(rule_file(pack))) for pack in rule_packs()}
-    for pack in rule_packs():
+    assert ranked == {pack: list(severities(find_rule_file(pack))) for pack in list_rule_packs()}
+    for pack in list_rule_packs():
         (statement,) = read_statement_file(RULES / f"{pack}.sql")
         assert statement.meaning
 
 
 def test_graded_stage_table_fits_the_schema() -> None:
     table = stage_tables()["defects"]
-    assert check_table("defects", grade(table, rule_file("extent_v1"))).num_rows == 3
-    assert grade(table.slice(0, 0), rule_file("extent_v1")).schema == table.schema
+    assert check_table("defects", grade_defects(table, find_rule_file("extent_v1"))).num_rows == 3
+    assert grade_defects(table.slice(0, 0), find_rule_file("extent_v1")).schema == table.schema
 
 
 def test_rule_that_does_not_grade_every_defect_once(tmp_path: Path) -> None:
@@ -206,9 +206,9 @@ def test_rule_that_does_not_grade_every_defect_once(tmp_path: Path) -> None:
 
 def test_rule_that_cannot_be_used(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"no severity rule pack extent_v9 in .*; there are bre251_v1, "):
-        rule_file("extent_v9")
+        find_rule_file("extent_v9")
     with pytest.raises(InputDataError, match="no severity rule pack"):
-        rule_file("../severity/extent_v1")
+        find_rule_file("../severity/extent_v1")
     with pytest.raises(InputDataError, match="only answers a SELECT"):
         graded(tmp_path, "COPY defects TO 'x.csv'")
     with pytest.raises(InputDataError, match="table function read_csv may not be used"):
@@ -217,4 +217,4 @@ def test_rule_that_cannot_be_used(tmp_path: Path) -> None:
         graded(tmp_path, "SELECT defect_id, crack_depth_mm AS severity FROM defects")
     (tmp_path / "silent_v1.sql").write_text("SELECT defect_id, 'bad' AS severity FROM defects")
     with pytest.raises(InputDataError, match="does not say '-- severities"):
-        grade(defects(("crack", 1.0, 1.0, 1.0)), tmp_path / "silent_v1.sql")
+        grade_defects(defects(("crack", 1.0, 1.0, 1.0)), tmp_path / "silent_v1.sql")
