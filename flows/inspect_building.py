@@ -15,7 +15,7 @@ from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import FacadelakeError
 from facadelake.registry import CocoDetectorSetting, read_portfolio
 from schemas.vocabulary import SurfaceKind
-from tasks.as_built_model import as_built_model
+from tasks.as_built_model import make_as_built_model
 from tasks.commit import commit
 from tasks.detect import detect
 from tasks.draw import draw
@@ -104,7 +104,7 @@ def inspect_building(
         block = reconstruct_block(job, photos)
         placed = georeference_block(job, model, photos, block)
         if bare:
-            model = as_built_model(job, model, block, placed)
+            model = make_as_built_model(job, model, block, placed)
     found = imported or detect(job, model, photos, placed)
     measured = measure(job, photos, found)
     registered = register(job, model, placed, measured, block)

@@ -9,7 +9,7 @@ from pathlib import Path
 from prefect import flow
 
 from facadelake.core.errors import FacadelakeError
-from facadelake.lake import exists, read_table
+from facadelake.lake import has_lake, read_table
 from facadelake.registry import read_portfolio
 from flows.inspect_building import inspect_building
 
@@ -33,7 +33,7 @@ def inspect_portfolio(portfolio: str = "data/portfolio.yaml", lake: str = "lake"
     Raises FacadelakeError at the end where any failed, with each one's reason.
     """
     folder = Path(lake).resolve()
-    held = read_table(folder, "campaigns").to_pylist() if exists(folder) else []
+    held = read_table(folder, "campaigns").to_pylist() if has_lake(folder) else []
     done = {(row["building_id"], row["campaign_id"]) for row in held}
     outcomes = []
     for building in read_portfolio(Path(portfolio)).buildings:

@@ -19,7 +19,7 @@ tables are in `sql/checks/`, questions to ask in `sql/questions/`.
 """
 
 
-def document() -> str:
+def build_document() -> str:
     """The whole text."""
     index = ["| table | a row is a | says |", "|---|---|---|"]
     index += [f"| [{table.name}](#{table.name}) | {table.grain} | {table.meaning} |" for table in LAKE_TABLES.values()]
@@ -55,7 +55,7 @@ def _allowed(column: Column) -> str:
 
 def main() -> None:
     """Print the text."""
-    print(document(), end="")
+    print(build_document(), end="")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ class Expectation:
     settings: dict[str, Any] = field(default_factory=dict)
 
 
-def expectations(table: Table) -> tuple[Expectation, ...]:
+def derive_expectations(table: Table) -> tuple[Expectation, ...]:
     """The expectations of a stage table, which has no run keys: columns, rows, key, empty, allowed and limited values.
 
     A table whose key is run keys alone has one row.

@@ -15,7 +15,7 @@ from tasks.stage import Counts, run_stage
 
 
 @task(name="as-built model")
-def as_built_model(job: InspectionJob, place: StageResult, block: StageResult, placed: StageResult) -> StageResult:
+def make_as_built_model(job: InspectionJob, place: StageResult, block: StageResult, placed: StageResult) -> StageResult:
     """The building with the campaign's own surface, cut into facade planes."""
 
     def make(folder: Path) -> Counts:

@@ -13,7 +13,7 @@ from facadelake.core.tables import read_table
 from facadelake.reporting import Inspection, PictureSettings
 from facadelake.reporting.page import write_report
 from tasks.job import InspectionJob, StageResult, StageResults
-from tasks.record import stage_tables
+from tasks.record import read_stage_tables
 from tasks.stage import Counts, run_stage
 
 PICTURES = "pictures"  # the stage's folder holds its counts too, which are not to be published
@@ -24,7 +24,7 @@ def draw(job: InspectionJob, results: StageResults, checks: StageResult) -> Stag
     """A folder ``pictures`` with ``report.html`` and what it shows."""
 
     def make(folder: Path) -> Counts:
-        tables = stage_tables(results)
+        tables = read_stage_tables(results)
         building = read_building(results.model.folder)
         inspection = Inspection(
             building_name=job.building.name,

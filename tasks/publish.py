@@ -8,7 +8,7 @@ from pathlib import Path
 from prefect import task
 from prefect.artifacts import create_markdown_artifact, create_table_artifact
 
-from facadelake.lake import Committed, read_table
+from facadelake.lake import CommitResult, read_table
 from facadelake.publish import publish_campaign
 from tasks.draw import PICTURES
 from tasks.job import InspectionJob, StageResult
@@ -17,7 +17,7 @@ SHOWN = ["defect_id", "defect_class", "severity", "facade", "storey", "photo_cou
 
 
 @task(name="publish")
-def publish(job: InspectionJob, committed: Committed, pictures: StageResult | None) -> Path:
+def publish(job: InspectionJob, committed: CommitResult, pictures: StageResult | None) -> Path:
     """The folder of this version's files; ``latest`` beside it points there."""
     defects = read_table(job.lake, "defects", building_id=job.building.id, campaign_id=job.campaign_id)
     release = publish_campaign(

@@ -17,7 +17,7 @@ from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResults
 
 
-def stage_tables(results: StageResults) -> dict[str, pa.Table]:
+def read_stage_tables(results: StageResults) -> dict[str, pa.Table]:
     """The tables of the stages, without the run's keys."""
     return {
         "photos": read_table("photos", results.photos.folder),
@@ -33,14 +33,14 @@ def stage_tables(results: StageResults) -> dict[str, pa.Table]:
     }
 
 
-def fingerprint(results: StageResults) -> str:
+def compute_fingerprint(results: StageResults) -> str:
     """Hash over all inputs and settings of the campaign."""
     return compute_key({"stages": [stage.key for stage in results.stages()]})
 
 
-def whole_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRecord, dict[str, pa.Table]]:
+def assemble_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRecord, dict[str, pa.Table]]:
     """The run's record and all tables but ``checks``, without the run's keys."""
-    tables = stage_tables(results)
+    tables = read_stage_tables(results)
     building = read_building(results.model.folder)
     kind = building.surface_kind
     # Without a model, the surface that the campaign itself made stands for it.
@@ -80,7 +80,7 @@ def _run_record(job: InspectionJob, results: StageResults, detections: pa.Table)
         run_id=job.run_id,
         started_at=job.started_at,
         finished_at=datetime.now(UTC),
-        inputs_sha256=fingerprint(results),
+        inputs_sha256=compute_fingerprint(results),
         code_sha256=job.code_sha256,
         detector_sha256=detectors[0] if detectors else "none",
         configuration=json.dumps(settings, sort_keys=True),

@@ -9,9 +9,9 @@ from prefect import task
 from facadelake.core.errors import SchemaError
 from facadelake.core.progress import report_progress
 from facadelake.core.tables import read_table, write_table
-from facadelake.lake import failure_text, failures, validate
+from facadelake.lake import format_failures, select_failures, validate
 from tasks.job import InspectionJob, StageResult, StageResults
-from tasks.record import whole_campaign
+from tasks.record import assemble_campaign
 from tasks.stage import Counts, run_stage
 
 
@@ -21,17 +21,17 @@ def validate_tables(job: InspectionJob, results: StageResults) -> StageResult:
 
     def make(folder: Path) -> Counts:
         with report_progress("Checking the tables"):
-            _, tables = whole_campaign(job, results)
+            _, tables = assemble_campaign(job, results)
             checks = validate(tables)
         write_table("checks", checks, folder)
-        return {"checks": len(checks), "failed": len(failures(checks))}
+        return {"checks": len(checks), "failed": len(select_failures(checks))}
 
     result = run_stage(job, "validate", reads=results.by_name(), inputs={}, make=make)
     checks = read_table("checks", result.folder)
-    failed = len(failures(checks))
+    failed = len(select_failures(checks))
     if failed:
         raise SchemaError(
             f"{failed} of {len(checks)} checks failed, so nothing was committed (all results: "
-            f"{result.folder / 'checks.parquet'}):\n{failure_text(checks)}"
+            f"{result.folder / 'checks.parquet'}):\n{format_failures(checks)}"
         )
     return result

@@ -43,7 +43,7 @@ def print_answer(
     console: Console, lake: Path, question: str, parameters: Sequence[str], *, as_of: int | None, as_json: bool
 ) -> None:
     """Print the rows of a stored question or a SELECT statement."""
-    from facadelake.lake import ask as ask_stored
+    from facadelake.lake import answer_question as ask_stored
     from facadelake.lake import list_questions, query
 
     given: dict[str, str] = {}

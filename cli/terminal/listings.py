@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.core.errors import InputDataError
-from facadelake.lake import Regrading, exists, read_table, versions
+from facadelake.lake import Regrading, has_lake, list_versions, read_table
 from facadelake.registry import Portfolio, read_portfolio
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
 
@@ -22,10 +22,12 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
     """Print one line for each campaign that is registered or in the lake."""
     if only is not None:
         portfolio.get_building(only)
-    held = read_table(lake, "campaigns", building_id=only).to_pylist() if exists(lake) else []
+    held = read_table(lake, "campaigns", building_id=only).to_pylist() if has_lake(lake) else []
     runs = {(r["building_id"], r["campaign_id"]): r for r in read_table(lake, "runs").to_pylist()} if held else {}
     newest = (
-        {(v["building_id"], v["campaign_id"]): str(v["version"]) for v in versions(lake).to_pylist()} if held else {}
+        {(v["building_id"], v["campaign_id"]): str(v["version"]) for v in list_versions(lake).to_pylist()}
+        if held
+        else {}
     )
     table = RichTable(title=f"Campaigns (lake {lake})", title_justify="left")
     for column in (
@@ -58,7 +60,7 @@ def require_known(lake: Path, portfolio: Path, building: str) -> None:
 
     A building in the lake can be queried even if the portfolio no longer has it.
     """
-    if not exists(lake) or not len(read_table(lake, "campaigns", building_id=building)):
+    if not has_lake(lake) or not len(read_table(lake, "campaigns", building_id=building)):
         read_portfolio(portfolio).get_building(building)
 
 
@@ -117,22 +119,22 @@ def show_regrading(console: Console, found: Regrading, releases: Sequence[Path],
 
     ``registered``: the rule pack of the building in the portfolio, None where it is not registered.
     """
-    if found.steps:
+    if found.changes:
         table = RichTable(title=f"{found.building_id} graded by {found.rules}", title_justify="left")
         for name in ("campaign", "from", "to", "defects"):
             table.add_column(name, justify="right" if name == "defects" else "left")
-        for step in found.steps:
+        for step in found.changes:
             (grade, rule), (new_grade, _) = step.before, step.after
             table.add_row(step.campaign_id, f"{grade} ({rule})", new_grade, str(step.defects))
         console.print(table)
     else:
         console.print(f"nothing changed: every defect of {found.building_id} already has its grade by {found.rules}")
-    if found.unchanged and found.steps:
+    if found.unchanged and found.changes:
         console.print(f"{found.unchanged} more already have this grade")
-    if found.by_persons:
-        console.print(f"{found.by_persons} were graded by a person and are kept")
+    if found.graded_by_person:
+        console.print(f"{found.graded_by_person} were graded by a person and are kept")
     if found.version is None:
-        if found.steps:
+        if found.changes:
             console.print("dry run: nothing was written")
         return
     console.print(f"lake version {found.version}; earlier versions stay readable (--as-of)")

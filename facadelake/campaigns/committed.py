@@ -14,7 +14,7 @@ from facadelake.building import BuildingModel, read_registered_model
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.hashing import hash_file
 from facadelake.core.progress import report_progress
-from facadelake.lake import exists, read_tables
+from facadelake.lake import has_lake, read_tables
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
 
@@ -30,7 +30,7 @@ def read_committed_tables(
 
     Raises StoreError where the lake does not hold the campaign.
     """
-    if not exists(lake):
+    if not has_lake(lake):
         raise StoreError(f"there is no lake at {lake}; run 'facadelake inspect {building.id} {campaign_id}' first")
     with report_progress("Reading the lake"):
         tables = read_tables(lake, ["buildings", *names], building_id=building.id, campaign_id=campaign_id)

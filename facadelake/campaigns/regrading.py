@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from facadelake.lake import Regrading, preview, regrade, versions
+from facadelake.lake import Regrading, list_versions, preview_regrading, regrade
 from facadelake.publish import publish_regraded
 from facadelake.registry import Building, read_portfolio
 from facadelake.severity import find_rule_file
@@ -29,7 +29,7 @@ def describe_replaced_regrading(building: Building, campaign_id: str, rules: str
 
 def preview_grades(lake: Path, building_id: str, campaign_id: str | None, rules: str) -> Regrading:
     """What ``regrade_campaigns`` would change; nothing is written."""
-    return preview(lake, building_id=building_id, campaign_id=campaign_id, rule_file=find_rule_file(rules))
+    return preview_regrading(lake, building_id=building_id, campaign_id=campaign_id, rule_file=find_rule_file(rules))
 
 
 def regrade_campaigns(
@@ -43,7 +43,7 @@ def regrade_campaigns(
     done = regrade(lake, building_id=building_id, campaign_id=campaign_id, rule_file=find_rule_file(rules))
     newest = {
         row["campaign_id"]: row
-        for row in versions(lake).to_pylist()
+        for row in list_versions(lake).to_pylist()
         if row["building_id"] == building_id and row["reviewed_by"] is None  # a review changes nothing published
     }
     releases = [

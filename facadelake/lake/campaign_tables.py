@@ -69,7 +69,7 @@ class BuildingRecord:
         return dict(vars(self))
 
 
-def campaign_row(photographs_uri: str, tables: Mapping[str, pa.Table]) -> dict[str, Any]:
+def build_campaign_row(photographs_uri: str, tables: Mapping[str, pa.Table]) -> dict[str, Any]:
     """The row of table ``campaigns`` that counts what the stage tables hold."""
     photos, poses = tables["photos"], tables["poses"]
     accepted = photos.filter(pc.equal(photos["photo_outcome"], PhotoOutcome.ACCEPTED))
@@ -91,13 +91,13 @@ def build_campaign_tables(
     """The stages' tables and the rows of ``buildings``, ``campaigns`` and ``runs``, all without the run's keys."""
     return {
         "buildings": table_from_rows("buildings", [building.row()]),
-        "campaigns": table_from_rows("campaigns", [campaign_row(photographs_uri, stage_tables)]),
+        "campaigns": table_from_rows("campaigns", [build_campaign_row(photographs_uri, stage_tables)]),
         "runs": table_from_rows("runs", [run.row()]),
         **stage_tables,
     }
 
 
-def lake_tables(tables: Mapping[str, pa.Table], run: RunRecord) -> dict[str, pa.Table]:
+def add_run_keys(tables: Mapping[str, pa.Table], run: RunRecord) -> dict[str, pa.Table]:
     """The tables with building_id, campaign_id and run_id in front, as the lake holds them."""
     keys = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
     return {name: add_run_keys(name, table, **keys) for name, table in tables.items()}

@@ -16,7 +16,7 @@ from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import SchemaError, StoreError
 from facadelake.core.sql_files import SqlStatement, read_statements
 from facadelake.core.tables import get_stage_schema, table_from_rows
-from schemas.expectations import Expectation, expectations
+from schemas.expectations import Expectation, derive_expectations
 from schemas.tables import RUN_KEYS, TABLES
 
 CHECKED = tuple(name for name in TABLES if name != "checks")
@@ -40,18 +40,18 @@ def validate(tables: Mapping[str, pa.Table]) -> pa.Table:
                 f"table {name} has the columns {stage[name].schema.to_string()}; "
                 f"schemas/ wants {get_stage_schema(name).to_string()}"
             )
-    return table_from_rows("checks", [*_each_table(stage), *across_tables(stage)])
+    return table_from_rows("checks", [*_each_table(stage), *check_across_tables(stage)])
 
 
-def failures(checks: pa.Table) -> pa.Table:
+def select_failures(checks: pa.Table) -> pa.Table:
     """The rows of ``checks`` that were not met."""
     return checks.filter(pc.invert(checks.column("passed")))
 
 
-def failure_text(checks: pa.Table) -> str:
+def format_failures(checks: pa.Table) -> str:
     """The failures for people, one a line: table, column, expectation, how many rows, what was found."""
     lines = []
-    for row in failures(checks).to_pylist():
+    for row in select_failures(checks).to_pylist():
         place = f"{row['table_name']}.{row['column_name']}" if row["column_name"] else row["table_name"]
         lines.append(f"{place}: {row['expectation']}, {row['unexpected']} unexpected, {row['detail']}")
     return "\n".join(lines)
@@ -74,7 +74,7 @@ def _each_table(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
             .add_batch_definition_whole_dataframe("all")
             .get_batch(batch_parameters={"dataframe": frame})
         )
-        wanted = expectations(TABLES[name])
+        wanted = derive_expectations(TABLES[name])
         suite = gx.ExpectationSuite(
             name=name, expectations=[_great(gx.expectations, one, n) for n, one in enumerate(wanted)]
         )
@@ -111,7 +111,7 @@ def _row(table: str, expectation: Expectation, result: Any) -> dict[str, Any]:
     }
 
 
-def across_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
+def check_across_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
     """Rows of ``checks`` from sql/checks, where any row found is a failure."""
     connection = open_duckdb("spatial")
     try:

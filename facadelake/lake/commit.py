@@ -14,14 +14,14 @@ from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import SchemaError
 from facadelake.lake.connect import LOCK_TIMEOUT_S
 from facadelake.lake.migrate import open_to_write
-from facadelake.lake.transaction import insert, last_version, version_of_lake
+from facadelake.lake.transaction import get_last_version, insert, make_version
 from schemas.tables import RUN_KEYS, TABLES
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Committed:
+class CommitResult:
     """The lake's version that holds the campaign, and whether this call made it.
 
     ``regraded_before``: the rule packs of a regrading that this call's rows have replaced by their own grades.
@@ -51,7 +51,7 @@ def commit_campaign(
     tables: Mapping[str, pa.Table],
     inputs_sha256: str,
     lock_timeout_s: float = LOCK_TIMEOUT_S,
-) -> Committed:
+) -> CommitResult:
     """Replace the campaign's rows of every table by the ones given, which have the run keys in front.
 
     Nothing is written where the campaign that is there came from the same inputs, code and configuration: ``changed``
@@ -65,11 +65,11 @@ def commit_campaign(
         known = _version_of_same_run(connection, run)
         if known is not None:
             logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)
-            return Committed(version=known, changed=False)
+            return CommitResult(version=known, changed=False)
         regraded = _rules_of_regrading(connection, run)
         version = _replace(connection, run, tables)
     logger.info("%s %s committed as version %d", building_id, campaign_id, version)
-    return Committed(version=version, changed=True, regraded_before=regraded)
+    return CommitResult(version=version, changed=True, regraded_before=regraded)
 
 
 _REMEDY = (
@@ -130,10 +130,10 @@ def _rules_of_regrading(connection: duckdb.DuckDBPyConnection, run: _Run) -> tup
 
 def _replace(connection: duckdb.DuckDBPyConnection, run: _Run, tables: Mapping[str, pa.Table]) -> int:
     origin = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
-    with version_of_lake(connection, f"{run.building_id} {run.campaign_id}", origin):
+    with make_version(connection, f"{run.building_id} {run.campaign_id}", origin):
         for name, table in tables.items():
             connection.execute(
                 f"DELETE FROM {name} WHERE building_id = ? AND campaign_id = ?", [run.building_id, run.campaign_id]
             )
             insert(connection, TABLES[name], table)
-    return last_version(connection)
+    return get_last_version(connection)

@@ -43,19 +43,19 @@ def recover(folder: Path) -> None:
             catalog.execute("SELECT count(*) FROM sqlite_master").fetchone()
 
 
-def exists(folder: Path) -> bool:
+def has_lake(folder: Path) -> bool:
     """Whether the folder holds a lake."""
     return (folder / CATALOG).is_file()
 
 
 @contextmanager
-def reading(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.DuckDBPyConnection]:
+def open_to_read(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.DuckDBPyConnection]:
     """A connection that can only read the lake ``folder``, now or as of an earlier version (see ``versions``).
 
     Raises StoreError where there is no lake, it is not readable, or it has no such version.
     """
     folder = folder.resolve()
-    if not exists(folder):
+    if not has_lake(folder):
         raise StoreError(f"there is no lake in {folder} (no {CATALOG}); inspect a campaign first, or name another lake")
     snapshot = "" if as_of is None else f", SNAPSHOT_VERSION {int(as_of)}"
     version = "" if as_of is None else f" at version {as_of}"
@@ -69,7 +69,7 @@ def reading(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.DuckDB
 
 
 @contextmanager
-def locked(folder: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:
+def hold_lock(folder: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:
     """The lake's write lock; the kernel frees it when its holder dies, so a stale file never blocks.
 
     Raises StoreError when another process holds it longer than ``timeout_s`` seconds.
@@ -91,8 +91,8 @@ def locked(folder: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]
 
 
 @contextmanager
-def writing(folder: Path) -> Iterator[duckdb.DuckDBPyConnection]:
-    """A connection that may write the lake ``folder``, which is made if need be; hold ``locked`` around it."""
+def open_catalog_to_write(folder: Path) -> Iterator[duckdb.DuckDBPyConnection]:
+    """A connection that may write the lake ``folder``, which is made if need be; hold ``hold_lock`` around it."""
     folder = folder.resolve()
     with wrap_store_errors(f"opening the lake {folder} for writing", "check the folder's rights and free space"):
         (folder / DATA).mkdir(parents=True, exist_ok=True)

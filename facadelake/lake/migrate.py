@@ -14,8 +14,8 @@ import duckdb
 from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import StoreError
-from facadelake.lake.connect import LOCK_TIMEOUT_S, locked, writing
-from facadelake.lake.transaction import transaction
+from facadelake.lake.connect import LOCK_TIMEOUT_S, hold_lock, open_catalog_to_write
+from facadelake.lake.transaction import run_transaction
 
 MIGRATIONS = locate_source("sql/migrations")
 # The one table that is not a migration's: it says which of them were applied.
@@ -35,7 +35,7 @@ class Migration:
 
 
 @cache
-def migrations(folder: Path = MIGRATIONS) -> tuple[Migration, ...]:
+def read_migrations(folder: Path = MIGRATIONS) -> tuple[Migration, ...]:
     """All migrations, numbered 1, 2, ... without a gap (StoreError otherwise)."""
     found = [
         Migration(number=int(path.stem.split("_")[0]), name=path.stem, sql=path.read_text("utf-8"))
@@ -47,7 +47,7 @@ def migrations(folder: Path = MIGRATIONS) -> tuple[Migration, ...]:
     return tuple(found)
 
 
-def schema_version(connection: duckdb.DuckDBPyConnection) -> int:
+def get_schema_version(connection: duckdb.DuckDBPyConnection) -> int:
     """Number of the last migration applied to the attached lake; 0 for one just made."""
     known = connection.execute(
         "SELECT count(*) FROM duckdb_tables() WHERE database_name = 'lake' AND table_name = 'migrations'"
@@ -72,14 +72,14 @@ def migrate(connection: duckdb.DuckDBPyConnection, folder: Path = MIGRATIONS) ->
 
     Each migration is one transaction, so that a failure leaves the lake at the version before it.
     """
-    steps = migrations(folder)
+    steps = read_migrations(folder)
     with wrap_store_errors("reading the lake's schema version", "check that the lake's files are whole"):
-        found = schema_version(connection)
+        found = get_schema_version(connection)
     refuse_newer(found, len(steps))
     for step in steps[found:]:
         logger.info("lake migration %s", step.name)
         doing, remedy = f"migration {step.name} of the lake", "the lake stays as it was; check free space"
-        with wrap_store_errors(doing, remedy), transaction(connection):
+        with wrap_store_errors(doing, remedy), run_transaction(connection):
             connection.execute(LEDGER)
             connection.execute(step.sql)
             connection.execute("INSERT INTO migrations VALUES (?, ?, now())", [step.number, step.name])
@@ -89,6 +89,6 @@ def migrate(connection: duckdb.DuckDBPyConnection, folder: Path = MIGRATIONS) ->
 @contextmanager
 def open_to_write(lake: Path, lock_timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[duckdb.DuckDBPyConnection]:
     """A connection that alone may write the lake, which is made if need be and brought to the newest schema."""
-    with locked(lake, timeout_s=lock_timeout_s), writing(lake) as connection:
+    with hold_lock(lake, timeout_s=lock_timeout_s), open_catalog_to_write(lake) as connection:
         migrate(connection)
         yield connection

@@ -18,7 +18,9 @@ def list_questions() -> tuple[SqlStatement, ...]:
     return read_statements(locate_source("sql/questions"))
 
 
-def ask(lake: Path, name: str, parameters: Mapping[str, Value] | None = None, *, as_of: int | None = None) -> pa.Table:
+def answer_question(
+    lake: Path, name: str, parameters: Mapping[str, Value] | None = None, *, as_of: int | None = None
+) -> pa.Table:
     """The answer to a named question; a parameter left out is NULL, which the question's header explains.
 
     Raises InputDataError for an unknown question or parameter.

@@ -14,8 +14,8 @@ from facadelake.core.duckdb_engine import find_extension_file, quote_sql_string,
 from facadelake.core.errors import InputDataError, SchemaError, StoreError
 from facadelake.core.sql_files import read_statements
 from facadelake.core.sql_guard import require_plain_select
-from facadelake.lake.connect import DATA, reading
-from facadelake.lake.migrate import refuse_newer, schema_version
+from facadelake.lake.connect import DATA, open_to_read
+from facadelake.lake.migrate import get_schema_version, refuse_newer
 from schemas.column import Kind
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 
@@ -24,14 +24,14 @@ EARLIER = locate_source("sql/earlier")
 Value = str | int | float | bool | None
 
 
-def bring_up_to_date(connection: duckdb.DuckDBPyConnection, lake: Path) -> None:
+def present_current_schema(connection: duckdb.DuckDBPyConnection, lake: Path) -> None:
     """Show the tables of an earlier schema, of an old version or a lake not yet migrated, with today's columns.
 
     Views of ``sql/earlier/<schema version>/`` take the tables' names in this connection; the lake is not written.
     Raises StoreError for a lake that a newer Facadelake has written.
     """
     with wrap_store_errors(f"reading the lake {lake}", "check that its files are whole"):
-        found = schema_version(connection)
+        found = get_schema_version(connection)
         refuse_newer(found, SCHEMA_VERSION)
         newest: dict[str, str] = {}
         for version in range(found, SCHEMA_VERSION):
@@ -76,8 +76,8 @@ def read_tables(
     given = {key: value for key, value in wanted.items() if value is not None}
     where = f"WHERE {' AND '.join(f'{key} = ?' for key in given)}" if given else ""
     found = {}
-    with reading(lake, as_of=as_of) as connection:
-        bring_up_to_date(connection, lake)
+    with open_to_read(lake, as_of=as_of) as connection:
+        present_current_schema(connection, lake)
         with wrap_store_errors(
             f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole"
         ):
@@ -95,11 +95,11 @@ def read_tables(
     return found
 
 
-def versions(lake: Path) -> pa.Table:
+def list_versions(lake: Path) -> pa.Table:
     """One row per commit and campaign: version, committed_at (UTC), building_id, campaign_id, run_id (null where a
     regrading or a review made the version), regraded_by and reviewed_by (null where they did not); the oldest first."""
-    with reading(lake) as connection:
-        bring_up_to_date(connection, lake)
+    with open_to_read(lake) as connection:
+        present_current_schema(connection, lake)
         with wrap_store_errors(f"reading the versions of the lake {lake}", "check that the lake's files are whole"):
             view = next(view for view in read_statements(VIEWS) if view.name == "versions")
             rows = connection.execute(f"SELECT * FROM ({view.sql}) ORDER BY version, campaign_id").to_arrow_table()
@@ -124,7 +124,7 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
     ``parameters`` are bound to ``$name``. Spatial functions (ST_...) work. Raises InputDataError for anything but a
     SELECT over tables and views, or one that DuckDB cannot answer; StoreError where the lake cannot be read.
     """
-    with sealed(lake, as_of) as connection:
+    with open_sealed(lake, as_of) as connection:
         views = {view.name for view in read_statements(VIEWS)}
         require_plain_select(connection, sql, frozenset(LAKE_TABLES) | views)
         try:
@@ -138,10 +138,10 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
 
 
 @contextmanager
-def sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]:
+def open_sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]:
     """A reading connection with the views, that can open no file but the lake's own and cannot be reconfigured."""
-    with reading(lake, as_of=as_of) as connection:
-        bring_up_to_date(connection, lake)
+    with open_to_read(lake, as_of=as_of) as connection:
+        present_current_schema(connection, lake)
         with wrap_store_errors(f"preparing the lake {lake} for questions", "check that its files are whole"):
             connection.execute(f"LOAD {quote_sql_string(find_extension_file('spatial'))}")
             for view in read_statements(VIEWS):

@@ -20,14 +20,14 @@ from facadelake.core.errors import InputDataError
 from facadelake.lake.connect import LOCK_TIMEOUT_S
 from facadelake.lake.migrate import open_to_write
 from facadelake.lake.read import read_table
-from facadelake.lake.transaction import last_version, version_of_lake
+from facadelake.lake.transaction import get_last_version, make_version
 from facadelake.severity import BY_RULES, GRADES, grade_defects
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class GradeChange:
     """So many defects of a campaign go from one grade to another (each ``severity`` with its rule pack)."""
 
     campaign_id: str
@@ -38,23 +38,23 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Regrading:
-    """What a rule pack changes: ``steps`` of the defects that change, how many stay because they have this grade
+    """What a rule pack changes: ``changes`` of the defects that change, how many stay because they have this grade
     already or a person's, and ``version``, the lake's that holds the change (None: nothing was written)."""
 
     building_id: str
     rules: str
-    steps: tuple[Step, ...]
+    changes: tuple[GradeChange, ...]
     unchanged: int
-    by_persons: int
+    graded_by_person: int
     version: int | None = None
 
     @property
     def campaigns(self) -> tuple[str, ...]:
         """The campaigns that change."""
-        return tuple(sorted({step.campaign_id for step in self.steps}))
+        return tuple(sorted({step.campaign_id for step in self.changes}))
 
 
-def preview(lake: Path, *, building_id: str, campaign_id: str | None, rule_file: Path) -> Regrading:
+def preview_regrading(lake: Path, *, building_id: str, campaign_id: str | None, rule_file: Path) -> Regrading:
     """What ``regrade`` would change; nothing is written. ``campaign_id`` None stands for all of the building.
 
     Raises InputDataError where the lake has no such defects, and what ``grade`` and ``read_table`` raise.
@@ -72,10 +72,10 @@ def regrade(
 ) -> Regrading:
     """Grade the campaign (None: all of the building's) anew in one transaction; without a change none is made.
 
-    Raises as ``preview``, and StoreError when the lake cannot be written (it then stays as it was).
+    Raises as ``preview_regrading``, and StoreError when the lake cannot be written (it then stays as it was).
     """
-    expected = preview(lake, building_id=building_id, campaign_id=campaign_id, rule_file=rule_file)
-    if not expected.steps:  # neither this nor a refusal makes a lake or waits for its lock
+    expected = preview_regrading(lake, building_id=building_id, campaign_id=campaign_id, rule_file=rule_file)
+    if not expected.changes:  # neither this nor a refusal makes a lake or waits for its lock
         return expected
     with open_to_write(lake, lock_timeout_s) as connection:
         found, changed = _judged(lake, building_id, campaign_id, rule_file)
@@ -85,9 +85,9 @@ def regrade(
     return Regrading(
         building_id=building_id,
         rules=found.rules,
-        steps=found.steps,
+        changes=found.changes,
         unchanged=found.unchanged,
-        by_persons=found.by_persons,
+        graded_by_person=found.graded_by_person,
         version=version,
     )
 
@@ -120,18 +120,18 @@ def _judged(lake: Path, building_id: str, campaign_id: str | None, rule_file: Pa
     found = Regrading(
         building_id=building_id,
         rules=rule_file.stem,
-        steps=_steps(changed),
+        changes=_steps(changed),
         unchanged=len(table) - len(changed),
-        by_persons=len(defects) - len(table),
+        graded_by_person=len(defects) - len(table),
     )
     return found, changed
 
 
-def _steps(changed: pa.Table) -> tuple[Step, ...]:
+def _steps(changed: pa.Table) -> tuple[GradeChange, ...]:
     columns = ("campaign_id", "severity_before", "rule_before", "severity", "severity_rule")
     counts = Counter(zip(*(changed.column(name).to_pylist() for name in columns), strict=True))
     return tuple(
-        Step(campaign_id=campaign, before=(word, rule), after=(new_word, new_rule), defects=count)
+        GradeChange(campaign_id=campaign, before=(word, rule), after=(new_word, new_rule), defects=count)
         for (campaign, word, rule, new_word, new_rule), count in sorted(counts.items())
     )
 
@@ -140,11 +140,11 @@ def _write(connection: duckdb.DuckDBPyConnection, found: Regrading, changed: pa.
     connection.register("graded", changed)
     origin = {"building_id": found.building_id, "campaigns": found.campaigns, "rules": found.rules}
     message = f"{found.building_id} {', '.join(found.campaigns)} regraded by {found.rules}"
-    with version_of_lake(connection, message, origin):
+    with make_version(connection, message, origin):
         connection.execute(
             f"UPDATE defects SET {', '.join(f'{name} = graded.{name}' for name in GRADES)} FROM graded "
             "WHERE defects.building_id = ? AND defects.campaign_id = graded.campaign_id "
             "AND defects.defect_id = graded.defect_id",
             [found.building_id],
         )
-    return last_version(connection)
+    return get_last_version(connection)

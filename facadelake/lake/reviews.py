@@ -14,10 +14,10 @@ import pyarrow as pa
 
 from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import InputDataError, SchemaError
-from facadelake.lake.connect import LOCK_TIMEOUT_S, exists
+from facadelake.lake.connect import LOCK_TIMEOUT_S, has_lake
 from facadelake.lake.migrate import open_to_write
 from facadelake.lake.read import read_tables
-from facadelake.lake.transaction import insert, last_version, version_of_lake
+from facadelake.lake.transaction import get_last_version, insert, make_version
 from schemas.tables import LAKE_TABLES
 
 logger = logging.getLogger(__name__)
@@ -27,7 +27,7 @@ _REMEDY = "no review was written; check free space and rights of the lake's fold
 
 
 @dataclass(frozen=True, kw_only=True)
-class Added:
+class AppendResult:
     """How many words were written, how many said what their reviewer had said last of the same subject, and the
     lake's version that holds them (None: nothing was written)."""
 
@@ -38,14 +38,14 @@ class Added:
 
 def append_reviews(
     lake: Path, words: pa.Table, *, building_id: str, campaign_id: str, lock_timeout_s: float = LOCK_TIMEOUT_S
-) -> Added:
+) -> AppendResult:
     """Append ``words``, rows of table ``reviews`` of one campaign with empty ids, in one transaction.
 
     Saying the same again adds nothing. Raises InputDataError where the lake does not hold the campaign, SchemaError
     for rows that are not as schemas/ declares, StoreError when the lake cannot be written (it then stays as it was).
     """
     _check(words, building_id, campaign_id)
-    if not exists(lake):
+    if not has_lake(lake):
         raise InputDataError(f"there is no lake in {lake}, so there is nothing to review; inspect a campaign first")
     with open_to_write(lake, lock_timeout_s) as connection:
         held = read_tables(lake, ["campaigns", "reviews"], building_id=building_id, campaign_id=campaign_id)
@@ -56,7 +56,7 @@ def append_reviews(
             )
         new = _new_words(words, held["reviews"])
         if not len(new):
-            return Added(added=0, unchanged=len(words), version=None)
+            return AppendResult(added=0, unchanged=len(words), version=None)
         first = len(held["reviews"]) + 1
         ids = [f"{building_id}-{campaign_id}-R{number:05d}" for number in range(first, first + len(new))]
         at = new.schema.get_field_index("review_id")
@@ -64,7 +64,7 @@ def append_reviews(
         with wrap_store_errors(f"writing reviews of {building_id} {campaign_id} to the lake {lake}", _REMEDY):
             version = _write(connection, new, building_id, campaign_id)
     logger.info("%d reviews of %s %s added as version %d", len(new), building_id, campaign_id, version)
-    return Added(added=len(new), unchanged=len(words) - len(new), version=version)
+    return AppendResult(added=len(new), unchanged=len(words) - len(new), version=version)
 
 
 def _check(words: pa.Table, building_id: str, campaign_id: str) -> None:
@@ -95,6 +95,6 @@ def _new_words(words: pa.Table, held: pa.Table) -> pa.Table:
 def _write(connection: duckdb.DuckDBPyConnection, words: pa.Table, building_id: str, campaign_id: str) -> int:
     reviewers = ", ".join(sorted(set(words.column("reviewer").to_pylist())))
     origin = {"building_id": building_id, "campaign_id": campaign_id, "reviewed_by": reviewers}
-    with version_of_lake(connection, f"{building_id} {campaign_id} reviewed by {reviewers}", origin):
+    with make_version(connection, f"{building_id} {campaign_id} reviewed by {reviewers}", origin):
         insert(connection, LAKE_TABLES["reviews"], words)
-    return last_version(connection)
+    return get_last_version(connection)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from facadelake.core.duckdb_engine import wrap_store_errors
-from facadelake.lake.connect import exists, reading
-from facadelake.lake.migrate import schema_version
+from facadelake.lake.connect import has_lake, open_to_read
+from facadelake.lake.migrate import get_schema_version
 
 # Column stage_keys of table runs came with this schema version.
 _SINCE_SCHEMA = 2
@@ -32,13 +32,13 @@ def read_stage_keys(lake: Path) -> tuple[RunKeys, ...]:
     Runs committed before schema version 2 recorded no keys and are left out. Raises StoreError for a lake that cannot
     be read; a folder without a lake has no runs.
     """
-    if not exists(lake):
+    if not has_lake(lake):
         return ()
     with (
-        reading(lake) as connection,
+        open_to_read(lake) as connection,
         wrap_store_errors(f"reading the runs of the lake {lake}", "check that the lake's files are whole"),
     ):
-        if schema_version(connection) < _SINCE_SCHEMA:
+        if get_schema_version(connection) < _SINCE_SCHEMA:
             return ()
         first, last = connection.execute(
             "SELECT min(snapshot_id), max(snapshot_id) FROM ducklake_snapshots('lake')"

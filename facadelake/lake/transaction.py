@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 
 @contextmanager
-def transaction(connection: duckdb.DuckDBPyConnection) -> Iterator[None]:
+def run_transaction(connection: duckdb.DuckDBPyConnection) -> Iterator[None]:
     """The block's statements in one transaction, which an error or an interrupt inside it undoes."""
     connection.execute("BEGIN")
     try:
@@ -32,9 +32,9 @@ def transaction(connection: duckdb.DuckDBPyConnection) -> Iterator[None]:
 
 
 @contextmanager
-def version_of_lake(connection: duckdb.DuckDBPyConnection, message: str, origin: Mapping[str, Any]) -> Iterator[None]:
+def make_version(connection: duckdb.DuckDBPyConnection, message: str, origin: Mapping[str, Any]) -> Iterator[None]:
     """A transaction that makes a version of the lake; ``origin`` is what view ``versions`` tells of it."""
-    with transaction(connection):
+    with run_transaction(connection):
         yield
         connection.execute(
             f"CALL lake.set_commit_message('facadelake', {quote_sql_string(message)}, "
@@ -42,7 +42,7 @@ def version_of_lake(connection: duckdb.DuckDBPyConnection, message: str, origin:
         )
 
 
-def last_version(connection: duckdb.DuckDBPyConnection) -> int:
+def get_last_version(connection: duckdb.DuckDBPyConnection) -> int:
     """The version that this connection's last transaction made."""
     row = connection.execute("SELECT id FROM lake.last_committed_snapshot()").fetchone()
     if row is None or row[0] is None:

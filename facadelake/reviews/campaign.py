@@ -13,7 +13,7 @@ import pyarrow as pa
 from facadelake.campaigns import read_committed_tables
 from facadelake.core.errors import InputDataError
 from facadelake.detection import build_crosswalk
-from facadelake.lake import Added, append_reviews, read_table
+from facadelake.lake import AppendResult, append_reviews, read_table
 from facadelake.registry import Building
 from facadelake.reviews.coco_import import ParsedReviews, read_coco_reviews
 from facadelake.reviews.csv_import import read_csv_reviews
@@ -47,7 +47,7 @@ class ReviewImport:
     """What became of a file of words: as they were read, as the lake took them, and words that now meet nothing."""
 
     parsed: ParsedReviews
-    added: Added
+    added: AppendResult
     unmatched: tuple[Review, ...]
 
 

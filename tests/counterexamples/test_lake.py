@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import StoreError
-from facadelake.lake.connect import locked, writing
-from facadelake.lake.read import read_table, versions
+from facadelake.lake.connect import hold_lock, open_catalog_to_write
+from facadelake.lake.read import list_versions, read_table
 from schemas.tables import SCHEMA_VERSION
 from tests.counterexamples.command_line import facadelake
 from tests.unit.lake.small_campaign import commit, in_process
@@ -32,7 +32,7 @@ def assert_refused_on_a_full_disk(lake: Path, message: str) -> None:
 
 
 def assert_as_before(lake: Path, version: int) -> None:
-    assert versions(lake)["version"].to_pylist() == [version]
+    assert list_versions(lake)["version"].to_pylist() == [version]
     assert read_table(lake, "runs")["run_id"].to_pylist() == ["run-1"]
     assert len(read_table(lake, "defects")) == 3
 
@@ -83,7 +83,7 @@ def test_full_file_system_leaves_nothing_half_written(tmp_path: Path) -> None:
 
 def test_lake_of_a_newer_facadelake_is_left_alone(tmp_path: Path) -> None:
     commit(tmp_path)
-    with locked(tmp_path), writing(tmp_path) as connection:
+    with hold_lock(tmp_path), open_catalog_to_write(tmp_path) as connection:
         connection.execute("INSERT INTO migrations VALUES (?, 'from_the_future', now())", [SCHEMA_VERSION + 1])
     before = sorted(path for path in tmp_path.rglob("*") if path.suffix == ".parquet")
     message = (

@@ -15,7 +15,7 @@ import geopandas as gpd
 import pytest
 
 from facadelake.building.surface.view_images import read_view_images
-from facadelake.lake.read import read_table, versions
+from facadelake.lake.read import list_versions, read_table
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
 
 pytestmark = pytest.mark.slow
@@ -132,13 +132,13 @@ def test_pictures_are_drawn_from_the_lake_by_name(small: SmallPortfolio, first_r
 
 
 def test_the_same_inputs_make_no_second_copy_and_changed_ones_a_version(small: SmallPortfolio, first_run: str) -> None:
-    before = versions(small.lake).to_pylist()
+    before = list_versions(small.lake).to_pylist()
     again = inspect(small)
     assert "unchanged" in again and "from the cache" in again
-    assert versions(small.lake).to_pylist() == before
+    assert list_versions(small.lake).to_pylist() == before
     count = len(rows(small, "detections"))
     inspect(small, "--detections", "noisy")
-    after = versions(small.lake).to_pylist()
+    after = list_versions(small.lake).to_pylist()
     assert len(after) == len(before) + 1
     assert len(rows(small, "detections")) != count
     assert len(rows(small, "detections", as_of=before[-1]["version"])) == count
@@ -147,11 +147,11 @@ def test_the_same_inputs_make_no_second_copy_and_changed_ones_a_version(small: S
 def test_a_refused_input_is_a_message_and_commits_nothing(
     small: SmallPortfolio, first_run: str, tmp_path: Path
 ) -> None:
-    before = versions(small.lake).to_pylist()
+    before = list_versions(small.lake).to_pylist()
     done = run(
         "inspect", "small", CAMPAIGN, "--detections", str(tmp_path / "none.json"),
         "--portfolio", str(small.registry), "--lake", str(small.lake), expect=1,
     )  # fmt: skip
     assert "neither a file nor one of building 'small's alternatives (noisy)" in " ".join(done.stderr.split())
     assert "Traceback" not in done.stdout + done.stderr
-    assert versions(small.lake).to_pylist() == before
+    assert list_versions(small.lake).to_pylist() == before

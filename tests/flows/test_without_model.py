@@ -17,7 +17,7 @@ from facadelake.core.pose_table import columns_from_camera
 from facadelake.core.tables import read_table, table_from_rows, write_table
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
-from tasks.as_built_model import as_built_model
+from tasks.as_built_model import make_as_built_model
 from tasks.job import InspectionJob, StageResult
 from tasks.place_building import place_building
 from tasks.verify_model import verify_model
@@ -119,13 +119,13 @@ def test_a_building_without_model_gets_its_place_then_its_surface_and_is_compare
     assert (before.surface_kind, before.has_surface, before.map_crs) == (SurfaceKind.AS_BUILT, False, "EPSG:32632")
     assert (before.origin.lon_deg, before.origin.lat_deg) == (8.408, 48.94)
 
-    model = as_built_model.fn(job, place, block, placed)
+    model = make_as_built_model.fn(job, place, block, placed)
     after = read_building(model.folder)
     wall = next(row for row in after.elements.to_pylist() if row["element_guid"] == "facade-S-1")
     assert 70 < wall["surface_area_m2"] < 110  # m2, of 96 that no tie point borders exactly
     assert wall["storey"] == "Stable" and [storey.name for storey in after.storeys] == ["Stable", "Loft"]
     assert abs(np.median(after.vertices_site_m[:, 1])) < 0.005  # m: from the poses, not from the free block
-    assert as_built_model.fn(job, place, block, placed).hit
+    assert make_as_built_model.fn(job, place, block, placed).hit
 
     compared = read_table("integrity_views", verify_model.fn(job, model, block, placed).folder).to_pylist()
     assert {row["integrity_outcome"] for row in compared} == {"no_model"}

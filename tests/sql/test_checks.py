@@ -12,7 +12,7 @@ from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.sql_files import read_statements
 from facadelake.core.tables import table_from_rows
-from facadelake.lake.checks import CHECKED, across_tables
+from facadelake.lake.checks import CHECKED, check_across_tables
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, rows
 
 
@@ -87,7 +87,7 @@ def test_each_sql_check_has_a_counterexample_and_one_header() -> None:
 
 @pytest.fixture(scope="module")
 def connection() -> Iterator[duckdb.DuckDBPyConnection]:
-    """What ``across_tables`` asks on."""
+    """What ``check_across_tables`` asks on."""
     opened = open_duckdb("spatial")
     yield opened
     opened.close()
@@ -111,7 +111,7 @@ def test_sql_check_finds_its_counterexample(connection: duckdb.DuckDBPyConnectio
 
 
 def _failures(made: dict[str, list[dict[str, Any]]]) -> dict[str, int]:
-    results = across_tables({table: table_from_rows(table, made[table]) for table in CHECKED})
+    results = check_across_tables({table: table_from_rows(table, made[table]) for table in CHECKED})
     return {row["expectation"]: row["unexpected"] for row in results if not row["passed"]}
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.lake.questions import ask, list_questions
+from facadelake.lake.questions import answer_question, list_questions
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit
 
 
@@ -21,7 +21,7 @@ def test_every_named_question_has_an_answer(lake: Path, question) -> None:
     given = {"building_id": BUILDING}
     if "campaign_id" in question.parameters:
         given["campaign_id"] = CAMPAIGN
-    answer = ask(lake, question.name, given)
+    answer = answer_question(lake, question.name, given)
     assert question.grain
     assert set(answer["building_id"].to_pylist()) <= {BUILDING}
     if "campaign_id" in question.parameters:
@@ -31,44 +31,44 @@ def test_every_named_question_has_an_answer(lake: Path, question) -> None:
 
 def test_answers_are_right(lake: Path) -> None:
     here = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
-    storeys = ask(lake, "defects_by_storey", here).to_pylist()
+    storeys = answer_question(lake, "defects_by_storey", here).to_pylist()
     assert {(r["storey"], r["defect_class"], r["defects"]) for r in storeys} == {
         ("Level 1", "crack", 2),
         ("Level 1", "spalling", 1),
         ("Level 1", "moisture", 1),
     }
-    outcomes = ask(lake, "detections_by_outcome", here).to_pylist()
+    outcomes = answer_question(lake, "detections_by_outcome", here).to_pylist()
     assert {
         (r["stage"], r["outcome"]): r["detections"] for r in outcomes if r["class"] in ("moisture", "graffiti")
     } == {
         ("register", "registered"): 2,
         ("detect", "unknown_class"): 1,
     }
-    assert ask(lake, "photographs_rejected", here)["reason"].to_pylist() == ["0 bytes"]
-    assert len(ask(lake, "worst_defects", {**here, "limit": 2})) == 2
-    (pair,) = ask(lake, "merges_of_defect", {**here, "defect_id": "defect-0000"}).to_pylist()
+    assert answer_question(lake, "photographs_rejected", here)["reason"].to_pylist() == ["0 bytes"]
+    assert len(answer_question(lake, "worst_defects", {**here, "limit": 2})) == 2
+    (pair,) = answer_question(lake, "merges_of_defect", {**here, "defect_id": "defect-0000"}).to_pylist()
     assert (pair["merge_decision"], pair["photo_id"], pair["other_photo_id"]) == (
         "joined", "closerange/p0.jpg", "closerange/p1.jpg",
     )  # fmt: skip
-    assert len(ask(lake, "merges_of_defect", {**here, "defect_id": "defect-0001"})) == 0
-    off = ask(lake, "deviations_from_model", here).to_pylist()
+    assert len(answer_question(lake, "merges_of_defect", {**here, "defect_id": "defect-0001"})) == 0
+    off = answer_question(lake, "deviations_from_model", here).to_pylist()
     assert [(r["defect_id"], r["deviation_from_model_m"], r["sigmas"]) for r in off] == [
         ("defect-0003", -0.13, 16.3), ("defect-0002", -0.08, 10.0), ("defect-0001", -0.03, 3.8),
         ("defect-0000", 0.02, 2.5),
     ]  # fmt: skip
     assert {
         (r["severity"], r["graded_by"], r["defect_class"], r["defects"])
-        for r in ask(lake, "defects_by_severity", here).to_pylist()
+        for r in answer_question(lake, "defects_by_severity", here).to_pylist()
     } == {("minor", "rules", "crack", 2), ("minor", "rules", "spalling", 1), ("minor", "rules", "moisture", 1)}
-    both = ask(lake, "campaigns").to_pylist()
+    both = answer_question(lake, "campaigns").to_pylist()
     assert [(r["campaign_id"], r["defects_total"], r["run_id"]) for r in both] == [
         (CAMPAIGN, 4, "run-1"),
         ("2026-10", 1, "run-1"),
     ]
-    (placed,) = ask(lake, "passport", here).to_pylist()
+    (placed,) = answer_question(lake, "passport", here).to_pylist()
     assert (placed["control"], placed["check_points"], placed["sigma_up_m"]) == ("gps", 1, 0.4)
     assert (placed["check_residual_max_m"], placed["doming_m"], placed["remarks"]) == (0.05, None, "synthetic")
-    assert len(ask(lake, "passport")) == 2
+    assert len(answer_question(lake, "passport")) == 2
     assert both[0]["version"] < both[1]["version"]
-    assert len(ask(lake, "campaigns", as_of=both[0]["version"])) == 1
-    assert len(ask(lake, "worst_defects", {"building_id": "nobody's"})) == 0
+    assert len(answer_question(lake, "campaigns", as_of=both[0]["version"])) == 1
+    assert len(answer_question(lake, "worst_defects", {"building_id": "nobody's"})) == 0

@@ -7,7 +7,7 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
-from facadelake.lake import read_table, versions
+from facadelake.lake import list_versions, read_table
 from facadelake.registry import Building
 from facadelake.reviews.campaign import read_reviewed_campaign
 from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat, choose_split, parse_splits
@@ -37,7 +37,7 @@ def make_training_set(
             f"--split names {', '.join(strange)}, but the set is of {', '.join(b.id for b in buildings)}"
         )
     placed = {building.id: choose_split(building.id, chosen) for building in buildings}
-    newest = {(row["building_id"], row["campaign_id"]): row["version"] for row in versions(lake).to_pylist()}
+    newest = {(row["building_id"], row["campaign_id"]): row["version"] for row in list_versions(lake).to_pylist()}
     sources = []
     for building in buildings:
         held = read_table(lake, "reviews", building_id=building.id)

@@ -13,7 +13,7 @@ import pyarrow as pa
 import shapely
 
 from facadelake.core.tables import add_run_keys, table_from_rows
-from facadelake.lake.commit import Committed, commit_campaign
+from facadelake.lake.commit import CommitResult, commit_campaign
 from schemas.tables import TABLES
 
 REPOSITORY = Path(__file__).resolve().parents[3]
@@ -172,7 +172,7 @@ def lake_tables(
 
 def commit(
     lake: Path, *, run_id: str = "run-1", campaign_id: str = CAMPAIGN, inputs: str = INPUTS, **settings: Any
-) -> Committed:
+) -> CommitResult:
     """Commit the small campaign; settings as of ``rows``."""
     tables = lake_tables(run_id=run_id, campaign_id=campaign_id, inputs=inputs, **settings)
     return commit_campaign(

@@ -11,7 +11,7 @@ import pytest
 from facadelake.core.errors import SchemaError
 from facadelake.core.sql_files import read_statements
 from facadelake.core.tables import get_stage_schema
-from facadelake.lake.checks import CHECKED, CHECKS, failure_text, failures, validate
+from facadelake.lake.checks import CHECKED, CHECKS, format_failures, select_failures, validate
 from schemas.tables import RUN_KEYS, TABLES
 from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_tables
 
@@ -56,13 +56,14 @@ def test_results_of_a_good_campaign_are_silent_and_a_row_per_expectation_of_ever
     keys = checks.select([name for name in TABLES["checks"].key if name not in RUN_KEYS]).to_pylist()
     assert len({tuple(key.values()) for key in keys}) == len(keys) > 200
     assert sum(key["expectation"].startswith("sql:") for key in keys) == len(read_statements(CHECKS))
-    assert all(checks["passed"].to_pylist()), failure_text(checks)
+    assert all(checks["passed"].to_pylist()), format_failures(checks)
 
 
 def test_bad_values_of_one_table_are_rows_that_failed(checked: dict[str, pa.Table]) -> None:
     checks = checked["bad"]
     found = {
-        (r["table_name"], r["column_name"], r["expectation"]): r["unexpected"] for r in failures(checks).to_pylist()
+        (r["table_name"], r["column_name"], r["expectation"]): r["unexpected"]
+        for r in select_failures(checks).to_pylist()
     }
     assert found[("photos", "prior_lat_deg", "expect_column_values_to_be_between")] == 1
     assert found[("photos", "photo_outcome", "expect_column_values_to_be_in_set")] == 1
@@ -70,7 +71,7 @@ def test_bad_values_of_one_table_are_rows_that_failed(checked: dict[str, pa.Tabl
     assert found[("georeference", "control", "expect_column_values_to_not_be_null")] == 1
     assert ("campaigns", "", "expect_table_row_count_to_equal") in found
     assert ("elements", "", "expect_table_row_count_to_be_between") in found
-    text = failure_text(checks)
+    text = format_failures(checks)
     assert "photos.prior_lat_deg: expect_column_values_to_be_between, 1 unexpected" in text
     assert '"found": [91.0]' in text
 

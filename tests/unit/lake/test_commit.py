@@ -13,9 +13,9 @@ import shapely
 
 from facadelake.core.errors import SchemaError, StoreError
 from facadelake.lake import commit as commit_module
-from facadelake.lake.commit import Committed, commit_campaign
-from facadelake.lake.connect import locked
-from facadelake.lake.read import read_table, read_tables, versions
+from facadelake.lake.commit import CommitResult, commit_campaign
+from facadelake.lake.connect import hold_lock
+from facadelake.lake.read import list_versions, read_table, read_tables
 from schemas.tables import TABLES
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, INPUTS, commit, in_process, lake_tables
 
@@ -37,17 +37,17 @@ def test_every_table_comes_back_as_it_went_in(tmp_path: Path) -> None:
                 assert back[column].equals(table[column]), f"{name}.{column}"
 
 
-def test_same_run_again_writes_nothing_and_names_the_version_it_has(tmp_path: Path, first: Committed) -> None:
+def test_same_run_again_writes_nothing_and_names_the_version_it_has(tmp_path: Path, first: CommitResult) -> None:
     other = commit(tmp_path, campaign_id="2026-10")
     again = commit(tmp_path, run_id="run-2")
     assert first.changed
     assert other.version > first.version
-    assert again == Committed(version=first.version, changed=False)
+    assert again == CommitResult(version=first.version, changed=False)
     assert read_table(tmp_path, "runs", campaign_id=CAMPAIGN)["run_id"].to_pylist() == ["run-1"]
 
 
 def test_changed_inputs_replace_the_campaign_and_the_old_version_stays_readable(
-    tmp_path: Path, first: Committed
+    tmp_path: Path, first: CommitResult
 ) -> None:
     commit(tmp_path, campaign_id="2026-10", defects=1)
     second = commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=5)
@@ -55,7 +55,7 @@ def test_changed_inputs_replace_the_campaign_and_the_old_version_stays_readable(
     assert len(read_table(tmp_path, "defects", campaign_id=CAMPAIGN)) == 5
     assert len(read_table(tmp_path, "defects", campaign_id="2026-10")) == 1
     assert len(read_table(tmp_path, "defects", campaign_id=CAMPAIGN, as_of=first.version)) == 3
-    listed = versions(tmp_path).to_pylist()
+    listed = list_versions(tmp_path).to_pylist()
     assert [(v["campaign_id"], v["run_id"]) for v in listed] == [
         (CAMPAIGN, "run-1"),
         ("2026-10", "run-1"),
@@ -65,7 +65,7 @@ def test_changed_inputs_replace_the_campaign_and_the_old_version_stays_readable(
 
 
 def test_failure_half_way_leaves_the_version_before(
-    tmp_path: Path, first: Committed, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, first: CommitResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     insert = commit_module.insert
 
@@ -80,7 +80,7 @@ def test_failure_half_way_leaves_the_version_before(
     ):
         commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=9)
     monkeypatch.undo()
-    assert versions(tmp_path)["version"].to_pylist() == [first.version]
+    assert list_versions(tmp_path)["version"].to_pylist() == [first.version]
     assert read_table(tmp_path, "runs")["run_id"].to_pylist() == ["run-1"]
     assert len(read_table(tmp_path, "defects")) == 3
     assert commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=9).changed
@@ -88,7 +88,7 @@ def test_failure_half_way_leaves_the_version_before(
 
 @pytest.mark.parametrize("stop_at", ["poses", "checks"])
 def test_killed_commit_leaves_the_version_before_and_blocks_nobody(
-    tmp_path: Path, first: Committed, stop_at: str
+    tmp_path: Path, first: CommitResult, stop_at: str
 ) -> None:
     code = f"""
         import time
@@ -106,7 +106,7 @@ def test_killed_commit_leaves_the_version_before_and_blocks_nobody(
         child.send_signal(signal.SIGKILL)
     assert child.returncode == -signal.SIGKILL
     assert len(read_table(tmp_path, "defects")) == 3
-    assert versions(tmp_path)["version"].to_pylist() == [first.version]
+    assert list_versions(tmp_path)["version"].to_pylist() == [first.version]
     began = time.monotonic()
     assert commit(tmp_path, run_id="run-3", inputs="j" * 64, defects=9).changed
     assert time.monotonic() - began < 20  # s: the dead process's lock is not waited for
@@ -147,12 +147,12 @@ def test_two_committers_and_a_reader_at_once(tmp_path: Path) -> None:
         time.sleep(0.3)  # s
     for child in children:
         assert child.returncode == 0, child.communicate()[1]
-    assert versions(tmp_path)["campaign_id"].to_pylist().count("c0") == 2
+    assert list_versions(tmp_path)["campaign_id"].to_pylist().count("c0") == 2
     assert sorted(read_table(tmp_path, "runs")["run_id"].to_pylist()) == ["run-0-1", "run-1", "run-1-1"]
 
 
 def test_waiting_for_another_writer_ends_with_a_message(tmp_path: Path) -> None:
-    with locked(tmp_path):
+    with hold_lock(tmp_path):
         code = f"""
             from facadelake.lake.connect import locked
             from facadelake.core.errors import StoreError

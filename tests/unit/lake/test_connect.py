@@ -9,10 +9,10 @@ import pytest
 
 from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import SchemaError, StoreError
-from facadelake.lake.commit import Committed
-from facadelake.lake.connect import locked, writing
-from facadelake.lake.migrate import migrate, migrations, schema_version
-from facadelake.lake.read import read_table, versions
+from facadelake.lake.commit import CommitResult
+from facadelake.lake.connect import hold_lock, open_catalog_to_write
+from facadelake.lake.migrate import get_schema_version, migrate, read_migrations
+from facadelake.lake.read import list_versions, read_table
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 from tests.unit.lake.small_campaign import REPOSITORY, commit, in_process
 
@@ -35,7 +35,7 @@ def test_needs_no_network_and_nothing_in_the_home_folder(tmp_path: Path) -> None
     assert not (home / ".duckdb").exists()
 
 
-def test_lake_may_be_moved_and_then_written(tmp_path: Path, template: tuple[Path, Committed]) -> None:
+def test_lake_may_be_moved_and_then_written(tmp_path: Path, template: tuple[Path, CommitResult]) -> None:
     old, new = tmp_path / "old", tmp_path / "it's new"
     folder, first = template
     shutil.copytree(folder, old)
@@ -48,7 +48,7 @@ def test_lake_may_be_moved_and_then_written(tmp_path: Path, template: tuple[Path
 
 def test_folder_without_a_lake(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match=r"there is no lake in .*; inspect a campaign first, or name another lake"):
-        versions(tmp_path)
+        list_versions(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -75,10 +75,10 @@ def test_failing_migration_leaves_the_version_before(tmp_path: Path) -> None:
     bad.write_text("CREATE TABLE extra (a BIGINT); ALTER TABLE defects ADD COLUMN nonsense NO_SUCH_TYPE;")
     lake = tmp_path / "lake"
     lake.mkdir()
-    with locked(lake), writing(lake) as connection:
+    with hold_lock(lake), open_catalog_to_write(lake) as connection:
         with pytest.raises(StoreError, match=r"migration \d+_bad of the lake failed"):
             migrate(connection, steps)
-        assert schema_version(connection) == SCHEMA_VERSION
+        assert get_schema_version(connection) == SCHEMA_VERSION
         tables = {row[0] for row in connection.execute("SELECT table_name FROM duckdb_tables()").fetchall()}
     assert "defects" in tables
     assert "extra" not in tables
@@ -87,16 +87,16 @@ def test_failing_migration_leaves_the_version_before(tmp_path: Path) -> None:
 def test_gap_in_the_migrations(tmp_path: Path) -> None:
     (tmp_path / "0002_late.sql").write_text("SELECT 1;")
     with pytest.raises(StoreError, match=r"numbered \[2\]; they must run 1, 2, 3 without a gap"):
-        migrations(tmp_path)
+        read_migrations(tmp_path)
 
 
 def test_migrated_lake_has_the_tables_of_the_schemas(tmp_path: Path) -> None:
-    assert len(migrations()) == SCHEMA_VERSION
+    assert len(read_migrations()) == SCHEMA_VERSION
     query = (
         "SELECT table_name, column_name, data_type, is_nullable FROM duckdb_columns() "
         "WHERE database_name = ? AND table_name != 'migrations' ORDER BY table_name, column_index"
     )
-    with locked(tmp_path), writing(tmp_path) as connection:
+    with hold_lock(tmp_path), open_catalog_to_write(tmp_path) as connection:
         migrate(connection)
         made = connection.execute(query, ["lake"]).fetchall()
     plain = open_duckdb()

@@ -13,10 +13,10 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.duckdb_engine import quote_sql_string
-from facadelake.lake.connect import reading
-from facadelake.lake.migrate import schema_version
-from facadelake.lake.questions import ask, list_questions
-from facadelake.lake.read import query, read_table, versions
+from facadelake.lake.connect import open_to_read
+from facadelake.lake.migrate import get_schema_version
+from facadelake.lake.questions import answer_question, list_questions
+from facadelake.lake.read import list_versions, query, read_table
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 from tests.unit.lake.small_campaign import CAMPAIGN, commit
 
@@ -40,7 +40,7 @@ def lake(tmp_path: Path) -> Path:
 
 def stored(lake: Path, table: str, as_of: int | None = None) -> pa.Table:
     """The rows as the files hold them, without the views that rename columns."""
-    with reading(lake, as_of=as_of) as connection:
+    with open_to_read(lake, as_of=as_of) as connection:
         key = ", ".join(LAKE_TABLES[table].key)
         return connection.execute(f"SELECT * FROM lake.{table} ORDER BY {key}").to_arrow_table()
 
@@ -53,26 +53,26 @@ def test_every_table_is_read_before_it_is_migrated(lake: Path, table: str) -> No
     for old, new in RENAMED.get(table, {}).items():
         assert old not in rows.column_names
         assert rows.column(new).to_pylist() == before.column(old).to_pylist()
-    with reading(lake) as connection:
-        assert schema_version(connection) == 1  # reading writes nothing
+    with open_to_read(lake) as connection:
+        assert get_schema_version(connection) == 1  # reading writes nothing
 
 
 def test_questions_and_statements_use_the_new_names(lake: Path) -> None:
     for question in list_questions():
-        ask(lake, question.name)
+        answer_question(lake, question.name)
     assert query(lake, "SELECT sum(photo_count) AS n FROM defects").to_pylist() == [{"n": 10}]
-    assert {row["regraded_by"] for row in versions(lake).to_pylist()} == {None, "nyc_fisp_v1"}
+    assert {row["regraded_by"] for row in list_versions(lake).to_pylist()} == {None, "nyc_fisp_v1"}
     (row,) = query(lake, "SELECT count(*) AS n FROM current_reviews WHERE reviewed_class = 'crack'").to_pylist()
     assert row["n"] == 2
 
 
 def test_a_commit_migrates_and_earlier_versions_stay_readable(lake: Path) -> None:
     then = {table: read_table(lake, table) for table in LAKE_TABLES}
-    newest = versions(lake).to_pylist()[-1]["version"]
+    newest = list_versions(lake).to_pylist()[-1]["version"]
     committed = commit(lake, run_id="run-3", campaign_id="2027-04")
     assert committed.changed
-    with reading(lake) as connection:
-        assert schema_version(connection) == SCHEMA_VERSION
+    with open_to_read(lake) as connection:
+        assert get_schema_version(connection) == SCHEMA_VERSION
     for table, rows in then.items():
         assert read_table(lake, table, as_of=newest).equals(rows), table
         others = read_table(lake, table).to_pylist()

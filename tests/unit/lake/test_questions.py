@@ -10,8 +10,8 @@ from facadelake.core.duckdb_engine import find_extension_file
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.sql_files import read_statement_file
 from facadelake.core.sql_guard import require_plain_select
-from facadelake.lake.questions import ask
-from facadelake.lake.read import query, sealed
+from facadelake.lake.questions import answer_question
+from facadelake.lake.read import open_sealed, query
 from schemas.tables import TABLES
 from tests.unit.lake.small_campaign import CAMPAIGN, commit
 
@@ -43,7 +43,7 @@ def test_select_with_parameters_spatial_functions_and_views(lake: Path) -> None:
 
 @pytest.fixture(scope="module")
 def connection(lake: Path) -> Iterator[duckdb.DuckDBPyConnection]:
-    with sealed(lake, None) as opened:
+    with open_sealed(lake, None) as opened:
         yield opened
 
 
@@ -127,9 +127,9 @@ def test_query_asks_the_guard_and_leaves_the_lake_alone(lake: Path) -> None:
 
 def test_mistakes_are_named(lake: Path) -> None:
     with pytest.raises(InputDataError, match="no question defects_by_colour; there are campaigns, "):
-        ask(lake, "defects_by_colour")
+        answer_question(lake, "defects_by_colour")
     with pytest.raises(InputDataError, match="no parameter colour; it has building_id, campaign_id"):
-        ask(lake, "defects_by_storey", {"colour": "red"})
+        answer_question(lake, "defects_by_storey", {"colour": "red"})
     with pytest.raises(InputDataError, match=r'(?s)cannot be answered.*"colour"'):
         query(lake, "SELECT colour FROM defects")
     with pytest.raises(InputDataError, match="syntax error"):
