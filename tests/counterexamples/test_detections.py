@@ -51,8 +51,8 @@ def rows_of(folder: Path, *annotations: dict[str, Any], file_name: str = "IMG_1.
         (
             {"bbox": [100, 200, 30, 40], "category_id": 2},
             "unknown_class",
-            "class 'Graffiti' stands for none of crack, spalling, moisture; "
-            "add it to 'classes' of the model's card or of the building's detector if it should "
+            "class 'Graffiti' is none of crack, spalling, moisture; if it means one of them, "
+            "add it to 'classes' of the model card or of the building's detector "
             "(it is one of dacl10k's damages)",
         ),
         (

@@ -166,7 +166,7 @@ def test_one_pixel_and_a_panorama_among_bad_files(tmp_path: Path, caplog: pytest
     with caplog.at_level(logging.WARNING):
         rows = detect_photographs(rows_of(folder, names), folder, spot_finder(tmp_path)).to_pylist()
     for name in ("cut.png", "empty.jpg", "gone.jpg"):
-        assert f"{name} cannot be read: nothing was looked for in it" in caplog.text
+        assert f"{name} cannot be read: the detector did not process it" in caplog.text
     assert {row["photo_id"] for row in rows} == {"panorama.png", "pixel.png"}
     spots = [row for row in rows if row["photo_id"] == "panorama.png" and row["source_class"] == "crack"]
     assert min(abs(row["box_x_px"] + row["box_width_px"] / 2 - 4805) for row in spots) < 1.0  # px

@@ -55,11 +55,11 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
         assert (crack["detection_outcome"], crack["defect_class"], crack["reason"]) == ("accepted", "crack", None)
         assert crack["box_x_px"] == pytest.approx(48, rel=0, abs=0.01)  # px
         assert (car["detection_outcome"], car["defect_class"], car["source_class"]) == ("unknown_class", None, "car")
-        assert "class 'car' stands for none of crack, spalling, moisture" in car["reason"]
+        assert "class 'car' is none of crack, spalling, moisture" in car["reason"]
         # 32 px from -6 to 26, cut at the border.
         assert overhanging["detection_outcome"] == "accepted"
         assert [overhanging["box_x_px"], overhanging["box_width_px"]] == pytest.approx([0, 26], rel=0, abs=0.01)  # px
-        assert "sticks out of the photograph (192 x 80 px) by 6.0 px" in overhanging["reason"]
+        assert "extends beyond the photograph (192 x 80 px) by 6.0 px" in overhanging["reason"]
         # The photograph ends at 40 px of the input's 64.
         assert padding["detection_outcome"] == "outside_image"
         assert (crack["detector"], crack["detector_sha256"]) == ("onnx:fixed", detector.sha256)

@@ -42,10 +42,10 @@ def test_a_strange_name_is_not_guessed() -> None:
     crosswalk = build_crosswalk()
     assert crosswalk.find_defect_class("cracked pipe") is None
     assert crosswalk.explain_unknown("cat") == (
-        "class 'cat' stands for none of crack, spalling, moisture; "
-        "add it to 'classes' of the model's card or of the building's detector if it should"
+        "class 'cat' is none of crack, spalling, moisture; if it means one of them, "
+        "add it to 'classes' of the model card or of the building's detector"
     )
-    assert crosswalk.explain_unknown("Rust").endswith("if it should (it is one of dacl10k's damages)")
+    assert crosswalk.explain_unknown("Rust").endswith("detector (it is one of dacl10k's damages)")
 
 
 def test_a_building_stands_over_a_card_and_a_card_over_the_table() -> None:

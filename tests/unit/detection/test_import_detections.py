@@ -83,7 +83,7 @@ def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("bbox", "outcome", "kept", "reason"),
     [
-        ([-5, -7, 20, 20], "accepted", (0, 0, 15, 13), "sticks out of the photograph (640 x 480 px) by 7.0 px; cut"),
+        ([-5, -7, 20, 20], "accepted", (0, 0, 15, 13), "extends beyond the photograph (640 x 480 px) by 7.0 px and was clipped"),
         ([630, 470, 20, 20], "accepted", (630, 470, 10, 10), "by 10.0 px"),
         ([-0.4, 0, 20, 480.6], "accepted", (0, 0, 19.6, 480), None),
         ([640, 10, 5, 5], "outside_image", (640, 10, 5, 5), "box at 640, 10 of 5 x 5 px lies outside the photograph"),
@@ -132,7 +132,7 @@ def test_an_unknown_class_is_a_row_and_a_building_may_name_it(tmp_path: Path) ->
     path = coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, {"bbox": [1, 2, 3, 4], "category_id": 9}, category="Rust")
     rust, nothing = rows_of(path)
     assert (rust["detection_outcome"], rust["defect_class"]) == ("unknown_class", None)
-    assert "class 'Rust' stands for none of crack, spalling, moisture" in rust["reason"]
+    assert "class 'Rust' is none of crack, spalling, moisture" in rust["reason"]
     assert "category_id 9 is not among 'categories'" in nothing["reason"]
     assert nothing["source_class"] == "category 9"
     assert rows_of(path, rust="moisture")[0]["defect_class"] == "moisture"
