@@ -35,8 +35,8 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.lake import read_tables
 from facadelake.registration import resolve_registration_settings
-from facadelake.registration.cast import cast_detections
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
+from facadelake.registration.raycast import cast_detections
 from facadelake.registry import read_portfolio
 
 ROOT = Path(__file__).resolve().parent.parent

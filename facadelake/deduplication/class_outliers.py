@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
-from facadelake.deduplication.cluster import label_groups
-from facadelake.deduplication.gate import ObservationPairs
+from facadelake.deduplication.linkage import label_groups
 from facadelake.deduplication.observations import ObservationArrays
+from facadelake.deduplication.pairs import ObservationPairs
 from facadelake.deduplication.settings import MergeSettings
 
 _HOST_OBSERVATIONS_MIN = 2  # sightings that outvote one

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.core.arrays import Float64Array, RowIndices
-from facadelake.deduplication.aggregate import compute_weighted_medians
+from facadelake.deduplication.group_statistics import compute_weighted_medians
 from facadelake.deduplication.observations import read_column
 from schemas.vocabulary import CrackWidthOutcome
 

@@ -13,8 +13,8 @@ from facadelake.building import BuildingModel
 from facadelake.building.facades import COMPASS
 from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndices
 from facadelake.core.tables import check_table, get_stage_schema
-from facadelake.deduplication.aggregate import compute_maxima, compute_weighted_medians, find_most_common
 from facadelake.deduplication.crack_width import estimate_crack_widths
+from facadelake.deduplication.group_statistics import compute_maxima, compute_weighted_medians, find_most_common
 from facadelake.deduplication.observations import CLASSES, ObservationArrays, encode_column, read_column
 from facadelake.deduplication.position import DefectPositions
 from schemas.vocabulary import PositionMethod

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
-from facadelake.deduplication.gate import PositionNoise
 from facadelake.deduplication.observations import ObservationArrays
+from facadelake.deduplication.pairs import PositionNoise
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.deduplication.triangulate import GroupRays, SurfacePlanes, find_planes, triangulate_groups
+from facadelake.deduplication.triangulation import GroupRays, SurfacePlanes, find_planes, triangulate_groups
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

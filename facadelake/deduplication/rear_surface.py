@@ -15,12 +15,12 @@ from scipy.spatial import cKDTree
 
 from facadelake.building.surface import MISS, Surface
 from facadelake.core.arrays import Float64Array, RowIndices
-from facadelake.deduplication.cluster import label_groups
-from facadelake.deduplication.gate import PositionNoise, compute_observation_covariance, measure_pairs
-from facadelake.deduplication.grouping import Clustering
+from facadelake.deduplication.clustering import Clustering
+from facadelake.deduplication.linkage import label_groups
 from facadelake.deduplication.observations import ObservationArrays
+from facadelake.deduplication.pairs import PositionNoise, compute_observation_covariance, measure_pairs
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.deduplication.triangulate import GroupRays, SurfacePlanes, find_planes, triangulate_groups
+from facadelake.deduplication.triangulation import GroupRays, SurfacePlanes, find_planes, triangulate_groups
 
 _log = logging.getLogger(__name__)
 _REAR_SURFACES = 3  # surfaces behind the first that are looked at

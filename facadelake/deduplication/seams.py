@@ -13,9 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
-from facadelake.deduplication.cluster import label_groups
-from facadelake.deduplication.gate import ObservationPairs
+from facadelake.deduplication.linkage import label_groups
 from facadelake.deduplication.observations import ObservationArrays
+from facadelake.deduplication.pairs import ObservationPairs
 
 _SEAM_PX = 1.0  # boxes cut by one seam end on one line, to rounding
 _ALIGNED_SHARE = 0.9  # share of both boxes' sides along a seam that they have in common, where nothing else tells

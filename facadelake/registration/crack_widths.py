@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from facadelake.core.arrays import Float64Array, Int64Array
-from facadelake.registration.cast import RaycastBatch
+from facadelake.registration.raycast import RaycastBatch
 from facadelake.registration.rays import compute_pixel_rays
 from schemas.vocabulary import CrackWidthOutcome
 

@@ -19,7 +19,7 @@ _EIGENVALUE_RATIO_MIN = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ImagePoints:
+class BlockImagePoints:
     """Sightings of tie points, as structure from motion leaves them: photograph ``photo_ids[photo[k]]`` saw the point
     numbered ``point[k]`` at pixel ``xy_img[k]`` (k, 2)."""
 
@@ -46,7 +46,7 @@ class TiePoints:
     image_points: Mapping[str, PhotoImagePoints]
 
 
-def triangulate_tie_points(tracks: ImagePoints, posed: Mapping[str, PosedCamera]) -> TiePoints:
+def triangulate_tie_points(tracks: BlockImagePoints, posed: Mapping[str, PosedCamera]) -> TiePoints:
     """The tie points that three or more of the cameras ``posed`` (by photo_id) agree on.
 
     Least squares of the rays' distances in pixels, twice: the second time each ray is weighted by its own distance.

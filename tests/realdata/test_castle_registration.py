@@ -28,7 +28,7 @@ from facadelake.georeferencing.imported.placement import ImportedPlacement, plac
 from facadelake.georeferencing.imported.read import read_poses
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
 from schemas.vocabulary import ControlKind
 

@@ -22,7 +22,7 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.tables import table_from_rows
 from facadelake.deduplication.merge import MergeResult, merge_observations
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
 
 pytestmark = pytest.mark.realdata

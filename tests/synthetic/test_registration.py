@@ -20,9 +20,9 @@ from facadelake.core.camera import PosedCamera
 from facadelake.deduplication.merge import MergeResult, merge_observations
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration.exclusion import ExclusionEvidence, ExclusionSettings, exclude_observations
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
-from facadelake.registration.tie_points import ImagePoints, triangulate_tie_points
+from facadelake.registration.tie_points import BlockImagePoints, triangulate_tie_points
 from schemas.vocabulary import ObservationOutcome
 from tests.synthetic.registration_scene import (
     HEIGHT,
@@ -345,7 +345,7 @@ def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
     bare = [(u, v, 0.0) for u in np.arange(-5, 5.1, 0.3) for v in np.arange(1, 7.1, 0.3) if abs(u) > 1.5]
     on_wall = walls[0].points(bare)
     sighted = [shot.pixels(np.vstack([post, on_wall])) for shot in facing]
-    tracks = ImagePoints(
+    tracks = BlockImagePoints(
         photo_ids=[shot.name for shot in facing],
         photo=np.repeat(np.arange(len(facing)), len(sighted[0])),
         point=np.tile(np.arange(len(sighted[0])), len(facing)),

@@ -49,7 +49,7 @@ PLANTED = [
     (
         "No circles inside packages",
         "facadelake.registration.rays",
-        "import facadelake.registration.observe",
+        "import facadelake.registration.observation",
         "No cycles are allowed in facadelake.registration.",
     ),
     (
@@ -84,7 +84,7 @@ PLANTED = [
     ),
     (
         "Registration and deduplication know no photograph's metadata",
-        "facadelake.registration.cast",
+        "facadelake.registration.raycast",
         "import facadelake.photos",
         "facadelake.registration is not allowed to import facadelake.photos",
     ),

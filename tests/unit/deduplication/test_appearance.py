@@ -7,7 +7,7 @@ import pytest
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.deduplication.appearance import PhotographSource
-from facadelake.deduplication.grouping import cluster_observations
+from facadelake.deduplication.clustering import cluster_observations
 from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
 from tests.unit.registration.wall_scene import looking

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.deduplication.grouping import cluster_observations
+from facadelake.deduplication.clustering import cluster_observations
 from facadelake.deduplication.merge import merge_observations
 from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import looking
 

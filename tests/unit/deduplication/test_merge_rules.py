@@ -5,8 +5,8 @@ import pyarrow as pa
 import pytest
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.deduplication.decisions import build_merges_table
-from facadelake.deduplication.grouping import cluster_observations
+from facadelake.deduplication.clustering import cluster_observations
+from facadelake.deduplication.merge_decisions import build_merges_table
 from facadelake.deduplication.rear_surface import reassign_to_rear_surface
 from facadelake.deduplication.settings import MergeSettings
 from tests.unit.deduplication.merging import sightings_on_wall

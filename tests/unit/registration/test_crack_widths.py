@@ -9,7 +9,7 @@ import shapely
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.deduplication.crack_width import CrackWidthEstimate, estimate_crack_widths
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import looking
 

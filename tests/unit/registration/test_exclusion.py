@@ -15,7 +15,7 @@ from facadelake.core.tables import table_from_rows
 from facadelake.registration.exclusion import ExclusionEvidence, ExclusionSettings, exclude_observations
 from facadelake.registration.exclusion_mask import compute_masked_shares
 from facadelake.registration.occlusion import OcclusionSettings
-from facadelake.registration.tie_points import ImagePoints, triangulate_tie_points
+from facadelake.registration.tie_points import BlockImagePoints, triangulate_tie_points
 from tests.unit.registration.wall_scene import looking
 
 CAMERAS = {f"p{i}": looking([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-3.0, 0.0, 3.0))}
@@ -36,7 +36,7 @@ def tracks_of(points, cameras=CAMERAS, seed=7, noise_px=NOISE_PX):
         photo.append(np.full(len(seen), index))
         point.append(seen)
         xy.append(pixels)
-    return ImagePoints(
+    return BlockImagePoints(
         photo_ids=list(cameras), photo=np.concatenate(photo), point=np.concatenate(point), xy_img=np.vstack(xy)
     )
 
@@ -87,7 +87,7 @@ def test_a_wrong_match_is_no_tie_point():
     wrong = tracks.xy_img.copy()
     wrong[100] += [0, 25.0]  # px, across the epipolar lines
     found = triangulate_tie_points(
-        ImagePoints(photo_ids=tracks.photo_ids, photo=tracks.photo, point=tracks.point, xy_img=wrong), CAMERAS
+        BlockImagePoints(photo_ids=tracks.photo_ids, photo=tracks.photo, point=tracks.point, xy_img=wrong), CAMERAS
     )
     assert len(found.xyz_site_m) == len(triangulate_tie_points(tracks, CAMERAS).xyz_site_m) - 1
 

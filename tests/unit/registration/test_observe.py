@@ -7,7 +7,7 @@ import shapely
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import GEO, transform
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
 from schemas.vocabulary import ObservationOutcome
 from tests.unit.registration.wall_scene import looking

@@ -11,7 +11,7 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.pose_table import read_pose_covariances
 from facadelake.core.tables import table_from_rows
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import CAMERA, looking
 

@@ -9,7 +9,7 @@ import shapely
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.tables import table_from_rows
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
 from facadelake.registration.patch import convert_patches_to_wkb, patches_in_site
 from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import looking, sheet

@@ -14,8 +14,8 @@ import numpy as np
 
 from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.core.parallel import map_blocks
-from facadelake.deduplication.gate import PositionNoise, compute_observation_covariance
 from facadelake.deduplication.observations import ObservationArrays
+from facadelake.deduplication.pairs import PositionNoise, compute_observation_covariance
 from facadelake.registration import compute_tangents
 
 _ITERATIONS = 12

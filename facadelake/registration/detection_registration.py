@@ -12,9 +12,9 @@ from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.registration.exclusion import ExclusionEvidence, ExclusionSettings, exclude_observations
-from facadelake.registration.observe import observe_detections
+from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
-from facadelake.registration.tie_points import ImagePoints, triangulate_tie_points
+from facadelake.registration.tie_points import BlockImagePoints, triangulate_tie_points
 from facadelake.sfm import Reconstruction
 
 DEFAULT_EXCLUSION = ExclusionSettings()
@@ -56,8 +56,8 @@ def register_detections(
     return exclude_observations(table, detections, posed, building.elements, surface, scene, exclusion)
 
 
-def _read_image_points(block: Reconstruction) -> ImagePoints:
-    return ImagePoints(
+def _read_image_points(block: Reconstruction) -> BlockImagePoints:
+    return BlockImagePoints(
         photo_ids=[photo.photo_id for photo in block.photos],
         photo=block.image_point_photo,
         point=block.image_point_tie_point,

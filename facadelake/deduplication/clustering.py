@@ -8,14 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
+from facadelake.deduplication.ambiguous_pairs import (
+    Compare,
+    ComparedPairs,
+    build_uncompared_pairs,
+    compare_ambiguous_pairs,
+)
 from facadelake.deduplication.class_outliers import assign_class_outliers
-from facadelake.deduplication.cluster import cluster_by_average_linkage, label_groups
-from facadelake.deduplication.gate import ObservationPairs, PositionNoise, find_pairs, update_pairs
+from facadelake.deduplication.linkage import cluster_by_average_linkage, label_groups
 from facadelake.deduplication.observations import ObservationArrays
+from facadelake.deduplication.pairs import ObservationPairs, PositionNoise, find_pairs, update_pairs
 from facadelake.deduplication.seams import find_units, merge_units
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.deduplication.triangulate import GroupRays, VarianceEstimate, estimate_variances
-from facadelake.deduplication.verify import Compare, ComparedPairs, build_uncompared_pairs, compare_ambiguous_pairs
+from facadelake.deduplication.triangulation import GroupRays, VarianceEstimate, estimate_variances
 
 _log = logging.getLogger(__name__)
 _CANDIDATE_GATES = 1.5  # gates: pairs further apart than that are not worth a word

@@ -12,9 +12,9 @@ from facadelake.building import BuildingModel, find_storeys
 from facadelake.building.facades import collect_facades
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.registration.attribution import ElementAttribution
-from facadelake.registration.cast import RaycastBatch
 from facadelake.registration.crack_widths import compute_crack_columns
 from facadelake.registration.patch import convert_patches_to_wkb
+from facadelake.registration.raycast import RaycastBatch
 
 _SITE = ("x_site_m", "y_site_m", "z_site_m")
 _GEO = ("lon_deg", "lat_deg", "height_ellipsoidal_m")

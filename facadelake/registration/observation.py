@@ -21,8 +21,8 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.progress import report_progress
 from facadelake.core.tables import table_from_rows
 from facadelake.registration.attribution import ElementAttribution
-from facadelake.registration.cast import RaycastBatch, cast_detections
-from facadelake.registration.columns import ObservationColumns
+from facadelake.registration.observation_columns import ObservationColumns
+from facadelake.registration.raycast import RaycastBatch, cast_detections
 from facadelake.registration.rays import compute_ray_covariance, compute_surface_covariance
 from facadelake.registration.settings import RegistrationSettings
 from schemas.vocabulary import DetectionOutcome, ObservationOutcome
