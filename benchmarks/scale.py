@@ -195,7 +195,7 @@ def measure_extraction(photographs: str, threads: int) -> dict[str, Any]:
     job = {
         "cameras": [camera],
         "photos": [{"photo_id": name, **photo} for name in names],
-        "settings": ReconstructionSettings().key(),
+        "settings": ReconstructionSettings().cache_key,
         "cores": threads,
         "photographs_root": photographs,
     }

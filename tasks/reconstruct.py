@@ -25,4 +25,4 @@ def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
         resected = sum(photo.source == PoseSource.RESECTED for photo in block.photos)
         return {"cameras": len(block.photos), "of them resected": resected, "tie points": len(block.xyz_sfm)}
 
-    return run_stage(job, "reconstruct", reads={"photos": photos}, inputs={"settings": settings.key()}, make=make)
+    return run_stage(job, "reconstruct", reads={"photos": photos}, inputs={"settings": settings.cache_key}, make=make)

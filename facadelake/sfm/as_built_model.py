@@ -45,8 +45,8 @@ def build_as_built_model(
     vertices, triangles = mesh_tie_points(block, max_points=_MAX_POINTS)
     if len(triangles) == 0:
         raise InputDataError(
-            f"no surface can be made of the {len(block.xyz_sfm)} tie points; photograph with more overlap and from more "
-            "sides, or register a building model"
+            f"the {len(block.xyz_sfm)} tie points form no surface; photograph with more overlap and from more sides, or "
+            "register a building model"
         )
     return attach_surface(place, vertices, triangles, surface_sigma_m=estimate_roughness(vertices))
 
@@ -55,8 +55,8 @@ def triangulate_in_site(reconstruction: Reconstruction, posed: Mapping[str, Pose
     """The block in the frame ``site`` instead of ``sfm``: adjusted cameras, tie points triangulated again.
 
     A similarity transform of the free block is not enough: the adjustment to control bends the block by centimetres.
-    Photographs without a pose are left out, and so are image points of tie points that the remaining photographs do not
-    determine or determine worse than 0.1 m.
+    Photographs without a pose are left out, and so are the image points of tie points that the remaining photographs do
+    not determine, or determine with a sigma above 0.1 m.
     """
     kept = [k for k, photo in enumerate(reconstruction.photos) if photo.photo_id in posed]
     new_index = np.full(len(reconstruction.photos), -1, dtype=np.int64)

@@ -17,8 +17,8 @@ class FacetCrossings:
     """Facets of tetrahedra crossed by rays on their way from camera to point.
 
     ``tetrahedron`` (k,) is left through its facet ``facet`` (k,) (0 to 3: opposite the vertex of that number), at
-    ``distance_to_end`` (k,) before the point of the ray. ``camera_tetrahedra`` contain the cameras; ``solid_tetrahedron``
-    (rays,) is the one just behind each ray's point (-1: outside).
+    ``distance_to_end`` (k,) before the point of the ray. ``camera_tetrahedra`` contain the cameras;
+    ``solid_tetrahedron`` (rays,) is the one just behind each ray's point (-1: outside).
     """
 
     tetrahedron: Int64Array
@@ -83,9 +83,8 @@ def _locate_tetrahedra(delaunay: Delaunay, xyz: Float64Nx3) -> Int64Array:
     places, place_of_point = np.unique(xyz, axis=0, return_inverse=True)
     low, high = places.min(axis=0), places.max(axis=0)
     cell = ((places - low) / np.maximum(high - low, 1e-300) * 63).astype(np.int64)
-    cell[:, 1] = np.where(
-        cell[:, 0] % 2, 63 - cell[:, 1], cell[:, 1]
-    )  # boustrophedon order: neighbouring rows in alternating direction
+    # Boustrophedon order: consecutive rows run in opposite directions, so that there are no jumps between them.
+    cell[:, 1] = np.where(cell[:, 0] % 2, 63 - cell[:, 1], cell[:, 1])
     order = np.lexsort((cell[:, 2], cell[:, 1], cell[:, 0]))
     found = np.empty(len(places), dtype=np.int64)
     found[order] = delaunay.find_simplex(places[order])

@@ -45,7 +45,7 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
     close_range = np.array([row["role"] == PhotoRole.CLOSERANGE for row in rows])
     half_view_deg = np.array([_compute_half_view_deg(cameras[camera]) for camera in camera_of])
     job: dict[str, Any] = {
-        "settings": settings.key(),
+        "settings": settings.cache_key,
         "cameras": cameras,
         "photos": [
             {

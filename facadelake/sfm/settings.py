@@ -11,13 +11,13 @@ from facadelake.core.errors import InputDataError
 
 @dataclass(frozen=True, kw_only=True)
 class ReconstructionSettings:
-    """How the photographs are brought together.
+    """Settings of structure from motion.
 
-    ``max_image_px``: features are found on photographs reduced to this longer side; ``max_features`` of them at most
-    in each. ``exhaustive_up_to``: up to that many photographs every pair is tried, above it ``neighbours`` of each by
-    position and viewing direction, and half as many by their looks where positions say too little, and as many again of
-    those partners' partners. ``threads`` 0: all cores, or as many as the free memory bears. ``seed`` fixes what is
-    drawn at random.
+    ``max_image_px``: features are extracted from photographs reduced to this longer side; ``max_features``: at most in
+    each. ``exhaustive_up_to``: up to this many photographs every pair is matched; above it each is matched with
+    ``neighbours`` others by position and viewing direction. Where positions are uncertain, half as many are added by
+    appearance, and as many again from the verified partners of those. ``threads`` 0: all cores, or as many as the free
+    memory allows. ``seed`` is that of all random sampling.
     """
 
     max_image_px: int = 2000
@@ -29,17 +29,18 @@ class ReconstructionSettings:
 
     def __post_init__(self) -> None:
         limits = {"max_image_px": 400, "max_features": 500, "exhaustive_up_to": 2, "neighbours": 2, "threads": 0}
-        for name, least in limits.items():
-            if getattr(self, name) < least:
+        for name, minimum in limits.items():
+            if getattr(self, name) < minimum:
                 raise InputDataError(
-                    f"reconstruction setting {name} is {getattr(self, name)}; it must be {least} or more"
+                    f"reconstruction setting {name} is {getattr(self, name)}; it must be {minimum} or more"
                 )
 
     @property
     def cores(self) -> int:
-        """Threads to use."""
+        """Number of threads."""
         return self.threads or os.cpu_count() or 1
 
-    def key(self) -> dict[str, Any]:
-        """What changes the result, for the cache: the number of threads is left out."""
+    @property
+    def cache_key(self) -> dict[str, Any]:
+        """The settings that change the result, for cache keys: all but the number of threads."""
         return {name: value for name, value in asdict(self).items() if name != "threads"}

@@ -160,5 +160,5 @@ def test_too_few_tie_points_are_an_error(corner) -> None:
         image_point_tie_point=reconstruction.image_point_tie_point[few],
         image_point_xy_img=reconstruction.image_point_xy_img[few],
     )
-    with pytest.raises(InputDataError, match="tie points seen three times or more"):
+    with pytest.raises(InputDataError, match="tie points have three image points or more"):
         build_as_built_model(place, sparse, posed)

@@ -120,4 +120,4 @@ def test_the_viewing_direction_is_the_optical_axis_of_the_attitude() -> None:
 def test_settings_refuse_the_impossible() -> None:
     with pytest.raises(InputDataError, match="max_image_px is 100; it must be 400 or more"):
         ReconstructionSettings(max_image_px=100)
-    assert ReconstructionSettings(threads=1).key() == ReconstructionSettings(threads=2).key()
+    assert ReconstructionSettings(threads=1).cache_key == ReconstructionSettings(threads=2).cache_key

@@ -81,14 +81,14 @@ def test_rays_cross_each_tetrahedron_on_their_way_once() -> None:
     seen = met[np.concatenate([[True], met[1:] != met[:-1]])]
     assert len(seen) > 5
     np.testing.assert_array_equal(walked, seen)
-    assert found.begins.tolist() == [met[0]]
+    assert found.camera_tetrahedra.tolist() == [met[0]]
     length = float(np.linalg.norm(points[end] - origin))
     changes = np.flatnonzero(met[1:] != met[:-1]) / 200_000
-    np.testing.assert_allclose(found.before_end, length * (1 - changes), rtol=0, atol=1e-3)
+    np.testing.assert_allclose(found.distance_to_end, length * (1 - changes), rtol=0, atol=1e-3)
 
 
 def test_too_few_points_or_no_mesh_are_errors(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match="20 tie points seen three times or more; a surface needs 50"):
+    with pytest.raises(InputDataError, match="20 tie points have three image points or more; a surface needs 50"):
         mesh_tie_points(corner(noise=0.01, count=20))
     with pytest.raises(InputDataError, match="holds no as-built mesh"):
         read_mesh(tmp_path)
