@@ -45,8 +45,8 @@ def build_as_built_model(
     vertices, triangles = mesh_tie_points(block, max_points=_MAX_POINTS)
     if len(triangles) == 0:
         raise InputDataError(
-            f"the {len(block.xyz_sfm)} tie points form no surface; photograph with more overlap and from more sides, or "
-            "register a building model"
+            f"the {len(block.xyz_sfm)} tie points form no surface; photograph with more overlap and from more sides, "
+            "or register a building model"
         )
     return attach_surface(place, vertices, triangles, surface_sigma_m=estimate_roughness(vertices))
 

@@ -25,8 +25,8 @@ _IDENTICAL_POSITION_M = 0.001
 
 
 def direction_from_yaw_pitch(yaw_deg: Float64N, pitch_deg: Float64N) -> Float64Nx3:
-    """Viewing directions (n, 3), unit vectors in site, of yaw (clockwise from north) and pitch (above the horizon); NaN if
-    unknown.
+    """Viewing directions (n, 3), unit vectors in site, of yaw (clockwise from north) and pitch (above the horizon); NaN
+    if unknown.
     """
     yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
     return np.column_stack([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
@@ -80,9 +80,9 @@ def choose_pairs(
 def find_uncertain_positions(xyz_m: Float64Nx3, sigma_m: Float64Nx3, settings: ReconstructionSettings) -> BoolArray:
     """Photographs (n,) whose position does not identify their neighbours: they need partners by appearance.
 
-    These have no position; or a horizontal sigma of more than half the distance within which their neighbours by position
-    lie, so that true neighbours may lie beyond; or a position that several photographs share. None where every pair is
-    matched anyway.
+    These have no position; or a horizontal sigma of more than half the distance within which their neighbours by
+    position lie, so that true neighbours may lie beyond; or a position that several photographs share. None where every
+    pair is matched anyway.
 
     Args:
         xyz_m: position priors (n, 3) in site; NaN where there is none.

@@ -45,9 +45,9 @@ class UnlocalisedPhoto:
 class Reconstruction:
     """The largest block.
 
-    ``xyz_sfm`` (m, 3) and ``rgb`` (m, 3) are tie points and their colours. Image point k of a tie point is in photograph
-    ``image_point_photo[k]`` (index into ``photos``), shows tie point ``image_point_tie_point[k]`` (row of ``xyz_sfm``) and
-    lies at pixel ``image_point_xy_img[k]``.
+    ``xyz_sfm`` (m, 3) and ``rgb`` (m, 3) are tie points and their colours. Image point k of a tie point is in
+    photograph ``image_point_photo[k]`` (index into ``photos``), shows tie point ``image_point_tie_point[k]`` (row of
+    ``xyz_sfm``) and lies at pixel ``image_point_xy_img[k]``.
     """
 
     photos: tuple[LocalisedPhoto, ...]
@@ -131,8 +131,8 @@ def read_reconstruction(folder: Path) -> Reconstruction:
 def read_descriptors(folder: Path) -> UInt8Array:
     """SIFT descriptors (m, 128) of the tie points of the reconstruction in ``folder``, in the rows of ``xyz_sfm``.
 
-    Each is the descriptor nearest to the mean of its tie point's image points, as COLMAP stores it: the square root of a
-    histogram of sum 1, times 512 (Arandjelovic and Zisserman 2012). Raises InputDataError where there are none.
+    Each is the descriptor nearest to the mean of its tie point's image points, as COLMAP stores it: the square root of
+    a histogram of sum 1, times 512 (Arandjelovic and Zisserman 2012). Raises InputDataError where there are none.
     """
     try:
         descriptors: UInt8Array = np.load(folder / "descriptors.npy")

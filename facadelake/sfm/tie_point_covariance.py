@@ -26,8 +26,8 @@ def compute_tie_point_covariance(
 ) -> Float64Nx3x3:
     """Covariance (m, 3, 3) of points from their image points, conditional on the cameras.
 
-    The uncertainty of the cameras themselves is not included. Source: Foerstner and Wrobel 2016, Photogrammetric Computer
-    Vision, section 13.4.
+    The uncertainty of the cameras themselves is not included. Source: Foerstner and Wrobel 2016, Photogrammetric
+    Computer Vision, section 13.4.
 
     Args:
         reconstruction: the block whose image points determine the points.
