@@ -124,7 +124,7 @@ def measure(count: int) -> dict[str, Any]:
     return {
         **spent,
         "before_mb": before_mb,
-        "tie_points": len(adjusted.ties.point),
+        "tie_points": len(adjusted.ties.reconstruction_point),
         "sightings": len(adjusted.ties.photo),
         "steps": adjusted.solution.steps,
         "common_m": float(np.linalg.norm(error.mean(axis=0))),

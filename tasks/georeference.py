@@ -66,9 +66,9 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         placed.site_from_sfm.save(folder / SITE_FROM_SFM)
         origin = model_of_building.origin
         write_table("poses", build_poses_table(placed, reconstruction, photos_table, origin=origin), folder)
-        write_table("georeference", placed.table(), folder)
-        write_table("georeference_points", placed.points_table(origin), folder)
-        reference = placed.reference(reconstruction, descriptors, building.id, job.campaign_id, origin)
+        write_table("georeference", placed.build_table(), folder)
+        write_table("georeference_points", placed.build_points_table(origin), folder)
+        reference = placed.build_reference(reconstruction, descriptors, building.id, job.campaign_id, origin)
         if reference is not None:
             reference.save(folder / REFERENCE_FILE)
         return {"localised": len(placed.cameras), "not localised": len(reconstruction.unlocalised)}

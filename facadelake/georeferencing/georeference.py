@@ -72,11 +72,11 @@ class GeoreferencedCampaign:
     points: tuple[PassportPoint, ...]
     row: Mapping[str, Any]
 
-    def table(self) -> pa.Table:
+    def build_table(self) -> pa.Table:
         """Table `georeference`, one row."""
         return table_from_rows("georeference", [self.row])
 
-    def reference(
+    def build_reference(
         self,
         reconstruction: Reconstruction,
         descriptors: UInt8Array,
@@ -87,8 +87,8 @@ class GeoreferencedCampaign:
         """The tie points by which later campaigns find into this one's frame; None where it is known to metres only."""
         count = len(reconstruction.xyz_sfm)
         xyz, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-        xyz[self.adjusted.ties.point] = self.adjusted.xyz_site_m
-        covariance[self.adjusted.ties.point] = self.adjusted.point_covariance_m2
+        xyz[self.adjusted.ties.reconstruction_point] = self.adjusted.xyz_site_m
+        covariance[self.adjusted.ties.reconstruction_point] = self.adjusted.point_covariance_m2
         try:
             return build_reference(
                 reconstruction,
@@ -105,7 +105,7 @@ class GeoreferencedCampaign:
             logger.warning("no reference is kept: %s", error)
             return None
 
-    def points_table(self, origin: SiteOrigin) -> pa.Table:
+    def build_points_table(self, origin: SiteOrigin) -> pa.Table:
         """Table `georeference_points`."""
         return build_points_table(self.points, origin)
 
@@ -229,7 +229,7 @@ def _build_campaign(
     lean: BlockLean | None,
 ) -> GeoreferencedCampaign:
     frame = adjusted.datum_covariance_m2 + start.frame_covariance_m2
-    leaning = np.zeros((1, 6, 6)) if lean is None else lean.covariance(adjusted)
+    leaning = np.zeros((1, 6, 6)) if lean is None else lean.compute_covariance(adjusted)
     frame += leaning[:, :3, :3].mean(axis=0)  # what a lean does to a camera of the block, on average
     sigma_m = np.sqrt(np.diag(frame))
     points = [*build_control_points(start, adjusted), *build_gps_points(reconstruction, priors, adjusted, start)]
@@ -246,7 +246,7 @@ def _build_campaign(
         held_out_m=held_out_m,
         remedy=_REMEDY,
     )
-    site_from_sfm = estimate_similarity(reconstruction.xyz_sfm[adjusted.ties.point], adjusted.xyz_site_m)
+    site_from_sfm = estimate_similarity(reconstruction.xyz_sfm[adjusted.ties.reconstruction_point], adjusted.xyz_site_m)
     ids = [photo.photo_id for photo in reconstruction.photos]
     covariance = adjusted.covariance.copy()
     covariance[:, :3, :3] += start.frame_covariance_m2

@@ -151,7 +151,7 @@ def _place_by_campaign(
         known = _select_shared_points(found)
 
         def residual_m(adjusted: AdjustedBlock, known: SharedTiePoints = known) -> Float64Array:
-            row = {int(point): k for k, point in enumerate(adjusted.ties.point)}
+            row = {int(point): k for k, point in enumerate(adjusted.ties.reconstruction_point)}
             held = [k for k, point in enumerate(known.point) if int(point) in row]
             at = adjusted.xyz_site_m[[row[int(known.point[k])] for k in held]]
             left: Float64Array = np.linalg.norm(at - known.xyz_site_m[held], axis=1)
@@ -183,8 +183,8 @@ def _place_by_model(reconstruction: Reconstruction, priors: GpsPriors, control: 
         words="the building model's faces" + (" and edges" if model.edges is not None else ""),
         site_from_sfm=placed.site_from_sfm,
         gps_used=_find_consistent_gps(placed.site_from_sfm, reconstruction, priors),
-        points_used=len(placed.walls.residual_m),
-        points_total=placed.walls.points_offered,
+        points_used=len(placed.alignment.residual_m),
+        points_total=placed.alignment.points_offered,
         residual_m=_compute_wall_residuals,
         remarks=placed.remarks,
         model=SurfaceConstraint(surface=model.surface, sigma_m=model.sigma_m),
@@ -194,7 +194,7 @@ def _place_by_model(reconstruction: Reconstruction, priors: GpsPriors, control: 
 
 
 def _compute_wall_residuals(adjusted: AdjustedBlock) -> Float64Array:
-    walls = adjusted.problem.walls
+    walls = adjusted.problem.point_to_plane
     at = adjusted.solution.state.node_m[walls.node]
     away: Float64Array = np.abs(np.einsum("ij,ij->i", walls.normal_site, at) - walls.distance_m)
     return away

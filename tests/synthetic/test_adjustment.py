@@ -83,7 +83,7 @@ def test_without_noise_the_truth_is_found() -> None:
     problem = with_control(problem, block, rng, nodes=CONTROL, sigma_m=0.01)
     exact = replace(problem, node_priors=replace(problem.node_priors, xyz_m=block.xyz_m[CONTROL]))
     # what is known of the lens beforehand agrees with it: nothing pulls
-    exact = replace(exact, lens_mean=lens_from_camera(BENT)[None])
+    exact = replace(exact, lens_prior_mean=lens_from_camera(BENT)[None])
     solution = solve_adjustment(exact)
     errors = block.errors(solution.state)
     np.testing.assert_allclose(errors[:, :3], 0, rtol=0, atol=1e-5)  # m

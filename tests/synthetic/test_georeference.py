@@ -234,8 +234,8 @@ def test_control_points_place_the_block_to_a_centimetre() -> None:
     offset = [found.row[f"gps_offset_{axis}_m"] for axis in ("east", "north", "up")]
     np.testing.assert_allclose(offset, BIAS, rtol=0, atol=0.6)  # m
     assert 0.002 < max(found.row[f"sigma_{axis}_m"] for axis in ("east", "north", "up")) < 0.03  # m
-    assert found.table().num_rows == 1
-    kinds = found.points_table(ORIGIN).column("point_kind").to_pylist()
+    assert found.build_table().num_rows == 1
+    kinds = found.build_points_table(ORIGIN).column("point_kind").to_pylist()
     assert [kinds.count(kind) for kind in ("control", "held_out", "gps")] == [6, 6, 24]
     assert 0.003 < found.row["check_residual_mean_m"] < 0.06  # m
 
@@ -261,7 +261,9 @@ def test_check_points_tell_and_hold_nothing() -> None:
         control_points=replace(every, points=every.points[:4]),
         check_points=replace(every, points=(every.points[4], off)),
     )
-    rows = {row["point_name"]: row for row in found.points_table(ORIGIN).to_pylist() if row["point_kind"] == "check"}
+    rows = {
+        row["point_name"]: row for row in found.build_points_table(ORIGIN).to_pylist() if row["point_kind"] == "check"
+    }
     assert sorted(rows) == ["G5", "G6"]
     left = {name: [row[f"residual_{axis}_m"] for axis in ("east", "north", "up")] for name, row in rows.items()}
     assert 0.002 < np.linalg.norm(left["G5"]) < 0.08  # m; 1 cm of survey an axis, here and at four control points

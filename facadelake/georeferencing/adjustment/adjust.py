@@ -141,12 +141,12 @@ def adjust_block(
     free = _find_significant_parameters(problem, solution)
     if not free.all():
         problem = _fix_parameters(problem, free)
-        mean = np.where(problem.lens_sigma > 0, solution.state.lens, problem.lens_mean)
+        mean = np.where(problem.lens_prior_sigma > 0, solution.state.lens, problem.lens_prior_mean)
         solution = solve_adjustment(problem, replace(solution.state, lens=mean))
     logger.info(
         "adjusted %d photographs, %d tie points: sigma %.2f px, %d steps",
         len(problem.block.centre_site_m),
-        len(ties.point),
+        len(ties.reconstruction_point),
         solution.tie_sigma_px,
         solution.steps,
     )
@@ -163,7 +163,7 @@ def compute_held_out_residuals(adjusted: AdjustedBlock, marked: MarkedPoints) ->
     # A point that is off has lost its say in the fit, so there is less of it to leave out.
     _, weight = compute_cauchy_loss((left**2 / variance).sum(axis=1), PRIOR_LOSS_SCALE)
     residual = compute_leave_one_out_residual(
-        left, adjusted.uncertainty.node_covariance(adjusted.nodes.marked + held), variance / weight[:, None]
+        left, adjusted.uncertainty.compute_point_covariance(adjusted.nodes.marked + held), variance / weight[:, None]
     )
     return {int(row): left for row, left in zip(held, residual, strict=True)}
 
@@ -172,7 +172,7 @@ def _build_problem(
     reconstruction: Reconstruction, site_from_sfm: Similarity, ties: TiePointSelection, evidence: ControlObservations
 ) -> tuple[AdjustmentProblem, Nodes]:
     block = build_block(reconstruction, site_from_sfm)
-    count = len(ties.point)
+    count = len(ties.reconstruction_point)
     marked = evidence.marked
     points = len(marked.names) if marked is not None else 0
     sightings = ImagePoints(
@@ -198,8 +198,8 @@ def _build_problem(
         walls=build_empty_terms(),
         positions=evidence.positions,
         attitudes=evidence.attitudes,
-        lens_mean=mean,
-        lens_sigma=sigma,
+        lens_prior_mean=mean,
+        lens_prior_sigma=sigma,
     )
     return problem, Nodes(marked=count, count=count + points)
 
@@ -213,8 +213,8 @@ def _build_shared_point_priors(evidence: ControlObservations, ties: TiePointSele
             information=np.zeros((0, 3, 3)),
             limit=np.zeros(0),
         )
-    row = np.full(max(int(ties.point.max()), int(known.point.max())) + 1, -1)
-    row[ties.point] = np.arange(len(ties.point))
+    row = np.full(max(int(ties.reconstruction_point.max()), int(known.point.max())) + 1, -1)
+    row[ties.reconstruction_point] = np.arange(len(ties.reconstruction_point))
     node = row[known.point]
     held = node >= 0
     return PointPriors(
@@ -283,14 +283,14 @@ def _find_significant_parameters(problem: AdjustmentProblem, solution: Solution)
     layout = ParameterIndex.of(problem)
     _, covariance = compute_covariance(problem, solution, 1.0)
     sigma = np.sqrt(np.diag(covariance)[layout.lens : layout.offset]).reshape(-1, len(LENS_PARAMETERS))
-    away = np.abs(solution.state.lens - problem.lens_mean)
+    away = np.abs(solution.state.lens - problem.lens_prior_mean)
     optional = np.isin(LENS_PARAMETERS, _OPTIONAL_PARAMETERS)
     worth: BoolArray = ~optional | (away > _SIGNIFICANCE_SIGMAS * sigma)
     return worth
 
 
 def _fix_parameters(problem: AdjustmentProblem, free: BoolArray) -> AdjustmentProblem:
-    return replace(problem, lens_sigma=np.where(free, problem.lens_sigma, 0.0))
+    return replace(problem, lens_prior_sigma=np.where(free, problem.lens_prior_sigma, 0.0))
 
 
 def _build_adjusted_block(

@@ -58,7 +58,7 @@ def match_points_to_surface(
     neighbouring plane. Points of one element and facing share the element's deviation; ``model_sigma_m`` is the sigma
     of both, the wall's and the single point's (relief).
     """
-    xyz = state.node_m[: len(ties.point)]
+    xyz = state.node_m[: len(ties.reconstruction_point)]
     seen = np.bincount(ties.node, minlength=len(xyz))
     camera = _find_nearest_camera(ties, state, xyz)
     node = np.flatnonzero(seen >= _MIN_TRACK_LENGTH)

@@ -73,11 +73,11 @@ def _add_gaussian_priors(
     problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
 ) -> float:
     layout = ParameterIndex.of(problem)
-    lens_sigma = problem.lens_sigma.ravel()
+    lens_sigma = problem.lens_prior_sigma.ravel()
     free = lens_sigma > 0
     away = np.concatenate(
         [
-            (state.lens - problem.lens_mean).ravel(),
+            (state.lens - problem.lens_prior_mean).ravel(),
             state.gps_offset_m.ravel(),
             state.yaw_offset_rad,
             state.wall_m,
@@ -102,5 +102,5 @@ def mask_fixed_parameters(problem: AdjustmentProblem) -> BoolArray:
     """Which kept unknowns (g,) are held at their start: lens terms of sigma 0."""
     layout = ParameterIndex.of(problem)
     out = np.zeros(layout.size, dtype=bool)
-    out[layout.lens : layout.offset] = problem.lens_sigma.ravel() == 0
+    out[layout.lens : layout.offset] = problem.lens_prior_sigma.ravel() == 0
     return out

@@ -103,7 +103,7 @@ class AttitudeTerms:
 class AdjustmentProblem:
     """The whole adjustment.
 
-    ``node_xyz_m`` (m, 3) are the nodes' starts. ``lens_mean`` and ``lens_sigma`` (c, 8) are what is known of the lenses
+    ``node_xyz_m`` (m, 3) are the nodes' starts. ``lens_prior_mean`` and ``lens_prior_sigma`` (c, 8) are what is known of the lenses
     beforehand (order: LENS_TERMS); a sigma of 0 holds the term at its mean.
     """
 
@@ -114,5 +114,5 @@ class AdjustmentProblem:
     walls: PointToPlaneTerms
     positions: PositionTerms
     attitudes: AttitudeTerms
-    lens_mean: Float64Array
-    lens_sigma: Float64Array
+    lens_prior_mean: Float64Array
+    lens_prior_sigma: Float64Array

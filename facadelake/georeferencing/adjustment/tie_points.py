@@ -24,7 +24,7 @@ class TiePointSelection:
     """The chosen tie points: ``point`` (t,) rows of the reconstruction's points, ``xyz_site_m`` (t, 3), and their
     sightings: ``photo`` (k,), ``node`` (k,) row of ``point``, ``xy_img`` (k, 2)."""
 
-    point: RowIndices
+    reconstruction_point: RowIndices
     xyz_site_m: Float64Array
     photo: RowIndices
     node: RowIndices
@@ -52,7 +52,7 @@ def choose_tie_points(
     row[chosen] = np.arange(len(chosen))
     kept = row[point] >= 0
     return TiePointSelection(
-        point=chosen,
+        reconstruction_point=chosen,
         xyz_site_m=site_from_sfm.apply(reconstruction.xyz_sfm[chosen]),
         photo=photo[kept],
         node=row[point[kept]],

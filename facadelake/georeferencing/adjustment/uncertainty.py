@@ -34,7 +34,7 @@ class Uncertainty:
     formal: Float64Array
     system: ReducedCameraSystem
 
-    def node_covariance(self, nodes: RowIndices) -> Float64Array:
+    def compute_point_covariance(self, nodes: RowIndices) -> Float64Array:
         """Formal covariance (k, 3, 3) of ``nodes`` (k,), cameras' included."""
         out = np.empty((len(nodes), 3, 3))
         coupling = self.system.coupling

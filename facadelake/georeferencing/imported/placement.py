@@ -213,7 +213,9 @@ def _build_passport(
                 "scale": 1.0,
                 **evidence.columns,
                 **{f"sigma_{axis}_m": float(s) for axis, s in zip(("east", "north", "up"), sigma_m, strict=True)},
-                "remarks": "; ".join([*found.remarks, *found.world.remarks(place), *remarks, *evidence.remarks]),
+                "remarks": "; ".join(
+                    [*found.remarks, *found.world.describe_assumptions(place), *remarks, *evidence.remarks]
+                ),
             }
         ],
     )

@@ -61,7 +61,7 @@ class PoseWorld:
         crs = self.crs or place.map_crs
         return crs if crs == SITE else add_vertical_datum(crs, place.vertical_datum)
 
-    def remarks(self, place: SiteFrame) -> list[str]:
+    def describe_assumptions(self, place: SiteFrame) -> list[str]:
         """What had to be assumed of the world."""
         said = []
         if self.crs is None:

@@ -84,7 +84,7 @@ class ModelPlacement:
     """
 
     site_from_sfm: Similarity
-    walls: ModelAlignment
+    alignment: ModelAlignment
     shift: EdgeShift | None
     datum_sigma_m: Float64Array | None
     remarks: tuple[str, ...]
@@ -134,7 +134,7 @@ def _place_from(
     if not len(free) or model.edges is None:
         return ModelPlacement(
             site_from_sfm=walls.site_from_sfm,
-            walls=walls,
+            alignment=walls,
             shift=None,
             datum_sigma_m=None if len(free) else np.full(3, _WALLS_SIGMA_M),
             remarks=walls.remarks,
@@ -157,7 +157,7 @@ def _place_from(
     )
     return ModelPlacement(
         site_from_sfm=moved,
-        walls=walls,
+        alignment=walls,
         shift=shift,
         remarks=(walls.remarks[0], remark),
         datum_sigma_m=np.hypot(_WALLS_SIGMA_M, shift.sigma_m * np.sqrt((free**2).sum(axis=0))),

@@ -38,7 +38,7 @@ class BlockLean:
         matrix: Float64Array = Rotation.from_rotvec([*self.turn_rad, 0.0]).as_matrix()
         return matrix
 
-    def covariance(self, adjusted: AdjustedBlock) -> Float64Array:
+    def compute_covariance(self, adjusted: AdjustedBlock) -> Float64Array:
         """What the lean adds to the photographs' covariance (n, 6, 6: centre in m, attitude in rad)."""
         state = adjusted.solution.state
         arm = state.centre_site_m - self.pivot_site_m

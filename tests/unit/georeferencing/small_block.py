@@ -218,8 +218,8 @@ def ties_problem(
         walls=build_empty_terms(),
         positions=no_positions(),
         attitudes=no_attitudes(),
-        lens_mean=lens_from_camera(begin)[None],
-        lens_sigma=sigma[None],
+        lens_prior_mean=lens_from_camera(begin)[None],
+        lens_prior_sigma=sigma[None],
     )
 
 
@@ -290,7 +290,7 @@ def with_walls(
 def holding_lens(problem: AdjustmentProblem, *terms: str) -> AdjustmentProblem:
     """The problem with lens ``terms`` (all, where none is named) held at their mean."""
     held = np.isin(LENS_PARAMETERS, terms) if terms else np.ones(len(LENS_PARAMETERS), dtype=bool)
-    return replace(problem, lens_sigma=np.where(held, 0.0, problem.lens_sigma))
+    return replace(problem, lens_prior_sigma=np.where(held, 0.0, problem.lens_prior_sigma))
 
 
 SITE_FROM_SFM = Similarity(

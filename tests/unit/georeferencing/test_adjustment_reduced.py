@@ -66,8 +66,8 @@ def every_kind_of_term() -> AdjustmentProblem:
                 cameras=(problem.block.cameras[0], replace(problem.block.cameras[0], fx_px=2850.0, k1=-0.05, p1=1e-3)),
                 camera_of_photo=np.array([0, 1, 0, 1, 0, 1]),
             ),
-            lens_mean=np.vstack([problem.lens_mean, problem.lens_mean + 0.001]),
-            lens_sigma=np.vstack([problem.lens_sigma, problem.lens_sigma]),
+            lens_prior_mean=np.vstack([problem.lens_prior_mean, problem.lens_prior_mean + 0.001]),
+            lens_prior_sigma=np.vstack([problem.lens_prior_sigma, problem.lens_prior_sigma]),
             node_xyz_m=np.vstack([problem.node_xyz_m, [[0.01, -0.02, 0.0]]]),
             sightings=sightings,
             node_priors=PointPriors(
@@ -128,8 +128,8 @@ def groups_of(problem: AdjustmentProblem, state: AdjustmentState) -> list[Group]
         Rotation.from_matrix(state.site_from_cam[gimbal.photo]) * Rotation.from_matrix(gimbal.site_from_cam).inv()
     ).as_rotvec()
     turn[:, 2] -= state.yaw_offset_rad[gimbal.flight]
-    free = problem.lens_sigma > 0
-    lens = ((state.lens - problem.lens_mean)[free] / problem.lens_sigma[free])[:, None]
+    free = problem.lens_prior_sigma > 0
+    lens = ((state.lens - problem.lens_prior_mean)[free] / problem.lens_prior_sigma[free])[:, None]
     return [
         Group(pixels, 2.4),
         Group(wall[:, None], 2.0),
@@ -184,7 +184,7 @@ def dense(problem: AdjustmentProblem, state: AdjustmentState) -> Dense:
     jacobian = slopes(flat, kept + 3 * nodes)
     weighted = jacobian * weights(groups_of(problem, state))[:, None]
     held = np.zeros(kept + 3 * nodes, dtype=bool)
-    held[ParameterIndex.of(problem).lens : ParameterIndex.of(problem).offset] = problem.lens_sigma.ravel() == 0
+    held[ParameterIndex.of(problem).lens : ParameterIndex.of(problem).offset] = problem.lens_prior_sigma.ravel() == 0
     return Dense(weighted.T @ jacobian, weighted.T @ flat(np.zeros(kept + 3 * nodes)), ~held, kept)
 
 
@@ -293,7 +293,7 @@ def test_the_covariance_is_the_inverse_of_the_whole() -> None:
     assert (covariance[~free] == 0).all(), "held terms do not vary"
     # a node's own covariance, cameras' included
     nodes = np.array([0, 5, len(solution.state.node_m) - 1])
-    known = Uncertainty(covariance=covariance, formal=covariance, system=system).node_covariance(nodes)
+    known = Uncertainty(covariance=covariance, formal=covariance, system=system).compute_point_covariance(nodes)
     for node, found in zip(nodes, known, strict=True):
         at = full.kept + 3 * node + np.arange(3)
         wanted = inverse[np.ix_(at, at)]
@@ -337,7 +337,7 @@ def test_a_prior_left_out_by_a_formula_is_one_left_out_by_solving_again() -> Non
     problem = replace(problem, node_priors=priors)
     solution = solve_adjustment(problem)
     system, formal = compute_covariance(problem, solution, 1.0)
-    known = Uncertainty(covariance=formal, formal=formal, system=system).node_covariance(nodes)
+    known = Uncertainty(covariance=formal, formal=formal, system=system).compute_point_covariance(nodes)
     residual = priors.xyz_m - solution.state.node_m[nodes]
     found = compute_leave_one_out_residual(residual, known, np.full((len(nodes), 3), 0.02**2))
     for k, node in enumerate(nodes):

@@ -20,7 +20,9 @@ def test_a_lean_moves_cameras_as_a_turned_block_does() -> None:
     state = SimpleNamespace(node_m=wall, centre_site_m=centre, site_from_cam=rotation)
     walls = SimpleNamespace(node=np.arange(len(wall)))
     adjusted = SimpleNamespace(solution=SimpleNamespace(state=state), problem=SimpleNamespace(walls=walls))
-    found = estimate_lean(cast(AdjustedBlock, adjusted), 0.03, None).covariance(cast(AdjustedBlock, adjusted))[0]
+    found = estimate_lean(cast(AdjustedBlock, adjusted), 0.03, None).compute_covariance(cast(AdjustedBlock, adjusted))[
+        0
+    ]
     sigma = 0.03 / (0.96 * 12 / 2)  # rad: the tolerance over half the height between the rims
     draws = []
     for lean in rng.normal(0, sigma, (4000, 2)):
