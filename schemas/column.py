@@ -1,4 +1,4 @@
-"""What a column is: its type in Arrow and in SQL, its unit, meaning and allowed values; short ways to write one."""
+"""Columns: type in Arrow and in SQL, unit, meaning, allowed values; and short functions to declare one."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Kind(StrEnum):
             Kind.REAL: "DOUBLE",
             Kind.BOOLEAN: "BOOLEAN",
             Kind.TIME: "TIMESTAMP WITH TIME ZONE",
-            Kind.GEOMETRY: "GEOMETRY",  # DuckLake 1.0 forgets a CRS in the type; the column's comment keeps it
+            Kind.GEOMETRY: "GEOMETRY",  # DuckLake 1.0 drops a CRS from the type; the column's comment has it
             Kind.REALS: "DOUBLE[]",
         }[self]
 
@@ -83,5 +83,5 @@ def time(name: str, meaning: str) -> Column:
 
 
 def flag(name: str, meaning: str) -> Column:
-    """A column of yes or no."""
+    """A boolean column."""
     return Column(name=name, kind=Kind.BOOLEAN, meaning=meaning)

@@ -12,15 +12,15 @@ HEADER = f"""# Tables
 Made from `schemas/` by `python -m schemas.document`; do not edit. Schema version {SCHEMA_VERSION}.
 
 Every table begins with `building_id`, `campaign_id` and `run_id`, which are not repeated below. A campaign is
-committed whole, under one version of the lake. A geometry is WKB whose CRS is named in the unit column: longitude,
-latitude, ellipsoidal height, in that order. Times are UTC. "May be empty" says when a value may be missing; all other
-columns have one in every row. Table `reviews` belongs to no run: rows are added to it and never changed. Checks across
+committed in one transaction, as one version of the lake. A geometry is WKB; its CRS is in the unit column (longitude,
+latitude, ellipsoidal height, in that order). Times are UTC. Columns marked "may be empty" are nullable, all others
+have a value in every row. Table `reviews` belongs to no run: rows are appended and never changed. Checks across
 tables are in `sql/checks/`, questions to ask in `sql/questions/`.
 """
 
 
 def build_document() -> str:
-    """The whole text."""
+    """The text of docs/tables.md."""
     index = ["| table | a row is a | says |", "|---|---|---|"]
     index += [f"| [{table.name}](#{table.name}) | {table.grain} | {table.meaning} |" for table in LAKE_TABLES.values()]
     return "\n".join([HEADER, *index, "", *(line for table in LAKE_TABLES.values() for line in _table(table))])
@@ -54,7 +54,7 @@ def _allowed(column: Column) -> str:
 
 
 def main() -> None:
-    """Print the text."""
+    """Print the document."""
     print(build_document(), end="")
 
 

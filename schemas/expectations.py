@@ -1,4 +1,4 @@
-"""What schemas/ says of a table, as plain expectations in Great Expectations' words."""
+"""The expectations of a table that its columns imply, by their names in Great Expectations."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _expectations(table: Table) -> Iterator[Expectation]:
         yield Expectation(name="expect_compound_columns_to_be_unique", columns=key)
     for column in columns:
         if column.kind is Kind.GEOMETRY:
-            continue  # Great Expectations knows no geometry; sql/checks compare it with the plain columns
+            continue  # Great Expectations has no geometry type; sql/checks compare it with the coordinate columns
         if column.name not in table.optional:
             yield Expectation(name="expect_column_values_to_not_be_null", columns=(column.name,))
         if column.allowed:

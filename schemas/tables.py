@@ -1,8 +1,7 @@
-"""The tables: each with its grain, its key and its columns (a trailing ``?`` marks a column that may be empty)."""
+"""The tables: each with its grain, its key and its columns (a trailing ``?`` marks a column that may be null)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pyarrow as pa
@@ -36,10 +35,6 @@ class Table:
         """Names of the WKB columns."""
         return tuple(c.name for c in self.columns if c.kind is Kind.GEOMETRY)
 
-    def required(self) -> Iterator[Column]:
-        """The columns that may not be empty."""
-        return (c for c in self.columns if c.name not in self.optional)
-
 
 def _table(name: str, grain: str, meaning: str, key: str, columns: str, *, may_be_empty: bool = False) -> Table:
     words = [*RUN_KEYS, *columns.split()]
@@ -69,7 +64,7 @@ _LIST = [
     _table(
         "buildings",
         "building in a campaign",
-        "the registry's entry and the model's place on the globe, as they were for the campaign",
+        "the portfolio's entry and the model's georeference, as used for the campaign",
         "building_id campaign_id",
         "building_name model_uri model_sha256 surface_kind? map_crs vertical_datum georeference_level "
         "georeference_remarks? origin_lon_deg origin_lat_deg "
@@ -85,7 +80,7 @@ _LIST = [
     _table(
         "runs",
         "run",
-        "what made the rows: hashes of inputs and code, settings, times",
+        "provenance of the rows: hashes of inputs and code, settings, times",
         "run_id",
         "started_at finished_at inputs_sha256 code_sha256 detector_sha256 facadelake_version configuration "
         "stage_seconds stage_peak_mib stage_keys?",
@@ -93,7 +88,7 @@ _LIST = [
     _table(
         "photos",
         "file in the photographs' folder",
-        "what a photograph says of itself, and what became of it",
+        "metadata of a photograph, and whether it is used",
         "building_id campaign_id photo_id",
         "photo_id sha256 bytes role? photo_outcome reason? image_width_px? image_height_px? camera_make? camera_model? "
         "focal_length_mm? focal_length_35mm_mm? taken_at? prior_source prior_lon_deg? prior_lat_deg? prior_height_m? "
@@ -105,7 +100,7 @@ _LIST = [
     _table(
         "poses",
         "accepted photograph",
-        "where the camera stood and looked, and its intrinsics",
+        "position, attitude and intrinsics of the camera",
         "building_id campaign_id photo_id",
         f"photo_id pose_source reason? {_optional(_SITE)} {_optional(_GEO)} qw? qx? qy? qz? "
         "image_width_px image_height_px "
@@ -115,7 +110,7 @@ _LIST = [
     _table(
         "georeference",
         "campaign",
-        "the passport: how the campaign was placed on the globe, and how well",
+        "the passport: how the campaign was georeferenced, and how accurately",
         "building_id campaign_id",
         "control method map_crs vertical_datum georeference_level reference_campaign? points_used points_total scale "
         "residual_mean_m? residual_rmse_m? residual_max_m? check_points check_residual_mean_m? check_residual_max_m? "
@@ -126,7 +121,7 @@ _LIST = [
     _table(
         "georeference_points",
         "control point, held-out point or GPS prior",
-        "what the passport rests on, point by point",
+        "the points of the passport with their residuals",
         "building_id campaign_id point_kind point_name",
         f"point_name point_kind {_SITE} {_GEO} residual_east_m residual_north_m residual_up_m point_used geometry",
         may_be_empty=True,
@@ -134,7 +129,7 @@ _LIST = [
     _table(
         "elements",
         "IFC element with a surface, or facade plane",
-        "the building's components",
+        "components of the building",
         "building_id campaign_id element_guid",
         "element_guid ifc_class predefined_type? element_name? host_guid? ifc_building? storey? storey_source? "
         "material? material_layers? is_external? properties? detail_level? facade facade_azimuth_deg? "
@@ -143,7 +138,7 @@ _LIST = [
     _table(
         "detections",
         "box in a photograph",
-        "what the detector, or a person, saw",
+        "what the detector, or a person, found",
         "building_id campaign_id detection_id",
         "detection_id photo_id source_annotation? detection_outcome reason? defect_class? source_class score "
         "box_x_px? box_y_px? "
@@ -166,7 +161,7 @@ _LIST = [
     _table(
         "defects",
         "defect in a campaign",
-        "each real defect once",
+        "each physical defect once",
         "building_id campaign_id defect_id",
         f"defect_id defect_class severity severity_rule graded_by? {_POSITION} sigma_east_m? sigma_north_m? "
         "sigma_up_m? covariance_site? position_method? deviation_from_model_m? deviation_sigma_m? "
@@ -195,7 +190,7 @@ _LIST = [
     _table(
         "checks",
         "expectation of a table",
-        "results of the checks that were run before the commit",
+        "results of the checks before the commit",
         "building_id campaign_id table_name expectation column_name",
         "table_name expectation column_name passed unexpected detail",
     ),
@@ -205,9 +200,9 @@ _BOX = "box_x_px? box_y_px? box_width_px? box_height_px?"
 _REVIEWS = [
     _table(
         "reviews",
-        "word of a person on a place of a photograph",
-        "whether detections are defects, and which defects were missed: box and class as the person says, beside those "
-        "that were judged; the last word on a subject counts",
+        "review of a place in a photograph",
+        "whether detections are defects, and which defects were missed: box and class by the reviewer, beside those of "
+        "the reviewed detection; the latest review of a subject counts",
         "building_id campaign_id review_id",
         f"review_id subject photo_id detection_id? defect_id? verdict defect_class? {_BOX} mask? reviewed_class? "
         f"{_BOX.replace('box_', 'reviewed_box_')} detector_sha256? reviewer reviewed_at note?",
@@ -215,8 +210,8 @@ _REVIEWS = [
     ),
 ]
 
-# What a run commits, whole or not at all.
+# What a run commits, in one transaction.
 TABLES: dict[str, Table] = {table.name: table for table in _LIST}
-# What persons write: rows are added and never changed, and no run replaces them.
+# What reviewers add: rows are appended and never changed, and no run replaces them.
 REVIEW_TABLES: dict[str, Table] = {table.name: table for table in _REVIEWS}
 LAKE_TABLES: dict[str, Table] = {**TABLES, **REVIEW_TABLES}

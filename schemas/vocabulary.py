@@ -1,4 +1,4 @@
-"""The closed lists of words that tables use."""
+"""The closed vocabularies of table columns."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class DefectClass(StrEnum):
-    """What a defect is."""
+    """Class of a defect."""
 
     CRACK = "crack"
     SPALLING = "spalling"
@@ -14,14 +14,14 @@ class DefectClass(StrEnum):
 
 
 class PhotoRole(StrEnum):
-    """What a photograph is for: multi-view carries the block, close-range shows the defects."""
+    """Use of a photograph: multi-view for the block, close-range for the defects."""
 
     MULTIVIEW = "multiview"
     CLOSERANGE = "closerange"
 
 
 class PhotoOutcome(StrEnum):
-    """What became of a file in the photographs' folder."""
+    """Whether a file in the photographs' folder is used."""
 
     ACCEPTED = "accepted"
     UNREADABLE = "unreadable"
@@ -29,7 +29,7 @@ class PhotoOutcome(StrEnum):
 
 
 class PositionSource(StrEnum):
-    """Where a position prior was read from."""
+    """Metadata that a position prior was read from."""
 
     XMP = "xmp"
     EXIF = "exif"
@@ -37,7 +37,7 @@ class PositionSource(StrEnum):
 
 
 class HeightDatum(StrEnum):
-    """What a prior height refers to; ``unknown`` is said, never guessed."""
+    """Datum of a prior height; ``unknown`` is stated, never guessed."""
 
     ELLIPSOIDAL = "ellipsoidal"
     ORTHOMETRIC = "orthometric"
@@ -45,7 +45,7 @@ class HeightDatum(StrEnum):
 
 
 class PoseSource(StrEnum):
-    """How a pose was found: ``prior``, the photograph's own word, is no measurement, ``imported`` another program's."""
+    """Method of a pose; ``prior`` is metadata and no measurement, ``imported`` comes from another program."""
 
     SFM = "sfm"
     RESECTED = "resected"
@@ -55,12 +55,12 @@ class PoseSource(StrEnum):
 
     @property
     def measured(self) -> bool:
-        """Whether what the photograph shows can be put on a wall."""
+        """Whether detections in the photograph can be registered."""
         return self in (PoseSource.SFM, PoseSource.RESECTED, PoseSource.IMPORTED)
 
 
 class ControlKind(StrEnum):
-    """What placed the campaign on the globe."""
+    """Control that a campaign was georeferenced with."""
 
     GCP = "gcp"
     CAMPAIGN = "campaign"
@@ -70,7 +70,7 @@ class ControlKind(StrEnum):
 
 
 class PointKind(StrEnum):
-    """What a point of the passport is to the adjustment."""
+    """Role of a point of the passport in the adjustment."""
 
     CONTROL = "control"
     HELD_OUT = "held_out"
@@ -89,10 +89,10 @@ class DetectionOutcome(StrEnum):
 
 
 class CrackWidthOutcome(StrEnum):
-    """What is known of a crack's width: stated by a person, measured, or why not.
+    """Result of measuring a crack's width: stated by a person, measured, or why not.
 
-    ``below_limit``: there is a line, but it is narrower than the photograph can tell; the limit is an upper bound.
-    ``no_line``: nothing in the box or mask stands out as a line. ``not_readable``: the photograph cannot be opened.
+    ``below_limit``: the crack is narrower than the photograph resolves; the limit is an upper bound.
+    ``no_line``: no line was found in the box or mask. ``not_readable``: the photograph cannot be opened.
     """
 
     STATED = "stated"
@@ -103,8 +103,7 @@ class CrackWidthOutcome(StrEnum):
 
 
 class Verdict(StrEnum):
-    """A person's word on a detection: it is a defect, it is none, it is another or lies otherwise; or none was found
-    where a defect is."""
+    """Verdict of a review: the detection is a defect, is none, has another class or outline; or a defect was missed."""
 
     CONFIRMED = "confirmed"
     REJECTED = "rejected"
@@ -113,7 +112,7 @@ class Verdict(StrEnum):
 
 
 class ObservationOutcome(StrEnum):
-    """What became of a detection on its way to the surface."""
+    """Result of registering a detection on the surface."""
 
     REGISTERED = "registered"
     OFF_TARGET = "off_target"
@@ -125,7 +124,7 @@ class ObservationOutcome(StrEnum):
 
 
 class PositionMethod(StrEnum):
-    """What a defect's position rests on."""
+    """Method of a defect's position."""
 
     SURFACE = "surface"
     TRIANGULATED = "triangulated"
@@ -154,7 +153,7 @@ class MergeReason(StrEnum):
 
 
 class SurfaceKind(StrEnum):
-    """What the building's surface was made of."""
+    """Source of the building's surface."""
 
     IFC = "ifc"
     MESH = "mesh"
