@@ -1,1 +1,1 @@
-"""What every package stands on: errors, frames, geodesy, cameras, tables, the cache. Each module is public."""
+"""The foundation of every package: errors, frames, geodesy, cameras, tables, the cache. Each module is public."""

@@ -1,7 +1,7 @@
-"""Types of arrays: a name says the element type and, where it is fixed, the shape.
+"""Types of arrays: the name states the element type and, where it is fixed, the shape.
 
-``Float64Nx3`` is (n, 3). NumPy's types cannot state shapes: a type checker sees the element type, the shape is told to
-the reader.
+``Float64Nx3`` is (n, 3). NumPy's types cannot express shapes: a type checker sees the element type alone, the shape is
+documentation.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Results of expensive, deterministic stages, kept by a key of their inputs and of the code that makes them.
+"""Results of expensive, deterministic stages, stored under a key of their inputs and of the code that computes them.
 
 An entry is a folder ``root/<stage>/<key>`` with a ``manifest.json`` that records size and SHA-256 of every file. It
-appears whole (made beside, renamed) and is checked whenever it is used: what a full disk, a killed machine or a hand
-has changed is made anew, with a warning.
+appears atomically (written to a temporary folder, then renamed) and is verified whenever it is used: an entry that was
+truncated, corrupted or edited is computed again, with a warning.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from facadelake.core.hashing import hash_file
 log = logging.getLogger(__name__)
 
 MANIFEST = "manifest.json"
-# What an entry keeps here tells how it was made (logs, times); it is checked, but no later stage depends on it.
+# Subfolder of an entry for logs and times; its files are verified, but no later stage depends on them.
 DIAGNOSTICS = "diagnostics"
-# An entry used so lately may be in use by a run that is under way; pruning leaves it.
+# An entry used within this time may belong to a running inspection; pruning keeps it.
 IN_USE_S = 86400.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class CachedResult:
-    """An entry's folder, the hash of its contents (diagnostics left out), and whether it was there before."""
+    """An entry's folder, the hash of its contents without diagnostics, and whether it existed before (``hit``)."""
 
     folder: Path
     content_sha256: str
@@ -44,7 +44,7 @@ class CachedResult:
 
 @dataclass(frozen=True, kw_only=True)
 class CacheEntry:
-    """One entry as it lies on the disk: size in bytes, last use in seconds since the epoch."""
+    """One entry on disk: size in bytes, last use in seconds since the epoch."""
 
     stage: str
     key: str
@@ -55,7 +55,11 @@ class CacheEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class PruneReport:
-    """What pruning removed, and what it had to leave although a limit asked for it."""
+    """Result of pruning.
+
+    ``removed``: entries removed. ``needed`` and ``in_use``: entries beyond a limit that were kept because a version of
+    the lake needs them, or because a run may use them. ``leftovers``: folders of interrupted runs that were removed.
+    """
 
     removed: tuple[CacheEntry, ...]
     needed: tuple[CacheEntry, ...]
@@ -64,7 +68,7 @@ class PruneReport:
 
 
 def open_stage_cache(lake: Path) -> StageCache:
-    """The cache of the lake in folder ``lake``; nothing is made before its first entry."""
+    """The cache of the lake in folder ``lake``; its folder is created with the first entry."""
     return StageCache(root=lake / "cache")
 
 
@@ -75,7 +79,10 @@ class StageCache:
     root: Path
 
     def get_or_make(self, stage: str, key: str, make: Callable[[Path], None]) -> CachedResult:
-        """The entry of ``key``, made by ``make(folder)`` where it is missing or damaged; no two processes make it."""
+        """The entry of ``key``; ``make(folder)`` computes it where it is missing or damaged.
+
+        A lock ensures that no two processes compute it at the same time.
+        """
         folder = self.root / stage / key
         content = self._verify(folder)
         if content is not None:
@@ -86,7 +93,7 @@ class StageCache:
             if content is not None:
                 return CachedResult(folder=folder, content_sha256=content, hit=True)
             _remove(folder)
-            for part in folder.parent.glob(f".{key}.*.part"):  # of a killed run: we hold the lock, nobody writes it
+            for part in folder.parent.glob(f".{key}.*.part"):  # of a killed run: the lock is held, no process writes it
                 shutil.rmtree(part, ignore_errors=True)
             part = folder.parent / f".{key}.{uuid.uuid4().hex[:8]}.part"
             part.mkdir()
@@ -99,19 +106,19 @@ class StageCache:
         return CachedResult(folder=folder, content_sha256=content, hit=False)
 
     def _verify(self, folder: Path) -> str | None:
-        """The recorded hash of a whole entry, which counts as used now; None where there is none or it is damaged."""
+        """The recorded hash of an intact entry, whose last use becomes now; None where it is missing or damaged."""
         if not folder.is_dir():
             return None
         damage = find_damage(folder)
         if damage:
-            log.warning("the cached result %s is damaged (%s); it is made anew", folder, damage)
+            log.warning("the cached result %s is damaged (%s); it is computed again", folder, damage)
             return None
-        with suppress(OSError):  # a cache on a read-only disk still answers
+        with suppress(OSError):  # a cache on a read-only disk can still be read
             os.utime(folder / MANIFEST)
         return str(_read_manifest(folder)["content_sha256"])
 
     def list_entries(self) -> tuple[CacheEntry, ...]:
-        """All whole-looking entries (their files are not read), by stage and key."""
+        """All entries that have a manifest, by stage and key; their files are not verified."""
         return tuple(self._walk_entries())
 
     def _walk_entries(self) -> Iterator[CacheEntry]:
@@ -119,7 +126,7 @@ class StageCache:
             folder = path.parent
             if folder.name.startswith("."):
                 continue
-            with suppress(OSError):  # removed meanwhile
+            with suppress(OSError):  # removed by another process
                 size = sum(found.stat().st_size for found in folder.rglob("*") if found.is_file())
                 yield CacheEntry(
                     stage=folder.parent.name,
@@ -129,8 +136,8 @@ class StageCache:
                     used_at_s=path.stat().st_mtime,
                 )
 
-    def leftovers(self) -> tuple[Path, ...]:
-        """Folders that no entry is made of: of killed runs, and results without a manifest."""
+    def find_leftovers(self) -> tuple[Path, ...]:
+        """Folders that are no entries: those of interrupted runs, and results without a manifest."""
         found = [path for path in self.root.glob("*/*") if path.is_dir() and not (path / MANIFEST).is_file()]
         return tuple(sorted({*found, *(path for path in self.root.glob("*/.*") if path.is_dir())}))
 
@@ -145,17 +152,19 @@ class StageCache:
         """Remove entries not used for ``older_than_s``, and the longest unused until ``max_size_bytes`` is kept.
 
         Args:
-            needed: keys that stay whatever the limits say.
-            older_than_s: seconds since the last use, from which an entry goes; None: no entry goes for its age.
-            max_size_bytes: size that the cache may keep; None: no limit.
-            dry_run: tell what would go and leave it.
+            needed: keys that are kept whatever the limits are.
+            older_than_s: age in seconds since the last use beyond which an entry is removed; None: no limit.
+            max_size_bytes: size of the cache in bytes beyond which entries are removed; None: no limit.
+            dry_run: report what would be removed, and remove nothing.
 
-        Entries that were used within the last day, or are locked by a run, stay. Folders of interrupted runs go with
-        the same age, but an interrupted reconstruction that could go on only where ``older_than_s`` asks for it.
+        Returns:
+            What was removed, and what was kept although a limit applied. Entries that were used within the last day, or
+            are locked by a run, are kept. Folders of interrupted runs are removed at the same age, but an interrupted
+            reconstruction that can be resumed only where ``older_than_s`` is given.
         """
         entries = sorted(self.list_entries(), key=lambda entry: entry.used_at_s)
         kept_bytes = sum(entry.size_bytes for entry in entries)
-        removed, held, in_use = [], [], []
+        removed, needed_entries, in_use = [], [], []
         for entry in entries:
             age_s = time.time() - entry.used_at_s
             too_old = older_than_s is not None and age_s > older_than_s
@@ -163,17 +172,19 @@ class StageCache:
             if not (too_old or too_much):
                 continue
             if entry.key in needed:
-                held.append(entry)
+                needed_entries.append(entry)
             elif age_s < IN_USE_S or not (dry_run or _remove_unlocked(entry.folder)):
                 in_use.append(entry)
             else:
                 removed.append(entry)
                 kept_bytes -= entry.size_bytes
-        leftovers = [path for path in self.leftovers() if self._is_abandoned(path, older_than_s)]
+        leftovers = [path for path in self.find_leftovers() if self._is_abandoned(path, older_than_s)]
         if not dry_run:
             for path in leftovers:
                 shutil.rmtree(path, ignore_errors=True)
-        return PruneReport(removed=tuple(removed), needed=tuple(held), in_use=tuple(in_use), leftovers=tuple(leftovers))
+        return PruneReport(
+            removed=tuple(removed), needed=tuple(needed_entries), in_use=tuple(in_use), leftovers=tuple(leftovers)
+        )
 
     @staticmethod
     def _is_abandoned(path: Path, older_than_s: float | None) -> bool:
@@ -184,15 +195,15 @@ class StageCache:
 
 
 def find_damage(folder: Path) -> str:
-    """What is wrong with an entry by its manifest, '' where it is whole."""
+    """How an entry differs from its manifest; empty where it is intact."""
     try:
         recorded = _read_manifest(folder)["files"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         return f"no readable {MANIFEST}: {error}"
     found = _list_files(folder)
     if found.keys() != recorded.keys():
-        strange = sorted(found.keys() ^ recorded.keys())
-        return f"{'added' if strange[0] in found else 'missing'}: {strange[0]}"
+        differing = sorted(found.keys() ^ recorded.keys())
+        return f"{'added' if differing[0] in found else 'missing'}: {differing[0]}"
     for name, path in found.items():
         size, sha256 = recorded[name]
         if path.stat().st_size != size:
@@ -224,15 +235,15 @@ def _write_manifest(folder: Path, stage: str, key: str) -> str:
 
 
 def _remove(folder: Path) -> None:
-    """Under another name first, so that half of an entry never stands under its key."""
+    """Remove an entry; it is renamed first, so that a partly removed entry never has a key's name."""
     if folder.is_dir():
-        away = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}.part")
-        folder.rename(away)
-        shutil.rmtree(away, ignore_errors=True)
+        renamed = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}.part")
+        folder.rename(renamed)
+        shutil.rmtree(renamed, ignore_errors=True)
 
 
 def _remove_unlocked(folder: Path) -> bool:
-    """Remove an entry unless a run holds its lock."""
+    """Remove an entry unless a run holds its lock; returns whether it was removed."""
     try:
         with FileLock(folder.parent / f".{folder.name}.lock", timeout=0):
             _remove(folder)

@@ -1,4 +1,4 @@
-"""A calibrated camera: pixels to rays and back, in COLMAP's OPENCV model.
+"""A calibrated camera: rays from pixels and pixels from points, in COLMAP's OPENCV model.
 
 Pixels: the centre of the top left pixel is (0.5, 0.5), for image points and for the principal point alike.
 """
@@ -48,7 +48,7 @@ class Camera:
         return np.array([self.k1, self.k2, self.p1, self.p2])
 
     def rays_cam_from_img(self, xy_img: Float64Array) -> Float64Array:
-        """Unit directions (n, 3) in ``cam`` of the pixels (n, 2), undistorted by iteration to 1e-10."""
+        """Unit ray directions (n, 3) in ``cam`` of pixels (n, 2); distortion is inverted iteratively to 1e-10."""
         xy = np.asarray(xy_img, dtype=np.float64).reshape(-1, 1, 2)
         if len(xy) == 0:
             return np.zeros((0, 3))
@@ -73,28 +73,28 @@ class Camera:
         return xy
 
     def is_inside(self, xy_img: Float64Array) -> BoolArray:
-        """Which of the pixels (n, 2) lie inside the photograph."""
+        """Whether each pixel (n, 2) lies inside the photograph (n,)."""
         xy = np.asarray(xy_img, dtype=np.float64).reshape(-1, 2)
         return (xy[:, 0] >= 0) & (xy[:, 0] <= self.width_px) & (xy[:, 1] >= 0) & (xy[:, 1] <= self.height_px)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PosedCamera:
-    """A camera and where it stands: ``site_from_cam`` is rigid (scale 1)."""
+    """A camera with its pose; ``site_from_cam`` is rigid (scale 1)."""
 
     camera: Camera
     site_from_cam: Similarity
 
     @property
     def centre_site_m(self) -> Float64Array:
-        """The projection centre (3,) in site."""
+        """The projection centre (3,) in ``site``, metres."""
         return self.site_from_cam.translation
 
     def rays_site_from_img(self, xy_img: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Origins (n, 3) and unit directions (n, 3) in site of the pixels (n, 2)."""
+        """Origins (n, 3) and unit directions (n, 3) in ``site`` of the rays through pixels (n, 2)."""
         directions = self.site_from_cam.rotate(self.camera.rays_cam_from_img(xy_img))
         return np.broadcast_to(self.centre_site_m, directions.shape).copy(), directions
 
     def project_site(self, xyz_site_m: Float64Array) -> Float64Array:
-        """Pixels (n, 2) of site points (n, 3); NaN behind the camera."""
+        """Pixels (n, 2) of points (n, 3) in ``site``; NaN for points at or behind the camera."""
         return self.camera.project(self.site_from_cam.invert().apply(xyz_site_m))

@@ -1,8 +1,8 @@
-"""The checkout that Facadelake runs from, and the files of it that are part of the code: SQL, rule packs.
+"""The checkout that Facadelake runs from, and its files that are part of the code: SQL, rule packs.
 
-Every module finds files of the checkout through here. ``locate_source`` names what a result is computed by, so that the
-cache's keys cover it (``code_version``); ``CHECKOUT`` alone is for what people choose or replace (the portfolio, the
-models), which enters a key as an input where it matters.
+Every module locates files of the checkout through this one. ``locate_source`` is for files that results are computed
+with: the cache's keys cover them (``core.code_version``). ``CHECKOUT`` is for files that users choose or replace (the
+portfolio, the detector models); these enter a key as inputs.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 def locate_source(relative: str) -> Path:
-    """A file or folder of the checkout that code is computed by, such as ``"sql/checks"``.
+    """The path of a file or folder of the checkout that is part of the code, such as ``"sql/checks"``.
 
-    Call it with a literal: whatever imports the calling module has the file's, or all the folder's, bytes in its code
-    version.
+    The argument must be a literal: the code version of every module that imports the caller then covers the content of
+    the file, or of all files of the folder.
     """
     return CHECKOUT / relative

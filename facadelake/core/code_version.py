@@ -1,16 +1,17 @@
-"""Which code makes a result: all that a module imports from the checkout, the files that code reads, the libraries.
+"""The code that computes a result: the modules that a module imports, the files that they read, the libraries.
 
-The closure is read off the source (``ast``), never listed by hand:
+The closure is derived from the source (``ast``), never listed by hand:
 
-- imports anywhere in a module, also inside functions; those under ``if TYPE_CHECKING`` never run and do not count;
-- the ``__init__`` of every package on the way, unless it is a face: ``lazy_loader`` with a stub ``__init__.pyi`` beside
-  it, or nothing but a docstring. A name taken from a face is followed to the module that defines it, so that one name
-  of a package does not stand for all of it;
+- imports anywhere in a module, also inside functions; those under ``if TYPE_CHECKING`` are never executed and not
+  followed;
+- the ``__init__`` of every package above a module, unless it is a face: ``lazy_loader`` with a stub ``__init__.pyi``
+  beside it, or nothing but a docstring. A name imported from a face is resolved to the module that defines it, so that
+  one name does not pull in the whole package;
 - a string that is the name of a module of the checkout, such as the worker's in ``[python, "-m", "facadelake.x"]``;
 - files and folders named by ``locate_source("...")``;
-- distributions of the third-party packages imported on the way, with their versions, and Python's.
+- distributions of the third-party packages that are imported, with their versions, and the version of Python.
 
-Source is hashed byte by byte: a changed comment makes results anew, a changed rule can never hide.
+Source is hashed byte by byte: a changed comment invalidates results, and a changed rule can never be missed.
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ from pathlib import Path
 
 from facadelake.core.checkout import CHECKOUT
 
-# Imported on the way to a result without a part in it: scheduling, locks, memory meters, the terminal.
+# Imported but without influence on results: scheduling, locks, memory meters, the terminal.
 NOT_COMPUTING = frozenset({"filelock", "lazy-loader", "prefect", "psutil", "rich", "typer"})
 _LOCATE_SOURCE = "locate_source"
 
 
 @dataclass(frozen=True, kw_only=True)
 class CodeVersion:
-    """What makes a result: ``files`` (paths below the checkout to SHA-256) and ``libraries`` (distribution to version).
+    """The code of a result: ``files`` (path below the checkout: SHA-256) and ``libraries`` (distribution: version).
 
     ``sha256`` is the hash over both and over Python's version.
     """
@@ -45,7 +46,7 @@ class CodeVersion:
 
 
 def compute_code_version(module: str, root: Path = CHECKOUT) -> CodeVersion:
-    """The version of all code that ``module`` (dotted name) of the checkout ``root`` may run.
+    """The version of all code that ``module`` (dotted name) of the checkout ``root`` may execute.
 
     Raises LookupError where the checkout has no such module.
     """
@@ -74,19 +75,19 @@ def _collect_closure(module: str, root: Path) -> _Closure:
     if first is None:
         raise LookupError(f"the checkout {root} has no module {module}")
     closure = _Closure()
-    waiting = [first]
-    while waiting:
-        path = waiting.pop()
+    pending = [first]
+    while pending:
+        path = pending.pop()
         if path in closure.files:
             continue
         closure.files.add(path)
         if path.suffix != ".py":
             continue
-        for used in _find_dependencies(path, root):
-            if isinstance(used, Path):
-                waiting.append(used)
+        for dependency in _find_dependencies(path, root):
+            if isinstance(dependency, Path):
+                pending.append(dependency)
             else:
-                closure.packages.add(used)
+                closure.packages.add(dependency)
     return closure
 
 
@@ -108,7 +109,7 @@ def _find_dependencies(path: Path, root: Path) -> Iterator[Path | str]:
                 yield from _list_files(root / relative)
             case ast.Call(func=ast.Name(id=name)) if name == _LOCATE_SOURCE:
                 raise ValueError(
-                    f"{path}:{node.lineno}: locate_source takes a literal, so that the cache's keys see it"
+                    f"{path}:{node.lineno}: locate_source takes a literal, so that the cache's keys cover it"
                 )
             case ast.Constant(value=str(text)) if "." in text and (found := _find_module_file(text, root)):
                 yield found
@@ -118,7 +119,7 @@ def _find_dependencies(path: Path, root: Path) -> Iterator[Path | str]:
 
 
 def _walk_executed_nodes(tree: ast.AST) -> Iterator[ast.AST]:
-    """All nodes but those under ``if TYPE_CHECKING``."""
+    """All nodes except those under ``if TYPE_CHECKING``."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
             continue
@@ -135,7 +136,7 @@ def _resolve_module(name: str, root: Path) -> Iterator[Path | str]:
 
 
 def _resolve_name(module: str, name: str, root: Path) -> Iterator[Path | str]:
-    """What ``from module import name`` runs: the submodule ``name``, or the module that defines it."""
+    """What ``from module import name`` executes: the submodule ``name``, or the module that defines it."""
     found = _find_module_file(module, root)
     if found is None:
         yield from _resolve_module(module, root)
@@ -157,7 +158,7 @@ def _include_packages_above(path: Path, root: Path) -> Iterator[Path]:
 
 
 def _find_packages_above(path: Path, root: Path) -> Iterator[Path]:
-    """The ``__init__`` files that run before a module, but for faces, which run nothing of their own."""
+    """The ``__init__`` files that are executed before a module, without faces, which execute no code of their own."""
     folder = path.parent
     while folder != root:
         init = folder / "__init__.py"
@@ -168,7 +169,7 @@ def _find_packages_above(path: Path, root: Path) -> Iterator[Path]:
 
 @cache
 def _is_face(init: Path) -> bool:
-    """Whether an ``__init__`` does nothing but hand on names (``lazy_loader.attach_stub``), or nothing at all."""
+    """Whether an ``__init__`` only re-exports names (``lazy_loader.attach_stub``), or is empty."""
     body = [
         node
         for node in ast.parse(init.read_bytes()).body
@@ -182,7 +183,7 @@ _FACE_STATEMENTS = ("import lazy_loader", "__getattr__, __dir__, __all__ = lazy_
 
 @cache
 def _read_face(init: Path) -> Mapping[str, str]:
-    """The names that a face hands on, each with the submodule it comes from."""
+    """The names that a face re-exports, each with the submodule that it comes from."""
     stub = init.with_suffix(".pyi")
     if not stub.is_file():
         return {}
@@ -202,7 +203,7 @@ def _find_module_file(module: str, root: Path) -> Path | None:
 
 
 def _list_files(path: Path) -> Iterator[Path]:
-    """The file itself, or all files of a folder."""
+    """The file itself, or all files below a folder."""
     if not path.exists():
         raise LookupError(f"{path} is named by locate_source and does not exist")
     yield from sorted(found for found in path.rglob("*") if found.is_file()) if path.is_dir() else [path]
@@ -219,7 +220,7 @@ def _map_packages_to_distributions() -> Mapping[str, list[str]]:
 
 
 def _read_library_versions(packages: set[str]) -> dict[str, str]:
-    """Versions of the distributions that hold the packages, but for those that compute nothing."""
+    """Versions of the distributions that provide the packages, without those of ``NOT_COMPUTING``."""
     names = {name for package in packages for name in _map_packages_to_distributions().get(package, [])}
     found = {name.lower().replace("_", "-"): metadata.version(name) for name in sorted(names)}
     return {name: version for name, version in sorted(found.items()) if name not in NOT_COMPUTING}

@@ -16,6 +16,7 @@ import shapely
 
 from facadelake.core.arrays import BoolArray, UInt8Image
 from facadelake.core.progress import track
+from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import clip_box
 from facadelake.detection.crosswalk import Crosswalk, build_crosswalk
 from facadelake.detection.inference.detector import DetectedBox, OnnxDetector
@@ -91,7 +92,7 @@ def detect_photographs(
     outcomes = Counter(row["detection_outcome"] for row in rows)
     counts = ", ".join(f"{count} {name}" for name, count in outcomes.items()) or "nothing found"
     _log.info("%s: %d boxes in %d photographs, %s", detector.name, len(rows), len(accepted), counts)
-    return table_of_rows("detections", rows)
+    return table_from_rows("detections", rows)
 
 
 def _read_ahead(root: Path, photo_ids: Sequence[str]) -> Iterator[tuple[str, UInt8Image | None]]:

@@ -1,4 +1,7 @@
-"""The model card: what a detector's ONNX file does not say of itself and nobody may guess (docs/model-card.md)."""
+"""The model card: what a detector's ONNX file does not state and must not be guessed (docs/model-card.md).
+
+After Mitchell et al. 2019, Model Cards for Model Reporting.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +24,12 @@ ChannelValues = tuple[float, float, float]
 
 
 class OutputLayout(StrEnum):
-    """How a detector's outputs are arranged; ``nc`` classes, ``N`` candidates, ``Q`` queries (layouts/ has details)."""
+    """How a detector's output tensors are read: ``nc`` classes, ``N`` candidates, ``Q`` queries (see layouts/)."""
 
     YOLOX = "yolox"  # (1, N, 5+nc): raw offsets in grid cells, log sizes, objectness, class scores
     YOLOV5 = "yolov5"  # (1, N, 5+nc): centre and size in pixels of the input, objectness, class scores
     YOLOV8 = "yolov8"  # (1, 4+nc, N): centre and size in pixels of the input, class scores
-    NMS6 = "nms6"  # (1, N, 6): corners in pixels of the input, score, class; suppression done inside
+    NMS6 = "nms6"  # (1, N, 6): corners in pixels of the input, score, class; the model includes NMS
     YOLOV5_SEG = "yolov5_seg"  # yolov5 with k mask coefficients, and prototypes (1, k, h, w)
     YOLOV8_SEG = "yolov8_seg"  # yolov8 with k mask coefficients, and prototypes (1, k, h, w)
     NMS6_SEG = "nms6_seg"  # nms6 with k mask coefficients, and prototypes (1, k, h, w)
@@ -35,16 +38,16 @@ class OutputLayout(StrEnum):
     RTDETR_ROWS = "rtdetr_rows"  # (1, N, 6): centre and size from 0 to 1, score, class
     RFDETR = "rfdetr"  # dets (1, Q, 4): centre and size from 0 to 1; labels (1, Q, nc or nc+1): logits
     RFDETR_SEG = "rfdetr_seg"  # rfdetr with mask logits (1, Q, h, w)
-    MAP = "map"  # (1, nc, h, w): each pixel's probabilities, of a semantic segmenter
-    MAP_LOGITS = "map_logits"  # the same before its sigmoid, or softmax where a class is called background
+    MAP = "map"  # (1, nc, h, w): probabilities of a semantic segmenter
+    MAP_LOGITS = "map_logits"  # the same before the sigmoid, or before the softmax if a class is called background
 
 
 class ResizeMode(StrEnum):
-    """How a photograph is brought to the model's input size."""
+    """How a photograph is resized to the model's input."""
 
-    CORNER = "letterbox_corner"  # one gain, padded at the right and bottom
-    CENTRE = "letterbox_centre"  # one gain, padded on both sides alike
-    STRETCH = "stretch"  # a gain for each axis, no padding
+    CORNER = "letterbox_corner"  # one gain, padding at the right and bottom
+    CENTRE = "letterbox_centre"  # one gain, equal padding on both sides
+    STRETCH = "stretch"  # one gain per axis, no padding
 
 
 class _CardSection(BaseModel):
@@ -52,10 +55,10 @@ class _CardSection(BaseModel):
 
 
 class CardInput(_CardSection):
-    """What the model takes: ``(value * scale - mean) / std`` of values 0..255, channels in the order ``colour``.
+    """The model's input: ``(value * scale - mean) / std`` of values 0..255, channels in the order ``colour``.
 
-    ``gsd_mm`` is how coarse a facade must come to it (mm for each pixel of the input, one or two scales); empty where
-    photographs come at their own pixels.
+    ``gsd_mm``: GSD of the input that the model was trained for, in millimetres on the facade, one or two scales; empty:
+    photographs are processed at their own GSD.
     """
 
     width_px: PositiveInt
@@ -69,17 +72,17 @@ class CardInput(_CardSection):
     gsd_mm: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(max_length=2)] = ()
 
     @model_validator(mode="after")
-    def _std_is_positive(self) -> CardInput:
+    def _check_std(self) -> CardInput:
         if min(self.std) <= 0:
             raise ValueError(f"std is {self.std}; each of the three must be more than 0")
         return self
 
 
 class CardOutput(_CardSection):
-    """What the model gives. ``names`` are its outputs in the order of the layout, ``name`` the one of a single output.
+    """The model's outputs: ``names`` in the order of the layout, or ``name`` where the layout has a single output.
 
-    They may be left out: a single output is the first, several are told apart by usual names and by shape.
-    ``strides`` are for layout yolox alone.
+    Both may be omitted: a single output is then the model's first, several are identified by their usual names or their
+    shapes. ``strides`` apply to layout yolox only.
     """
 
     layout: OutputLayout
@@ -88,30 +91,30 @@ class CardOutput(_CardSection):
     strides: Annotated[tuple[PositiveInt, ...], Field(min_length=1)] = (8, 16, 32)
 
     @model_validator(mode="after")
-    def _one_way_of_naming(self) -> CardOutput:
+    def _check_names(self) -> CardOutput:
         if self.name is not None and self.names:
             raise ValueError(f"name ({self.name}) and names ({', '.join(self.names)}) are both given; keep one of them")
         return self
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        """The outputs that the card names; empty where it names none."""
+        """The outputs that the card names; empty if it names none."""
         return self.names if self.name is None else (self.name,)
 
 
 class ScoreCalibration(_CardSection):
-    """What makes a probability of the model's score: ``logit(p) = slope * logit(score) + intercept`` (Platt 1999)."""
+    """Calibration of the model's scores: ``logit(probability) = slope * logit(score) + intercept`` (Platt 1999)."""
 
     slope: Annotated[float, Field(gt=0)] = 1.0
     intercept: float = 0.0
 
 
 class ModelCard(_CardSection):
-    """A detector's declaration; ``class_names`` in the order of the model's outputs.
+    """The declaration of a detector; ``class_names`` in the order of the model's outputs.
 
-    ``classes`` says which defect class a name of them stands for, over the built-in crosswalk; ``training_data`` names
-    one set with its terms in each entry; ``metrics`` is what was measured, free in form. ``score_threshold`` is for the
-    calibrated score.
+    ``classes``: class name -> defect class, overrides the built-in crosswalk. ``training_data``: one data set with its
+    licence in each entry. ``metrics``: measured results, free in form. ``score_threshold`` applies to the calibrated
+    score.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -129,7 +132,7 @@ class ModelCard(_CardSection):
     max_detections: PositiveInt = 300
 
     @model_validator(mode="after")
-    def _grids_fit(self) -> ModelCard:
+    def _check_strides(self) -> ModelCard:
         worst = max(self.output.strides)
         if self.output.layout is OutputLayout.YOLOX and (self.input.width_px % worst or self.input.height_px % worst):
             raise ValueError(
@@ -140,12 +143,12 @@ class ModelCard(_CardSection):
 
 
 def locate_card(model: Path) -> Path:
-    """Where a model's card lies: ``crack.onnx`` has ``crack.card.yaml`` beside it."""
+    """Path of a model's card: ``crack.card.yaml`` beside ``crack.onnx``."""
     return model.with_suffix(".card.yaml")
 
 
 def read_card(path: Path) -> ModelCard:
-    """Read and check a card in YAML or JSON. Raises ModelError that names file, key, value and what is allowed."""
+    """Read and validate a card in YAML or JSON. Raises ModelError with file, key, value and the allowed values."""
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
@@ -158,14 +161,14 @@ def read_card(path: Path) -> ModelCard:
 
 
 def parse_card(text: str, where: str) -> ModelCard:
-    """A card from its text in YAML or JSON. Raises ModelError that begins with ``where``."""
+    """Parse a card in YAML or JSON. Raises ModelError; its message begins with ``where``."""
     try:
-        # YAML 1.1 takes JSON's 1e-3 for a text, so JSON is read as such.
+        # YAML 1.1 reads JSON's 1e-3 as a text, so JSON has a parser of its own.
         content = json.loads(text) if text.lstrip().startswith("{") else yaml.safe_load(text)
     except (json.JSONDecodeError, yaml.YAMLError) as error:
         raise ModelError(f"{where} cannot be read as YAML or JSON: {error}") from error
     if not isinstance(content, dict):
-        raise ModelError(f"{where} holds no keys; docs/model-card.md shows what it must say")
+        raise ModelError(f"{where} contains no keys; docs/model-card.md lists the required ones")
     try:
         return ModelCard.model_validate(content)
     except ValidationError as error:
@@ -174,17 +177,17 @@ def parse_card(text: str, where: str) -> ModelCard:
             key = ".".join(str(part) for part in fault["loc"]) or "card"
             value = "" if fault["type"] == "missing" or not fault["loc"] else f" is {fault['input']!r}"
             faults.append(f"{key}{value}: {fault['msg'].removeprefix('Value error, ')}")
-        raise ModelError(f"{where}: {'; '.join(faults)} (docs/model-card.md says what is allowed)") from error
+        raise ModelError(f"{where}: {'; '.join(faults)} (docs/model-card.md lists the allowed values)") from error
 
 
 def format_card(card: ModelCard) -> str:
-    """The card as YAML, keys in the order of its declaration; what stands at its default is left out."""
+    """The card as YAML, keys in the order of their declaration; default values are omitted."""
     content = card.model_dump(mode="json", exclude_defaults=True)
     text: str = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120)
     return text
 
 
-_PROBABILITY_MARGIN = 1e-7  # to 0 and 1; float32 scores cannot tell more
+_PROBABILITY_MARGIN = 1e-7  # from 0 and 1: the resolution of float32 scores
 
 
 def calibrate_scores(scores: Float32Array, by: ScoreCalibration) -> Float64Array:

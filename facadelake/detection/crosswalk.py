@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from facadelake.core.errors import InputDataError
 from schemas.vocabulary import DefectClass
 
-# dacl10k: ACrack is alligator crack; ExposedRebars, like CODEBRIM's ExposedBars, are visible where concrete has spalled;
+# dacl10k: ACrack is alligator crack; ExposedRebars, like CODEBRIM's ExposedBars, appear where concrete has spalled;
 # efflorescence is the salt that seeping water leaves.
 _COUNTERPARTS: Mapping[DefectClass, tuple[str, ...]] = {
     DefectClass.CRACK: (

@@ -21,7 +21,7 @@ FIRST = (
 )  # fmt: skip
 
 
-def ordered(table: pa.Table) -> pa.Table:
+def order_columns(table: pa.Table) -> pa.Table:
     """The columns in a reader's order: what it is, how large, on what, where, then the run's keys; geometries last."""
     names = [name for name in table.column_names if name not in GEOMETRIES]
     first = [name for name in FIRST if name in names]
@@ -30,9 +30,9 @@ def ordered(table: pa.Table) -> pa.Table:
     return table.select([*first, *rest, *keys, *(name for name in GEOMETRIES if name in table.column_names)])
 
 
-def plain(table: pa.Table) -> pa.Table:
-    """The columns ``ordered`` without geometries; a list of numbers becomes JSON text, for CSV and GDAL."""
-    rows = ordered(table)
+def flatten_table(table: pa.Table) -> pa.Table:
+    """The columns ``order_columns`` without geometries; a list of numbers becomes JSON text, for CSV and GDAL."""
+    rows = order_columns(table)
     for number, field in enumerate(rows.schema):
         if pa.types.is_list(field.type):
             texts = [None if value is None else json.dumps(value) for value in rows.column(number).to_pylist()]
@@ -40,12 +40,12 @@ def plain(table: pa.Table) -> pa.Table:
     return rows.drop_columns([name for name in GEOMETRIES if name in rows.column_names])
 
 
-def shapes(table: pa.Table, column: str) -> np.ndarray:
+def decode_geometries(table: pa.Table, column: str) -> np.ndarray:
     """The geometries of a WKB column, None where it is empty."""
     found: np.ndarray = shapely.from_wkb(table.column(column).to_numpy())
     return found
 
 
-def wkt(table: pa.Table, column: str) -> pa.Array:
+def wkt_from_wkb(table: pa.Table, column: str) -> pa.Array:
     """A WKB column as text, to 1e-9 degrees (0.1 mm) and 1e-9 m."""
-    return pa.array(shapely.to_wkt(shapes(table, column), rounding_precision=9), pa.string())
+    return pa.array(shapely.to_wkt(decode_geometries(table, column), rounding_precision=9), pa.string())

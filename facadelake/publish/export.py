@@ -12,9 +12,9 @@ import pyarrow.parquet as pq
 import pyogrio
 
 from facadelake.core.errors import InputDataError
-from facadelake.publish.columns import GEOMETRIES, GEOMETRY, PATCH, ordered, plain, wkt
-from facadelake.publish.geopackage import facade_layers, geo_layers, write_layers, write_plain
-from facadelake.publish.geoparquet import CRS_2D, frame, write_geoparquet
+from facadelake.publish.columns import GEOMETRIES, GEOMETRY, PATCH, flatten_table, order_columns, wkt_from_wkb
+from facadelake.publish.geopackage import create_facade_layers, create_map_layers, write_attribute_table, write_layers
+from facadelake.publish.geoparquet import CRS_2D, geodataframe_from_table, write_geoparquet
 
 
 def export_table(name: str, table: pa.Table, path: Path) -> Path:
@@ -41,28 +41,28 @@ def export_table(name: str, table: pa.Table, path: Path) -> Path:
     return path
 
 
-def _parquet(name: str, table: pa.Table, path: Path) -> None:
+def _write_parquet(name: str, table: pa.Table, path: Path) -> None:
     if GEOMETRY in table.column_names:
-        write_geoparquet(frame(table), path)
+        write_geoparquet(geodataframe_from_table(table), path)
     else:
-        pq.write_table(ordered(table), path)
+        pq.write_table(order_columns(table), path)
 
 
-def _geopackage(name: str, table: pa.Table, path: Path) -> None:
+def _write_geopackage(name: str, table: pa.Table, path: Path) -> None:
     if GEOMETRY not in table.column_names:
-        write_plain(table, name, path)
+        write_attribute_table(table, name, path)
         return
-    elevations = facade_layers(table) if name == "defects" else iter(())
-    write_layers((layer for layers in (geo_layers(table, name), elevations) for layer in layers), path)
+    elevations = create_facade_layers(table) if name == "defects" else iter(())
+    write_layers((layer for layers in (create_map_layers(table, name), elevations) for layer in layers), path)
 
 
-def _geojson(name: str, table: pa.Table, path: Path) -> None:
+def _write_geojson(name: str, table: pa.Table, path: Path) -> None:
     if GEOMETRY not in table.column_names:
         raise InputDataError(f"table {name} has no geometry, so it cannot be GeoJSON; write .csv, .parquet or .gpkg")
     # RFC 7946 knows one CRS: WGS 84 longitude and latitude, with an ellipsoidal height as a third number.
-    rows = plain(table)
+    rows = flatten_table(table)
     if PATCH in table.column_names:
-        rows = rows.append_column(f"{PATCH}_wkt", wkt(table, PATCH))
+        rows = rows.append_column(f"{PATCH}_wkt", wkt_from_wkb(table, PATCH))
     pyogrio.write_arrow(
         rows.append_column(GEOMETRY, table.column(GEOMETRY)),
         path,
@@ -76,17 +76,17 @@ def _geojson(name: str, table: pa.Table, path: Path) -> None:
     )
 
 
-def _csv(name: str, table: pa.Table, path: Path) -> None:
-    rows = plain(table)
+def _write_csv(name: str, table: pa.Table, path: Path) -> None:
+    rows = flatten_table(table)
     for name in GEOMETRIES:
         if name in table.column_names:
-            rows = rows.append_column(f"{name}_wkt", wkt(table, name))
+            rows = rows.append_column(f"{name}_wkt", wkt_from_wkb(table, name))
     csv.write_csv(rows, path)
 
 
 FORMATS: dict[str, Callable[[str, pa.Table, Path], None]] = {
-    ".parquet": _parquet,
-    ".gpkg": _geopackage,
-    ".geojson": _geojson,
-    ".csv": _csv,
+    ".parquet": _write_parquet,
+    ".gpkg": _write_geopackage,
+    ".geojson": _write_geojson,
+    ".csv": _write_csv,
 }

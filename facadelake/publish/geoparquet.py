@@ -10,28 +10,28 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import shapely
 
-from facadelake.publish.columns import GEOMETRIES, GEOMETRY, ordered, shapes
+from facadelake.publish.columns import GEOMETRIES, GEOMETRY, decode_geometries, order_columns
 from schemas.column import GEO_CRS
 
 CRS_3D = GEO_CRS  # longitude, latitude, ellipsoidal height
 CRS_2D = "EPSG:4326"  # the same without the height
 
 
-def frame(table: pa.Table) -> gpd.GeoDataFrame:
-    """The rows as points or polygons in EPSG:4979 (WKB column ``geometry``), columns ``ordered``.
+def geodataframe_from_table(table: pa.Table) -> gpd.GeoDataFrame:
+    """The rows as points or polygons in EPSG:4979 (WKB column ``geometry``), columns ``order_columns``.
 
     A column ``patch`` becomes a second geometry. Types stay those of Arrow, so that an empty text or number is null
     and not "" or NaN.
     """
-    rows = ordered(table)
+    rows = order_columns(table)
     held = [name for name in GEOMETRIES if name in rows.column_names]
     values = rows.drop_columns(held).to_pandas(types_mapper=pd.ArrowDtype)
     for name in held:
-        values[name] = gpd.GeoSeries(shapes(rows, name), index=values.index, crs=CRS_3D)
+        values[name] = gpd.GeoSeries(decode_geometries(rows, name), index=values.index, crs=CRS_3D)
     return gpd.GeoDataFrame(values, geometry=GEOMETRY)
 
 
-def flat(rows: gpd.GeoDataFrame) -> gpd.GeoDataFrame:
+def drop_heights(rows: gpd.GeoDataFrame) -> gpd.GeoDataFrame:
     """The 2D twin in EPSG:4326, for programs that know no heights; the height stays as a column where there is one."""
     twin = rows.copy()
     for name in GEOMETRIES:

@@ -19,9 +19,9 @@ import pyarrow as pa
 
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake import read_tables
-from facadelake.publish.geopackage import facade_layers, geo_layers, write_layers
-from facadelake.publish.geoparquet import flat, frame, write_geoparquet
-from facadelake.publish.readme import readme
+from facadelake.publish.geopackage import create_facade_layers, create_map_layers, write_layers
+from facadelake.publish.geoparquet import drop_heights, geodataframe_from_table, write_geoparquet
+from facadelake.publish.readme import format_readme
 
 PUBLISHED = "published"
 LATEST = "latest"
@@ -30,12 +30,12 @@ FILES = ("defects.parquet", "defects_2d.parquet", "observations.parquet", "defec
 TABLES = ("buildings", "georeference", "runs", "campaigns", "defects", "observations")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _VERSION = re.compile(r"v([0-9]{6,})")
-_DRAWN = 'id="drawn-for-another-version"'
+_OLDER_GRADES_ID = 'id="drawn-for-another-version"'
 
 logger = logging.getLogger(__name__)
 
 
-def release_folder(lake: Path, *, building_id: str, campaign_id: str, version: int) -> Path:
+def name_release_folder(lake: Path, *, building_id: str, campaign_id: str, version: int) -> Path:
     """Where the files of a campaign in a version of the lake are, or would be.
 
     Raises InputDataError for an id that is no plain name, because it becomes a folder.
@@ -54,7 +54,7 @@ def publish_campaign(
     A version that is there already stays as it is. Raises StoreError where the lake or the disk fails (nothing
     half-made is left), InputDataError where the lake has no such campaign.
     """
-    folder = release_folder(lake, building_id=building_id, campaign_id=campaign_id, version=version)
+    folder = name_release_folder(lake, building_id=building_id, campaign_id=campaign_id, version=version)
     if folder.is_dir():
         logger.info("%s is published already", folder)
         return folder
@@ -64,7 +64,7 @@ def publish_campaign(
     part = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.part"
     try:
         part.mkdir(parents=True)
-        _write(part, tables, version=version, pictures=pictures)
+        _write_files(part, tables, version=version, pictures=pictures)
         for path in part.rglob("*"):
             if path.is_file():
                 path.chmod(0o444)
@@ -88,11 +88,11 @@ def publish_regraded(lake: Path, *, building_id: str, campaign_id: str, version:
     The report says so. Raises as ``publish_campaign``.
     """
     publish = partial(publish_campaign, lake, building_id=building_id, campaign_id=campaign_id, version=version)
-    folder = release_folder(lake, building_id=building_id, campaign_id=campaign_id, version=version)
-    before = [number for number in _releases(folder.parent) if number < version] if folder.parent.is_dir() else []
+    folder = name_release_folder(lake, building_id=building_id, campaign_id=campaign_id, version=version)
+    before = [number for number in _find_releases(folder.parent) if number < version] if folder.parent.is_dir() else []
     if folder.is_dir() or not before:
         return publish()
-    drawn = _releases(folder.parent)[max(before)]
+    drawn = _find_releases(folder.parent)[max(before)]
     try:
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as scratch:
             pictures = Path(scratch) / "pictures"
@@ -111,36 +111,36 @@ def _mark_report(report: Path, version: int) -> None:
     if not report.is_file():
         return
     text = report.read_text("utf-8")
-    if _DRAWN in text:
+    if _OLDER_GRADES_ID in text:
         return
     note = (
-        f"<p {_DRAWN}><b>Drawn for version {version} of the lake; the defects were graded anew since. "
+        f"<p {_OLDER_GRADES_ID}><b>Drawn for version {version} of the lake; the defects were graded anew since. "
         "The tables beside this page have the grades that hold.</b></p>"
     )
     report.chmod(0o644)  # the release it comes from is read-only
     report.write_text(text.replace("</h1>", f"</h1>{note}", 1), encoding="utf-8")
 
 
-def _write(folder: Path, tables: dict[str, pa.Table], *, version: int, pictures: Path | None) -> None:
+def _write_files(folder: Path, tables: dict[str, pa.Table], *, version: int, pictures: Path | None) -> None:
     if pictures is not None:
         shutil.copytree(pictures, folder, dirs_exist_ok=True)
     defects = tables["defects"]
-    points = frame(defects)
+    points = geodataframe_from_table(defects)
     in_3d, in_2d, observations, layers, text = (folder / name for name in FILES)
     write_geoparquet(points, in_3d)
-    write_geoparquet(flat(points), in_2d)
-    write_geoparquet(frame(tables["observations"]), observations)
-    write_layers(chain(geo_layers(defects, "defects"), facade_layers(defects)), layers)
-    text.write_text(readme(tables, version=version), encoding="utf-8")
+    write_geoparquet(drop_heights(points), in_2d)
+    write_geoparquet(geodataframe_from_table(tables["observations"]), observations)
+    write_layers(chain(create_map_layers(defects, "defects"), create_facade_layers(defects)), layers)
+    text.write_text(format_readme(tables, version=version), encoding="utf-8")
 
 
-def _releases(campaign: Path) -> dict[int, Path]:
+def _find_releases(campaign: Path) -> dict[int, Path]:
     return {int(found[1]): path for path in campaign.iterdir() if (found := _VERSION.fullmatch(path.name))}
 
 
 def _point_latest(campaign: Path) -> None:
     """Let ``latest`` lead to the highest version, at no moment to nothing; a copy where links cannot be made."""
-    versions = _releases(campaign)
+    versions = _find_releases(campaign)
     newest = versions[max(versions)]
     latest, part = campaign / LATEST, campaign / f".{LATEST}.{uuid.uuid4().hex[:8]}"
     try:

@@ -1,4 +1,4 @@
-"""A review, a person's word on one place of a photograph, and the rows of table ``reviews`` it is kept in."""
+"""The review of one location in a photograph by a person, and its row of table ``reviews``."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _SIDES = ("x_px", "y_px", "width_px", "height_px")
 
 @dataclass(frozen=True, kw_only=True)
 class Review:
-    """A word on a place of a photograph, in its pixels.
+    """A verdict on one location in a photograph; boxes and mask in pixels of the photograph.
 
-    ``subject`` names the place: of two reviews of one subject the later counts. ``reviewed_box`` and
-    ``reviewed_class`` are what the detector had there (None: nothing); ``box``, ``mask`` (WKT) and
-    ``defect_class`` what the reviewer found there (None: no defect).
+    ``subject`` identifies the location: of several reviews of one subject the latest is the current one.
+    ``reviewed_box`` and ``reviewed_class`` are the detector's result there (None: it detected nothing); ``box``,
+    ``mask`` (WKT) and ``defect_class`` are the reviewer's (None: no defect).
     """
 
     photo_id: str
@@ -44,25 +44,33 @@ class Review:
 
     @property
     def effective_box(self) -> Box:
-        """The box as the person drew it, else as it was judged."""
-        place = self.box or self.reviewed_box
-        assert place is not None  # importers refuse a word without a place
-        return place
+        """The reviewer's box, or the reviewed box where the reviewer rejected it."""
+        box = self.box or self.reviewed_box
+        assert box is not None  # importers refuse a review without a box
+        return box
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParsedReviews:
+    """The reviews that a file holds, and remarks on the entries that cannot be used."""
+
+    reviews: tuple[Review, ...]
+    remarks: tuple[str, ...]
 
 
 def make_subject(photo_id: str, box: Box, defect_class: DefectClass) -> str:
-    """Name of a place that has none yet: photograph, class and box, to a tenth of a pixel."""
+    """The subject of a location that has none yet: photograph, box to a tenth of a pixel, and class."""
     return f"{photo_id}@{','.join(f'{getattr(box, side):.1f}' for side in _SIDES)} {defect_class}"
 
 
 def box_from_row(row: Mapping[str, Any], prefix: str = "box") -> Box | None:
-    """The box in the columns ``<prefix>_x_px``, ..., None where they are empty."""
+    """The box in the columns ``<prefix>_x_px``, ``<prefix>_y_px``, ...; None where one of them is empty."""
     values = {side: row[f"{prefix}_{side}"] for side in _SIDES}
     return None if None in values.values() else Box(**values)
 
 
 def reviews_from_table(table: pa.Table) -> tuple[Review, ...]:
-    """Rows of table ``reviews``, the oldest first; those said at once in the order of their ids."""
+    """Rows of table ``reviews``, the oldest first; those of the same time by ``review_id``."""
     rows = table.sort_by([("reviewed_at", "ascending"), ("review_id", "ascending")]).to_pylist()
     return tuple(
         Review(
@@ -78,7 +86,7 @@ def reviews_from_table(table: pa.Table) -> tuple[Review, ...]:
 
 
 def table_from_reviews(reviews: Sequence[Review], *, building_id: str, campaign_id: str) -> pa.Table:
-    """Reviews as rows of table ``reviews``; the lake gives those their ids that have none."""
+    """Reviews as rows of table ``reviews``; the lake assigns the missing ``review_id``."""
     rows = [
         {
             "building_id": building_id,
@@ -96,12 +104,12 @@ def table_from_reviews(reviews: Sequence[Review], *, building_id: str, campaign_
 
 
 def select_current_reviews(reviews: Iterable[Review]) -> tuple[Review, ...]:
-    """The last word on each subject, of ``reviews`` in the order of time."""
-    last: dict[str, Review] = {}
+    """The latest review of each subject; ``reviews`` are sorted by time."""
+    current: dict[str, Review] = {}
     for review in reviews:
-        last.pop(review.subject, None)
-        last[review.subject] = review
-    return tuple(last.values())
+        current.pop(review.subject, None)
+        current[review.subject] = review
+    return tuple(current.values())
 
 
 _UNCONVERTED_COLUMNS = (
@@ -110,8 +118,8 @@ _UNCONVERTED_COLUMNS = (
 )  # fmt: skip
 
 
-def _parse_class(word: str | None) -> DefectClass | None:
-    return None if word is None else DefectClass(word)
+def _parse_class(name: str | None) -> DefectClass | None:
+    return None if name is None else DefectClass(name)
 
 
 def _columns_from_box(box: Box | None, prefix: str) -> dict[str, float | None]:

@@ -1,4 +1,4 @@
-"""What a person is shown of a campaign: its detections, as far as earlier words left them standing."""
+"""Items of a review: the locations of a campaign that a reviewer is shown, and the reviews made of them."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from schemas.vocabulary import DefectClass, Verdict
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewItem:
-    """A place of a photograph where a defect is said to be, by the detector or by a person's last word.
+    """A location in a photograph with a defect, by the detector or by the current review; boxes in px.
 
-    ``reviewed_box`` and ``reviewed_class`` are the detector's, None where a person found it; ``verdict`` the last word.
+    ``reviewed_box`` and ``reviewed_class`` are the detector's, None where a reviewer added the defect. ``verdict`` is
+    that of the current review, None where there is no review.
     """
 
     subject: str
@@ -37,22 +38,23 @@ class ReviewItem:
 
     @property
     def is_defect(self) -> bool:
-        """Whether nobody has said last that no defect is there."""
+        """False where the current review rejected the defect."""
         return self.verdict is not Verdict.REJECTED
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewProvenance:
-    """Who says it, when, and of which run's results."""
+    """The reviewer, the time of the review, and the run whose results were reviewed."""
 
     reviewer: str
     reviewed_at: datetime
     run_id: str
 
 
-def list_review_items(judgement: ReviewStatus, defects: Mapping[str, str]) -> tuple[ReviewItem, ...]:
-    """All places spoken of or detected, by photograph, rejected ones too. ``defects``: defect_id by detection_id."""
-    places = [
+def list_review_items(status: ReviewStatus, defects: Mapping[str, str]) -> tuple[ReviewItem, ...]:
+    """All reviewed or detected locations, rejected ones too, sorted by photograph. ``defects``: defect_id by
+    detection_id."""
+    items = [
         ReviewItem(
             subject=make_subject(one.photo_id, one.box, one.defect_class),
             photo_id=one.photo_id,
@@ -66,66 +68,79 @@ def list_review_items(judgement: ReviewStatus, defects: Mapping[str, str]) -> tu
             reviewed_box=one.box,
             reviewed_class=one.defect_class,
         )
-        for one in judgement.unreviewed
+        for one in status.unreviewed
     ]
-    for standing in judgement.current:
-        word, now = standing.review, standing.detection
-        defect_class = word.defect_class or word.reviewed_class
-        assert defect_class is not None  # a word without a defect is about a judged class
-        detection_id = word.detection_id if now is None else now.detection_id
-        places.append(
+    for matched in status.current:
+        review, detection = matched.review, matched.detection
+        defect_class = review.defect_class or review.reviewed_class
+        assert defect_class is not None  # a review that rejects has the reviewed class
+        detection_id = review.detection_id if detection is None else detection.detection_id
+        items.append(
             ReviewItem(
-                subject=word.subject,
-                photo_id=word.photo_id,
+                subject=review.subject,
+                photo_id=review.photo_id,
                 defect_class=defect_class,
-                box=word.effective_box,
-                mask=word.mask,
+                box=review.effective_box,
+                mask=review.mask,
                 score=1.0,
                 detection_id=detection_id,
-                defect_id=defects.get(detection_id or "", word.defect_id),
-                detector_sha256=word.detector_sha256 if now is None else now.detector_sha256,
-                reviewed_box=word.reviewed_box,
-                reviewed_class=word.reviewed_class,
-                verdict=word.verdict,
+                defect_id=defects.get(detection_id or "", review.defect_id),
+                detector_sha256=review.detector_sha256 if detection is None else detection.detector_sha256,
+                reviewed_box=review.reviewed_box,
+                reviewed_class=review.reviewed_class,
+                verdict=review.verdict,
             )
         )
-    return tuple(sorted(places, key=lambda place: (place.photo_id, place.box.y_px, place.box.x_px)))
+    return tuple(sorted(items, key=lambda item: (item.photo_id, item.box.y_px, item.box.x_px)))
 
 
 def create_review(
-    place: ReviewItem,
+    item: ReviewItem,
     verdict: Verdict,
-    said: ReviewProvenance,
+    provenance: ReviewProvenance,
     *,
     box: Box | None = None,
     defect_class: DefectClass | None = None,
     mask: str | None = None,
     note: str | None = None,
 ) -> Review:
-    """A word on a shown place; a corrected one says its new ``box`` and ``defect_class``."""
-    judged: dict[str, Any] = {"reviewed_box": place.reviewed_box, "reviewed_class": place.reviewed_class}
-    if verdict is Verdict.REJECTED and place.reviewed_box is None:  # what a person had found another one takes back
-        judged = {"reviewed_box": place.box, "reviewed_class": place.defect_class}
-    there: dict[str, Any] = {"box": place.box, "defect_class": place.defect_class, "mask": place.mask}
+    """The review of an item.
+
+    Args:
+        item: What the reviewer was shown.
+        verdict: The reviewer's verdict. Confirming a defect that a reviewer added gives ``missed`` again.
+        provenance: Reviewer, time and run.
+        box: The corrected box, px of the photograph; the item's where left out.
+        defect_class: The corrected class; the item's where left out.
+        mask: The corrected mask, WKT in px of the photograph; a corrected item keeps no other.
+        note: The reviewer's remark.
+
+    Returns:
+        The review; ``box``, ``defect_class`` and ``mask`` are None where ``verdict`` is ``rejected``.
+    """
+    reviewed: dict[str, Any] = {"reviewed_box": item.reviewed_box, "reviewed_class": item.reviewed_class}
+    if verdict is Verdict.REJECTED and item.reviewed_box is None:  # withdraws a defect that a reviewer added
+        reviewed = {"reviewed_box": item.box, "reviewed_class": item.defect_class}
+    result: dict[str, Any] = {"box": item.box, "defect_class": item.defect_class, "mask": item.mask}
     if verdict is Verdict.REJECTED:
-        there = {}
+        result = {}
     elif verdict is Verdict.CORRECTED:
-        there = {"box": box or place.box, "defect_class": defect_class or place.defect_class, "mask": mask}
-    elif place.reviewed_box is None:
-        verdict = Verdict.MISSED  # confirming what a person found leaves it a defect that the detector missed
+        result = {"box": box or item.box, "defect_class": defect_class or item.defect_class, "mask": mask}
+    elif item.reviewed_box is None:
+        verdict = Verdict.MISSED  # the detector missed it, whoever confirms it
     return Review(
-        photo_id=place.photo_id,
-        subject=place.subject,
+        photo_id=item.photo_id,
+        subject=item.subject,
         verdict=verdict,
-        reviewer=said.reviewer,
-        reviewed_at=said.reviewed_at,
-        run_id=said.run_id,
-        detection_id=place.detection_id,
-        defect_id=place.defect_id,
-        detector_sha256=place.detector_sha256,
+        reviewer=provenance.reviewer,
+        reviewed_at=provenance.reviewed_at,
+        run_id=provenance.run_id,
+        detection_id=item.detection_id,
+        defect_id=item.defect_id,
+        detector_sha256=item.detector_sha256,
         note=note,
-        **there,
-        **judged,
+        **result,
+        **reviewed,
     )
 
 
@@ -133,19 +148,28 @@ def create_missed_review(
     photo_id: str,
     box: Box,
     defect_class: DefectClass,
-    said: ReviewProvenance,
+    provenance: ReviewProvenance,
     *,
     mask: str | None = None,
     note: str | None = None,
 ) -> Review:
-    """A defect that the detector did not find."""
+    """The review of a defect that the detector missed.
+
+    Args:
+        photo_id: The photograph.
+        box: The reviewer's box, px of the photograph.
+        defect_class: The reviewer's class.
+        provenance: Reviewer, time and run.
+        mask: The reviewer's mask, WKT in px of the photograph.
+        note: The reviewer's remark.
+    """
     return Review(
         photo_id=photo_id,
         subject=make_subject(photo_id, box, defect_class),
         verdict=Verdict.MISSED,
-        reviewer=said.reviewer,
-        reviewed_at=said.reviewed_at,
-        run_id=said.run_id,
+        reviewer=provenance.reviewer,
+        reviewed_at=provenance.reviewed_at,
+        run_id=provenance.run_id,
         defect_class=defect_class,
         box=box,
         mask=mask,
@@ -154,7 +178,7 @@ def create_missed_review(
 
 
 def polygons_from_wkt(mask: str | None) -> list[list[float]]:
-    """COCO's segmentation of a mask in WKT; holes are filled, as COCO's polygons have none."""
+    """A mask in WKT as COCO's polygons [x1, y1, x2, y2, ...], px. Holes are filled: COCO's polygons have none."""
     if mask is None:
         return []
     parts: Sequence[Any] = shapely.get_parts(shapely.from_wkt(mask))

@@ -1,4 +1,4 @@
-"""What holds of a campaign's detections after all reviews: the last words, met with the detections there are now."""
+"""The current reviews of a campaign matched with its detections, which another run or model may have changed."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from facadelake.reviews.box_matching import compute_iou, corners_from_boxes, pai
 from facadelake.reviews.review import Review, box_from_row, select_current_reviews
 from schemas.vocabulary import DefectClass, DetectionOutcome
 
-# A new run's box that shares less with the one that was judged may be another defect's.
+# Below this IoU a box of a later run may show another defect than the reviewed box.
 MATCH_IOU_MIN = 0.5
-_UNCHANGED_IOU_MIN = 0.98  # the same detection by its id, if the box is the same, too
+_UNCHANGED_IOU_MIN = 0.98  # equal ids mean the same detection only where the boxes are equal, too
 
 
 @dataclass(frozen=True, kw_only=True)
 class AcceptedDetection:
-    """An accepted detection, as reviews look at it; ``mask`` is WKT."""
+    """An accepted row of table ``detections``; ``box`` in px of the photograph, ``mask`` is WKT in the same pixels."""
 
     detection_id: str
     photo_id: str
@@ -36,7 +36,7 @@ class AcceptedDetection:
 
 @dataclass(frozen=True, kw_only=True)
 class MatchedReview:
-    """The last word on a subject and the detection that it is about now, None where there is none any more."""
+    """The current review of a subject and the detection that it applies to; None where no detection matches."""
 
     review: Review
     detection: AcceptedDetection | None
@@ -44,16 +44,18 @@ class MatchedReview:
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewStatus:
-    """A campaign as reviewed: the words that count, and the detections that nobody has spoken of."""
+    """The current reviews of a campaign, and its detections without a review."""
 
     current: tuple[MatchedReview, ...]
     unreviewed: tuple[AcceptedDetection, ...]
 
     @property
     def unmatched(self) -> tuple[Review, ...]:
-        """Words on detections that the campaign no longer has; a word on a missed defect needs none."""
+        """Reviews of detections that the campaign no longer has. A review of a missed defect has no detection."""
         return tuple(
-            one.review for one in self.current if one.detection is None and one.review.reviewed_box is not None
+            matched.review
+            for matched in self.current
+            if matched.detection is None and matched.review.reviewed_box is not None
         )
 
 
@@ -76,40 +78,49 @@ def select_accepted_detections(detections: pa.Table) -> tuple[AcceptedDetection,
 
 
 def match_reviews(reviews: Sequence[Review], detections: Sequence[AcceptedDetection]) -> ReviewStatus:
-    """Meet the last words of ``reviews`` (in the order of time) with ``detections``.
+    """Match the current ones of ``reviews`` (sorted by time) with ``detections``.
 
-    A word holds for the detection that it was about where that is unchanged; else, after another run or model, for the
-    one of a fitting class in the same photograph that overlaps most with the box judged or drawn (0.5 or more).
+    A review applies to the detection that was reviewed where that is unchanged. After another run or with another model
+    it applies to the detection of the reviewed or corrected class in the same photograph that overlaps most with the
+    reviewed or the corrected box (IoU of 0.5 or more).
     """
-    words = select_current_reviews(reviews)
-    met: dict[int, AcceptedDetection] = {}
-    spoken: set[str] = set()
-    by_photo: dict[str, list[AcceptedDetection]] = defaultdict(list)
-    for one in detections:
-        by_photo[one.photo_id].append(one)
-    places: dict[str, list[int]] = defaultdict(list)
-    for place, word in enumerate(words):
-        places[word.photo_id].append(place)
-    for photo_id, ours in places.items():
-        there = by_photo.get(photo_id, [])
-        for pair in pair_greedily(_score_matches([words[place] for place in ours], there), MATCH_IOU_MIN):
-            met[ours[pair.first]] = there[pair.second]
-            spoken.add(there[pair.second].detection_id)
+    current = select_current_reviews(reviews)
+    detection_by_index: dict[int, AcceptedDetection] = {}
+    reviewed_ids: set[str] = set()
+    detections_by_photo: dict[str, list[AcceptedDetection]] = defaultdict(list)
+    for detection in detections:
+        detections_by_photo[detection.photo_id].append(detection)
+    indices_by_photo: dict[str, list[int]] = defaultdict(list)
+    for index, review in enumerate(current):
+        indices_by_photo[review.photo_id].append(index)
+    for photo_id, indices in indices_by_photo.items():
+        candidates = detections_by_photo.get(photo_id, [])
+        for pair in pair_greedily(_score_matches([current[i] for i in indices], candidates), MATCH_IOU_MIN):
+            detection_by_index[indices[pair.first]] = candidates[pair.second]
+            reviewed_ids.add(candidates[pair.second].detection_id)
     return ReviewStatus(
-        current=tuple(MatchedReview(review=word, detection=met.get(place)) for place, word in enumerate(words)),
-        unreviewed=tuple(one for one in detections if one.detection_id not in spoken),
+        current=tuple(
+            MatchedReview(review=review, detection=detection_by_index.get(index))
+            for index, review in enumerate(current)
+        ),
+        unreviewed=tuple(one for one in detections if one.detection_id not in reviewed_ids),
     )
 
 
-def _score_matches(words: Sequence[Review], there: Sequence[AcceptedDetection]) -> Float64Array:
-    """How well each word (rows) fits each detection of its photograph: the overlap, 2 for the very one."""
-    boxes = corners_from_boxes(one.box for one in there)
-    judged = compute_iou(corners_from_boxes(word.reviewed_box or word.effective_box for word in words), boxes)
-    fit = np.maximum(judged, compute_iou(corners_from_boxes(word.effective_box for word in words), boxes))
-    for i, word in enumerate(words):
-        for j, one in enumerate(there):
-            if one.defect_class not in (word.reviewed_class, word.defect_class):
-                fit[i, j] = 0.0
-            elif (word.detection_id, word.detector_sha256) == (one.detection_id, one.detector_sha256):
-                fit[i, j] = 2.0 if judged[i, j] >= _UNCHANGED_IOU_MIN else fit[i, j]
-    return fit
+def _score_matches(reviews: Sequence[Review], detections: Sequence[AcceptedDetection]) -> Float64Array:
+    """Scores of reviews (rows) against the detections of their photograph (columns): IoU, 2 for the same detection, 0
+    for another class."""
+    boxes = corners_from_boxes(detection.box for detection in detections)
+    reviewed_iou = compute_iou(
+        corners_from_boxes(review.reviewed_box or review.effective_box for review in reviews), boxes
+    )
+    scores = np.maximum(
+        reviewed_iou, compute_iou(corners_from_boxes(review.effective_box for review in reviews), boxes)
+    )
+    for i, review in enumerate(reviews):
+        for j, detection in enumerate(detections):
+            if detection.defect_class not in (review.reviewed_class, review.defect_class):
+                scores[i, j] = 0.0
+            elif (review.detection_id, review.detector_sha256) == (detection.detection_id, detection.detector_sha256):
+                scores[i, j] = 2.0 if reviewed_iou[i, j] >= _UNCHANGED_IOU_MIN else scores[i, j]
+    return scores

@@ -1,4 +1,4 @@
-"""What heights refer to: the ellipsoid or a vertical CRS, by name or by code."""
+"""Projected CRS, vertical datum and area of use, parsed from names and codes with PROJ's database."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ from pyproj.exceptions import CRSError
 from facadelake.core.errors import GeoreferenceError
 
 ELLIPSOIDAL = "ellipsoidal"
+AREA_MARGIN_DEG = 1.0  # a building may lie this far outside the area of use of its CRS
 _ELLIPSOIDS = {"ellipsoid", "ellipsoidal", "grs80", "grs 80", "grs1980", "grs 1980", "wgs84", "wgs 84", "etrs89"}
 _CODE = re.compile(r"^(?:urn:ogc:def:crs:)?EPSG:{1,2}(\d+)$|^(\d{4,5})$", re.IGNORECASE)
 
 
 def split_crs(crs_text: str) -> tuple[str, str]:
-    """A CRS as its horizontal part and what it says of heights ("" where it says nothing).
+    """Split a CRS into its projected part and its vertical datum ("" if it has none).
 
-    A compound CRS ("EPSG:25832+7837", "EPSG:5555") falls into its two parts; one with three axes has ellipsoidal
-    heights. Raises GeoreferenceError for a CRS that PROJ does not know or that is not projected.
+    A compound CRS ("EPSG:25832+7837", "EPSG:5555") has both; one with three axes has ellipsoidal heights. Raises
+    GeoreferenceError for a CRS that PROJ does not know or that is not projected.
     """
     try:
         crs = pyproj.CRS.from_user_input(crs_text)
     except CRSError as error:
         raise GeoreferenceError(
-            f"CRS '{crs_text}' is not known to PROJ; give the registry's crs.map an EPSG code such as EPSG:25832"
+            f"CRS '{crs_text}' is not known to PROJ; set crs.map in the registry to an EPSG code such as EPSG:25832"
         ) from error
     horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
     if not horizontal.is_projected:
         raise GeoreferenceError(
-            f"CRS '{crs_text}' ({horizontal.name}) is not a projected CRS in metres or feet, which a map conversion "
-            "needs; give the registry's crs.map an EPSG code such as EPSG:25832"
+            f"CRS '{crs_text}' ({horizontal.name}) is not a projected CRS, which a map conversion requires; set "
+            "crs.map in the registry to an EPSG code such as EPSG:25832"
         )
     vertical = ""
     if crs.is_compound:
@@ -43,31 +44,54 @@ def split_crs(crs_text: str) -> tuple[str, str]:
 
 
 def parse_vertical_datum(text: str) -> str:
-    """A vertical datum as "ellipsoidal" or "EPSG:<code>", from a code or a name such as "DHHN2016" or "NAVD88 height".
+    """Parse a code or a name such as "DHHN2016" or "NAVD88 height" into "ellipsoidal" or "EPSG:<code>".
 
-    Raises GeoreferenceError where PROJ knows no such vertical CRS, or more than one.
+    Raises GeoreferenceError if PROJ knows no such vertical CRS, or more than one.
     """
-    word = text.strip()
-    if word.lower() in _ELLIPSOIDS or "ellipsoid" in word.lower():
+    name = text.strip()
+    if name.lower() in _ELLIPSOIDS or "ellipsoid" in name.lower():
         return ELLIPSOIDAL
-    code = _CODE.match(word)
+    code = _CODE.match(name)
     if code and (code[1] or code[2]) in get_codes("EPSG", PJType.CRS, allow_deprecated=True):
         crs = pyproj.CRS.from_epsg(int(code[1] or code[2]))
         if crs.is_vertical:
             return f"EPSG:{crs.to_epsg()}"
-        raise GeoreferenceError(
-            f"{word} ({crs.name}) is not a vertical CRS; give one such as EPSG:5783 (DHHN92 height)"
-        )
+        raise GeoreferenceError(f"{name} ({crs.name}) is not a vertical CRS; use one such as EPSG:5783 (DHHN92 height)")
     known = query_crs_info(auth_name="EPSG", pj_types=[PJType.VERTICAL_CRS])
-    same = [info for info in known if info.name.lower() in (word.lower(), f"{word.lower()} height")]
+    same = [info for info in known if info.name.lower() in (name.lower(), f"{name.lower()} height")]
     if len(same) != 1:
         raise GeoreferenceError(
-            f"the vertical datum '{text}' is not one that PROJ knows by that name; give the registry's crs.vertical: "
-            "'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
+            f"PROJ knows no single vertical CRS named '{text}'; set crs.vertical in the registry: 'ellipsoidal', or a "
+            "vertical CRS such as EPSG:5783 (DHHN92)"
         )
     return f"EPSG:{same[0].code}"
 
 
+def is_in_area_of_use(crs: str, lon_deg: float, lat_deg: float, margin_deg: float) -> bool:
+    """Whether a point is in the area of use of ``crs``, or up to ``margin_deg`` outside it; True if it has none.
+
+    Args:
+        crs: a projected CRS.
+        lon_deg: longitude of the point.
+        lat_deg: latitude of the point.
+        margin_deg: margin around the area, degrees.
+    """
+    area = pyproj.CRS.from_user_input(crs).area_of_use
+    if area is None:
+        return True
+    west, east = area.west - margin_deg, area.east + margin_deg
+    crosses_date_line = area.west > area.east
+    in_lon = (lon_deg >= west or lon_deg <= east) if crosses_date_line else west <= lon_deg <= east
+    return bool(in_lon and area.south - margin_deg <= lat_deg <= area.north + margin_deg)
+
+
+def name_area_of_use(crs: str) -> str:
+    """The name of the area of use of ``crs``, for messages."""
+    area = pyproj.CRS.from_user_input(crs).area_of_use
+    return area.name.split(":")[0] if area else "area unknown"
+
+
 def _format_crs(crs: pyproj.CRS) -> str:
+    """ "EPSG:<code>", or WKT for a CRS without a code."""
     code = crs.to_epsg()
     return f"EPSG:{code}" if code else str(crs.to_wkt())

@@ -1,4 +1,4 @@
-"""A model's place on the map: four numbers and a grid factor, and with the CRS its place on the globe."""
+"""Placement of a model on the map (a similarity about the vertical), and with its CRS on the globe."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.building.model_georeference.crs import ELLIPSOIDAL
-from facadelake.core.arrays import Float64Array
+from facadelake.building.model_georeference.crs import AREA_MARGIN_DEG, ELLIPSOIDAL, is_in_area_of_use
+from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3, Float64x3x3
+from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
 
-_HALF_BASE_M = 50.0  # half the base over which the map's stretch and turn are measured
+REGISTRY_LEVEL = "registry"  # stands in for a LoGeoRef level
+MIN_MAP_COORDINATE_M = 10_000.0  # coordinates beyond this are map coordinates; a building's own are smaller
+_HALF_BASE_M = 50.0  # half the base over which the map's scale and convergence are measured
 
 
 @dataclass(frozen=True, kw_only=True)
 class MapPlacement:
-    """Where the model's origin lies on the map, all in metres.
+    """Position of the model's origin on the map, in metres.
 
-    ``rotation_deg`` turns map east anticlockwise into the model's x axis; ``scale`` holds metres on the map for a
-    metre in the model along x, y, z.
+    ``rotation_deg`` is the angle from map east anticlockwise to the model's x axis; ``scale`` holds map metres per
+    model metre along x, y, z.
     """
 
     east_m: float
@@ -27,21 +30,22 @@ class MapPlacement:
     rotation_deg: float = 0.0
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
-    def map_from_ifc(self, xyz_ifc_m: Float64Array) -> Float64Array:
-        """Model points (n, 3) as east, north, height (n, 3), metres."""
+    def map_from_ifc(self, xyz_ifc_m: Float64Nx3) -> Float64Nx3:
+        """Transform model points (n, 3) to east, north, height (n, 3), metres."""
         scaled = np.asarray(xyz_ifc_m, dtype=np.float64) * np.array(self.scale)
-        moved: Float64Array = scaled @ rotation_from_angle(self.rotation_deg).T + np.array(
+        xyz_map_m: Float64Nx3 = scaled @ rotation_from_angle(self.rotation_deg).T + np.array(
             [self.east_m, self.north_m, self.height_m]
         )
-        return moved
+        return xyz_map_m
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelGeoreference:
     """A model's placement with its CRS ("EPSG:25832") and vertical datum ("ellipsoidal" or "EPSG:7837").
 
-    ``level`` is its LoGeoRef (Clemen and Goerne 2019) or "registry". ``sigma_m`` is how far the place may be off, one
-    sigma, where its kind tells that and not the surveyor; 0 where it is as good as whoever measured it.
+    ``level`` is its LoGeoRef level (Clemen and Goerne 2019) or "registry". ``remarks`` lists the assumptions made.
+    ``sigma_m`` is the standard deviation of the position where it follows from the kind of georeference; 0 where the
+    accuracy is that of the survey.
     """
 
     placement: MapPlacement
@@ -51,43 +55,59 @@ class ModelGeoreference:
     remarks: str
     sigma_m: float = 0.0
 
-    def geo_from_ifc(self, xyz_ifc_m: Float64Array) -> Float64Array:
-        """Model points (n, 3) in EPSG:4979 (n, 3: lon_deg, lat_deg, height_ellipsoidal_m)."""
+    def geo_from_ifc(self, xyz_ifc_m: Float64Nx3) -> Float64Nx3:
+        """Transform model points (n, 3) to EPSG:4979 (n, 3: lon_deg, lat_deg, height_ellipsoidal_m)."""
         return geo_from_map(self.placement.map_from_ifc(xyz_ifc_m), self.map_crs, self.vertical_datum)
+
+    def is_in_area_of_use(self, xyz_ifc_m: Float64x3, *, margin_deg: float = AREA_MARGIN_DEG) -> bool:
+        """Whether a model point (3,) is in the CRS's area of use, or up to ``margin_deg`` outside it.
+
+        Raises GeoreferenceError if PROJ lacks a grid.
+        """
+        try:
+            lon, lat, _ = self.geo_from_ifc(xyz_ifc_m[None])[0]
+        except GeoreferenceError as error:
+            if "domain" in str(error):
+                return False
+            raise
+        return is_in_area_of_use(self.map_crs, float(lon), float(lat), margin_deg)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GridFactors:
-    """The map at one place: its coordinates in metres, degrees from map east anticlockwise to true east, map metres
-    for a metre on the ground (the projection's factor and the height's)."""
+    """Scale and convergence of the map at one point.
 
-    map_m: Float64Array
+    ``map_m`` (3,): the point's east, north, height. ``true_east_deg``: angle from map east anticlockwise to true east.
+    ``combined_factor``: map metres per metre on the ground, the product of the grid scale factor and the height's.
+    """
+
+    map_m: Float64x3
     true_east_deg: float
     combined_factor: float
 
 
-def rotation_from_angle(angle_deg: float) -> Float64Array:
-    """Rotation (3, 3) anticlockwise about the vertical."""
+def rotation_from_angle(angle_deg: float) -> Float64x3x3:
+    """Rotation matrix (3, 3) of an anticlockwise rotation about the vertical."""
     angle = np.radians(angle_deg)
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def geo_from_map(map_m: Float64Array, map_crs: str, vertical_datum: str) -> Float64Array:
-    """Map points in metres (n, 3) in EPSG:4979, whatever unit the CRS counts in."""
-    whole, units = _combine_crs(map_crs, vertical_datum)
-    return transform(map_m / units, whole, GEO)
+def geo_from_map(map_m: Float64Nx3, map_crs: str, vertical_datum: str) -> Float64Nx3:
+    """Transform east, north, height (n, 3) in metres to EPSG:4979, whatever the unit of the CRS."""
+    compound, units = _combine_crs(map_crs, vertical_datum)
+    return transform(map_m / units, compound, GEO)
 
 
-def map_from_geo(lon_lat_height: Float64Array, map_crs: str, vertical_datum: str) -> Float64Array:
-    """EPSG:4979 points (n, 3) as east, north and height in metres."""
-    whole, units = _combine_crs(map_crs, vertical_datum)
-    metres: Float64Array = transform(lon_lat_height, GEO, whole) * units
+def map_from_geo(lon_lat_height: Float64Nx3, map_crs: str, vertical_datum: str) -> Float64Nx3:
+    """Transform EPSG:4979 points (n, 3) to east, north, height in metres."""
+    compound, units = _combine_crs(map_crs, vertical_datum)
+    metres: Float64Nx3 = transform(lon_lat_height, GEO, compound) * units
     return metres
 
 
-def compute_grid_factors(lon_lat_height: Float64Array, map_crs: str, vertical_datum: str) -> GridFactors:
-    """How the map is turned and stretched at a place (3,) of EPSG:4979, measured over 100 m."""
+def compute_grid_factors(lon_lat_height: Float64x3, map_crs: str, vertical_datum: str) -> GridFactors:
+    """Scale and convergence of the map at a point (3,) of EPSG:4979, by differences over 100 m."""
     lon, lat, height = (float(value) for value in lon_lat_height)
     origin = SiteOrigin(lon_deg=lon, lat_deg=lat, height_ellipsoidal_m=height)
     star = _HALF_BASE_M * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], dtype=np.float64)
@@ -100,8 +120,8 @@ def compute_grid_factors(lon_lat_height: Float64Array, map_crs: str, vertical_da
     )
 
 
-def place_upright(grid: GridFactors, *, anchor_ifc_m: Float64Array, x_axis_deg: float) -> MapPlacement:
-    """The placement that puts ``anchor_ifc_m`` (3,) at ``grid`` in true metres.
+def place_upright(grid: GridFactors, *, anchor_ifc_m: Float64x3, x_axis_deg: float) -> MapPlacement:
+    """The placement, in metres on the ground, that puts the model point ``anchor_ifc_m`` (3,) at ``grid``.
 
     ``x_axis_deg`` is the angle from true east anticlockwise to the model's x axis.
     """
@@ -117,6 +137,7 @@ def place_upright(grid: GridFactors, *, anchor_ifc_m: Float64Array, x_axis_deg: 
     )
 
 
-def _combine_crs(map_crs: str, vertical_datum: str) -> tuple[str, Float64Array]:
-    whole = map_crs if vertical_datum == ELLIPSOIDAL else f"{map_crs}+{vertical_datum.removeprefix('EPSG:')}"
-    return whole, np.array([axis.unit_conversion_factor for axis in promote_to_3d(whole).axis_info])
+def _combine_crs(map_crs: str, vertical_datum: str) -> tuple[str, Float64N]:
+    """The CRS with height, and metres per unit of its three axes (3,)."""
+    compound = map_crs if vertical_datum == ELLIPSOIDAL else f"{map_crs}+{vertical_datum.removeprefix('EPSG:')}"
+    return compound, np.array([axis.unit_conversion_factor for axis in promote_to_3d(compound).axis_info])

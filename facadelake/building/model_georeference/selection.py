@@ -103,7 +103,7 @@ def _describe_grid_scale(candidate: ModelGeoreference, grid: GridFactors) -> str
     """Remark that coordinates in placements are lengths on the map; empty for other levels."""
     if candidate.level not in ("30", "40"):
         return ""
-    return f"lengths of the model are lengths on the map; a metre on the ground is {grid.combined_factor:.6f} m there"
+    return f"model lengths are taken as map lengths; a metre on the ground is {grid.combined_factor:.6f} m on the map"
 
 
 def _describe_north_conflict(candidate: ModelGeoreference, north_deg: float | None, grid: GridFactors) -> str:

@@ -133,4 +133,4 @@ def rectify(
             continue
         for canvas, share in mine:
             canvas.add(readable[name], pixels, reduction, share)
-    return [canvas.create_set() for canvas in canvases]
+    return [canvas.finished() for canvas in canvases]

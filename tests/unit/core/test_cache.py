@@ -1,4 +1,4 @@
-"""A cache entry is whole or made anew; pruning removes what nothing needs."""
+"""A cache entry is intact or computed again; pruning removes what nothing needs."""
 
 import json
 import logging
@@ -31,7 +31,7 @@ def age(cached: CachedResult, days: float) -> None:
     os.utime(cached.folder / MANIFEST, (then, then))
 
 
-def test_an_entry_is_made_once_and_says_what_it_holds(cache: StageCache) -> None:
+def test_an_entry_is_made_once_and_records_the_hash_of_its_contents(cache: StageCache) -> None:
     first = entry(cache)
     again = cache.get_or_make("merge", "k1", lambda folder: pytest.fail("it is there"))
     assert (first.hit, again.hit) == (False, True)
@@ -51,7 +51,7 @@ def test_diagnostics_are_checked_but_no_part_of_the_content(cache: StageCache) -
 
 
 @pytest.mark.parametrize(
-    ("damage", "told"),
+    ("damage", "message"),
     [
         (lambda folder: (folder / "rows" / "a.parquet").write_bytes(b"01234"), "has 5 bytes, 10 were written"),
         (lambda folder: (folder / "rows" / "a.parquet").write_bytes(b"0123456780"), "rows/a.parquet was changed"),
@@ -62,14 +62,14 @@ def test_diagnostics_are_checked_but_no_part_of_the_content(cache: StageCache) -
     ],
     ids=["truncated", "edited", "removed", "added", "truncated manifest", "no manifest"],
 )
-def test_damage_is_told_and_made_anew(
-    cache: StageCache, damage: object, told: str, caplog: pytest.LogCaptureFixture
+def test_damage_is_reported_and_the_entry_computed_again(
+    cache: StageCache, damage: object, message: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     first = entry(cache)
     damage(first.folder)  # type: ignore[operator]
     with caplog.at_level(logging.WARNING):
         again = entry(cache)
-    assert not again.hit and told in caplog.text and "made anew" in caplog.text
+    assert not again.hit and message in caplog.text and "computed again" in caplog.text
     assert (again.folder / "rows" / "a.parquet").read_bytes() == b"0123456789"
     assert again.content_sha256 == first.content_sha256
     assert entry(cache).hit
@@ -85,7 +85,7 @@ def test_a_killed_run_leaves_nothing_that_counts(cache: StageCache) -> None:
     assert cache.list_entries() == ()
     part = cache.root / "merge" / ".k1.0a1b2c3d.part"  # what a kill -9 leaves
     part.mkdir()
-    assert cache.leftovers() == (part,)
+    assert cache.find_leftovers() == (part,)
     assert not entry(cache).hit and not part.exists()
 
 

@@ -1,4 +1,4 @@
-"""A stage's key covers all the code that makes its result: what is planted in a copy of the checkout changes it."""
+"""A stage's key covers all the code that computes its result: a change planted in a copy of the checkout changes it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STAGES = (
     "measure", "merge", "place_building", "reconstruct", "register", "validate", "verify_model",
 )  # fmt: skip
 
-# What is changed, and stages whose results it makes: (kind, file, stages).
+# What is changed, and the stages whose results depend on it: (kind, file, stages).
 PLANTED = [
     *(("task", f"tasks/{stage}.py", [stage]) for stage in STAGES),
     ("what all tasks share", "tasks/stage.py", STAGES),
@@ -43,7 +43,7 @@ PLANTED = [
     ("SQL check", "sql/checks/covariances_of_poses.sql", ["validate"]),
     ("rule pack", "data/severity/bre251_v1.sql", ["merge"]),
 ]
-# What only draws, prints, evaluates, reviews or demonstrates, and stages that must not be made anew for it.
+# What only draws, prints, evaluates, reviews or demonstrates, and the stages whose keys must not change with it.
 COMPUTING = tuple(stage for stage in STAGES if stage != "draw")
 UNRELATED = [
     ("picture", "facadelake/reporting/elevations/elevation.py", COMPUTING),

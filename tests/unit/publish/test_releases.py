@@ -18,7 +18,7 @@ from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake.regrading import regrade
 from facadelake.publish import releases
-from facadelake.publish.geopackage import facade_layers, geo_layers, right_of
+from facadelake.publish.geopackage import create_facade_layers, create_map_layers, right_from_facade
 from facadelake.publish.releases import publish_campaign, publish_regraded
 from facadelake.severity.rule_packs import find_rule_file
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit, lake_tables
@@ -158,14 +158,14 @@ def test_defect_without_a_patch_is_a_box_on_the_elevation() -> None:
     table = lake_tables()["defects"]
     place = table.schema.get_field_index("patch")
     some = table.set_column(place, table.schema.field(place), [[None, *table["patch"].to_pylist()[1:]]])
-    (layer,) = facade_layers(some)
+    (layer,) = create_facade_layers(some)
     first, second, _ = shapely.from_wkb(layer.geometry)
     assert first.symmetric_difference(shapely.box(-0.2, 2.9, 0.2, 3.1)).area == pytest.approx(0, abs=1e-9)  # m2
     assert second.area == pytest.approx(0.06, abs=0.001)  # m2
     none = some.set_column(place, table.schema.field(place), [pa.nulls(3, pa.binary())])
-    (layer,) = facade_layers(none)
+    (layer,) = create_facade_layers(none)
     assert layer.geometry_type == "Polygon"
-    assert [name.name for name in geo_layers(none, "defects")] == ["defects", "defects_3d"]
+    assert [name.name for name in create_map_layers(none, "defects")] == ["defects", "defects_3d"]
 
 
 @pytest.mark.parametrize("facade", ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
@@ -174,18 +174,18 @@ def test_right_as_seen_from_outside_is_the_view_direction_times_up(facade: str) 
         [sum({"E": 1, "W": -1}.get(c, 0) for c in facade), sum({"N": 1, "S": -1}.get(c, 0) for c in facade), 0]
     )
     right = np.cross(-outward / np.linalg.norm(outward), [0, 0, 1])
-    np.testing.assert_allclose([*right_of(facade), 0], right, rtol=0, atol=1e-12)
+    np.testing.assert_allclose([*right_from_facade(facade), 0], right, rtol=0, atol=1e-12)
 
 
 def test_two_facades_of_one_compass_point_are_two_layers_each_seen_from_its_own_side() -> None:
     table = lake_tables()["defects"]
     place = table.schema.get_field_index("facade")
     named = table.set_column(place, table.schema.field(place), [["N-350", "N-016", "inside"]])
-    assert [layer.name for layer in facade_layers(named)] == ["facade_N-016", "facade_N-350"]
+    assert [layer.name for layer in create_facade_layers(named)] == ["facade_N-016", "facade_N-350"]
     # Who looks at a facade that faces 16 degrees east of north has west-northwest to the right.
     bearing = np.radians(16.0)
     right = np.cross([-np.sin(bearing), -np.cos(bearing), 0], [0, 0, 1])
-    np.testing.assert_allclose([*right_of("N-016"), 0], right, rtol=0, atol=1e-12)
+    np.testing.assert_allclose([*right_from_facade("N-016"), 0], right, rtol=0, atol=1e-12)
 
 
 def test_readme_names_crs_datum_version_and_columns(release: Path) -> None:
