@@ -14,7 +14,7 @@ from cli.terminal.run import ProgressBars, handle_interrupts
 from facadelake.core.progress import listen_to_progress
 
 if TYPE_CHECKING:
-    from facadelake.reporting import Drawn
+    from facadelake.reporting import DrawnPictures
 
 _MOST_LISTED = 5
 
@@ -30,7 +30,7 @@ class _DeferredWarnings(logging.Handler):
         self.lines[record.getMessage()] = None
 
 
-def draw_in_terminal(console: Console, draw: Callable[[], Drawn]) -> None:
+def draw_in_terminal(console: Console, draw: Callable[[], DrawnPictures]) -> None:
     """Run ``draw`` with progress bars and print the files it wrote."""
     warnings = _DeferredWarnings()
     log = logging.getLogger("facadelake")

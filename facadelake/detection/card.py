@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from facadelake.core.arrays import Float32Array, Float64Array
+from facadelake.core.arrays import Float32Array, Float64N
 from facadelake.core.errors import ModelError
 from schemas.vocabulary import DefectClass
 
@@ -190,23 +190,23 @@ def format_card(card: ModelCard) -> str:
 _PROBABILITY_MARGIN = 1e-7  # from 0 and 1: the resolution of float32 scores
 
 
-def calibrate_scores(scores: Float32Array, by: ScoreCalibration) -> Float64Array:
-    """Probabilities of a model's scores: ``logit(p) = slope * logit(score) + intercept``."""
+def calibrate_scores(scores: Float32Array, calibration: ScoreCalibration) -> Float64N:
+    """Probabilities (n,) from a model's scores (n,), clipped to 0..1 (Platt 1999)."""
     exact = np.clip(scores.astype(np.float64), 0.0, 1.0)
-    if by == ScoreCalibration():
+    if calibration == ScoreCalibration():
         return exact
-    return 1 / (1 + np.exp(-(by.slope * _logit(exact) + by.intercept)))
+    return 1 / (1 + np.exp(-(calibration.slope * _logit(exact) + calibration.intercept)))
 
 
-def invert_calibration(probability: float, by: ScoreCalibration) -> float:
-    """The model's score that means ``probability``; 0 and 1 stay what they are."""
-    if by == ScoreCalibration() or probability <= 0 or probability >= 1:
+def invert_calibration(probability: float, calibration: ScoreCalibration) -> float:
+    """The model's score whose calibrated value is ``probability``; 0 and 1 are unchanged."""
+    if calibration == ScoreCalibration() or probability <= 0 or probability >= 1:
         return probability
     logit = float(_logit(np.array([probability]))[0])
-    return float(1 / (1 + np.exp(-(logit - by.intercept) / by.slope)))
+    return float(1 / (1 + np.exp(-(logit - calibration.intercept) / calibration.slope)))
 
 
-def _logit(probability: Float64Array) -> Float64Array:
+def _logit(probability: Float64N) -> Float64N:
     inside = np.clip(probability, _PROBABILITY_MARGIN, 1 - _PROBABILITY_MARGIN)
-    logit: Float64Array = np.log(inside) - np.log1p(-inside)
+    logit: Float64N = np.log(inside) - np.log1p(-inside)
     return logit

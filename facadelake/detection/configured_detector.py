@@ -1,4 +1,4 @@
-"""The detector that a building's registry entry means."""
+"""The detector that a building's registry entry configures."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from facadelake.registry import DEFAULT_MODEL, Building, OnnxDetectorSetting
 
 
 def resolve_default_model(building: Building) -> Building:
-    """The building with the file that ``default`` means now in its place: a promotion does not reach a run under way.
+    """The building with ``model: default`` replaced by the current default file.
 
-    Raises ModelError where there is no default model.
+    A run keeps the detector it began with, even if another is promoted meanwhile.
+    Raises ModelError if there is no default model.
     """
     setting = building.detector
     if not isinstance(setting, OnnxDetectorSetting) or setting.model != DEFAULT_MODEL:
@@ -22,14 +23,14 @@ def resolve_default_model(building: Building) -> Building:
 
 
 def locate_model(setting: OnnxDetectorSetting) -> Path:
-    """The ONNX file that is meant. Raises ModelError where it is ``default`` and there is none."""
+    """The ONNX file of a setting. Raises ModelError if it is ``default`` and there is no default model."""
     return find_default_model() if setting.model == DEFAULT_MODEL else Path(setting.model)
 
 
 def load_configured_detector(setting: OnnxDetectorSetting) -> OnnxDetector:
-    """The model, of one thread: as many tiles are looked at side by side as ``count_threads`` says.
+    """Load the model with one thread; ``count_threads`` batches of tiles are processed in parallel.
 
-    Raises ModelError where the model, or its card, is missing or not as declared.
+    Raises ModelError if the model or its card is missing, or the model is not as its card declares.
     """
     return load_detector(
         locate_model(setting), _locate_configured_card(setting), threads=1, score_threshold=setting.score_threshold
@@ -37,12 +38,12 @@ def load_configured_detector(setting: OnnxDetectorSetting) -> OnnxDetector:
 
 
 def hash_configured_detector(setting: OnnxDetectorSetting) -> str:
-    """A key of what the model would find. Raises as ``hash_detector`` does."""
+    """A key of all that determines the model's detections. Raises as ``hash_detector``."""
     return hash_detector(locate_model(setting), setting.classes, _locate_configured_card(setting))
 
 
 def count_threads(setting: OnnxDetectorSetting) -> int:
-    """The threads that the registry allows, or one for each core that this process may use."""
+    """The registry's number of threads, else one per core that this process may use."""
     return setting.threads or len(os.sched_getaffinity(0))
 
 

@@ -1,7 +1,7 @@
-"""The shelf of detectors: which model ``default`` means, who put it there and why; earlier ones stay.
+"""The model registry: which detector ``default`` means, who promoted it and why.
 
-A folder with ``models.yaml``, a list of promotions of which the last counts, beside the models themselves. Without the
-list the default is the model that Facadelake ships.
+A folder of models with ``models.yaml``, the list of promotions; its last entry is the default, earlier models are kept.
+Without the list, the default is the model that Facadelake ships.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ _HEADER = "# Which detector 'model: default' means: the last entry. Written by '
 
 
 class Promotion(BaseModel):
-    """A model that became the default; ``file`` lies in the shelf's folder, ``replaces`` is the hash of the one before.
+    """A model that became the default.
 
-    ``evidence`` says what the promotion rests on, in words.
+    ``file`` lies in the registry's folder; ``replaces`` is the SHA-256 of the previous default; ``evidence`` is the
+    reason for the promotion, as text.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -49,7 +50,7 @@ class Promotion(BaseModel):
 
 
 def read_promotions(folder: Path = MODELS_FOLDER) -> tuple[Promotion, ...]:
-    """All promotions, the oldest first. Raises ModelError where the list cannot be read."""
+    """All promotions, oldest first. Raises ModelError if the list cannot be read."""
     path = folder / MODEL_LIST
     try:
         content: Any = yaml.safe_load(path.read_text(encoding="utf-8")) if path.is_file() else []
@@ -61,9 +62,9 @@ def read_promotions(folder: Path = MODELS_FOLDER) -> tuple[Promotion, ...]:
 
 
 def find_default_model(folder: Path = MODELS_FOLDER) -> Path:
-    """The ONNX file that ``model: default`` means: the last one promoted, else the one that is shipped.
+    """The ONNX file that ``model: default`` means: the last one promoted, else the shipped one.
 
-    Raises ModelError where it is missing or no longer the file that was promoted.
+    Raises ModelError if it is missing or differs from the file that was promoted.
     """
     known = read_promotions(folder)
     path = folder / (known[-1].file if known else SHIPPED_MODEL)
@@ -74,8 +75,8 @@ def find_default_model(folder: Path = MODELS_FOLDER) -> Path:
         )
     if known and hash_file(path) != known[-1].sha256:
         raise ModelError(
-            f"the default detector {path} was changed since {known[-1].by} promoted it (hash "
-            f"{hash_file(path)[:12]}, promoted {known[-1].sha256[:12]}); restore it, or promote it anew"
+            f"the default detector {path} was changed after {known[-1].by} promoted it (SHA-256 "
+            f"{hash_file(path)[:12]}, promoted {known[-1].sha256[:12]}); restore it, or promote it again"
         )
     return path
 
@@ -83,12 +84,24 @@ def find_default_model(folder: Path = MODELS_FOLDER) -> Path:
 def add_promotion(
     model: Path, *, by: str, why: str, evidence: str, replaces: str | None, folder: Path = MODELS_FOLDER
 ) -> Promotion:
-    """Put ``model`` and its card on the shelf as ``<card's name>-<hash>.onnx`` and make it the default.
+    """Copy a model and its card to the registry as ``<card's name>-<hash>.onnx`` and make it the default.
 
-    The caller has judged whether it may be, beside the default of hash ``replaces`` (None: there was none of use).
-    Doing it again for the model that is the default changes nothing.
-    Raises ModelError for a model without a card and where another was promoted meanwhile, StoreError where the folder
-    cannot be written.
+    The caller has decided that the model may replace the default. Promoting the current default again changes nothing.
+
+    Args:
+        model: The ONNX file, with a card beside it or in its metadata.
+        by: Who promotes it.
+        why: The reason.
+        evidence: The comparison that supports the promotion, as text.
+        replaces: SHA-256 of the default that the model was compared with; None: there was no usable default.
+        folder: Folder of the registry.
+
+    Returns:
+        The new entry, or the existing one of the current default.
+
+    Raises:
+        ModelError: The model has no card, or another model was promoted since the comparison.
+        StoreError: The folder cannot be written.
     """
     card = find_card(model)
     sha256 = hash_file(model)
@@ -101,7 +114,7 @@ def add_promotion(
                 return known[-1]
             if known and replaces not in (None, known[-1].sha256):
                 raise ModelError(
-                    f"{model} is to replace {str(replaces)[:12]}, but the default is {known[-1].sha256[:12]} "
+                    f"{model} was compared with {str(replaces)[:12]}, but the default is {known[-1].sha256[:12]} "
                     f"since {known[-1].by} promoted it; compare with that one, then promote again"
                 )
             entry = Promotion(
@@ -120,13 +133,13 @@ def add_promotion(
             return entry
     except (OSError, Timeout) as error:
         raise StoreError(
-            f"the models' folder {folder} cannot be written: {error}; the default detector stays as it was: check the "
-            "folder's rights and free space, then promote again"
+            f"the models' folder {folder} cannot be written: {error}; the default detector is unchanged: check the "
+            "folder's permissions and free space, then promote again"
         ) from error
 
 
 def _copy_model(source: Path, target: Path) -> None:
-    """A copy that is whole or not there."""
+    """Copy atomically: ``target`` is complete or absent."""
     if source.resolve() == target.resolve():
         return
     part = target.with_name(f".{target.name}.part")

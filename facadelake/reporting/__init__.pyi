@@ -1,4 +1,4 @@
-from .draw import Drawn as Drawn
+from .draw import DrawnPictures as DrawnPictures
 from .draw import draw_pictures as draw_pictures
 from .inspection import Inspection as Inspection
 from .inspection import PictureSettings as PictureSettings

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from facadelake.reporting.drawing.palette import class_colour, class_hatch, plain
+from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_hatch
 from facadelake.reporting.elevations.outward import COMPASS_DEG, told_directions
 from facadelake.reporting.elevations.storeys import storey_levels
 from facadelake.reporting.inspection import Inspection
@@ -36,12 +36,12 @@ class Distribution:
     counts: Counter[tuple[str, str, str]]
     areas_m2: Counter[tuple[str, str, str]]
 
-    def total(self, facade: str | None = None, defect_class: str | None = None) -> int:
+    def count_defects(self, facade: str | None = None, defect_class: str | None = None) -> int:
         """Defects of a facade, a class, or of all."""
         return sum(n for (f, _, c), n in self.counts.items() if facade in (None, f) and defect_class in (None, c))
 
 
-def distribution_of(inspection: Inspection) -> Distribution:
+def compute_distribution(inspection: Inspection) -> Distribution:
     """Facades clockwise from north, then those without a direction; storeys from the top, as they stand."""
     rows = inspection.defects.select(["defect_class", "facade", "storey", "area_m2"]).to_pylist()
     keys = [(row["facade"], row["storey"] or NO_STOREY, row["defect_class"]) for row in rows]
@@ -51,7 +51,7 @@ def distribution_of(inspection: Inspection) -> Distribution:
     found = {storey for _, storey, _ in keys}
     named = [level.name for level in storey_levels(inspection.building)][::-1]
     return Distribution(
-        facades=tuple(_clockwise({facade for facade, _, _ in keys}, inspection)),
+        facades=tuple(_sort_clockwise({facade for facade, _, _ in keys}, inspection)),
         storeys=tuple(named + sorted(found - set(named))),
         classes=tuple(sorted({word for _, _, word in keys})),
         counts=Counter(keys),
@@ -59,7 +59,7 @@ def distribution_of(inspection: Inspection) -> Distribution:
     )
 
 
-def _clockwise(names: set[str], inspection: Inspection) -> list[str]:
+def _sort_clockwise(names: set[str], inspection: Inspection) -> list[str]:
     """Names by the mean direction of their elements; by their own word where no element has it."""
     vectors: dict[str, complex] = {}
     elements = inspection.building.elements
@@ -88,7 +88,7 @@ def write_distribution(distribution: Distribution, path: Path) -> Path:
     return path
 
 
-def distribution_title(inspection: Inspection) -> str:
+def format_distribution_title(inspection: Inspection) -> str:
     """What stands over the picture."""
     count = len(inspection.defects)
     many = "1 defect" if count == 1 else f"{count} defects"
@@ -116,10 +116,10 @@ def draw_distribution(distribution: Distribution, title: str, path: Path) -> Pat
         left, top = words_in + column * panel_in, 0.85 + row * (len(storeys) * _STOREY_IN + 0.55)
         high = len(storeys) * _STOREY_IN
         axes = figure.add_axes((left / width, 1 - (top + high) / height, (panel_in - 0.2) / width, high / height))
-        _panel(axes, distribution, facade, storeys, max(longest, 1), named=column == 0)
-    figure.text(0.12 / width, 1 - 0.12 / height, plain(title), fontsize=11, weight="bold", va="top")
+        _draw_panel(axes, distribution, facade, storeys, max(longest, 1), named=column == 0)
+    figure.text(0.12 / width, 1 - 0.12 / height, escape_mathtext(title), fontsize=11, weight="bold", va="top")
     handles = [
-        Patch(facecolor=class_colour(word), hatch=class_hatch(word), edgecolor="white", label=word)
+        Patch(facecolor=get_class_colour(word), hatch=get_class_hatch(word), edgecolor="white", label=word)
         for word in distribution.classes
     ]
     if handles:
@@ -128,12 +128,12 @@ def draw_distribution(distribution: Distribution, title: str, path: Path) -> Pat
             handles=handles, loc="upper left", bbox_to_anchor=corner, ncols=len(handles), fontsize=8.5, frameon=False,
             borderaxespad=0.0,
         )  # fmt: skip
-    _totals(figure, distribution, width, height, table_in)
+    _write_totals(figure, distribution, width, height, table_in)
     figure.savefig(path, dpi=_DPI)
     return path
 
 
-def _panel(
+def _draw_panel(
     axes: Axes, distribution: Distribution, facade: str, storeys: Sequence[str], longest: int, *, named: bool
 ) -> None:
     """One facade: the top storey's bar at the top."""
@@ -142,35 +142,44 @@ def _panel(
     for word in distribution.classes:
         counts = np.array([distribution.counts[facade, storey, word] for storey in storeys])
         axes.barh(
-            at, counts, 0.72, left=ends, color=class_colour(word), hatch=class_hatch(word), edgecolor="white",
+            at, counts, 0.72, left=ends, color=get_class_colour(word), hatch=get_class_hatch(word), edgecolor="white",
             linewidth=0.6,
         )  # fmt: skip
         ends += counts
     for place, end in zip(at, ends, strict=True):
         axes.text(end + 0.02 * longest, place, f"{end:.0f}" if end else "", fontsize=8, va="center")
-    axes.set_title(plain(facade), fontsize=9.5, loc="left", pad=4)
+    axes.set_title(escape_mathtext(facade), fontsize=9.5, loc="left", pad=4)
     axes.set_xlim(0, longest * 1.2)
     axes.set_ylim(-0.6, len(storeys) - 0.4)
-    axes.set_yticks(at, [plain(storey) if named else "" for storey in storeys], fontsize=8.5)
+    axes.set_yticks(at, [escape_mathtext(storey) if named else "" for storey in storeys], fontsize=8.5)
     axes.set_xticks([])
     axes.tick_params(axis="y", length=0)
     axes.spines[["top", "right", "bottom"]].set_visible(False)
 
 
-def _totals(figure: Figure, distribution: Distribution, width: float, height: float, table_in: float) -> None:
+def _write_totals(figure: Figure, distribution: Distribution, width: float, height: float, table_in: float) -> None:
     """Numbers by class and facade under the panels."""
     heads = [*distribution.facades, "all"]
     lines: list[tuple[str, list[int]]] = [
-        (word, [distribution.total(facade, word) for facade in distribution.facades] + [distribution.total(None, word)])
+        (
+            word,
+            [distribution.count_defects(facade, word) for facade in distribution.facades]
+            + [distribution.count_defects(None, word)],
+        )
         for word in distribution.classes
     ]
-    lines.append(("all", [distribution.total(facade) for facade in distribution.facades] + [distribution.total()]))
+    lines.append(
+        (
+            "all",
+            [distribution.count_defects(facade) for facade in distribution.facades] + [distribution.count_defects()],
+        )
+    )
     first = 0.3 + 0.085 * max(len(word) for word, _ in lines)
     step = min((width - first - 0.3) / len(heads), 1.1)
 
     def write(x: float, y: float, text: str, *, bold: bool = False, right: bool = True) -> None:
         figure.text(
-            x / width, y / height, plain(text), fontsize=8.5, ha="right" if right else "left", va="center",
+            x / width, y / height, escape_mathtext(text), fontsize=8.5, ha="right" if right else "left", va="center",
             weight="bold" if bold else "normal",
         )  # fmt: skip
 

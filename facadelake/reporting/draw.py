@@ -14,17 +14,22 @@ from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import get_stage_schema
 from facadelake.registry import Building
 from facadelake.reporting.cards.cards import defect_cards
-from facadelake.reporting.distribution import distribution_of, distribution_title, draw_distribution, write_distribution
-from facadelake.reporting.drawing.palette import short_ids
+from facadelake.reporting.distribution import (
+    compute_distribution,
+    draw_distribution,
+    format_distribution_title,
+    write_distribution,
+)
+from facadelake.reporting.drawing.palette import label_ids
 from facadelake.reporting.elevations.elevation import facade_elevations, facades_of
 from facadelake.reporting.elevations.places import places_on_elevations, places_on_model
 from facadelake.reporting.inspection import Inspection, PictureSettings
-from facadelake.reporting.overlays import photo_overlays, telling_photographs
-from facadelake.reporting.page.defects import worst_first
+from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
+from facadelake.reporting.page.defects import sort_by_severity
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
+class PictureSelection:
     """What is to be drawn: ids of defects, names of facades, ids of photographs; and whether the distribution is."""
 
     defect_ids: tuple[str, ...] = ()
@@ -34,14 +39,14 @@ class Wanted:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawn:
+class DrawnPictures:
     """Files that were written, and the photographs that are not there or cannot be read."""
 
     paths: tuple[Path, ...]
     missing: tuple[str, ...]
 
 
-def wanted_by_name(
+def select_by_name(
     inspection: Inspection,
     surface: Surface,
     *,
@@ -49,28 +54,28 @@ def wanted_by_name(
     facades: Sequence[str],
     photos: Sequence[str],
     settings: PictureSettings,
-) -> Wanted:
+) -> PictureSelection:
     """Names as people write them, such as "D0012" or "12", "south", "IMG_0009".
 
     Raises InputDataError for one that there is not, with those that are near it.
     """
     known = inspection.defects.column("defect_id").to_pylist()
-    labels = {label: name for name, label in short_ids(known).items()}
-    ends = _unique({name: name.rsplit("-", 1)[-1] for name in known})
+    labels = {label: name for name, label in label_ids(known).items()}
+    ends = _invert_unique({name: name.rsplit("-", 1)[-1] for name in known})
     files = inspection.photos.column("photo_id").to_pylist()
-    stems = _unique({name: PurePosixPath(name).stem for name in files})
-    names = _unique({name: PurePosixPath(name).name for name in files})
+    stems = _invert_unique({name: PurePosixPath(name).stem for name in files})
+    names = _invert_unique({name: PurePosixPath(name).name for name in files})
     sheets = [facade.name for facade in facades_of(inspection, surface, settings)] if facades else []
-    return Wanted(
-        defect_ids=tuple(_found(word, "defect", known, labels | ends) for word in defects),
-        facades=tuple(_found(word, "facade", sheets, _compass(sheets)) for word in facades),
-        photo_ids=tuple(_found(word, "photograph", files, stems | names) for word in photos),
+    return PictureSelection(
+        defect_ids=tuple(_match_name(word, "defect", known, labels | ends) for word in defects),
+        facades=tuple(_match_name(word, "facade", sheets, _index_facade_names(sheets)) for word in facades),
+        photo_ids=tuple(_match_name(word, "photograph", files, stems | names) for word in photos),
     )
 
 
-def everything(inspection: Inspection, surface: Surface, settings: PictureSettings) -> Wanted:
+def select_all(inspection: Inspection, surface: Surface, settings: PictureSettings) -> PictureSelection:
     """All defects, all facades that are drawn, all localised photographs."""
-    return Wanted(
+    return PictureSelection(
         defect_ids=tuple(inspection.defects.column("defect_id").to_pylist()),
         facades=tuple(facade.name for facade in facades_of(inspection, surface, settings)),
         photo_ids=tuple(sorted(inspection.posed)),
@@ -78,35 +83,35 @@ def everything(inspection: Inspection, surface: Surface, settings: PictureSettin
     )
 
 
-def what_the_report_shows(inspection: Inspection, surface: Surface, settings: PictureSettings) -> Wanted:
+def select_report_pictures(inspection: Inspection, surface: Surface, settings: PictureSettings) -> PictureSelection:
     """The worst defects, all facades, a few photographs, the distribution."""
-    worst = worst_first(inspection.defects)[: settings.report_cards]
-    return Wanted(
+    worst = sort_by_severity(inspection.defects)[: settings.report_cards]
+    return PictureSelection(
         defect_ids=tuple(row["defect_id"] for row in worst),
         facades=tuple(facade.name for facade in facades_of(inspection, surface, settings)),
-        photo_ids=tuple(telling_photographs(inspection, settings.report_overlays)),
+        photo_ids=tuple(select_overlay_photographs(inspection, settings.report_overlays)),
         distribution=True,
     )
 
 
-def draw_wanted(
-    inspection: Inspection, surface: Surface, wanted: Wanted, folder: Path, settings: PictureSettings
-) -> Drawn:
+def draw_selection(
+    inspection: Inspection, surface: Surface, wanted: PictureSelection, folder: Path, settings: PictureSettings
+) -> DrawnPictures:
     """Write what is wanted into ``folder``: ``cards/``, ``elevations/``, ``overlays/``, ``distribution.png`` and
     ``.csv``. Files of an earlier call are written over, others stay."""
     paths: list[Path] = []
     gone: set[str] = set()
     if wanted.distribution:
         folder.mkdir(parents=True, exist_ok=True)
-        found = distribution_of(inspection)
-        paths.append(draw_distribution(found, distribution_title(inspection), folder / "distribution.png"))
+        found = compute_distribution(inspection)
+        paths.append(draw_distribution(found, format_distribution_title(inspection), folder / "distribution.png"))
         paths.append(write_distribution(found, folder / "distribution.csv"))
     elevations = []
     if wanted.facades:
         (folder / "elevations").mkdir(parents=True, exist_ok=True)
         elevations = facade_elevations(inspection, surface, folder / "elevations", settings, wanted.facades)
         paths += [elevation.path for elevation in elevations]
-        gone |= {name for name in inspection.posed if not inspection.photograph(name).is_file()}
+        gone |= {name for name in inspection.posed if not inspection.locate_photograph(name).is_file()}
     if wanted.defect_ids:
         places = places_on_elevations(elevations)
         others = [name for name in wanted.defect_ids if name not in places]
@@ -121,25 +126,25 @@ def draw_wanted(
         gone |= set(cards.missing)
     if wanted.photo_ids:
         (folder / "overlays").mkdir(parents=True, exist_ok=True)
-        overlays = photo_overlays(inspection, surface, wanted.photo_ids, folder / "overlays", settings)
+        overlays = draw_overlays(inspection, surface, wanted.photo_ids, folder / "overlays", settings)
         paths += overlays.values()
         gone |= set(wanted.photo_ids) - overlays.keys()
-    return Drawn(paths=tuple(dict.fromkeys(paths)), missing=tuple(sorted(gone)))
+    return DrawnPictures(paths=tuple(dict.fromkeys(paths)), missing=tuple(sorted(gone)))
 
 
-def _unique(short: Mapping[str, str]) -> dict[str, str]:
+def _invert_unique(short: Mapping[str, str]) -> dict[str, str]:
     """Full names by short ones, those short ones alone that are of one name."""
     every = list(short.values())
     return {word: name for name, word in short.items() if every.count(word) == 1}
 
 
-def _compass(sheets: Sequence[str]) -> dict[str, str]:
+def _index_facade_names(sheets: Sequence[str]) -> dict[str, str]:
     """Facades by their letters too: "SE" is "South-east"."""
     letters = {name: "".join(part[0] for part in name.partition(" ")[0].split("-")).upper() for name in sheets}
-    return _unique(letters) | {name.replace(" ", "_"): name for name in sheets}
+    return _invert_unique(letters) | {name.replace(" ", "_"): name for name in sheets}
 
 
-def _found(word: str, what: str, names: Sequence[str], short: Mapping[str, str]) -> str:
+def _match_name(word: str, what: str, names: Sequence[str], short: Mapping[str, str]) -> str:
     """The name that ``word`` stands for, capitals or not."""
     if word in names:
         return word
@@ -170,25 +175,25 @@ def draw_pictures(
     facades: tuple[str, ...] = (),
     photos: tuple[str, ...] = (),
     all_of_them: bool = False,
-) -> Drawn:
+) -> DrawnPictures:
     """Pictures of a committed campaign into ``folder``; of what the report shows where nothing is named.
 
     Tables come from the lake, photographs and the building's model from the registry. Raises StoreError where the
     lake does not hold the campaign, InputDataError for a name there is not or a model that is not the campaign's.
     """
-    inspection = _inspection(building, campaign_id, lake)
+    inspection = _read_inspection(building, campaign_id, lake)
     surface = Surface(inspection.building)
     settings = PictureSettings()
     if all_of_them:
-        wanted = everything(inspection, surface, settings)
+        wanted = select_all(inspection, surface, settings)
     elif defects or facades or photos:
-        wanted = wanted_by_name(inspection, surface, defects=defects, facades=facades, photos=photos, settings=settings)
+        wanted = select_by_name(inspection, surface, defects=defects, facades=facades, photos=photos, settings=settings)
     else:
-        wanted = what_the_report_shows(inspection, surface, settings)
-    return draw_wanted(inspection, surface, wanted, folder, settings)
+        wanted = select_report_pictures(inspection, surface, settings)
+    return draw_selection(inspection, surface, wanted, folder, settings)
 
 
-def _inspection(building: Building, campaign_id: str, lake: Path) -> Inspection:
+def _read_inspection(building: Building, campaign_id: str, lake: Path) -> Inspection:
     held = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
     tables = {name: held[name].select(get_stage_schema(name).names) for name in _TABLES}
     return Inspection(

@@ -37,7 +37,7 @@ class Inspection:
     checks: pa.Table
     placement_sigma_max_m: float = 0.5
 
-    def photograph(self, photo_id: str) -> Path:
+    def locate_photograph(self, photo_id: str) -> Path:
         """Path of a photograph."""
         return self.photographs_root / photo_id
 

@@ -18,9 +18,9 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.reporting.cards.sightings import outline_of
-from facadelake.reporting.drawing.legend_strip import Entry, with_legend, write_text
-from facadelake.reporting.drawing.palette import OTHER_COLOUR, OUTCOME_COLOURS, bgr_of, outcome_colour
-from facadelake.reporting.drawing.photograph import decoded, read_photograph
+from facadelake.reporting.drawing.legend_strip import LegendEntry, add_legend, write_text
+from facadelake.reporting.drawing.palette import OTHER_COLOUR, OUTCOME_COLOURS, bgr_from_hex, get_outcome_colour
+from facadelake.reporting.drawing.photograph import decode_image, read_photograph
 from facadelake.reporting.elevations.marks import Mark, marks_of
 from facadelake.reporting.elevations.relief import edges_of, edges_tell, openings_of
 from facadelake.reporting.elevations.visibility import pixels_of, sees
@@ -39,7 +39,7 @@ _JPEG = [
 ]  # fmt: skip
 
 
-def photo_overlays(
+def draw_overlays(
     inspection: Inspection,
     surface: Surface,
     photo_ids: Iterable[str],
@@ -64,23 +64,23 @@ def photo_overlays(
         posed = inspection.posed.get(photo_id)
         path = folder / f"overlay_{photo_id.replace('/', '_').rsplit('.', 1)[0]}.jpg"
         try:
-            picture, scale = _base(inspection.photograph(photo_id), posed, settings.overlay_width_px)
+            picture, scale = _read_resized(inspection.locate_photograph(photo_id), posed, settings.overlay_width_px)
         except InputDataError as error:
             log.warning("no overlay: %s", error)
             continue
         if posed is not None:
             if has_edges:
-                picture[_visible_edges(posed, surface, is_opening, picture.shape[:2])] = _EDGE_BGR
+                picture[_find_visible_edges(posed, surface, is_opening, picture.shape[:2])] = _EDGE_BGR
             _draw_defects(picture, scale, posed, surface, marks, settings)
         _draw_boxes(picture, scale, boxes.get(photo_id, []), outcome, posed)
         title = photo_id + ("" if posed is not None else "  (no pose)")
-        entries = _legend(posed is not None, has_edges, boxes.get(photo_id, []), outcome)
-        cv2.imwrite(str(path), with_legend(picture, title, entries), _JPEG)
+        entries = _list_legend_entries(posed is not None, has_edges, boxes.get(photo_id, []), outcome)
+        cv2.imwrite(str(path), add_legend(picture, title, entries), _JPEG)
         paths[photo_id] = path
     return paths
 
 
-def telling_photographs(inspection: Inspection, count: int) -> list[str]:
+def select_overlay_photographs(inspection: Inspection, count: int) -> list[str]:
     """At most ``count`` localised photographs, each the one that adds most: outcomes not yet shown, then defects."""
     shows: dict[str, set[str]] = {}
     for row in inspection.observations.to_pylist():
@@ -105,34 +105,36 @@ def telling_photographs(inspection: Inspection, count: int) -> list[str]:
     return chosen
 
 
-def _base(path: Path, posed: PosedCamera | None, width_px: int) -> tuple[UInt8Image, float]:
+def _read_resized(path: Path, posed: PosedCamera | None, width_px: int) -> tuple[UInt8Image, float]:
     """The photograph (BGR) ``width_px`` wide or smaller, and its scale to the full one."""
     if posed is not None:
         reduction = next((n for n in (8, 4, 2) if posed.camera.width_px // n >= width_px), 1)
         bgr = read_photograph(path, posed.camera, reduction)[..., ::-1]
         full_width = posed.camera.width_px
     else:
-        bgr = decoded(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        bgr = decode_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         full_width = bgr.shape[1]
     scale = min(1.0, width_px / full_width)
     size = (round(full_width * scale), max(1, round(bgr.shape[0] * full_width * scale / bgr.shape[1])))
     return np.ascontiguousarray(cv2.resize(bgr, size, interpolation=cv2.INTER_AREA), dtype=np.uint8), scale
 
 
-def _visible_edges(posed: PosedCamera, surface: Surface, is_opening: BoolArray, shape: tuple[int, int]) -> BoolArray:
+def _find_visible_edges(
+    posed: PosedCamera, surface: Surface, is_opening: BoolArray, shape: tuple[int, int]
+) -> BoolArray:
     """Edges of the model as the camera sees them, (h, w) of a reduced photograph.
 
     A coarse look finds where edges are, a fine one there alone draws them: most of a picture is none.
     """
     coarse = -(-shape[0] // _COARSE_PX), -(-shape[1] // _COARSE_PX)
     rows, columns = np.indices(coarse).reshape(2, -1) * _COARSE_PX + _COARSE_PX // 2
-    found = edges_of(*_seen(posed, surface, shape, rows, columns, coarse), is_opening).astype(np.uint8)
+    found = edges_of(*_cast_pixels(posed, surface, shape, rows, columns, coarse), is_opening).astype(np.uint8)
     near = cv2.dilate(found, np.ones((3, 3), dtype=np.uint8)).repeat(_COARSE_PX, axis=0).repeat(_COARSE_PX, axis=1)
     wanted = near[: shape[0], : shape[1]].astype(bool)
     xyz, normal = np.zeros((*shape, 3), dtype=np.float32), np.zeros((*shape, 3), dtype=np.float32)
     element = np.full(shape, MISS, dtype=np.int32)
     rows, columns = np.nonzero(wanted)
-    xyz[wanted], normal[wanted], element[wanted] = _seen(posed, surface, shape, rows, columns, (len(rows),))
+    xyz[wanted], normal[wanted], element[wanted] = _cast_pixels(posed, surface, shape, rows, columns, (len(rows),))
     # An edge is one against the pixel to the right or below: both must have been looked at.
     inside = wanted.copy()
     inside[:, :-1] &= wanted[:, 1:]
@@ -141,7 +143,7 @@ def _visible_edges(posed: PosedCamera, surface: Surface, is_opening: BoolArray, 
     return edges
 
 
-def _seen(
+def _cast_pixels(
     posed: PosedCamera, surface: Surface, shape: tuple[int, int], rows: Int64Array, columns: Int64Array,
     form: tuple[int, ...],
 ) -> tuple[Float32Array, Float32Array, NDArray[np.int32]]:  # fmt: skip
@@ -188,7 +190,7 @@ def _draw_boxes(
 ) -> None:
     for box in boxes:
         seen = outcome.get(box["detection_id"])
-        colour = bgr_of(outcome_colour(seen["observation_outcome"]) if seen else OTHER_COLOUR)
+        colour = bgr_from_hex(get_outcome_colour(seen["observation_outcome"]) if seen else OTHER_COLOUR)
         if box["box_x_px"] is None:
             continue
         outline = outline_of(box)
@@ -210,19 +212,23 @@ def _draw_boxes(
                 cv2.drawMarker(picture, at, colour, cv2.MARKER_CROSS, 9, 1, cv2.LINE_AA)
 
 
-def _legend(
+def _list_legend_entries(
     has_pose: bool, has_edges: bool, boxes: Sequence[dict[str, Any]], outcome: dict[str, dict[str, Any]]
-) -> list[Entry]:
+) -> list[LegendEntry]:
     """What the colours mean, and how many boxes met each outcome."""
     words = Counter(
         outcome[box["detection_id"]]["observation_outcome"] if box["detection_id"] in outcome else _NOT_ACCEPTED
         for box in boxes
     )
-    entries = [Entry(colour_bgr=_EDGE_BGR, text="model edges")] if has_pose and has_edges else []
-    entries += [Entry(colour_bgr=_DEFECT_BGR, text="defect where it was placed, real size")] if has_pose else []
+    entries = [LegendEntry(colour_bgr=_EDGE_BGR, text="model edges")] if has_pose and has_edges else []
+    entries += [LegendEntry(colour_bgr=_DEFECT_BGR, text="defect where it was placed, real size")] if has_pose else []
     order = [*OUTCOME_COLOURS, _NOT_ACCEPTED]
     for word, count in sorted(words.items(), key=lambda item: order.index(item[0])):
-        entries.append(Entry(colour_bgr=bgr_of(outcome_colour(word)), text=f"{count} {word.replace('_', ' ')}"))
+        entries.append(
+            LegendEntry(colour_bgr=bgr_from_hex(get_outcome_colour(word)), text=f"{count} {word.replace('_', ' ')}")
+        )
     if words["registered"]:
-        entries.append(Entry(colour_bgr=bgr_of(outcome_colour("registered")), text="cross: registered point"))
+        entries.append(
+            LegendEntry(colour_bgr=bgr_from_hex(get_outcome_colour("registered")), text="cross: registered point")
+        )
     return entries

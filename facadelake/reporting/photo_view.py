@@ -24,7 +24,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.progress import report_progress
 from facadelake.registry import Building
-from facadelake.reporting.drawing.palette import OTHER_COLOUR, plain
+from facadelake.reporting.drawing.palette import OTHER_COLOUR, escape_mathtext
 from facadelake.reporting.drawing.photograph import read_photograph
 from schemas.vocabulary import PoseSource
 
@@ -50,7 +50,7 @@ _CLASS_COLOURS = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Panels:
+class ViewPanels:
     """What is drawn: ``photograph`` and ``virtual`` (h, w, 3) RGB and ``images``, pixel on pixel."""
 
     photograph: UInt8Array
@@ -58,7 +58,7 @@ class Panels:
     images: ViewImages
 
 
-def view_sheet(panels: Panels, *, title: str, note: str) -> Figure:
+def draw_view_sheet(panels: ViewPanels, *, title: str, note: str) -> Figure:
     """The finished sheet: four panels, a scale for the depth, a legend for the elements.
 
     A pixel of the images is one of the sheet, or a whole number of them where they are small.
@@ -75,17 +75,17 @@ def view_sheet(panels: Panels, *, title: str, note: str) -> Figure:
         return figure.add_axes((left_in / across, bottom_in / down, _PANEL_IN / across, height_in / down))
 
     left, right, low, high = _GAP_IN, 2 * _GAP_IN + _PANEL_IN, _FOOT_IN, _FOOT_IN + panel_in + _GAP_IN
-    _panel(axes_at(left, high, panel_in), panels.photograph, "Photograph")
-    _panel(axes_at(right, high, panel_in), panels.virtual, "Virtual view of the model")
+    _draw_panel(axes_at(left, high, panel_in), panels.photograph, "Photograph")
+    _draw_panel(axes_at(right, high, panel_in), panels.virtual, "Virtual view of the model")
     bar = axes_at(left, low - 0.25, 0.15)
     _draw_depth(axes_at(left, low, panel_in), bar, panels.images.depth_m)
     _draw_elements(axes_at(right, low, panel_in), panels.images)
-    figure.text(_GAP_IN / sheet_in[0], 1 - 0.32 / sheet_in[1], plain(title), fontsize=13)
-    figure.text(_GAP_IN / sheet_in[0], 0.12 / sheet_in[1], plain(note), fontsize=9, color="#404040")
+    figure.text(_GAP_IN / sheet_in[0], 1 - 0.32 / sheet_in[1], escape_mathtext(title), fontsize=13)
+    figure.text(_GAP_IN / sheet_in[0], 0.12 / sheet_in[1], escape_mathtext(note), fontsize=9, color="#404040")
     return figure
 
 
-def _panel(axes: Axes, picture: UInt8Array | Float64Array, title: str) -> None:
+def _draw_panel(axes: Axes, picture: UInt8Array | Float64Array, title: str) -> None:
     axes.imshow(picture, interpolation="nearest")
     axes.set_title(title, loc="left", fontsize=10)
     axes.set_axis_off()
@@ -106,16 +106,20 @@ def _draw_elements(axes: Axes, images: ViewImages) -> None:
     classes = images.legend.column("ifc_class").to_pylist()
     target = np.zeros(len(classes) + 1, dtype=bool)
     target[images.element[images.target]] = True
-    colours = np.array([*(_shade(name, i) for i, name in enumerate(classes)), _SKY])  # the last answers for no element
+    colours = np.array(
+        [*(_shade_element(name, i) for i, name in enumerate(classes)), _SKY]
+    )  # the last answers for no element
     seen = [int(row) for row in np.unique(images.element) if row >= 0]
     for row in seen:
         if not target[row]:
             colours[row] = _BESIDE
     picture = colours[images.element]
-    picture[_borders(images.element)] *= 1 - _BORDER
-    _panel(axes, picture, "Elements of the model, by class")
+    picture[_find_borders(images.element)] *= 1 - _BORDER
+    _draw_panel(axes, picture, "Elements of the model, by class")
     axes.legend(
-        handles=_legend([classes[row] for row in seen if target[row]], any(not target[row] for row in seen)),
+        handles=_list_legend_patches(
+            [classes[row] for row in seen if target[row]], any(not target[row] for row in seen)
+        ),
         loc="upper center",
         bbox_to_anchor=(0.5, 0.0),
         ncols=6,
@@ -124,9 +128,9 @@ def _draw_elements(axes: Axes, images: ViewImages) -> None:
     )
 
 
-def _legend(classes: Sequence[str], beside: bool) -> list[Patch]:
+def _list_legend_patches(classes: Sequence[str], beside: bool) -> list[Patch]:
     handles = [
-        Patch(facecolor=_class_colour(name), edgecolor="#404040", label=f"{name.removeprefix('Ifc')} ({number})")
+        Patch(facecolor=_get_ifc_colour(name), edgecolor="#404040", label=f"{name.removeprefix('Ifc')} ({number})")
         for name, number in sorted(Counter(classes).items(), key=lambda pair: (-pair[1], pair[0]))
     ]
     if beside:
@@ -135,18 +139,18 @@ def _legend(classes: Sequence[str], beside: bool) -> list[Patch]:
     return handles
 
 
-def _class_colour(ifc_class: str) -> tuple[float, float, float]:
+def _get_ifc_colour(ifc_class: str) -> tuple[float, float, float]:
     """Colour of a class, by the beginning of its name: IfcWallStandardCase is a wall."""
     return to_rgb(next((colour for name, colour in _CLASS_COLOURS if ifc_class.startswith(name)), OTHER_COLOUR))
 
 
-def _shade(ifc_class: str, row: int) -> Float64Array:
+def _shade_element(ifc_class: str, row: int) -> Float64Array:
     """The class's colour, a little lighter or darker from element to element."""
-    colour: Float64Array = np.array(_class_colour(ifc_class)) * (0.82 + 0.06 * (row * 2 % 5 - 2))
+    colour: Float64Array = np.array(_get_ifc_colour(ifc_class)) * (0.82 + 0.06 * (row * 2 % 5 - 2))
     return np.clip(colour + 0.12, 0.0, 1.0)
 
 
-def _borders(element: NDArray[np.int32]) -> BoolArray:
+def _find_borders(element: NDArray[np.int32]) -> BoolArray:
     border = np.zeros(element.shape, dtype=bool)
     border[:, 1:] |= element[:, 1:] != element[:, :-1]
     border[1:] |= element[1:] != element[:-1]
@@ -176,7 +180,7 @@ def view_photograph(
     """
     campaign = resolve_campaign(building, campaign_id)
     tables = read_committed_tables(building, campaign, ["poses"], lake=lake)
-    photo_id = _one_of([row["photo_id"] for row in tables["poses"].to_pylist()], photo, building.id, campaign)
+    photo_id = _match_photo_id([row["photo_id"] for row in tables["poses"].to_pylist()], photo, building.id, campaign)
     row = next(row for row in tables["poses"].to_pylist() if row["photo_id"] == photo_id)
     posed = read_posed_cameras(tables["poses"]).get(photo_id)
     if posed is None:
@@ -190,12 +194,12 @@ def view_photograph(
     with report_progress("Casting rays and rendering"):
         images = render_view_images(posed, surface, model.elements, scale)
         virtual = render_virtual_photograph(model, posed, scale=scale).colour
-    photograph = _reduced(building.locate_photographs(campaign) / photo_id, posed, images.depth_m.shape)
+    photograph = _read_resized(building.locate_photographs(campaign) / photo_id, posed, images.depth_m.shape)
     path = output or Path(f"view_{Path(photo_id).with_suffix('').as_posix().replace('/', '_')}.png")
-    figure = view_sheet(
-        Panels(photograph=photograph, virtual=virtual, images=images),
+    figure = draw_view_sheet(
+        ViewPanels(photograph=photograph, virtual=virtual, images=images),
         title=f"{building.name}, {campaign}: {photo_id}",
-        note=_note(images, row),
+        note=_describe_view(images, row),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
@@ -203,7 +207,7 @@ def view_photograph(
     return PhotoView(photo_id=photo_id, path=path, images=images)
 
 
-def _one_of(photo_ids: list[str], wanted: str, building_id: str, campaign: str) -> str:
+def _match_photo_id(photo_ids: list[str], wanted: str, building_id: str, campaign: str) -> str:
     """The photo_id that is ``wanted``, or the only one that ends so, with or without its suffix."""
     if wanted in photo_ids:
         return wanted
@@ -216,13 +220,13 @@ def _one_of(photo_ids: list[str], wanted: str, building_id: str, campaign: str) 
     )
 
 
-def _reduced(path: Path, posed: PosedCamera, shape: tuple[int, ...]) -> UInt8Array:
+def _read_resized(path: Path, posed: PosedCamera, shape: tuple[int, ...]) -> UInt8Array:
     reduction = next((n for n in (8, 4, 2) if posed.camera.width_px // n >= shape[1]), 1)
     rgb = read_photograph(path, posed.camera, reduction)
     return np.asarray(cv2.resize(rgb, (shape[1], shape[0]), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _note(images: ViewImages, pose: dict[str, object]) -> str:
+def _describe_view(images: ViewImages, pose: dict[str, object]) -> str:
     share = float(images.target.mean())
     depth = images.depth_m[images.target]
     nearest = f", {depth.min():.1f} to {depth.max():.1f} m before the camera" if depth.size else ""

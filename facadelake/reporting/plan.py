@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from facadelake.core.arrays import Float64Array
-from facadelake.reporting.drawing.palette import class_colour, plain
+from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour
 from facadelake.reporting.drawing.projected_model import draw_model
 from facadelake.reporting.inspection import Inspection
 from schemas.vocabulary import PhotoOutcome
@@ -30,9 +30,9 @@ def draw_plan(inspection: Inspection, path: Path) -> Path:
     centres = np.array([posed.centre_site_m[:2] for posed in inspection.posed.values()]).reshape(-1, 2)
     low, high = np.vstack([low, centres]).min(axis=0), np.vstack([high, centres]).max(axis=0)
     low, high = low - _MARGIN_M, high + _MARGIN_M
-    _cameras(axes, inspection, float(np.max(high - low)))
-    _unlocalised(axes, inspection, low, high)
-    _defects(axes, inspection)
+    _draw_cameras(axes, inspection, float(np.max(high - low)))
+    _draw_unlocalised(axes, inspection, low, high)
+    _draw_defects(axes, inspection)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
@@ -44,13 +44,13 @@ def draw_plan(inspection: Inspection, path: Path) -> Path:
     axes.grid(color="#e4e4e4", linewidth=0.6)
     axes.set_axisbelow(True)
     title = f"{inspection.building_name}, {inspection.campaign_id}: plan, north up"
-    axes.set_title(plain(title), fontsize=11, weight="bold", loc="left")
+    axes.set_title(escape_mathtext(title), fontsize=11, weight="bold", loc="left")
     figure.legend(loc="outside lower left", fontsize=8, frameon=False, ncols=4)
     figure.savefig(path, dpi=_DPI)
     return path
 
 
-def _cameras(axes: Axes, inspection: Inspection, extent_m: float) -> None:
+def _draw_cameras(axes: Axes, inspection: Inspection, extent_m: float) -> None:
     """An arrow along each localised camera's viewing direction; its length is the direction's share in the plan."""
     roles = dict(
         zip(inspection.photos.column("photo_id").to_pylist(), inspection.photos.column("role").to_pylist(), strict=True)
@@ -72,7 +72,7 @@ def _cameras(axes: Axes, inspection: Inspection, extent_m: float) -> None:
             axes.plot(x, y, "o", color=colour, markersize=3.2, zorder=3, label=label, linestyle="none")
 
 
-def _unlocalised(axes: Axes, inspection: Inspection, low: Float64Array, high: Float64Array) -> None:
+def _draw_unlocalised(axes: Axes, inspection: Inspection, low: Float64Array, high: Float64Array) -> None:
     """Crosses where photographs without a pose say they were taken, by their GPS."""
     lost = [
         row
@@ -91,7 +91,7 @@ def _unlocalised(axes: Axes, inspection: Inspection, low: Float64Array, high: Fl
     axes.plot(*site[inside].T, "x", color="#b00020", markersize=7, label=label, linestyle="none", zorder=4)
 
 
-def _defects(axes: Axes, inspection: Inspection) -> None:
+def _draw_defects(axes: Axes, inspection: Inspection) -> None:
     counts = Counter(inspection.defects.column("defect_class").to_pylist())
     words = np.array(inspection.defects.column("defect_class").to_pylist(), dtype=object)
     x = np.array(inspection.defects.column("x_site_m").to_pylist(), dtype=np.float64)
@@ -99,6 +99,6 @@ def _defects(axes: Axes, inspection: Inspection) -> None:
     for (word, count), marker in zip(sorted(counts.items()), "os^Dv*", strict=False):
         mine = words == word
         axes.plot(
-            x[mine], y[mine], marker, color=class_colour(word), markersize=4.5, markeredgecolor="white",
+            x[mine], y[mine], marker, color=get_class_colour(word), markersize=4.5, markeredgecolor="white",
             markeredgewidth=0.4, label=f"{word} ({count})", linestyle="none", zorder=5,
         )  # fmt: skip

@@ -16,7 +16,7 @@ from facadelake.core.arrays import UInt8Image
 from facadelake.reporting.cards.facts import Fact
 from facadelake.reporting.cards.patch_view import PatchView
 from facadelake.reporting.cards.sightings import Sighting
-from facadelake.reporting.drawing.palette import class_colour, class_dashes, plain
+from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_dashes
 from facadelake.reporting.elevations.backdrop import Backdrop, draw_place
 from facadelake.reporting.elevations.marks import Mark
 from facadelake.reporting.elevations.storeys import StoreyLevel
@@ -99,19 +99,19 @@ def _picture(sheet: Axes, picture: UInt8Image | None, left: float, top: float, s
 
 def _heading(sheet: Axes, material: CardMaterial, height: float) -> None:
     mark = material.mark
-    colour = class_colour(mark.defect_class)
+    colour = get_class_colour(mark.defect_class)
     sheet.add_patch(Rectangle((0.0, height - 0.09), _WIDTH_IN, 0.09, facecolor=colour, edgecolor="none"))
     title = f"{mark.label}   {mark.defect_class}, {mark.severity}"
-    sheet.text(_EDGE_IN, height - 0.22, plain(title), fontsize=15, weight="bold", va="top")
+    sheet.text(_EDGE_IN, height - 0.22, escape_mathtext(title), fontsize=15, weight="bold", va="top")
     subtitle = f"{mark.defect_id} · {material.subtitle}"
-    sheet.text(_EDGE_IN, height - 0.54, plain(subtitle), fontsize=8.5, va="top", color="#303030")
+    sheet.text(_EDGE_IN, height - 0.54, escape_mathtext(subtitle), fontsize=8.5, va="top", color="#303030")
 
 
 def _best(sheet: Axes, material: CardMaterial, left: float, top: float) -> None:
     _picture(sheet, material.best, left, top, _BIG_IN, "none of its photographs could be read")
     if material.best is not None:
         note = f"as {material.best_photo_id} shows it"
-        sheet.text(left, top - _BIG_IN - 0.06, plain(_short(note, 62)), fontsize=8, va="top", color="#303030")
+        sheet.text(left, top - _BIG_IN - 0.06, escape_mathtext(_short(note, 62)), fontsize=8, va="top", color="#303030")
 
 
 def _patch(sheet: Axes, material: CardMaterial, left: float, top: float) -> None:
@@ -122,7 +122,7 @@ def _patch(sheet: Axes, material: CardMaterial, left: float, top: float) -> None
         return
     per_m = _BIG_IN / patch.side_m
     middle = np.array([left + _BIG_IN / 2, top - _BIG_IN / 2])
-    colour, dashes = class_colour(material.mark.defect_class), class_dashes(material.mark.defect_class)
+    colour, dashes = get_class_colour(material.mark.defect_class), get_class_dashes(material.mark.defect_class)
     for ring in patch.rings_m:
         for ink, width, style in (("white", 2.6, "-"), (colour, 1.4, dashes)):
             sheet.add_patch(
@@ -160,9 +160,9 @@ def length_words(metres: float) -> str:
 def _facts(sheet: Axes, lines: Sequence[tuple[str, list[str]]], left: float, top: float) -> None:
     y = top
     for name, wrapped in lines:
-        sheet.text(left, y, plain(name), fontsize=8, va="top", color="#5a5a5a")
+        sheet.text(left, y, escape_mathtext(name), fontsize=8, va="top", color="#5a5a5a")
         for line in wrapped:
-            sheet.text(left + _NAME_IN, y, plain(line), fontsize=8, va="top")
+            sheet.text(left + _NAME_IN, y, escape_mathtext(line), fontsize=8, va="top")
             y -= _FACT_IN
         y -= 0.05
 
@@ -182,7 +182,7 @@ def _place(figure: Figure, material: CardMaterial, top: float, height: float) ->
     draw_place(axes, backdrop, material.storeys, material.mark)
     zero = material.storeys[0].name if material.storeys else "the lowest point"
     title = f"{backdrop.facade.title} from outside: metres along it, and above {zero}"
-    figure.text(_EDGE_IN / _WIDTH_IN, top / height, plain(title), fontsize=8, va="top", color="#303030")
+    figure.text(_EDGE_IN / _WIDTH_IN, top / height, escape_mathtext(title), fontsize=8, va="top", color="#303030")
 
 
 def _pieces(sheet: Axes, material: CardMaterial, top: float) -> None:
@@ -197,7 +197,7 @@ def _pieces(sheet: Axes, material: CardMaterial, top: float) -> None:
         y = top - 0.25 - row * (_TILE_IN + _NOTE_IN)
         _picture(sheet, piece.picture, left, y, _TILE_IN, "photograph missing or unreadable")
         sighting = piece.sighting
-        sheet.text(left, y - _TILE_IN - 0.04, plain(_short(sighting.photo_id, 26)), fontsize=6.6, va="top")
+        sheet.text(left, y - _TILE_IN - 0.04, escape_mathtext(_short(sighting.photo_id, 26)), fontsize=6.6, va="top")
         seen = [f"{sighting.incidence_deg:.0f}° off square"] if sighting.incidence_deg is not None else []
         seen += [f"{sighting.gsd_mm:.1f} mm a pixel"] if sighting.gsd_mm is not None else []
         note = ", ".join(seen) or "surface not met"

@@ -19,7 +19,7 @@ from facadelake.reporting.cards.crops import cut_out, file_word
 from facadelake.reporting.cards.facts import Row, card_facts, merges_by_defect
 from facadelake.reporting.cards.patch_view import PatchView, patch_side_m, patch_view
 from facadelake.reporting.cards.sightings import Sighting, sightings_of
-from facadelake.reporting.drawing.palette import class_colour
+from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
 from facadelake.reporting.elevations.backdrop import Backdrop
 from facadelake.reporting.elevations.marks import Mark, marks_of
@@ -103,7 +103,7 @@ def defect_cards(
     for photo_id in track(wanted, label="Drawing cards"):
         cards = [card for card in opened if photo_id in card.to_come]
         try:
-            pixels = read_photograph(inspection.photograph(photo_id), inspection.posed[photo_id].camera)
+            pixels = read_photograph(inspection.locate_photograph(photo_id), inspection.posed[photo_id].camera)
         except InputDataError as error:
             log.warning("its defects' cards do without it: %s", error)
             missing.append(photo_id)
@@ -127,7 +127,7 @@ def _opened(inspection: Inspection, defect_ids: frozenset[str], most_sightings: 
             continue
         own = [one for one in sightings[mark.defect_id] if one.photo_id in inspection.posed]
         shown = own[:most_sightings]
-        there = [one for one in shown if inspection.photograph(one.photo_id).is_file()]
+        there = [one for one in shown if inspection.locate_photograph(one.photo_id).is_file()]
         opened.append(
             _Open(
                 mark=mark,
@@ -143,7 +143,7 @@ def _opened(inspection: Inspection, defect_ids: frozenset[str], most_sightings: 
 
 def _take(card: _Open, photo_id: str, pixels: UInt8Image, inspection: Inspection, surface: Surface) -> None:
     """Cut out of a photograph (RGB) what the card shows of it."""
-    colour = class_colour(card.mark.defect_class)
+    colour = get_class_colour(card.mark.defect_class)
     for sighting in card.sightings:
         if sighting.photo_id == photo_id:
             card.pieces[sighting.detection_id] = _packed(cut_out(pixels, sighting.outline, TILE_PX, colour))

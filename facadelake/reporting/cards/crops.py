@@ -14,7 +14,7 @@ from facadelake.core.arrays import Float64Array, UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.reporting.cards.sightings import Outline, Sighting, sightings_of
-from facadelake.reporting.drawing.palette import bgr_of, class_colour, short_ids
+from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour, label_ids
 from facadelake.reporting.drawing.photograph import read_photograph
 from facadelake.reporting.inspection import Inspection, PictureSettings
 
@@ -35,7 +35,7 @@ def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings
     settings = settings or PictureSettings()
     folder.mkdir(parents=True, exist_ok=True)
     rows = inspection.defects.select(["defect_id", "defect_class", "best_photo_id"]).to_pylist()
-    labels = short_ids([row["defect_id"] for row in rows])
+    labels = label_ids([row["defect_id"] for row in rows])
     sightings = sightings_of(inspection)
     by_photo: dict[str, list[tuple[Mapping[str, str], Sighting]]] = {}
     for row in rows:
@@ -47,13 +47,13 @@ def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings
         if photo_id not in inspection.posed:
             continue
         try:
-            pixels = read_photograph(inspection.photograph(photo_id), inspection.posed[photo_id].camera)
+            pixels = read_photograph(inspection.locate_photograph(photo_id), inspection.posed[photo_id].camera)
         except InputDataError as error:
             log.warning("no crops of its defects: %s", error)
             continue
         for row, sighting in wanted:
             path = folder / f"defect_{file_word(labels[row['defect_id']])}.jpg"
-            crop = cut_out(pixels, sighting.outline, settings.thumbnail_px, class_colour(row["defect_class"]))
+            crop = cut_out(pixels, sighting.outline, settings.thumbnail_px, get_class_colour(row["defect_class"]))
             cv2.imwrite(str(path), crop, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
             paths[row["defect_id"]] = path
     return paths
@@ -86,4 +86,4 @@ def draw_outline(picture: UInt8Image, outline: Outline, corner_px: Float64Array,
     rings = [np.round((ring - corner_px) * scale).astype(np.int32) for ring in (outline.rings_px or (box,))]
     if max(picture.shape[:2]) >= _ROOMY_PX:
         cv2.polylines(picture, rings, True, (255, 255, 255), 4, cv2.LINE_AA)
-    cv2.polylines(picture, rings, True, bgr_of(colour), 2, cv2.LINE_AA)
+    cv2.polylines(picture, rings, True, bgr_from_hex(colour), 2, cv2.LINE_AA)

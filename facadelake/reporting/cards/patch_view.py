@@ -10,7 +10,7 @@ import numpy as np
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import BoolArray, Float64Array, UInt8Image
 from facadelake.core.camera import PosedCamera
-from facadelake.reporting.drawing.photograph import reduction_for
+from facadelake.reporting.drawing.photograph import choose_reduction
 from facadelake.reporting.elevations.marks import Mark, surface_axes
 from facadelake.reporting.elevations.rectify import sampled
 from facadelake.reporting.elevations.visibility import pixels_of, sees
@@ -66,7 +66,7 @@ def patch_view(
     shown = sight.visible & inside
     picture = np.full((cells * cells, 3), _EMPTY, dtype=np.uint8)
     if shown.any():
-        picture[shown] = _colours(pixels, xy[shown], reduction_for(pixel_m, cell_m))
+        picture[shown] = _colours(pixels, xy[shown], choose_reduction(pixel_m, cell_m))
     return PatchView(
         picture=picture.reshape(cells, cells, 3), shown=shown.reshape(cells, cells), cell_m=cell_m, rings_m=rings
     )

@@ -18,22 +18,22 @@ _PAPER, _INK = (250, 250, 250), (30, 30, 30)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entry:
+class LegendEntry:
     """A colour and what it means."""
 
     colour_bgr: Bgr
     text: str
 
 
-def with_legend(picture: UInt8Image, title: str, entries: Sequence[Entry]) -> UInt8Image:
+def add_legend(picture: UInt8Image, title: str, entries: Sequence[LegendEntry]) -> UInt8Image:
     """The picture (BGR) under a light strip with ``title`` and ``entries``, in as many lines as they need."""
     width = picture.shape[1]
-    title = _ascii(title)
-    x = 8 + _width(title, _TITLE_SIZE) + _GAP_PX
-    places: list[tuple[int, int, Entry]] = []
+    title = _encode_ascii(title)
+    x = 8 + _measure_width(title, _TITLE_SIZE) + _GAP_PX
+    places: list[tuple[int, int, LegendEntry]] = []
     line = 0
     for entry in entries:
-        needed = _SWATCH_PX + 6 + _width(_ascii(entry.text), _SIZE)
+        needed = _SWATCH_PX + 6 + _measure_width(_encode_ascii(entry.text), _SIZE)
         if x + needed > width - 8 and x > 8:
             x, line = 8, line + 1
         places.append((x, line, entry))
@@ -46,24 +46,24 @@ def with_legend(picture: UInt8Image, title: str, entries: Sequence[Entry]) -> UI
         cv2.rectangle(strip, (left, top), corner, entry.colour_bgr, cv2.FILLED)
         cv2.rectangle(strip, (left, top), corner, _INK, 1)
         at = (left + _SWATCH_PX + 6, top + 11)
-        cv2.putText(strip, _ascii(entry.text), at, _FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+        cv2.putText(strip, _encode_ascii(entry.text), at, _FONT, _SIZE, _INK, 1, cv2.LINE_AA)
     return np.vstack([strip, picture])
 
 
 def write_text(picture: UInt8Image, text: str, at: Float64Array, colour: Bgr, size: float) -> None:
     """Write ``text`` on a dark ground from ``at`` (2,), its lower left."""
     place = np.round(at).astype(int).tolist()
-    (width, height), below = cv2.getTextSize(_ascii(text), _FONT, size, 1)
+    (width, height), below = cv2.getTextSize(_encode_ascii(text), _FONT, size, 1)
     left, top = max(0, place[0] - 2), max(0, place[1] - height - 2)
     ground = picture[top : max(0, place[1] + below), left : max(0, place[0] + width + 2)]
     ground[:] = (0.3 * ground).astype(np.uint8)
-    cv2.putText(picture, _ascii(text), place, _FONT, size, colour, 1, cv2.LINE_AA)
+    cv2.putText(picture, _encode_ascii(text), place, _FONT, size, colour, 1, cv2.LINE_AA)
 
 
-def _ascii(text: str) -> str:
+def _encode_ascii(text: str) -> str:
     """OpenCV's letters are ASCII alone."""
     return text.encode("ascii", "replace").decode()
 
 
-def _width(text: str, size: float) -> int:
+def _measure_width(text: str, size: float) -> int:
     return int(cv2.getTextSize(text, _FONT, size, 1)[0][0])

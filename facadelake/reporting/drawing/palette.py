@@ -41,37 +41,37 @@ OTHER_COLOUR = "#595959"
 _COMPASS = ("North", "North-east", "East", "South-east", "South", "South-west", "West", "North-west")
 
 
-def class_colour(defect_class: str) -> str:
+def get_class_colour(defect_class: str) -> str:
     """Hex colour of a defect class; grey for one this palette does not know."""
     return CLASS_COLOURS.get(defect_class, OTHER_COLOUR)
 
 
-def class_dashes(defect_class: str) -> Dashes:
+def get_class_dashes(defect_class: str) -> Dashes:
     """Line style of a defect class, in Matplotlib's notation: (offset, (on, off, ...)) in line widths."""
     return CLASS_DASHES.get(defect_class, (0.0, (3.0, 1.0, 1.0, 1.0)))
 
 
-def class_hatch(defect_class: str) -> str:
+def get_class_hatch(defect_class: str) -> str:
     """Filling of a defect class in areas, in Matplotlib's notation."""
     return CLASS_HATCHES.get(defect_class, "")
 
 
-def outcome_colour(outcome: str) -> str:
+def get_outcome_colour(outcome: str) -> str:
     """Hex colour of an observation's outcome; grey for one this palette does not know."""
     return OUTCOME_COLOURS.get(outcome, OTHER_COLOUR)
 
 
-def bgr_of(hex_colour: str) -> tuple[int, int, int]:
+def bgr_from_hex(hex_colour: str) -> tuple[int, int, int]:
     """Blue, green, red of "#rrggbb", as OpenCV draws."""
     return int(hex_colour[5:7], 16), int(hex_colour[3:5], 16), int(hex_colour[1:3], 16)
 
 
-def compass_word(azimuth_deg: float) -> str:
+def name_direction(azimuth_deg: float) -> str:
     """The nearest of the eight compass directions, in words."""
     return _COMPASS[round(azimuth_deg / 45.0) % 8]
 
 
-def short_ids(ids: Sequence[str]) -> dict[str, str]:
+def label_ids(ids: Sequence[str]) -> dict[str, str]:
     """A short label of each id: the id without what all ids share in front and leading zeros, else its rank.
 
     "D0001", "D0012" give "1", "12". A rank (1, 2, ...) is given where the rest is longer than four characters.
@@ -90,6 +90,6 @@ def short_ids(ids: Sequence[str]) -> dict[str, str]:
     return {name: str(rank) for rank, name in enumerate(ids, start=1)}
 
 
-def plain(text: str) -> str:
+def escape_mathtext(text: str) -> str:
     """Text that Matplotlib writes as it is: a pair of dollar signs would be taken for a formula."""
     return text.replace("$", r"\$")

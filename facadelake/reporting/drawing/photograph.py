@@ -19,12 +19,12 @@ _REDUCED = {
 }
 
 
-def reduction_for(pixel_m: float, cell_m: float) -> int:
+def choose_reduction(pixel_m: float, cell_m: float) -> int:
     """The largest of 1, 2, 4, 8 at which a reduced pixel of ``pixel_m`` stays no larger than ``cell_m``."""
     return max(n for n in _REDUCED if n == 1 or n * pixel_m <= cell_m)
 
 
-def decoded(path: Path, flags: int) -> UInt8Array:
+def decode_image(path: Path, flags: int) -> UInt8Array:
     """BGR pixels (h, w, 3) by OpenCV; raises InputDataError where there are none."""
     bgr = cv2.imread(str(path), flags) if path.is_file() else None  # OpenCV prints a warning for a missing file
     if bgr is None:
@@ -41,7 +41,7 @@ def read_photograph(path: Path, camera: Camera, reduction: int = 1) -> UInt8Arra
     width, height = -(-camera.width_px // reduction), -(-camera.height_px // reduction)
     sizes = []
     for orientation in (cv2.IMREAD_IGNORE_ORIENTATION, 0):
-        bgr = decoded(path, _REDUCED[reduction] | orientation)
+        bgr = decode_image(path, _REDUCED[reduction] | orientation)
         if abs(bgr.shape[1] - width) <= 1 and abs(bgr.shape[0] - height) <= 1:
             return np.asarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), dtype=np.uint8)
         sizes.append(f"{bgr.shape[1]}x{bgr.shape[0]}")

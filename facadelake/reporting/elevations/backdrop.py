@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import UInt8Image
-from facadelake.reporting.drawing.palette import class_colour
+from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.marks import Mark
 from facadelake.reporting.elevations.relief import grey_drawing, look_square_on, relief_edges
@@ -53,7 +53,7 @@ def model_backdrop(facade: Facade, surface: Surface, building: BuildingModel) ->
 
 def draw_place(axes: Axes, backdrop: Backdrop, storeys: Sequence[StoreyLevel], mark: Mark) -> None:
     """Draw the facade and mark the defect's place on it; axes in metres along it and above its lowest storey."""
-    facade, colour = backdrop.facade, class_colour(mark.defect_class)
+    facade, colour = backdrop.facade, get_class_colour(mark.defect_class)
     zero = storeys[0].z_site_m if storeys else facade.v_min_m
     top = facade.v_max_m - zero
     axes.imshow(

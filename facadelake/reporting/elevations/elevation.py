@@ -71,7 +71,7 @@ def facade_elevations(
         storeys=tuple(storey_levels(building)),
     )
     reliefs = [look_square_on(facade, surface, cell_size_m(facade, settings)) for facade in facades]
-    photographs = {photo_id: inspection.photograph(photo_id) for photo_id in inspection.posed}
+    photographs = {photo_id: inspection.locate_photograph(photo_id) for photo_id in inspection.posed}
     elevations = []
     for rectified, own in zip(rectify(reliefs, surface, inspection.posed, photographs, settings), shown, strict=True):
         facade = rectified.relief.facade

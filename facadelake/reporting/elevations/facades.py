@@ -11,7 +11,7 @@ from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.reporting.drawing.palette import compass_word
+from facadelake.reporting.drawing.palette import name_direction
 from facadelake.reporting.elevations.outward import Walls, azimuth_of, element_azimuths, turn_deg, walls_of
 from facadelake.reporting.inspection import PictureSettings
 
@@ -158,7 +158,7 @@ def _level(facades: list[Facade]) -> list[Facade]:
 
 def _named(facades: list[Facade]) -> list[Facade]:
     """Each facade with the words of its direction; a number where two share them."""
-    words = [compass_word(f.azimuth_deg) for f in facades]
+    words = [name_direction(f.azimuth_deg) for f in facades]
     named = []
     for i, facade in enumerate(facades):
         number = words[: i + 1].count(words[i])

@@ -16,7 +16,7 @@ from matplotlib.patches import Polygon, Rectangle
 
 from facadelake.core.arrays import UInt8Image
 from facadelake.reporting.drawing.label_placement import place_labels
-from facadelake.reporting.drawing.palette import class_colour, class_dashes, plain
+from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_dashes
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.marks import Mark
 from facadelake.reporting.elevations.rectify import RectifiedElevation
@@ -113,7 +113,7 @@ def _defects(
         return
     origin = [facade.u_min_m, zero]
     for mark in everyone:
-        dashes, colour = class_dashes(mark.defect_class), class_colour(mark.defect_class)
+        dashes, colour = get_class_dashes(mark.defect_class), get_class_colour(mark.defect_class)
         for ring in mark.outlines_site_m:
             uv = facade.uvw(ring)[:, :2] - origin
             axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor="white", linewidth=2.4))
@@ -125,7 +125,7 @@ def _defects(
     bounds = np.array([axes.get_xlim(), axes.get_ylim()]).T.ravel() * px_per_m
     middles = place_labels(boxes * px_per_m, sizes, bounds) / px_per_m
     for place, (mark, box, middle) in enumerate(zip(everyone, boxes, middles, strict=True)):
-        colour = class_colour(mark.defect_class)
+        colour = get_class_colour(mark.defect_class)
         nearest = np.clip(middle, box[:2], box[2:])
         if np.linalg.norm((nearest - middle) * px_per_m / sizes[place]) > 0.75:
             axes.plot(*np.array([nearest, middle]).T, color="white", linewidth=2.0, solid_capstyle="butt", zorder=3)
@@ -194,12 +194,12 @@ def _title(
     total_in: tuple[float, float],
 ) -> None:  # fmt: skip
     left, height = 0.2 / total_in[0], total_in[1]
-    title = f"{plain(scene.building_name)} — {facade.title} (faces {facade.azimuth_deg:.0f}°)"
+    title = f"{escape_mathtext(scene.building_name)} — {facade.title} (faces {facade.azimuth_deg:.0f}°)"
     figure.text(left, 1 - 0.18 / height, title, fontsize=12, weight="bold", va="top")
     count = "no defects" if not marks else f"{len(marks)} defect{'s' if len(marks) != 1 else ''}"
     told = figure.text(
         left, 1 - 0.47 / height,
-        f"campaign {plain(scene.campaign_id)} · placed by {scene.control} · {count} · {1000 * cell_m:.0f} mm a cell · "
+        f"campaign {escape_mathtext(scene.campaign_id)} · placed by {scene.control} · {count} · {1000 * cell_m:.0f} mm a cell · "
         f"photographs show {100 * covered:.0f} %",
         fontsize=8.5, va="top", color="#303030",
     )  # fmt: skip
@@ -210,8 +210,8 @@ def _title(
         Line2D(
             [],
             [],
-            color=class_colour(name),
-            linestyle=class_dashes(name),
+            color=get_class_colour(name),
+            linestyle=get_class_dashes(name),
             linewidth=2,
             label=f"{name} ({counts[name]})",
         )

@@ -12,7 +12,7 @@ import shapely
 from facadelake.building import BuildingModel
 from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.reporting.drawing.palette import short_ids
+from facadelake.reporting.drawing.palette import label_ids
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.relief import Relief
 
@@ -48,7 +48,7 @@ class Mark:
 def marks_of(defects: pa.Table, origin: SiteOrigin) -> list[Mark]:
     """All defects of a table of kind ``defects``, in its order; patches are in EPSG:4979, ``origin`` is site's."""
     rows = defects.to_pylist()
-    labels = short_ids([row["defect_id"] for row in rows])
+    labels = label_ids([row["defect_id"] for row in rows])
     rings = _patches([row["patch"] for row in rows], origin)
     return [
         Mark(

@@ -18,7 +18,7 @@ from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, UInt8I
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.reporting.drawing.photograph import read_photograph, reduction_for
+from facadelake.reporting.drawing.photograph import choose_reduction, read_photograph
 from facadelake.reporting.elevations.candidates import Share, find_candidates, share_out
 from facadelake.reporting.elevations.relief import Relief
 from facadelake.reporting.elevations.visibility import pixels_of
@@ -125,7 +125,7 @@ def rectify(
     used = [name for name in readable if any(name in canvas.shares for canvas in canvases)]
     for name in track(used, label="Rectifying photographs"):
         mine = [(canvas, canvas.shares[name]) for canvas in canvases if name in canvas.shares]
-        reduction = min(reduction_for(share.pixel_m, canvas.relief.cell_m) for canvas, share in mine)
+        reduction = min(choose_reduction(share.pixel_m, canvas.relief.cell_m) for canvas, share in mine)
         try:
             pixels = read_photograph(photographs[name], readable[name].camera, reduction)
         except InputDataError as error:

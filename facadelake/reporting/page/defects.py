@@ -10,10 +10,10 @@ import pyarrow as pa
 
 from facadelake.reporting.cards.facts import crack_width_text
 from facadelake.reporting.distribution import Distribution
-from facadelake.reporting.drawing.palette import class_colour, short_ids
+from facadelake.reporting.drawing.palette import get_class_colour, label_ids
 from facadelake.reporting.elevations.elevation import Elevation
 from facadelake.reporting.inspection import Inspection
-from facadelake.reporting.page.html import Html, html_of, link_of, paragraph, table
+from facadelake.reporting.page.html import Html, html_from_value, link_file, render_paragraph, render_table
 
 # Grades of every rule pack that ships (data/severity/), worst first; an unknown grade stands behind them, before those
 # that say that there is no grade.
@@ -38,7 +38,7 @@ _WORST_FIRST = (
 _NO_GRADE = ("not_measured", "not_covered", "ungraded", "none", "")
 
 
-def counts_by_facade(distribution: Distribution) -> Html:
+def count_by_facade(distribution: Distribution) -> Html:
     """Defects by class for each facade and storey."""
     heads = ["facade", "storey", *distribution.classes, "all"]
     lines: list[list[object]] = []
@@ -48,25 +48,25 @@ def counts_by_facade(distribution: Distribution) -> Html:
             if sum(cells):
                 lines.append([facade, storey, *cells, sum(cells)])
     if lines:
-        totals = [distribution.total(None, word) for word in distribution.classes]
-        lines.append(["all", "", *totals, distribution.total()])
-    return table(heads, lines, numeric=range(2, len(heads)))
+        totals = [distribution.count_defects(None, word) for word in distribution.classes]
+        lines.append(["all", "", *totals, distribution.count_defects()])
+    return render_table(heads, lines, numeric=range(2, len(heads)))
 
 
-def _severity_rank(severity: str) -> int:
+def _rank_severity(severity: str) -> int:
     word = severity.lower()
     if word in _NO_GRADE:
         return len(_WORST_FIRST) + 1 + _NO_GRADE.index(word)
     return _WORST_FIRST.index(word) if word in _WORST_FIRST else len(_WORST_FIRST)
 
 
-def worst_first(defects: pa.Table) -> list[dict[str, Any]]:
+def sort_by_severity(defects: pa.Table) -> list[dict[str, Any]]:
     """Rows of table ``defects``: the worst grade first, then the largest."""
     rows: list[dict[str, Any]] = defects.to_pylist()
-    return sorted(rows, key=lambda row: (_severity_rank(row["severity"]), -row["area_m2"], row["defect_id"]))
+    return sorted(rows, key=lambda row: (_rank_severity(row["severity"]), -row["area_m2"], row["defect_id"]))
 
 
-def defect_table(
+def list_defects(
     inspection: Inspection,
     crops: Mapping[str, Path],
     cards: Mapping[str, Path],
@@ -74,8 +74,8 @@ def defect_table(
     folder: Path,
 ) -> list[Html]:
     """All defects, worst first, with their crops, which link their cards; before them what a reader must know."""
-    labels = short_ids(inspection.defects.column("defect_id").to_pylist())
-    rows = worst_first(inspection.defects)
+    labels = label_ids(inspection.defects.column("defect_id").to_pylist())
+    rows = sort_by_severity(inspection.defects)
     rules = ", ".join(sorted({row["severity_rule"] for row in rows}))
     drawn = {mark.defect_id for elevation in elevations for mark in elevation.marks}
     missing = sum(row["defect_id"] not in drawn for row in rows)
@@ -86,16 +86,16 @@ def defect_table(
             words += (
                 "A model misses defects and shows some that are none; 'facadelake describe-detector' tells how often. "
             )
-        notes.append(paragraph(f"{words}Severity is a proposal by {rules}, not a person's judgement."))
+        notes.append(render_paragraph(f"{words}Severity is a proposal by {rules}, not a person's judgement."))
     if missing:
-        notes.append(paragraph(f"{missing} of them lie on no elevation above (undersides, small facades)."))
+        notes.append(render_paragraph(f"{missing} of them lie on no elevation above (undersides, small facades)."))
     if cards:
         all_of_them = "facadelake pictures BUILDING CAMPAIGN --all"
         words = "This one has a card" if len(cards) == 1 else f"The first {len(cards)} have a card"
         note = f"{words}: all that is known of it on one sheet; '{all_of_them}' draws every defect's."
-        notes.append(paragraph(note))
+        notes.append(render_paragraph(note))
     lines = [
-        _defect_row(row, labels[row["defect_id"]], crops.get(row["defect_id"]), cards.get(row["defect_id"]), folder)
+        _format_defect(row, labels[row["defect_id"]], crops.get(row["defect_id"]), cards.get(row["defect_id"]), folder)
         for row in rows
     ]
     heads = [
@@ -111,28 +111,30 @@ def defect_table(
         "best photograph",
         "place",
     ]
-    return [*notes, table(heads, lines, numeric=[0])]
+    return [*notes, render_table(heads, lines, numeric=[0])]
 
 
-def _defect_row(row: Mapping[str, Any], label: str, crop: Path | None, card: Path | None, folder: Path) -> list[object]:
-    alternative = html_of(f"{row['defect_class']} {label}")
+def _format_defect(
+    row: Mapping[str, Any], label: str, crop: Path | None, card: Path | None, folder: Path
+) -> list[object]:
+    alternative = html_from_value(f"{row['defect_class']} {label}")
     target = card if card is not None else crop
     picture = Html('<span class="soft">no picture</span>')
     if crop is not None and target is not None:
         picture = Html(
-            f'<a href="{link_of(target, folder)}">'
-            f'<img class="crop" src="{link_of(crop, folder)}" alt="{alternative}"></a>'
+            f'<a href="{link_file(target, folder)}">'
+            f'<img class="crop" src="{link_file(crop, folder)}" alt="{alternative}"></a>'
         )
-    number = Html(f'<b title="{html_of(row["defect_id"])}">{html_of(label)}</b>')
+    number = Html(f'<b title="{html_from_value(row["defect_id"])}">{html_from_value(label)}</b>')
     if card is not None:
-        number = Html(f'{number.text}<br><a href="{link_of(card, folder)}">card</a>')
+        number = Html(f'{number.text}<br><a href="{link_file(card, folder)}">card</a>')
     element = f"{row['element_name'] or row['ifc_class']}" + (f", {row['material']}" if row["material"] else "")
     return [
         number,
         picture,
-        class_html(row["defect_class"]),
+        html_from_class(row["defect_class"]),
         row["severity"],
-        _size(row),
+        _format_size(row),
         row["storey"],
         row["facade"],
         element,
@@ -142,11 +144,11 @@ def _defect_row(row: Mapping[str, Any], label: str, crop: Path | None, card: Pat
     ]
 
 
-def _size(row: Mapping[str, Any]) -> str:
+def _format_size(row: Mapping[str, Any]) -> str:
     text, width = f"{row['width_m']:.2f} × {row['height_m']:.2f} m", crack_width_text(row)
     return text if width is None else f"{text}; crack {width}"
 
 
-def class_html(word: str) -> Html:
+def html_from_class(word: str) -> Html:
     """A class with its colour."""
-    return Html(f'<span class="dot" style="background:{class_colour(word)}"></span>{html_of(word)}')
+    return Html(f'<span class="dot" style="background:{get_class_colour(word)}"></span>{html_from_value(word)}')

@@ -57,14 +57,14 @@ class Html:
     text: str
 
 
-def html_of(value: object) -> str:
+def html_from_value(value: object) -> str:
     """A cell's or paragraph's content as HTML; None is a dash."""
     if isinstance(value, Html):
         return value.text
     return "–" if value is None else escape(str(value))
 
 
-def page(title: str, body: Iterable[Html]) -> str:
+def render_page(title: str, body: Iterable[Html]) -> str:
     """A whole document that refers to nothing outside its folder."""
     parts = "\n".join(piece.text for piece in body)
     return (
@@ -74,15 +74,15 @@ def page(title: str, body: Iterable[Html]) -> str:
     )
 
 
-def table(
+def render_table(
     heads: Sequence[str], rows: Iterable[Sequence[object]], *, caption: str = "", numeric: Iterable[int] = ()
 ) -> Html:
     """A table; columns whose index is in ``numeric`` stand to the right."""
     right = frozenset(numeric)
     kind = [' class="n"' if i in right else "" for i in range(len(heads))]
-    head = "".join(f"<th{k}>{html_of(h)}</th>" for h, k in zip(heads, kind, strict=True))
+    head = "".join(f"<th{k}>{html_from_value(h)}</th>" for h, k in zip(heads, kind, strict=True))
     lines = [
-        "<tr>" + "".join(f"<td{k}>{html_of(cell)}</td>" for cell, k in zip(row, kind, strict=True)) + "</tr>"
+        "<tr>" + "".join(f"<td{k}>{html_from_value(cell)}</td>" for cell, k in zip(row, kind, strict=True)) + "</tr>"
         for row in rows
     ]
     if not lines:
@@ -92,40 +92,46 @@ def table(
     return Html(f'<div class="scroll"><table>{title}{top}<tbody>\n' + "\n".join(lines) + "\n</tbody></table></div>")
 
 
-def figure(path: Path, folder: Path, alternative: str, caption: str) -> Html:
+def render_figure(path: Path, folder: Path, alternative: str, caption: str) -> Html:
     """A picture of the page's folder, shown as wide as there is room and linked at full size."""
-    link = link_of(path, folder)
+    link = link_file(path, folder)
     return Html(
         f'<figure><a href="{link}"><img src="{link}" alt="{escape(alternative, quote=True)}"></a>'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
     )
 
 
-def link_of(path: Path, folder: Path) -> str:
+def link_file(path: Path, folder: Path) -> str:
     """The file's address relative to the page's folder, safe in an attribute."""
     return escape(quote(path.relative_to(folder).as_posix()), quote=True)
 
 
-def tiles(values: Iterable[tuple[object, str]]) -> Html:
+def render_tiles(values: Iterable[tuple[object, str]]) -> Html:
     """Large figures side by side: (value, what it is)."""
     return Html(
         '<div class="tiles">'
-        + "".join(f'<div class="tile"><b>{html_of(v)}</b><span>{escape(what)}</span></div>' for v, what in values)
+        + "".join(
+            f'<div class="tile"><b>{html_from_value(v)}</b><span>{escape(what)}</span></div>' for v, what in values
+        )
         + "</div>"
     )
 
 
-def beside(pieces: Iterable[Html]) -> Html:
+def render_row(pieces: Iterable[Html]) -> Html:
     """Pieces in a row while there is room."""
     return Html('<div class="side">' + "".join(f"<div>{piece.text}</div>" for piece in pieces) + "</div>")
 
 
-def section(name: str, title: str, *pieces: Html) -> Html:
+def render_section(name: str, title: str, *pieces: Html) -> Html:
     """A headed part of the page."""
     inner = "\n".join(piece.text for piece in pieces)
     return Html(f'<section id="{escape(name, quote=True)}"><h2>{escape(title)}</h2>\n{inner}</section>')
 
 
-def paragraph(text: object, kind: str = "") -> Html:
+def render_paragraph(text: object, kind: str = "") -> Html:
     """A paragraph."""
-    return Html(f'<p class="{escape(kind, quote=True)}">{html_of(text)}</p>' if kind else f"<p>{html_of(text)}</p>")
+    return Html(
+        f'<p class="{escape(kind, quote=True)}">{html_from_value(text)}</p>'
+        if kind
+        else f"<p>{html_from_value(text)}</p>"
+    )

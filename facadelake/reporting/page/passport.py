@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from facadelake.reporting.inspection import Inspection
-from facadelake.reporting.page.html import Html, figure, html_of, paragraph, table
+from facadelake.reporting.page.html import Html, html_from_value, render_figure, render_paragraph, render_table
 from facadelake.reporting.passport.facts import AXES, Verdict, facts_of, summary
 from facadelake.reporting.passport.figure import draw_passport
 from schemas.vocabulary import PointKind
@@ -18,31 +18,35 @@ _CAPTION = (
 )
 
 
-def passport(inspection: Inspection, folder: Path) -> list[Html]:
+def render_passport(inspection: Inspection, folder: Path) -> list[Html]:
     """How the campaign was placed on the globe, and how well; ``passport.png`` is drawn into ``folder``."""
     if not len(inspection.georeference):
-        return [paragraph("The campaign has no passport.", "bad")]
+        return [render_paragraph("The campaign has no passport.", "bad")]
     row = inspection.georeference.to_pylist()[0]
     facts = facts_of(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
     verdict, sentence = summary(row, facts)
-    lines = [[fact.name, fact.value, fact.meaning, fact.limit or None, _verdict(fact.verdict)] for fact in facts]
+    lines = [[fact.name, fact.value, fact.meaning, fact.limit or None, _render_status(fact.verdict)] for fact in facts]
     pieces = [
-        paragraph(sentence, _STYLES[verdict]),
-        figure(draw_passport(inspection, folder / "passport.png"), folder, "the passport of the campaign", _CAPTION),
-        table(["what", "found", "what it means", "limit", "verdict"], lines),
-        _surveyed(inspection),
+        render_paragraph(sentence, _STYLES[verdict]),
+        render_figure(
+            draw_passport(inspection, folder / "passport.png"), folder, "the passport of the campaign", _CAPTION
+        ),
+        render_table(["what", "found", "what it means", "limit", "verdict"], lines),
+        _list_surveyed_points(inspection),
     ]
     remarks = [remark for remark in row["remarks"].split("; ") if remark]
     if remarks:
-        pieces.append(Html("<p>Remarks</p><ul>" + "".join(f"<li>{html_of(one)}</li>" for one in remarks) + "</ul>"))
+        pieces.append(
+            Html("<p>Remarks</p><ul>" + "".join(f"<li>{html_from_value(one)}</li>" for one in remarks) + "</ul>")
+        )
     return pieces
 
 
-def _verdict(verdict: Verdict) -> Html:
+def _render_status(verdict: Verdict) -> Html:
     return Html(f'<span class="{_STYLES[verdict]}">{verdict or "told"}</span>')
 
 
-def _surveyed(inspection: Inspection) -> Html:
+def _list_surveyed_points(inspection: Inspection) -> Html:
     """Control, held-out and check points, each with what is left there."""
     rows = [row for row in inspection.georeference_points.to_pylist() if row["point_kind"] != PointKind.GPS]
     if not rows:
@@ -56,4 +60,6 @@ def _surveyed(inspection: Inspection) -> Html:
         for row in rows
     ]
     heads = ["point", "kind", *(f"{axis} (mm)" for axis in AXES)]
-    return table(heads, lines, caption="Where surveyed points came to lie, minus their survey", numeric=[2, 3, 4])
+    return render_table(
+        heads, lines, caption="Where surveyed points came to lie, minus their survey", numeric=[2, 3, 4]
+    )

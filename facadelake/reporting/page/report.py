@@ -9,25 +9,34 @@ from facadelake.building.surface import Surface
 from facadelake.reporting.cards.cards import defect_cards
 from facadelake.reporting.cards.crops import defect_crops
 from facadelake.reporting.distribution import (
-    distribution_of,
-    distribution_title,
+    compute_distribution,
     draw_distribution,
+    format_distribution_title,
     write_distribution,
 )
 from facadelake.reporting.elevations.elevation import Elevation, facade_elevations
 from facadelake.reporting.elevations.places import places_on_elevations
 from facadelake.reporting.elevations.relief import edges_tell
 from facadelake.reporting.inspection import Inspection, PictureSettings
-from facadelake.reporting.overlays import photo_overlays, telling_photographs
+from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
 from facadelake.reporting.page.campaign import (
-    checks_met,
-    files_not_used,
-    integrity_in_words,
-    photograph_counts,
+    count_outcomes,
+    describe_integrity,
+    list_unused_photographs,
+    summarise_checks,
 )
-from facadelake.reporting.page.defects import counts_by_facade, defect_table, worst_first
-from facadelake.reporting.page.html import Html, beside, figure, html_of, page, paragraph, section, tiles
-from facadelake.reporting.page.passport import passport
+from facadelake.reporting.page.defects import count_by_facade, list_defects, sort_by_severity
+from facadelake.reporting.page.html import (
+    Html,
+    html_from_value,
+    render_figure,
+    render_page,
+    render_paragraph,
+    render_row,
+    render_section,
+    render_tiles,
+)
+from facadelake.reporting.page.passport import render_passport
 from facadelake.reporting.passport.facts import AXES, length_text
 from facadelake.reporting.plan import draw_plan
 from schemas.vocabulary import PhotoOutcome
@@ -56,47 +65,47 @@ def write_report(
     if elevations is None:
         elevations = facade_elevations(inspection, surface, folder, settings)
     plan = draw_plan(inspection, folder / "plan.png")
-    distribution = distribution_of(inspection)
-    bars = draw_distribution(distribution, distribution_title(inspection), folder / "distribution.png")
+    distribution = compute_distribution(inspection)
+    bars = draw_distribution(distribution, format_distribution_title(inspection), folder / "distribution.png")
     write_distribution(distribution, folder / "distribution.csv")
     crops = defect_crops(inspection, folder / "crops", settings)
-    worst = [row["defect_id"] for row in worst_first(inspection.defects)[: settings.report_cards]]
+    worst = [row["defect_id"] for row in sort_by_severity(inspection.defects)[: settings.report_cards]]
     cards = defect_cards(
         inspection, surface, worst, folder / "cards", places=places_on_elevations(elevations),
         most_sightings=settings.report_sightings,
     )  # fmt: skip
-    overlays = photo_overlays(
-        inspection, surface, telling_photographs(inspection, settings.report_overlays), folder, settings
+    overlays = draw_overlays(
+        inspection, surface, select_overlay_photographs(inspection, settings.report_overlays), folder, settings
     )
     title = f"{inspection.building_name} — {inspection.campaign_id}"
     of_overlays = _OVERLAY if edges_tell(inspection.building) else _OVERLAY_WITHOUT_EDGES
     body = [
-        Html(f"<h1>{html_of(title)}</h1>"),
-        paragraph(_subtitle(inspection), "under"),
-        _contents(),
-        _tiles(inspection),
-        section("elevations", "Elevations", *(_elevation(e, folder) for e in elevations)),
-        section("defects", "Defects", *defect_table(inspection, crops, cards.paths, elevations, folder)),
-        section(
-            "distribution", "Where they are", counts_by_facade(distribution),
-            figure(bars, folder, "bars of defects by facade and storey", "Defects by facade and storey."),
+        Html(f"<h1>{html_from_value(title)}</h1>"),
+        render_paragraph(_format_subtitle(inspection), "under"),
+        _render_contents(),
+        _render_key_figures(inspection),
+        render_section("elevations", "Elevations", *(_render_elevation(e, folder) for e in elevations)),
+        render_section("defects", "Defects", *list_defects(inspection, crops, cards.paths, elevations, folder)),
+        render_section(
+            "distribution", "Where they are", count_by_facade(distribution),
+            render_figure(bars, folder, "bars of defects by facade and storey", "Defects by facade and storey."),
         ),
-        section("plan", "Plan", figure(plan, folder, "plan with cameras and defects", _plan_caption())),
-        section("photographs", "Photographs", beside(photograph_counts(inspection)), files_not_used(inspection),
-                *(figure(path, folder, "a photograph with what was found in it", of_overlays)
+        render_section("plan", "Plan", render_figure(plan, folder, "plan with cameras and defects", _plan_caption())),
+        render_section("photographs", "Photographs", render_row(count_outcomes(inspection)), list_unused_photographs(inspection),
+                *(render_figure(path, folder, "a photograph with what was found in it", of_overlays)
                   for path in overlays.values())),
-        section("passport", "Passport: its place on the globe", *passport(inspection, folder)),
-        section(
+        render_section("passport", "Passport: its place on the globe", *render_passport(inspection, folder)),
+        render_section(
             "checks", "Checks before the commit",
-            beside(checks_met(inspection.checks)), integrity_in_words(inspection.integrity_views),
+            render_row(summarise_checks(inspection.checks)), describe_integrity(inspection.integrity_views),
         ),
     ]  # fmt: skip
     path = folder / "report.html"
-    path.write_text(page(title, body), encoding="utf-8")
+    path.write_text(render_page(title, body), encoding="utf-8")
     return path
 
 
-def _subtitle(inspection: Inspection) -> str:
+def _format_subtitle(inspection: Inspection) -> str:
     times = [time for time in inspection.photos.column("taken_at").to_pylist() if time is not None]
     when = f"photographed {min(times):%Y-%m-%d}" if times else "time of the photographs unknown"
     if times and max(times).date() != min(times).date():
@@ -104,18 +113,18 @@ def _subtitle(inspection: Inspection) -> str:
     return f"Facade inspection · {when} · placed by {inspection.control}"
 
 
-def _contents() -> Html:
+def _render_contents() -> Html:
     words = {"elevations": "Elevations", "defects": "Defects", "distribution": "Distribution", "plan": "Plan",
              "photographs": "Photographs", "passport": "Passport", "checks": "Checks"}  # fmt: skip
     return Html("<nav>" + "".join(f'<a href="#{name}">{word}</a>' for name, word in words.items()) + "</nav>")
 
 
-def _tiles(inspection: Inspection) -> Html:
+def _render_key_figures(inspection: Inspection) -> Html:
     passed = inspection.checks.column("passed").to_pylist()
     failed = len(passed) - sum(passed)
     sigmas = [inspection.georeference.column(f"sigma_{axis}_m").to_pylist() for axis in AXES]
     accepted = inspection.photos.column("photo_outcome").to_pylist().count(PhotoOutcome.ACCEPTED)
-    return tiles(
+    return render_tiles(
         [
             (len(inspection.defects), "defects"),
             (f"{len(inspection.posed)} / {accepted}", "photographs localised"),
@@ -127,7 +136,7 @@ def _tiles(inspection: Inspection) -> Html:
     )  # fmt: skip
 
 
-def _elevation(elevation: Elevation, folder: Path) -> Html:
+def _render_elevation(elevation: Elevation, folder: Path) -> Html:
     count = len(elevation.marks)
     name = elevation.facade.title
     caption = (
@@ -135,7 +144,7 @@ def _elevation(elevation: Elevation, folder: Path) -> Html:
         f"{count} defect{'' if count == 1 else 's'}. Seen square-on from outside; photographs rectified onto the model "
         f"show {100 * elevation.covered_share:.0f} % of it, grey is the model alone. Numbers are those of the table."
     )
-    return figure(elevation.path, folder, f"elevation of the {name} with {count} defects", caption)
+    return render_figure(elevation.path, folder, f"elevation of the {name} with {count} defects", caption)
 
 
 def _plan_caption() -> str:

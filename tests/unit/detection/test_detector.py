@@ -165,7 +165,7 @@ def test_cards_that_cannot_be_right(tmp_path: Path) -> None:
         read_card(write_card(tmp_path / "fixed.onnx", content))
     with pytest.raises(ModelError, match=r"fixed2.card.yaml does not exist; every detector needs one beside it"):
         read_card(locate_card(tmp_path / "fixed2.onnx"))
-    with pytest.raises(ModelError, match="holds no keys"):
+    with pytest.raises(ModelError, match="contains no keys"):
         read_card(write_card(tmp_path / "fixed.onnx", "crack"))
 
 

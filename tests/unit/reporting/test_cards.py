@@ -19,7 +19,7 @@ from facadelake.reporting.cards.crops import cut_out
 from facadelake.reporting.cards.facts import card_facts, merges_by_defect
 from facadelake.reporting.cards.patch_view import PatchView, patch_view
 from facadelake.reporting.cards.sightings import outline_of, sightings_of
-from facadelake.reporting.drawing.palette import bgr_of, class_colour
+from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
 from facadelake.reporting.elevations.backdrop import draw_place, model_backdrop, place_on
 from facadelake.reporting.elevations.elevation import facades_of
@@ -144,7 +144,7 @@ def test_the_marker_is_at_the_defects_pixel(painted: Painted) -> None:
     axes.axis("off")
     canvas.draw()
     picture = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
-    ink = np.array(bgr_of(class_colour("crack"))[::-1])
+    ink = np.array(bgr_from_hex(get_class_colour("crack"))[::-1])
     ys, xs = np.nonzero(np.abs(picture - ink).max(axis=2) < 12)
     middle = np.array([(xs.min() + xs.max() + 1) / 2, 500 - (ys.min() + ys.max() + 1) / 2])
     found = axes.transData.inverted().transform(middle)
@@ -177,7 +177,7 @@ def test_a_mask_is_drawn_where_it_is(painted: Painted) -> None:
         "mask": "POLYGON ((100 80, 160 80, 100 120, 100 80))",
     }  # fmt: skip
     blank = np.zeros((300, 400, 3), dtype=np.uint8)
-    crop = cut_out(blank, outline_of(detection), 192, class_colour("crack"))
+    crop = cut_out(blank, outline_of(detection), 192, get_class_colour("crack"))
     drawn = np.argwhere(crop.max(axis=2) > 100)[:, ::-1]
     # 192 px show 60 * 3.2 px of the photograph: one to one, from its middle (130, 100) less 96.
     left, top = 130 - 96, 100 - 96

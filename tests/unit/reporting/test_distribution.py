@@ -11,12 +11,12 @@ import pytest
 from facadelake.core.tables import table_from_rows
 from facadelake.reporting.distribution import (
     NO_STOREY,
-    distribution_of,
-    distribution_title,
+    compute_distribution,
     draw_distribution,
+    format_distribution_title,
     write_distribution,
 )
-from facadelake.reporting.drawing.palette import bgr_of, class_colour
+from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
 from facadelake.reporting.inspection import Inspection
 from tests.unit.reporting.painted_wall import Painted, defect_row, inspection_of
 
@@ -33,10 +33,10 @@ def spread(painted: Painted) -> Inspection:
 
 
 def test_every_defect_is_counted_once(spread: Inspection) -> None:
-    found = distribution_of(spread)
-    assert found.total() == 7
-    assert found.total("S") == 5
-    assert found.total("S", "moisture") == 2
+    found = compute_distribution(spread)
+    assert found.count_defects() == 7
+    assert found.count_defects("S") == 5
+    assert found.count_defects("S", "moisture") == 2
     assert found.counts["N-2", NO_STOREY, "crack"] == 1
     assert found.storeys == ("Ground <floor>", NO_STOREY)
 
@@ -50,12 +50,14 @@ def test_facades_stand_clockwise_and_those_without_a_direction_last(painted: Pai
     )
     rows = [{**row, "facade": "E"} if row["defect_id"] == "A0" else row for row in spread.defects.to_pylist()]
     building = replace(painted.building, elements=elements)
-    found = distribution_of(replace(spread, building=building, defects=table_from_rows("defects", rows)))
+    found = compute_distribution(replace(spread, building=building, defects=table_from_rows("defects", rows)))
     assert found.facades == ("E", "S", "N-2", "level")  # E by its word alone
 
 
 def test_the_table_has_a_line_for_each_number(spread: Inspection, tmp_path: Path) -> None:
-    with write_distribution(distribution_of(spread), tmp_path / "d.csv").open(newline="", encoding="utf-8") as file:
+    with write_distribution(compute_distribution(spread), tmp_path / "d.csv").open(
+        newline="", encoding="utf-8"
+    ) as file:
         lines = list(csv.DictReader(file))
     assert {(row["facade"], row["storey"], row["defect_class"]): row["defects"] for row in lines} == {
         ("S", "Ground <floor>", "crack"): "3", ("S", "Ground <floor>", "moisture"): "2",
@@ -67,11 +69,11 @@ def test_the_table_has_a_line_for_each_number(spread: Inspection, tmp_path: Path
 def test_bars_are_as_long_as_their_numbers(spread: Inspection, tmp_path: Path) -> None:
     only = [row for row in spread.defects.to_pylist() if row["facade"] == "S"]
     one = replace(spread, defects=table_from_rows("defects", only))
-    path = draw_distribution(distribution_of(one), distribution_title(one), tmp_path / "d.png")
+    path = draw_distribution(compute_distribution(one), format_distribution_title(one), tmp_path / "d.png")
     picture = cv2.imread(str(path)).astype(int)[130:]  # below title and legend
     lengths = {}
     for word in ("crack", "moisture"):
-        ink = np.abs(picture - np.array(bgr_of(class_colour(word)))).max(axis=2) < 30
+        ink = np.abs(picture - np.array(bgr_from_hex(get_class_colour(word)))).max(axis=2) < 30
         columns = np.flatnonzero(ink.any(axis=0))
         lengths[word] = columns.max() - columns.min() + 1
     assert lengths["crack"] / lengths["moisture"] == pytest.approx(3 / 2, rel=0.02)
@@ -79,9 +81,9 @@ def test_bars_are_as_long_as_their_numbers(spread: Inspection, tmp_path: Path) -
 
 def test_no_defects_and_many_facades_are_drawn(painted: Painted, tmp_path: Path) -> None:
     empty = inspection_of(painted, [], [])
-    assert draw_distribution(distribution_of(empty), "none", tmp_path / "none.png").stat().st_size > 2000
+    assert draw_distribution(compute_distribution(empty), "none", tmp_path / "none.png").stat().st_size > 2000
     rows = [defect_row(f"D{n}", 1.0, 1.0, facade=f"F{n}") for n in range(14)]
     many = inspection_of(painted, rows, [])
-    picture = cv2.imread(str(draw_distribution(distribution_of(many), "many", tmp_path / "many.png")))
+    picture = cv2.imread(str(draw_distribution(compute_distribution(many), "many", tmp_path / "many.png")))
     assert picture.shape[1] < 2200
-    assert distribution_title(many).endswith("14 defects by facade and storey")
+    assert format_distribution_title(many).endswith("14 defects by facade and storey")

@@ -7,11 +7,11 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.reporting.draw import (
-    Wanted,
-    draw_wanted,
-    everything,
-    wanted_by_name,
-    what_the_report_shows,
+    PictureSelection,
+    draw_selection,
+    select_all,
+    select_by_name,
+    select_report_pictures,
 )
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
@@ -26,9 +26,9 @@ def two(painted: Painted) -> Inspection:
     return inspection_of(painted, rows, IDS)
 
 
-def asked(painted: Painted, inspection: Inspection, **names: list[str]) -> Wanted:
+def asked(painted: Painted, inspection: Inspection, **names: list[str]) -> PictureSelection:
     given = {"defects": [], "facades": [], "photos": [], **names}
-    return wanted_by_name(inspection, painted.surface, settings=SETTINGS, **given)
+    return select_by_name(inspection, painted.surface, settings=SETTINGS, **given)
 
 
 @pytest.mark.parametrize(
@@ -68,9 +68,11 @@ def test_an_unknown_name_is_told_with_near_ones(
 
 
 def test_what_is_wanted_is_written_and_again(painted: Painted, two: Inspection, tmp_path: Path) -> None:
-    wanted = everything(two, painted.surface, SETTINGS)
-    assert wanted == Wanted(defect_ids=tuple(IDS), facades=("South",), photo_ids=("a.png", "b.png"), distribution=True)
-    drawn = draw_wanted(two, painted.surface, wanted, tmp_path, SETTINGS)
+    wanted = select_all(two, painted.surface, SETTINGS)
+    assert wanted == PictureSelection(
+        defect_ids=tuple(IDS), facades=("South",), photo_ids=("a.png", "b.png"), distribution=True
+    )
+    drawn = draw_selection(two, painted.surface, wanted, tmp_path, SETTINGS)
     assert drawn.missing == ()
     names = [
         "distribution.png", "distribution.csv", "elevations/elevation_south.png", "cards/card_7.png",
@@ -80,8 +82,8 @@ def test_what_is_wanted_is_written_and_again(painted: Painted, two: Inspection, 
     card = tmp_path / "cards" / "card_7.png"
     first = card.read_bytes()
     card.write_bytes(b"half a file")  # as a run that was killed leaves it
-    few = Wanted(defect_ids=(IDS[0],), facades=("South",))
-    assert draw_wanted(two, painted.surface, few, tmp_path, SETTINGS).paths[-1] == card
+    few = PictureSelection(defect_ids=(IDS[0],), facades=("South",))
+    assert draw_selection(two, painted.surface, few, tmp_path, SETTINGS).paths[-1] == card
     assert card.read_bytes() == first
 
 
@@ -90,13 +92,13 @@ def test_photographs_that_are_gone_are_named(painted: Painted, two: Inspection, 
     elsewhere.mkdir()
     (elsewhere / "b.png").write_bytes((painted.root / "b.png").read_bytes())
     moved = replace(two, photographs_root=elsewhere)
-    wanted = Wanted(defect_ids=tuple(IDS), photo_ids=("a.png", "b.png"))
-    drawn = draw_wanted(moved, painted.surface, wanted, tmp_path / "out", SETTINGS)
+    wanted = PictureSelection(defect_ids=tuple(IDS), photo_ids=("a.png", "b.png"))
+    drawn = draw_selection(moved, painted.surface, wanted, tmp_path / "out", SETTINGS)
     assert drawn.missing == ("a.png",)
     assert [path.name for path in drawn.paths] == ["card_7.png", "card_12.png", "overlay_b.jpg"]
 
 
 def test_without_names_it_is_what_the_report_shows(painted: Painted, two: Inspection) -> None:
-    wanted = what_the_report_shows(two, painted.surface, SETTINGS)
-    assert wanted == Wanted(defect_ids=(IDS[1],), facades=("South",), photo_ids=("a.png",), distribution=True)
+    wanted = select_report_pictures(two, painted.surface, SETTINGS)
+    assert wanted == PictureSelection(defect_ids=(IDS[1],), facades=("South",), photo_ids=("a.png",), distribution=True)
     assert NASTY_NAME not in wanted.photo_ids

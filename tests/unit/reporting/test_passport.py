@@ -14,7 +14,7 @@ from matplotlib.quiver import Quiver
 from facadelake.core.tables import get_stage_schema, table_from_rows
 from facadelake.reporting.drawing.projected_model import draw_model
 from facadelake.reporting.inspection import Inspection
-from facadelake.reporting.page.passport import passport
+from facadelake.reporting.page.passport import render_passport
 from facadelake.reporting.passport.facts import Verdict, facts_of, summary
 from facadelake.reporting.passport.figure import draw_passport
 from facadelake.reporting.passport.views import NORTH, UP, Scales, draw_view, extent_of, place_of, scales_for
@@ -155,7 +155,7 @@ def test_exaggeration_is_round(painted: Painted) -> None:
 
 def test_the_report_tells_numbers_meanings_limits_and_points(painted: Painted, tmp_path: Path) -> None:
     inspection = inspection_of(painted, [], [])
-    text = "".join(piece.text for piece in passport(inspection, tmp_path))
+    text = "".join(piece.text for piece in render_passport(inspection, tmp_path))
     assert "Usable, but look at control points" in text
     for words in (
         "how far surveyed points lie off",
@@ -167,7 +167,7 @@ def test_the_report_tells_numbers_meanings_limits_and_points(painted: Painted, t
     assert '<td class="n">-12</td><td class="n">+5</td><td class="n">-15</td>' in text
     assert NASTY_NAME not in text  # escaped
     empty = replace(inspection, georeference=get_stage_schema("georeference").empty_table())
-    assert "no passport" in passport(empty, tmp_path)[0].text
+    assert "no passport" in render_passport(empty, tmp_path)[0].text
 
 
 def test_a_passport_without_points_or_cameras_is_drawn(painted: Painted, tmp_path: Path) -> None:

@@ -13,10 +13,10 @@ import pytest
 
 from facadelake.core.tables import table_from_rows
 from facadelake.reporting.cards.crops import defect_crops
-from facadelake.reporting.drawing.palette import bgr_of, outcome_colour, short_ids
+from facadelake.reporting.drawing.palette import bgr_from_hex, get_outcome_colour, label_ids
 from facadelake.reporting.inspection import PictureSettings
-from facadelake.reporting.overlays import photo_overlays, telling_photographs
-from facadelake.reporting.page.defects import worst_first
+from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
+from facadelake.reporting.page.defects import sort_by_severity
 from facadelake.reporting.page.report import write_report
 from facadelake.severity.rule_packs import find_rule_file, list_rule_packs, severities
 from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
@@ -92,7 +92,7 @@ def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, 
 def test_the_words_of_every_rule_pack_stand_worst_first(pack: str) -> None:
     words = severities(find_rule_file(pack))
     rows = [{"severity": word, "area_m2": float(place), "defect_id": word} for place, word in enumerate(words)]
-    found = worst_first(pa.Table.from_pylist(rows[::-1]))
+    found = sort_by_severity(pa.Table.from_pylist(rows[::-1]))
     assert [row["severity"] for row in found] == list(words)
 
 
@@ -120,7 +120,7 @@ def test_overlays_show_posed_and_unposed_photographs(
 ) -> None:
     inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], ["D1"])
     inspection = replace(inspection, posed={"a.png": painted.posed["a.png"]})
-    paths = photo_overlays(inspection, painted.surface, ["a.png", "b.png", "gone.png"], tmp_path, COARSE)
+    paths = draw_overlays(inspection, painted.surface, ["a.png", "b.png", "gone.png"], tmp_path, COARSE)
     assert {name: path.name for name, path in paths.items()} == {"a.png": "overlay_a.jpg", "b.png": "overlay_b.jpg"}
     sheets = [cv2.imread(str(path)).astype(int) for path in paths.values()]
     assert [sheet.shape[1:] for sheet in sheets] == [(500, 3)] * 2
@@ -139,9 +139,9 @@ def test_boxes_have_the_colour_of_their_outcome_where_they_are(painted: Painted,
         inspection, observations=table_from_rows("observations", rows), defects=table_from_rows("defects", [])
     )
     whole = PictureSettings(overlay_width_px=1000)
-    paths = photo_overlays(inspection, painted.surface, ["a.png"], tmp_path, whole)
+    paths = draw_overlays(inspection, painted.surface, ["a.png"], tmp_path, whole)
     picture = cv2.imread(str(paths["a.png"]))[-700:].astype(int)
-    ink = np.array(bgr_of(outcome_colour(outcome)))
+    ink = np.array(bgr_from_hex(get_outcome_colour(outcome)))
     before = cv2.imread(str(painted.root / "a.png")).astype(int)
     changed = (np.abs(picture - ink).max(axis=2) < 60) & (np.abs(before - ink).max(axis=2) > 80)
     box = inspection.detections.to_pylist()[0]
@@ -160,11 +160,11 @@ def test_telling_photographs_show_outcomes_first_and_then_defects(painted: Paint
                  "defect_id": None})  # fmt: skip
     rows.append({**rows[0], "detection_id": "y", "photo_id": "b.png"})
     both = replace(inspection, observations=table_from_rows("observations", rows))
-    assert telling_photographs(both, 1) == ["b.png"]  # two outcomes, one defect
-    assert telling_photographs(both, 5) == ["b.png", "a.png"]
+    assert select_overlay_photographs(both, 1) == ["b.png"]  # two outcomes, one defect
+    assert select_overlay_photographs(both, 5) == ["b.png", "a.png"]
     again = replace(inspection, observations=table_from_rows("observations", [*rows[:3], rows[4]]))
-    assert telling_photographs(again, 5) == ["a.png"]  # b.png adds nothing
-    assert telling_photographs(replace(both, posed={}), 5) == []
+    assert select_overlay_photographs(again, 5) == ["a.png"]  # b.png adds nothing
+    assert select_overlay_photographs(replace(both, posed={}), 5) == []
 
 
 @pytest.mark.parametrize(
@@ -179,4 +179,4 @@ def test_telling_photographs_show_outcomes_first_and_then_defects(painted: Paint
     ],
 )
 def test_short_ids_are_short_and_different(ids: list[str], labels: list[str]) -> None:
-    assert [short_ids(ids)[name] for name in ids] == labels
+    assert [label_ids(ids)[name] for name in ids] == labels

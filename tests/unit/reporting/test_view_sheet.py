@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.building.surface.view_images import ViewImages
-from facadelake.reporting.photo_view import Panels, view_sheet
+from facadelake.reporting.photo_view import ViewPanels, draw_view_sheet
 
 HEIGHT, WIDTH = 60, 90
 
@@ -26,8 +26,8 @@ def sheet():
     )
     images = ViewImages(depth_m=depth, element=element, target=(element == 0) | (element == 1), legend=legend)
     photograph = np.full((HEIGHT, WIDTH, 3), (10, 200, 30), dtype=np.uint8)
-    return view_sheet(
-        Panels(photograph=photograph, virtual=photograph, images=images), title="Costs $5 and $6", note="a note"
+    return draw_view_sheet(
+        ViewPanels(photograph=photograph, virtual=photograph, images=images), title="Costs $5 and $6", note="a note"
     )
 
 
