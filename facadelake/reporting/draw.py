@@ -13,7 +13,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import get_stage_schema
 from facadelake.registry import Building
-from facadelake.reporting.cards.cards import defect_cards
+from facadelake.reporting.cards.cards import draw_cards
 from facadelake.reporting.distribution import (
     compute_distribution,
     draw_distribution,
@@ -118,9 +118,9 @@ def draw_selection(
         if others:
             facades = facades_of(inspection, surface, settings)
             places |= places_on_model(inspection, surface, facades, others)
-        cards = defect_cards(
+        cards = draw_cards(
             inspection, surface, wanted.defect_ids, folder / "cards", places=places,
-            most_sightings=settings.card_sightings,
+            most_sightings=settings.card_observations,
         )  # fmt: skip
         paths += [cards.paths[name] for name in wanted.defect_ids]
         gone |= set(cards.missing)

@@ -62,8 +62,8 @@ class PictureSettings:
     ``feather_m``: width of the transition between two photographs.
     ``clip_m``: an elevation looks from this far in front of its facade; what is nearer to the viewer is cut away.
     ``min_facade_share``: facades with less of the walls' area are left out unless they carry a defect.
-    ``card_sightings``: at most so many sightings stand on a card, the best ones.
-    ``report_cards``, ``report_sightings``, ``report_overlays``: the report has cards of so many defects, the worst,
+    ``card_observations``: at most so many sightings stand on a card, the best ones.
+    ``report_cards``, ``report_observations``, ``report_overlays``: the report has cards of so many defects, the worst,
     with so many sightings each, and overlays of so many photographs. That bounds its time: cards read at most the
     product of the first two in photographs.
     """
@@ -78,9 +78,9 @@ class PictureSettings:
     min_facade_share: float = 0.02
     thumbnail_px: int = 200
     overlay_width_px: int = 1600
-    card_sightings: int = 49
+    card_observations: int = 49
     report_cards: int = 8
-    report_sightings: int = 7
+    report_observations: int = 7
     report_overlays: int = 2
 
     def __post_init__(self) -> None:

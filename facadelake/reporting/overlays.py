@@ -17,7 +17,7 @@ from facadelake.core.arrays import BoolArray, Float32Array, Int64Array, UInt8Ima
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.reporting.cards.sightings import outline_of
+from facadelake.reporting.cards.sightings import read_outline
 from facadelake.reporting.drawing.legend_strip import LegendEntry, add_legend, write_text
 from facadelake.reporting.drawing.palette import OTHER_COLOUR, OUTCOME_COLOURS, bgr_from_hex, get_outcome_colour
 from facadelake.reporting.drawing.photograph import decode_image, read_photograph
@@ -193,7 +193,7 @@ def _draw_boxes(
         colour = bgr_from_hex(get_outcome_colour(seen["observation_outcome"]) if seen else OTHER_COLOUR)
         if box["box_x_px"] is None:
             continue
-        outline = outline_of(box)
+        outline = read_outline(box)
         first = np.array([outline.left_px, outline.top_px]) * scale
         last = first + np.array([outline.width_px, outline.height_px]) * scale
         thickness = 2 if max(last - first) >= _ROOMY_PX else 1

@@ -13,7 +13,7 @@ import numpy as np
 from facadelake.core.arrays import Float64Array, UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.reporting.cards.sightings import Outline, Sighting, sightings_of
+from facadelake.reporting.cards.sightings import DefectObservation, DetectionOutline, group_observations
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour, label_ids
 from facadelake.reporting.drawing.photograph import read_photograph
 from facadelake.reporting.inspection import Inspection, PictureSettings
@@ -26,7 +26,7 @@ _JPEG_QUALITY = 82
 _ROOMY_PX = 400  # from this width on there is room for a white rim round an outline
 
 
-def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings | None = None) -> dict[str, Path]:
+def write_crops(inspection: Inspection, folder: Path, settings: PictureSettings | None = None) -> dict[str, Path]:
     """Write ``defect_<label>.jpg`` for each defect into ``folder``; returns the paths by defect_id.
 
     The crop is the defect's box in its best photograph with room around it, square, ``thumbnail_px`` wide. A defect
@@ -36,8 +36,8 @@ def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings
     folder.mkdir(parents=True, exist_ok=True)
     rows = inspection.defects.select(["defect_id", "defect_class", "best_photo_id"]).to_pylist()
     labels = label_ids([row["defect_id"] for row in rows])
-    sightings = sightings_of(inspection)
-    by_photo: dict[str, list[tuple[Mapping[str, str], Sighting]]] = {}
+    sightings = group_observations(inspection)
+    by_photo: dict[str, list[tuple[Mapping[str, str], DefectObservation]]] = {}
     for row in rows:
         own = sightings[row["defect_id"]]
         if own and own[0].photo_id == row["best_photo_id"]:
@@ -52,19 +52,21 @@ def defect_crops(inspection: Inspection, folder: Path, settings: PictureSettings
             log.warning("no crops of its defects: %s", error)
             continue
         for row, sighting in wanted:
-            path = folder / f"defect_{file_word(labels[row['defect_id']])}.jpg"
-            crop = cut_out(pixels, sighting.outline, settings.thumbnail_px, get_class_colour(row["defect_class"]))
+            path = folder / f"defect_{format_file_label(labels[row['defect_id']])}.jpg"
+            crop = crop_detection(
+                pixels, sighting.outline, settings.thumbnail_px, get_class_colour(row["defect_class"])
+            )
             cv2.imwrite(str(path), crop, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
             paths[row["defect_id"]] = path
     return paths
 
 
-def file_word(text: str) -> str:
+def format_file_label(text: str) -> str:
     """``text`` as a part of a file's name, the same on every system."""
     return re.sub(r"[^A-Za-z0-9_-]", "_", text)
 
 
-def cut_out(pixels: UInt8Image, outline: Outline, size_px: int, colour: str) -> UInt8Image:
+def crop_detection(pixels: UInt8Image, outline: DetectionOutline, size_px: int, colour: str) -> UInt8Image:
     """A square piece (BGR, ``size_px`` wide) of a photograph (RGB) round a detection, its outline drawn on it."""
     side = max(outline.width_px, outline.height_px) * (1 + 2 * _MARGIN)
     side = min(max(side, _LEAST_SIDE_PX), float(min(pixels.shape[:2])))
@@ -78,7 +80,9 @@ def cut_out(pixels: UInt8Image, outline: Outline, size_px: int, colour: str) -> 
     return crop
 
 
-def draw_outline(picture: UInt8Image, outline: Outline, corner_px: Float64Array, scale: float, colour: str) -> None:
+def draw_outline(
+    picture: UInt8Image, outline: DetectionOutline, corner_px: Float64Array, scale: float, colour: str
+) -> None:
     """Draw a detection on a piece (BGR) of its photograph that begins at ``corner_px`` (2,): its mask, else its box."""
     first = np.array([outline.left_px, outline.top_px])
     size = np.array([outline.width_px, outline.height_px])

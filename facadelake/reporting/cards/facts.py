@@ -11,30 +11,30 @@ import pyarrow as pa
 from facadelake.reporting.inspection import Inspection
 from schemas.vocabulary import CrackWidthOutcome, MergeDecision, PositionMethod
 
-Fact = tuple[str, str]
+CardFact = tuple[str, str]
 Row = Mapping[str, Any]
 
 
-def card_facts(row: Row, inspection: Inspection, merges: Sequence[Row]) -> list[Fact]:
+def list_card_facts(row: Row, inspection: Inspection, merges: Sequence[Row]) -> list[CardFact]:
     """(what, value) lines of a row of ``defects``; what was not measured is left out. ``merges`` are its own pairs."""
     facts = [
         ("severity", f"{row['severity']} by {row['severity_rule']}, graded by {row['graded_by'] or 'rules'}"),
-        ("size", _size(row)),
+        ("size", _format_size(row)),
     ]
-    width = crack_width_text(row)
+    width = format_crack_width(row)
     if width is not None:
         facts.append(("crack width", width))
-    facts.append(("element", _element(row)))
+    facts.append(("element", _format_element(row)))
     facts.append(("GlobalId", row["element_guid"]))
     facts.append(("storey, facade", f"{row['storey'] or 'no storey'}, {row['facade']}"))
-    facts += _place(row, inspection)
-    facts.append(("seen", _seen(row)))
+    facts += _list_position_facts(row, inspection)
+    facts.append(("seen", _format_photographs(row)))
     facts.append(("found by", f"{inspection.detectors}, score {row['score']:.2f}"))
-    facts += _merged(row["defect_id"], merges)
+    facts += _list_merge_facts(row["defect_id"], merges)
     return facts
 
 
-def crack_width_text(row: Row) -> str | None:
+def format_crack_width(row: Row) -> str | None:
     """A crack's mean width with one sigma, or the bound it lies below; None where neither is known."""
     outcome, width, sigma = row["crack_width_outcome"], row["crack_width_mm"], row["crack_width_sigma_mm"]
     if width is not None:
@@ -46,7 +46,7 @@ def crack_width_text(row: Row) -> str | None:
     return None if outcome != CrackWidthOutcome.BELOW_LIMIT or limit is None else f"< {limit:.1f} mm"
 
 
-def merges_by_defect(merges: pa.Table) -> dict[str, list[Row]]:
+def group_merges(merges: pa.Table) -> dict[str, list[Row]]:
     """Rows of ``merges`` under each of the defects that they name."""
     found: dict[str, list[Row]] = {}
     for row in merges.to_pylist():
@@ -55,25 +55,25 @@ def merges_by_defect(merges: pa.Table) -> dict[str, list[Row]]:
     return found
 
 
-def _size(row: Row) -> str:
-    text = f"{_length(row['width_m'])} wide, {_length(row['height_m'])} high"
+def _format_size(row: Row) -> str:
+    text = f"{_format_length(row['width_m'])} wide, {_format_length(row['height_m'])} high"
     if row["length_m"] is not None:
-        text += f", {_length(row['length_m'])} at its longest"
+        text += f", {_format_length(row['length_m'])} at its longest"
     if row["crack_length_m"] is not None:
-        text += f", {_length(row['crack_length_m'])} along the crack"
+        text += f", {_format_length(row['crack_length_m'])} along the crack"
     return f"{text}; {row['area_m2']:.3f} m²"
 
 
-def _length(metres: float) -> str:
+def _format_length(metres: float) -> str:
     return f"{metres:.2f} m" if metres >= 1 else f"{100 * metres:.1f} cm"
 
 
-def _element(row: Row) -> str:
+def _format_element(row: Row) -> str:
     text = row["ifc_class"] if row["element_name"] is None else f"{row['element_name']} ({row['ifc_class']})"
     return f"{text}, {row['material']}" if row["material"] else str(text)
 
 
-def _place(row: Row, inspection: Inspection) -> list[Fact]:
+def _list_position_facts(row: Row, inspection: Inspection) -> list[CardFact]:
     site = ", ".join(f"{row[axis]:.3f}" for axis in ("x_site_m", "y_site_m", "z_site_m"))
     sigmas = [row[f"sigma_{axis}_m"] for axis in ("east", "north", "up")]
     building = inspection.building
@@ -102,17 +102,17 @@ def _place(row: Row, inspection: Inspection) -> list[Fact]:
     return facts
 
 
-def _seen(row: Row) -> str:
+def _format_photographs(row: Row) -> str:
     text = f"in {row['photo_count']} photograph{'' if row['photo_count'] == 1 else 's'}"
     if row["spread_m"] is not None and row["photo_count"] > 1:
         text += f", at most {100 * row['spread_m']:.1f} cm from the position"
     return text
 
 
-def _merged(defect_id: str, merges: Sequence[Row]) -> list[Fact]:
+def _list_merge_facts(defect_id: str, merges: Sequence[Row]) -> list[CardFact]:
     """What joined its sightings, and which neighbour was kept apart and why."""
     own = [row for row in merges if row["merge_decision"] == MergeDecision.JOINED]
-    facts: list[Fact] = []
+    facts: list[CardFact] = []
     if own:
         reasons = Counter(row["merge_reason"].replace("_", " ") for row in own)
         text = ", ".join(f"{count} pair{'' if count == 1 else 's'} by {word}" for word, count in reasons.most_common())

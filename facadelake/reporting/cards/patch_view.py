@@ -16,7 +16,7 @@ from facadelake.reporting.elevations.rectify import sampled
 from facadelake.reporting.elevations.visibility import pixels_of, sees
 
 _LEAST_SIDE_M, _LARGEST_SIDE_M = 0.3, 8.0
-_ROOM = 1.8  # the patch is this much wider than the defect
+_SIDE_FACTOR = 1.8  # the patch is this much wider than the defect
 _BEFORE_M = 0.3  # the view begins so far before the surface: jambs and sills stay in it, balconies do not
 _LARGEST_SHIFT_M = 0.3
 _VISIBLE_M = 0.08
@@ -42,13 +42,13 @@ class PatchView:
         return self.cell_m * int(self.picture.shape[1])
 
 
-def patch_side_m(mark: Mark) -> float:
+def choose_patch_side_m(mark: Mark) -> float:
     """Width and height of a defect's surroundings."""
     flat = (mark.corners_site_m - mark.centre_site_m) @ surface_axes(mark.normal_site)[:2].T
-    return float(np.clip(2.0 * np.abs(flat).max() * _ROOM, _LEAST_SIDE_M, _LARGEST_SIDE_M))
+    return float(np.clip(2.0 * np.abs(flat).max() * _SIDE_FACTOR, _LEAST_SIDE_M, _LARGEST_SIDE_M))
 
 
-def patch_view(
+def rectify_patch(
     mark: Mark, posed: PosedCamera, pixels: UInt8Image, surface: Surface, cells: int, pixel_m: float
 ) -> PatchView:
     """The surroundings of a defect, ``cells`` wide, from a photograph (RGB, full size).
@@ -59,20 +59,20 @@ def patch_view(
     """
     axes = surface_axes(mark.normal_site)
     rings = tuple((ring - mark.centre_site_m) @ axes[:2].T for ring in mark.outlines_site_m)
-    cell_m = patch_side_m(mark) / cells
-    xyz, normal, off = _surface_points(mark, axes, surface, cell_m, cells)
+    cell_m = choose_patch_side_m(mark) / cells
+    xyz, normal, off = _cast_patch(mark, axes, surface, cell_m, cells)
     sight = sees(posed, surface, xyz, normal, tolerance_m=_VISIBLE_M, max_incidence_deg=_FLATTEST_DEG)
     xy, inside = pixels_of(posed, xyz + off)
     shown = sight.visible & inside
     picture = np.full((cells * cells, 3), _EMPTY, dtype=np.uint8)
     if shown.any():
-        picture[shown] = _colours(pixels, xy[shown], choose_reduction(pixel_m, cell_m))
+        picture[shown] = _sample_colours(pixels, xy[shown], choose_reduction(pixel_m, cell_m))
     return PatchView(
         picture=picture.reshape(cells, cells, 3), shown=shown.reshape(cells, cells), cell_m=cell_m, rings_m=rings
     )
 
 
-def _surface_points(
+def _cast_patch(
     mark: Mark, axes: Float64Array, surface: Surface, cell_m: float, cells: int
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Points and normals (cells * cells, 3) of the model's surface, from the top left, and the defect's shift (3,) off
@@ -93,7 +93,7 @@ def _surface_points(
     return flat + height[:, None] * axes[2], normal, -float(_BEFORE_M - hits.distance_m[0]) * axes[2]
 
 
-def _colours(pixels: UInt8Image, xy: Float64Array, reduction: int) -> UInt8Image:
+def _sample_colours(pixels: UInt8Image, xy: Float64Array, reduction: int) -> UInt8Image:
     """Colours (n, 3) of a photograph at pixels (n, 2), averaged over ``reduction`` squared of them."""
     first = np.maximum(np.floor(xy.min(axis=0)).astype(int) - reduction, 0)
     first -= first % reduction

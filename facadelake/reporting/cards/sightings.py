@@ -17,7 +17,7 @@ _FLATTEST_COS = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Outline:
+class DetectionOutline:
     """A detection in its photograph: its box, and the rings (n, 2) of its mask where it has one; pixels."""
 
     left_px: float
@@ -33,12 +33,12 @@ class Outline:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sighting:
+class DefectObservation:
     """One detection of a defect; angles and pixel sizes are None where the surface was not met."""
 
     detection_id: str
     photo_id: str
-    outline: Outline
+    outline: DetectionOutline
     incidence_deg: float | None
     gsd_mm: float | None
     score: float
@@ -51,7 +51,7 @@ class Sighting:
         return self.gsd_mm / max(float(np.cos(np.radians(self.incidence_deg))), _FLATTEST_COS)
 
 
-def outline_of(detection: Mapping[str, Any]) -> Outline:
+def read_outline(detection: Mapping[str, Any]) -> DetectionOutline:
     """The box and mask of a row of ``detections``; a mask that cannot be read is left out."""
     rings: tuple[Float64Array, ...] = ()
     if detection.get("mask"):
@@ -60,7 +60,7 @@ def outline_of(detection: Mapping[str, Any]) -> Outline:
         except ShapelyError:
             parts = []
         rings = tuple(shapely.get_coordinates(part.exterior) for part in parts if hasattr(part, "exterior"))
-    return Outline(
+    return DetectionOutline(
         left_px=detection["box_x_px"],
         top_px=detection["box_y_px"],
         width_px=detection["box_width_px"],
@@ -69,7 +69,7 @@ def outline_of(detection: Mapping[str, Any]) -> Outline:
     )
 
 
-def sightings_of(inspection: Inspection) -> dict[str, list[Sighting]]:
+def group_observations(inspection: Inspection) -> dict[str, list[DefectObservation]]:
     """The sightings of each defect by defect_id: those in its best photograph first, then by pixel size."""
     detections = {row["detection_id"]: row for row in inspection.detections.to_pylist()}
     best = dict(
@@ -79,16 +79,16 @@ def sightings_of(inspection: Inspection) -> dict[str, list[Sighting]]:
             strict=True,
         )
     )
-    found: dict[str, list[Sighting]] = {defect_id: [] for defect_id in best}
+    found: dict[str, list[DefectObservation]] = {defect_id: [] for defect_id in best}
     for row in inspection.observations.to_pylist():
         box = detections.get(row["detection_id"])
         if box is None or row["defect_id"] not in found:
             continue
         found[row["defect_id"]].append(
-            Sighting(
+            DefectObservation(
                 detection_id=row["detection_id"],
                 photo_id=row["photo_id"],
-                outline=outline_of(box),
+                outline=read_outline(box),
                 incidence_deg=row["incidence_deg"],
                 gsd_mm=row["gsd_mm"],
                 score=box["score"],

@@ -88,7 +88,7 @@ def facade_elevations(
                 facade=facade,
                 marks=tuple(own),
                 covered_share=covered,
-                backdrop=Backdrop.of(facade, background, rectified.relief.cell_m),
+                overview=Backdrop.of(facade, background, rectified.relief.cell_m),
             )
         )
     elevations.sort(key=lambda elevation: -elevation.facade.area_m2)

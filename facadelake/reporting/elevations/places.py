@@ -14,7 +14,7 @@ from facadelake.reporting.inspection import Inspection
 
 def places_on_elevations(elevations: Sequence[Elevation]) -> dict[str, Backdrop]:
     """The drawn elevation of each defect by defect_id; those on none are absent."""
-    return {mark.defect_id: elevation.backdrop for elevation in elevations for mark in elevation.marks}
+    return {mark.defect_id: elevation.overview for elevation in elevations for mark in elevation.marks}
 
 
 def places_on_model(

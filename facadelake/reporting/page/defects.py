@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from facadelake.reporting.cards.facts import crack_width_text
+from facadelake.reporting.cards.facts import format_crack_width
 from facadelake.reporting.distribution import Distribution
 from facadelake.reporting.drawing.palette import get_class_colour, label_ids
 from facadelake.reporting.elevations.elevation import Elevation
@@ -145,7 +145,7 @@ def _format_defect(
 
 
 def _format_size(row: Mapping[str, Any]) -> str:
-    text, width = f"{row['width_m']:.2f} × {row['height_m']:.2f} m", crack_width_text(row)
+    text, width = f"{row['width_m']:.2f} × {row['height_m']:.2f} m", format_crack_width(row)
     return text if width is None else f"{text}; crack {width}"
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.html import Html, html_from_value, render_figure, render_paragraph, render_table
-from facadelake.reporting.passport.facts import AXES, Verdict, facts_of, summary
+from facadelake.reporting.passport.facts import AXES, FactStatus, list_passport_facts, summarise_passport
 from facadelake.reporting.passport.figure import draw_passport
 from schemas.vocabulary import PointKind
 
-_STYLES = {Verdict.GOOD: "good", Verdict.LOOK: "look", Verdict.POOR: "bad", Verdict.NONE: "soft"}
+_STYLES = {FactStatus.GOOD: "good", FactStatus.CHECK: "look", FactStatus.POOR: "bad", FactStatus.NONE: "soft"}
 _CAPTION = (
     "From above and from the south: cameras with the ellipses that hold their places in 95 of 100 cases, surveyed "
     "points with arrows to where they came to lie, and the photographs' GPS. Right: the numbers of the table, and "
@@ -23,9 +23,9 @@ def render_passport(inspection: Inspection, folder: Path) -> list[Html]:
     if not len(inspection.georeference):
         return [render_paragraph("The campaign has no passport.", "bad")]
     row = inspection.georeference.to_pylist()[0]
-    facts = facts_of(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
-    verdict, sentence = summary(row, facts)
-    lines = [[fact.name, fact.value, fact.meaning, fact.limit or None, _render_status(fact.verdict)] for fact in facts]
+    facts = list_passport_facts(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
+    verdict, sentence = summarise_passport(row, facts)
+    lines = [[fact.name, fact.value, fact.meaning, fact.limit or None, _render_status(fact.status)] for fact in facts]
     pieces = [
         render_paragraph(sentence, _STYLES[verdict]),
         render_figure(
@@ -42,7 +42,7 @@ def render_passport(inspection: Inspection, folder: Path) -> list[Html]:
     return pieces
 
 
-def _render_status(verdict: Verdict) -> Html:
+def _render_status(verdict: FactStatus) -> Html:
     return Html(f'<span class="{_STYLES[verdict]}">{verdict or "told"}</span>')
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from facadelake.building.surface import Surface
-from facadelake.reporting.cards.cards import defect_cards
-from facadelake.reporting.cards.crops import defect_crops
+from facadelake.reporting.cards.cards import draw_cards
+from facadelake.reporting.cards.crops import write_crops
 from facadelake.reporting.distribution import (
     compute_distribution,
     draw_distribution,
@@ -37,7 +37,7 @@ from facadelake.reporting.page.html import (
     render_tiles,
 )
 from facadelake.reporting.page.passport import render_passport
-from facadelake.reporting.passport.facts import AXES, length_text
+from facadelake.reporting.passport.facts import AXES, format_length
 from facadelake.reporting.plan import draw_plan
 from schemas.vocabulary import PhotoOutcome
 
@@ -68,11 +68,11 @@ def write_report(
     distribution = compute_distribution(inspection)
     bars = draw_distribution(distribution, format_distribution_title(inspection), folder / "distribution.png")
     write_distribution(distribution, folder / "distribution.csv")
-    crops = defect_crops(inspection, folder / "crops", settings)
+    crops = write_crops(inspection, folder / "crops", settings)
     worst = [row["defect_id"] for row in sort_by_severity(inspection.defects)[: settings.report_cards]]
-    cards = defect_cards(
+    cards = draw_cards(
         inspection, surface, worst, folder / "cards", places=places_on_elevations(elevations),
-        most_sightings=settings.report_sightings,
+        most_sightings=settings.report_observations,
     )  # fmt: skip
     overlays = draw_overlays(
         inspection, surface, select_overlay_photographs(inspection, settings.report_overlays), folder, settings
@@ -129,7 +129,7 @@ def _render_key_figures(inspection: Inspection) -> Html:
             (len(inspection.defects), "defects"),
             (f"{len(inspection.posed)} / {accepted}", "photographs localised"),
             (len(inspection.detections), "detections"),
-            (length_text(max(sigma[0] for sigma in sigmas)) if sigmas[0] else None, "its place known to (one sigma)"),
+            (format_length(max(sigma[0] for sigma in sigmas)) if sigmas[0] else None, "its place known to (one sigma)"),
             (Html(f'<span class="bad">{failed} of {len(passed)}</span>' if failed else f"{len(passed)}"),
              "checks failed" if failed else "checks passed"),
         ]

@@ -17,11 +17,11 @@ AXES = ("east", "north", "up")
 
 # What a tachymeter leaves on a facade, each axis, and what three of its sigmas allow as a mean.
 _SURVEY_SIGMA_M = 0.01
-_CONTROL_LEFT_M = 0.03
-_BEND_M = 0.02
-_MODEL_AWAY_M = 0.10
-_WEAKEST_TIMES = 3.0
-_TIE_SIGMA_PX = 1.0
+_MAX_CONTROL_RESIDUAL_M = 0.03
+_MAX_DOMING_M = 0.02
+_MAX_MODEL_DISTANCE_M = 0.10
+_MAX_SIGMA_RATIO = 3.0
+_MAX_TIE_SIGMA_PX = 1.0
 
 _CONTROL_WORDS: Mapping[str, tuple[str, str]] = {
     ControlKind.GCP: ("control points", "how far the adjusted control points lie from their survey"),
@@ -38,11 +38,11 @@ _CONTROL_WORDS: Mapping[str, tuple[str, str]] = {
 }
 
 
-class Verdict(StrEnum):
+class FactStatus(StrEnum):
     """What a person should do about a fact; ``NONE``: it is told, not judged."""
 
     GOOD = "good"
-    LOOK = "look"
+    CHECK = "look"
     POOR = "poor"
     NONE = ""
 
@@ -55,60 +55,60 @@ class Fact:
     value: str
     meaning: str
     limit: str = ""
-    verdict: Verdict = Verdict.NONE
+    status: FactStatus = FactStatus.NONE
 
 
-def length_text(metres: float) -> str:
+def format_length(metres: float) -> str:
     """Millimetres below 0.1 m, else metres."""
     return f"{1000 * metres:.0f} mm" if abs(metres) < 0.1 else f"{metres:.2f} m"
 
 
-def facts_of(row: Row, poses: pa.Table, *, placement_sigma_max_m: float) -> tuple[Fact, ...]:
+def list_passport_facts(row: Row, poses: pa.Table, *, placement_sigma_max_m: float) -> tuple[Fact, ...]:
     """The facts of a row of table ``georeference`` and its table ``poses``, the weightiest first."""
     return (
-        _sigma(row, placement_sigma_max_m),
-        _held_out(row),
-        _left_at_control(row),
-        _weakest(row),
-        _bend(row),
-        *_told(row, poses),
+        _report_sigma(row, placement_sigma_max_m),
+        _report_check_points(row),
+        _report_control_residuals(row),
+        _report_weakest_direction(row),
+        _report_doming(row),
+        *_report_other_facts(row, poses),
     )
 
 
-def summary(row: Row, facts: tuple[Fact, ...]) -> tuple[Verdict, str]:
+def summarise_passport(row: Row, facts: tuple[Fact, ...]) -> tuple[FactStatus, str]:
     """The verdict on the whole, and in a sentence how the campaign was placed, how well, and what to look at."""
-    worst = int(np.argmax(_sigmas(row)))
-    known = f"known to {length_text(_sigmas(row)[worst])} in its weakest direction ({AXES[worst]}, one sigma)"
+    worst = int(np.argmax(_get_sigmas(row)))
+    known = f"known to {format_length(_get_sigmas(row)[worst])} in its weakest direction ({AXES[worst]}, one sigma)"
     said = f"placed by {row['method']}, {known}"
-    flagged = {verdict: [fact.name for fact in facts if fact.verdict is verdict] for verdict in Verdict}
-    if flagged[Verdict.POOR]:
-        return Verdict.POOR, f"Metres only: {said}"
-    if flagged[Verdict.LOOK]:
-        return Verdict.LOOK, f"Usable, but look at {', '.join(flagged[Verdict.LOOK])}: {said}"
-    return Verdict.GOOD, f"Good: {said}"
+    flagged = {verdict: [fact.name for fact in facts if fact.status is verdict] for verdict in FactStatus}
+    if flagged[FactStatus.POOR]:
+        return FactStatus.POOR, f"Metres only: {said}"
+    if flagged[FactStatus.CHECK]:
+        return FactStatus.CHECK, f"Usable, but look at {', '.join(flagged[FactStatus.CHECK])}: {said}"
+    return FactStatus.GOOD, f"Good: {said}"
 
 
-def _sigmas(row: Row) -> list[float]:
+def _get_sigmas(row: Row) -> list[float]:
     return [row[f"sigma_{axis}_m"] for axis in AXES]
 
 
-def _by_axis(values: list[float]) -> str:
-    return ", ".join(f"{length_text(value)} {axis}" for value, axis in zip(values, AXES, strict=True))
+def _format_by_axis(values: list[float]) -> str:
+    return ", ".join(f"{format_length(value)} {axis}" for value, axis in zip(values, AXES, strict=True))
 
 
-def _sigma(row: Row, limit_m: float) -> Fact:
+def _report_sigma(row: Row, limit_m: float) -> Fact:
     waived = row["control"] == ControlKind.GPS
     return Fact(
         name="known to (one sigma)",
-        value=_by_axis(_sigmas(row)),
+        value=_format_by_axis(_get_sigmas(row)),
         meaning="how far the cameras' middle may lie off its place, by its own account; twice this holds 95 % of "
         "cases; walls near control points are known better: each defect has its own",
-        limit=length_text(limit_m) + (" (waived: GPS alone)" if waived else ""),
-        verdict=Verdict.GOOD if max(_sigmas(row)) <= limit_m else Verdict.POOR,
+        limit=format_length(limit_m) + (" (waived: GPS alone)" if waived else ""),
+        status=FactStatus.GOOD if max(_get_sigmas(row)) <= limit_m else FactStatus.POOR,
     )
 
 
-def _held_out(row: Row) -> Fact:
+def _report_check_points(row: Row) -> Fact:
     name, count = "held-out points", row["check_points"]
     if not count:
         return Fact(
@@ -116,50 +116,52 @@ def _held_out(row: Row) -> Fact:
             value="none",
             meaning="no surveyed point outside the adjustment tests the placement; bring check points",
             limit="1 or more",
-            verdict=Verdict.LOOK,
+            status=FactStatus.CHECK,
         )
-    limit_m = 3 * float(np.sqrt(sum(sigma**2 for sigma in _sigmas(row)) + 3 * _SURVEY_SIGMA_M**2))
+    limit_m = 3 * float(np.sqrt(sum(sigma**2 for sigma in _get_sigmas(row)) + 3 * _SURVEY_SIGMA_M**2))
     mean_m, largest_m = row["check_residual_mean_m"], row["check_residual_max_m"]
     return Fact(
         name=name,
-        value=f"{count}: mean {length_text(mean_m)}, largest {length_text(largest_m)}",
+        value=f"{count}: mean {format_length(mean_m)}, largest {format_length(largest_m)}",
         meaning="how far surveyed points lie off that did not hold the block: the error to expect",
-        limit=f"{length_text(limit_m)}: three of the stated sigmas",
-        verdict=Verdict.GOOD if largest_m <= limit_m else Verdict.LOOK,
+        limit=f"{format_length(limit_m)}: three of the stated sigmas",
+        status=FactStatus.GOOD if largest_m <= limit_m else FactStatus.CHECK,
     )
 
 
-def _left_at_control(row: Row) -> Fact:
+def _report_control_residuals(row: Row) -> Fact:
     name, meaning = _CONTROL_WORDS[row["control"]]
     if row["residual_mean_m"] is None:
         return Fact(name=name, value=f"{row['points_used']} of {row['points_total']} used", meaning=meaning)
     value = (
-        f"mean {length_text(row['residual_mean_m'])}, largest {length_text(row['residual_max_m'])} "
+        f"mean {format_length(row['residual_mean_m'])}, largest {format_length(row['residual_max_m'])} "
         f"({row['points_used']} of {row['points_total']} used)"
     )
     if row["control"] not in (ControlKind.GCP, ControlKind.CAMPAIGN):
         return Fact(name=name, value=value, meaning=meaning)
-    good = row["residual_mean_m"] <= _CONTROL_LEFT_M
+    good = row["residual_mean_m"] <= _MAX_CONTROL_RESIDUAL_M
     if row["control"] == ControlKind.GCP:
         good = good and row["points_used"] == row["points_total"]
-    limit = f"mean {length_text(_CONTROL_LEFT_M)}" + (", all used" if row["control"] == ControlKind.GCP else "")
-    verdict = Verdict.GOOD if good else Verdict.LOOK
-    return Fact(name=name, value=value, meaning=meaning, limit=limit, verdict=verdict)
+    limit = f"mean {format_length(_MAX_CONTROL_RESIDUAL_M)}" + (
+        ", all used" if row["control"] == ControlKind.GCP else ""
+    )
+    verdict = FactStatus.GOOD if good else FactStatus.CHECK
+    return Fact(name=name, value=value, meaning=meaning, limit=limit, status=verdict)
 
 
-def _weakest(row: Row) -> Fact:
-    sigmas = _sigmas(row)
+def _report_weakest_direction(row: Row) -> Fact:
+    sigmas = _get_sigmas(row)
     worst, times = int(np.argmax(sigmas)), max(sigmas) / max(min(sigmas), 1e-9)
     return Fact(
         name="weakest direction",
         value=f"{AXES[worst]}, {times:.1f} times the best known one",
         meaning="what the photographs and the control observe least",
-        limit=f"{_WEAKEST_TIMES:g} times",
-        verdict=Verdict.GOOD if times <= _WEAKEST_TIMES else Verdict.LOOK,
+        limit=f"{_MAX_SIGMA_RATIO:g} times",
+        status=FactStatus.GOOD if times <= _MAX_SIGMA_RATIO else FactStatus.CHECK,
     )
 
 
-def _bend(row: Row) -> Fact:
+def _report_doming(row: Row) -> Fact:
     name = "bend of the block"
     meaning = "how far its middle bulges out of its rim against the model's walls (doming)"
     if row["control"] == ControlKind.MODEL:
@@ -167,17 +169,17 @@ def _bend(row: Row) -> Fact:
     bend_m, sigma_m = row["doming_m"], row["doming_sigma_m"]
     if bend_m is None or sigma_m is None:
         return Fact(name=name, value="not tested", meaning=f"{meaning}; too few tie points lie on walls")
-    good = abs(bend_m) <= max(_BEND_M, 2 * sigma_m)
+    good = abs(bend_m) <= max(_MAX_DOMING_M, 2 * sigma_m)
     return Fact(
         name=name,
         value=f"{1000 * bend_m:+.0f} mm ± {1000 * sigma_m:.0f} mm",
         meaning=meaning,
-        limit=f"{length_text(_BEND_M)}, or two sigmas",
-        verdict=Verdict.GOOD if good else Verdict.LOOK,
+        limit=f"{format_length(_MAX_DOMING_M)}, or two sigmas",
+        status=FactStatus.GOOD if good else FactStatus.CHECK,
     )
 
 
-def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
+def _report_other_facts(row: Row, poses: pa.Table) -> Iterator[Fact]:
     """What is there to be known; little of it is judged."""
     if row["control"] != ControlKind.GPS and row["gps_offset_east_m"] is not None:
         parts = [row[f"gps_offset_{axis}_m"] for axis in AXES]
@@ -187,16 +189,16 @@ def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
             value=", ".join(
                 "unknown" if part is None else f"{part:+.2f} m {axis}" for part, axis in zip(parts, AXES, strict=True)
             )
-            + ("" if sigma_m is None else f" (± {length_text(sigma_m)})"),
+            + ("" if sigma_m is None else f" (± {format_length(sigma_m)})"),
             meaning="what the photographs' GPS has in common as an error, against the adjusted cameras",
         )
     if row["model_residual_m"] is not None:
         yield Fact(
             name="distance to the model",
-            value=f"median {length_text(row['model_residual_m'])}",
+            value=f"median {format_length(row['model_residual_m'])}",
             meaning="of tie points from the model's faces: the relief and the building's deviation from its design",
-            limit=length_text(_MODEL_AWAY_M),
-            verdict=Verdict.GOOD if row["model_residual_m"] <= _MODEL_AWAY_M else Verdict.LOOK,
+            limit=format_length(_MAX_MODEL_DISTANCE_M),
+            status=FactStatus.GOOD if row["model_residual_m"] <= _MAX_MODEL_DISTANCE_M else FactStatus.CHECK,
         )
     if row["edge_score"] is not None:
         rival = row["edge_score_runner_up"]
@@ -208,13 +210,13 @@ def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
             + ("" if rival is None else f", {rival:.2f} at the best other place"),
             meaning="sills, storey lines and corners found in the photographs; alike windows could hold it a bay aside",
             limit="better than any other place",
-            verdict=Verdict.GOOD if rival is None or row["edge_score"] > rival else Verdict.LOOK,
+            status=FactStatus.GOOD if rival is None or row["edge_score"] > rival else FactStatus.CHECK,
         )
-    sigmas = _camera_sigmas(poses)
+    sigmas = _collect_camera_sigmas(poses)
     if len(sigmas):
         yield Fact(
             name="cameras known to",
-            value=f"median {length_text(float(np.median(sigmas)))}, worst {length_text(float(sigmas.max()))}",
+            value=f"median {format_length(float(np.median(sigmas)))}, worst {format_length(float(sigmas.max()))}",
             meaning="one sigma of a camera's place along its worst axis",
         )
     if row["tie_sigma_px"] is not None:
@@ -222,8 +224,8 @@ def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
             name="tie points",
             value=f"{row['tie_sigma_px']:.2f} px, variance raised {row['tie_variance_factor']:.1f} times",
             meaning="one sigma of a point in a photograph; raised because neighbouring points err together",
-            limit=f"{_TIE_SIGMA_PX:g} px",
-            verdict=Verdict.GOOD if row["tie_sigma_px"] <= _TIE_SIGMA_PX else Verdict.LOOK,
+            limit=f"{_MAX_TIE_SIGMA_PX:g} px",
+            status=FactStatus.GOOD if row["tie_sigma_px"] <= _MAX_TIE_SIGMA_PX else FactStatus.CHECK,
         )
     if row["reference_campaign"] is not None:
         yield Fact(
@@ -238,7 +240,7 @@ def _told(row: Row, poses: pa.Table) -> Iterator[Fact]:
     )
 
 
-def _camera_sigmas(poses: pa.Table) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _collect_camera_sigmas(poses: pa.Table) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """One sigma (n,) of the localised cameras' places along their worst axes of site."""
     names = [f"sigma_{axis}_m" for axis in AXES]
     rows = [row for row in poses.select(["pose_source", *names]).to_pylist() if row["pose_source"] != PoseSource.PRIOR]

@@ -16,16 +16,37 @@ from matplotlib.patches import Rectangle
 from facadelake.core.arrays import Float64Array
 from facadelake.reporting.drawing.palette import POINT_STYLES
 from facadelake.reporting.inspection import Inspection
-from facadelake.reporting.passport.facts import AXES, Fact, Verdict, facts_of, length_text, summary
-from facadelake.reporting.passport.views import NORTH, UP, Place, Scales, draw_view, extent_of, place_of, scales_for
+from facadelake.reporting.passport.facts import (
+    AXES,
+    Fact,
+    FactStatus,
+    format_length,
+    list_passport_facts,
+    summarise_passport,
+)
+from facadelake.reporting.passport.views import (
+    NORTH,
+    UP,
+    DrawingScales,
+    PassportGeometry,
+    choose_scales,
+    collect_geometry,
+    compute_extent,
+    draw_view,
+)
 from schemas.vocabulary import PointKind
 
 _DPI = 150
 _VIEW_IN, _VIEW_HEIGHT_IN = 7.2, 7.9
 _TOP_IN, _RIGHT_IN, _LEAST_HEIGHT_IN = 0.95, 6.5, 10.8
 _LINE_IN = 0.155
-_VERDICT_COLOURS = {Verdict.GOOD: "#00664a", Verdict.LOOK: "#8a5a00", Verdict.POOR: "#a32d00", Verdict.NONE: "#202020"}
-_KIND_WORDS = {
+_STATUS_COLOURS = {
+    FactStatus.GOOD: "#00664a",
+    FactStatus.CHECK: "#8a5a00",
+    FactStatus.POOR: "#a32d00",
+    FactStatus.NONE: "#202020",
+}
+_KIND_LABELS = {
     PointKind.CONTROL: "control point, as fitted",
     PointKind.HELD_OUT: "the same, left out",
     PointKind.CHECK: "check point",
@@ -36,12 +57,12 @@ _KIND_WORDS = {
 def draw_passport(inspection: Inspection, path: Path) -> Path:
     """Write the passport as a PNG: plan and view from the south on the left, facts and residuals on the right."""
     row = inspection.georeference.to_pylist()[0]
-    facts = facts_of(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
-    place = place_of(inspection)
-    corners = extent_of(inspection, place)
+    facts = list_passport_facts(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
+    place = collect_geometry(inspection)
+    corners = compute_extent(inspection, place)
     wide, deep, high = corners[1] - corners[0]
     per_m = min(_VIEW_IN / wide, _VIEW_HEIGHT_IN / (deep + high))
-    scales = scales_for(place, float(max(wide, deep)))
+    scales = choose_scales(place, float(max(wide, deep)))
 
     height_in = max(_TOP_IN + (deep + high) * per_m + 1.8, _LEAST_HEIGHT_IN)
     width_in = 0.75 + _VIEW_IN + _RIGHT_IN
@@ -51,7 +72,7 @@ def draw_passport(inspection: Inspection, path: Path) -> Path:
     def axes_at(left: float, top: float, width: float, height: float) -> Axes:
         return figure.add_axes((left / width_in, 1 - (top + height) / height_in, width / width_in, height / height_in))
 
-    _heading(figure, inspection, row, facts, height_in)
+    _write_heading(figure, inspection, row, facts, height_in)
     left = 0.75 + (_VIEW_IN - wide * per_m) / 2
     plan = axes_at(left, _TOP_IN, wide * per_m, deep * per_m)
     draw_view(plan, inspection, place, NORTH, corners, scales)
@@ -60,42 +81,42 @@ def draw_passport(inspection: Inspection, path: Path) -> Path:
     draw_view(side, inspection, place, UP, corners, scales)
     side.set_ylabel("metres up", fontsize=8)
     side.set_xlabel("metres east of the site's origin; above: from the sky, below: from the south", fontsize=8)
-    _legend(figure, place, scales)
-    _scale_bars(plan, place, scales, float(wide), row_m=0.16 / per_m)
+    _draw_legend(figure, place, scales)
+    _draw_scale_bars(plan, place, scales, float(wide), row_m=0.16 / per_m)
 
     right = 0.75 + _VIEW_IN + 0.35
-    bottom = _fact_lines(figure, facts, right, width_in, height_in)
+    bottom = _write_facts(figure, facts, right, width_in, height_in)
     panels = [("surveyed points: where they came to lie, minus survey (mm)", place.surveyed, 1000.0, False)]
     gps = tuple(group for group in place.points if group[0] == PointKind.GPS)
     panels.append(("GPS minus adjusted camera (m); bar: what they have in common", gps, 1.0, True))
     each = (height_in - bottom - 0.35) / len(panels)
     for k, (title, groups, unit, common) in enumerate(panels):
         axes = axes_at(right + 0.5, bottom + k * each + 0.3, _RIGHT_IN - 1.1, each - 0.65)
-        _residuals(axes, groups, unit, common=common)
+        _draw_residuals(axes, groups, unit, common=common)
         axes.set_title(title, fontsize=8.5, loc="left")
     figure.savefig(path, dpi=_DPI)
     return path
 
 
-def _heading(
+def _write_heading(
     figure: Figure, inspection: Inspection, row: dict[str, Any], facts: tuple[Fact, ...], height: float
 ) -> None:
-    verdict, sentence = summary(row, facts)
+    verdict, sentence = summarise_passport(row, facts)
     title = f"{inspection.building_name}, {inspection.campaign_id}: passport"
     figure.text(0.012, 1 - 0.12 / height, title, fontsize=13, weight="bold", va="top", parse_math=False)
     for k, line in enumerate(textwrap.wrap(sentence, 150)[:2]):
         figure.text(
             0.012, 1 - (0.45 + 0.22 * k) / height, line, fontsize=10.5, weight="bold", va="top", parse_math=False,
-            color=_VERDICT_COLOURS[verdict],
+            color=_STATUS_COLOURS[verdict],
         )  # fmt: skip
 
 
-def _fact_lines(figure: Figure, facts: tuple[Fact, ...], left: float, width: float, height: float) -> float:
+def _write_facts(figure: Figure, facts: tuple[Fact, ...], left: float, width: float, height: float) -> float:
     """Write the facts one under another; returns how far from the top they reach, inches."""
     top = _TOP_IN
     for fact in facts:
-        colour = _VERDICT_COLOURS[fact.verdict]
-        word = fact.verdict.upper() if fact.verdict else ""
+        colour = _STATUS_COLOURS[fact.status]
+        word = fact.status.upper() if fact.status else ""
         figure.text(left / width, 1 - top / height, word, fontsize=8, weight="bold", color=colour, va="top")
         figure.text((left + 0.55) / width, 1 - top / height, fact.name, fontsize=8.5, weight="bold", va="top")
         lines = textwrap.wrap(fact.value, 56)
@@ -110,33 +131,33 @@ def _fact_lines(figure: Figure, facts: tuple[Fact, ...], left: float, width: flo
     return top
 
 
-def _legend(figure: Figure, place: Place, scales: Scales) -> None:
+def _draw_legend(figure: Figure, place: PassportGeometry, scales: DrawingScales) -> None:
     handles = [
         Line2D([], [], color="#202020", marker="o", markersize=4, linestyle="none", label="camera"),
         Line2D(
             [], [], color="#0072b2", marker="o", markersize=9, markerfacecolor="#56b4e955", linestyle="none",
-            label=f"its 95 % (2 sigma) ellipse, {_times(scales.ellipses)}",
+            label=f"its 95 % (2 sigma) ellipse, {_format_factor(scales.ellipses)}",
         ),
     ]  # fmt: skip
     for kind, given, _ in place.points:
         colour, marker = POINT_STYLES[kind]
-        label = f"{_KIND_WORDS[PointKind(kind)]} ({len(given)})"
+        label = f"{_KIND_LABELS[PointKind(kind)]} ({len(given)})"
         handles.append(Line2D([], [], color=colour, marker=marker, markersize=5, linestyle="none", label=label))
     if place.surveyed:
-        label = f"from the survey to where it came to lie, {_times(scales.residuals)}"
+        label = f"from the survey to where it came to lie, {_format_factor(scales.residuals)}"
         handles.append(
             Line2D([], [], color="#606060", marker=r"$\rightarrow$", markersize=10, linestyle="none", label=label)
         )
     figure.legend(handles=handles, loc="lower left", fontsize=8, frameon=False, ncols=2)
 
 
-def _times(factor: float) -> str:
+def _format_factor(factor: float) -> str:
     if factor == 1:
         return "true size"
     return f"{factor:g} times as large" if factor > 1 else f"{1 / factor:g} times smaller"
 
 
-def _scale_bars(axes: Axes, place: Place, scales: Scales, wide_m: float, row_m: float) -> None:
+def _draw_scale_bars(axes: Axes, place: PassportGeometry, scales: DrawingScales, wide_m: float, row_m: float) -> None:
     """Bars in the plan's lower left: metres of the plan, and millimetres of ellipses and residuals."""
     low_x, low_y = axes.get_xlim()[0], axes.get_ylim()[0]
     bars = [(1.0, "#202020", "plan"), (scales.ellipses, "#0072b2", "ellipses")]
@@ -152,12 +173,12 @@ def _scale_bars(axes: Axes, place: Place, scales: Scales, wide_m: float, row_m: 
             )
         )
         axes.text(
-            low_x + row_m * 0.7 + length * times, y + row_m * 0.15, f"{what}: {length_text(length)}", fontsize=7.5,
+            low_x + row_m * 0.7 + length * times, y + row_m * 0.15, f"{what}: {format_length(length)}", fontsize=7.5,
             va="center", zorder=7, bbox={"facecolor": "#ffffffc0", "edgecolor": "none", "pad": 0.8},
         )  # fmt: skip
 
 
-def _residuals(
+def _draw_residuals(
     axes: Axes, groups: tuple[tuple[str, Float64Array, Float64Array], ...], unit: float, *, common: bool
 ) -> None:
     """Signed residuals by axis of site, a dot each."""

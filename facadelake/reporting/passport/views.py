@@ -25,7 +25,7 @@ EAST, NORTH, UP = np.eye(3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Place:
+class PassportGeometry:
     """Cameras, and points of the passport by kind, in site: what a view shows.
 
     ``covariance_m2`` (n, 3, 3) is NaN for a camera that states none. ``points``: (kind, given (k, 3), residual (k, 3)),
@@ -42,7 +42,7 @@ class Place:
         return tuple(group for group in self.points if group[0] != PointKind.GPS)
 
 
-def place_of(inspection: Inspection) -> Place:
+def collect_geometry(inspection: Inspection) -> PassportGeometry:
     """What the passport of an inspection shows."""
     rows = [row for row in inspection.poses.to_pylist() if row["photo_id"] in inspection.posed]
     unknown = [np.nan] * 36
@@ -52,32 +52,34 @@ def place_of(inspection: Inspection) -> Place:
     for kind in PointKind:
         mine = [row for row in points if row["point_kind"] == kind]
         if mine:
-            groups.append((str(kind), _columns(mine, "{}_site_m", "xyz"), _columns(mine, "residual_{}_m", AXES)))
-    return Place(
-        centres_m=_columns(rows, "{}_site_m", "xyz"), covariance_m2=covariance[:, :3, :3], points=tuple(groups)
+            groups.append(
+                (str(kind), _stack_columns(mine, "{}_site_m", "xyz"), _stack_columns(mine, "residual_{}_m", AXES))
+            )
+    return PassportGeometry(
+        centres_m=_stack_columns(rows, "{}_site_m", "xyz"), covariance_m2=covariance[:, :3, :3], points=tuple(groups)
     )
 
 
-def _columns(rows: Sequence[dict[str, Any]], name: str, words: Sequence[str]) -> Float64Array:
+def _stack_columns(rows: Sequence[dict[str, Any]], name: str, words: Sequence[str]) -> Float64Array:
     return np.array([[row[name.format(word)] for word in words] for row in rows], dtype=np.float64).reshape(-1, 3)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scales:
+class DrawingScales:
     """How many times larger than the plan ellipses and residuals are drawn; metres are drawn smaller."""
 
     ellipses: float
     residuals: float
 
 
-def scales_for(place: Place, extent_m: float) -> Scales:
+def choose_scales(place: PassportGeometry, extent_m: float) -> DrawingScales:
     """Round factors that draw a middling ellipse and residual at a few hundredths of the view."""
     stated = place.covariance_m2[np.isfinite(place.covariance_m2).all(axis=(1, 2))]
     # The middle axis: GPS knows heights ten times worse than the rest.
     sigma = float(np.sqrt(np.median(np.linalg.eigvalsh(stated)[:, 1]))) if len(stated) else np.nan
     lengths = [np.linalg.norm(residual, axis=1) for _, _, residual in place.surveyed]
     residual = float(np.percentile(np.concatenate(lengths), 75)) if lengths else np.nan
-    return Scales(
+    return DrawingScales(
         ellipses=_round_factor(0.02 * extent_m, float(np.sqrt(_CHI_SQUARE_95)) * sigma),
         residuals=_round_factor(0.05 * extent_m, residual),
     )
@@ -92,7 +94,7 @@ def _round_factor(room_m: float, length_m: float) -> float:
     return float(max(step for step in (1, 2, 5) if step * power <= wanted) * power)
 
 
-def extent_of(inspection: Inspection, place: Place) -> tuple[Float64Array, Float64Array]:
+def compute_extent(inspection: Inspection, place: PassportGeometry) -> tuple[Float64Array, Float64Array]:
     """Corners (3,) of what the views show: model, cameras and surveyed points, with a margin."""
     given = [points for _, points, _ in place.surveyed]
     everything = np.vstack([inspection.building.vertices_site_m, place.centres_m, *given])
@@ -102,10 +104,10 @@ def extent_of(inspection: Inspection, place: Place) -> tuple[Float64Array, Float
 def draw_view(
     axes: Axes,
     inspection: Inspection,
-    place: Place,
+    place: PassportGeometry,
     up: Float64Array,
     corners: tuple[Float64Array, Float64Array],
-    scales: Scales,
+    scales: DrawingScales,
 ) -> None:
     """One view with east to the right and ``up`` (3,) upwards."""
     view = np.column_stack([EAST, up])
@@ -125,7 +127,7 @@ def draw_view(
         )  # fmt: skip
         if kind != PointKind.HELD_OUT:  # they are control points, drawn already
             axes.plot(*at.T, marker, color=colour, markersize=6.5, markeredgecolor="white", linestyle="none", zorder=5)
-    _ellipses(axes, centres, np.einsum("ia,nij,jb->nab", view, place.covariance_m2, view), scales.ellipses)
+    _draw_ellipses(axes, centres, np.einsum("ia,nij,jb->nab", view, place.covariance_m2, view), scales.ellipses)
     axes.plot(*centres.T, "o", color=_CAMERA_COLOUR, markersize=2.2, linestyle="none", zorder=4)
     low, high = (corner @ view for corner in corners)
     axes.set_xlim(low[0], high[0])
@@ -135,7 +137,7 @@ def draw_view(
     axes.set_axisbelow(True)
 
 
-def _ellipses(axes: Axes, centres: Float64Array, covariance_m2: Float64Array, times: float) -> None:
+def _draw_ellipses(axes: Axes, centres: Float64Array, covariance_m2: Float64Array, times: float) -> None:
     known = np.isfinite(covariance_m2).all(axis=(1, 2))
     if not known.any():
         return

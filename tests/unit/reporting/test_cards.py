@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.tables import table_from_rows
-from facadelake.reporting.cards.card import bar_length_m, length_words
-from facadelake.reporting.cards.cards import defect_cards
-from facadelake.reporting.cards.crops import cut_out
-from facadelake.reporting.cards.facts import card_facts, merges_by_defect
-from facadelake.reporting.cards.patch_view import PatchView, patch_view
-from facadelake.reporting.cards.sightings import outline_of, sightings_of
+from facadelake.reporting.cards.card import choose_bar_length_m, format_bar_length
+from facadelake.reporting.cards.cards import draw_cards
+from facadelake.reporting.cards.crops import crop_detection
+from facadelake.reporting.cards.facts import group_merges, list_card_facts
+from facadelake.reporting.cards.patch_view import PatchView, rectify_patch
+from facadelake.reporting.cards.sightings import group_observations, read_outline
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
 from facadelake.reporting.elevations.backdrop import draw_place, model_backdrop, place_on
@@ -40,7 +40,7 @@ def mark_at(painted: Painted, x_m: float, z_m: float, **others: Any) -> Mark:
 def view_of(painted: Painted, mark: Mark, photo_id: str = "a.png", cells: int = 300) -> PatchView:
     posed = painted.posed[photo_id]
     pixels = read_photograph(painted.root / photo_id, posed.camera)
-    return patch_view(mark, posed, pixels, painted.surface, cells, pixel_m=0.006)
+    return rectify_patch(mark, posed, pixels, painted.surface, cells, pixel_m=0.006)
 
 
 def paint_under(painted: Painted, x_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
@@ -76,7 +76,7 @@ def test_a_reduced_patch_lies_where_the_fine_one_does(painted: Painted) -> None:
     mark = mark_at(painted, 3.5, 2.0, width_m=1.2, height_m=1.0)
     posed = painted.posed["a.png"]
     pixels = read_photograph(painted.root / "a.png", posed.camera)
-    small = patch_view(mark, posed, pixels, painted.surface, 60, pixel_m=0.006)  # cells of 36 mm: reduced by 4
+    small = rectify_patch(mark, posed, pixels, painted.surface, 60, pixel_m=0.006)  # cells of 36 mm: reduced by 4
     along = (np.arange(60) + 0.5 - 30) * small.cell_m
     xs, zs = np.meshgrid(3.5 + along, 2.0 - along)
     want = paint_under(painted, xs, zs).astype(np.float32)
@@ -167,8 +167,8 @@ def test_the_backdrop_shows_the_wall_where_it_is(painted: Painted) -> None:
     [(0.3, 0.1, "10 cm"), (1.0, 0.2, "20 cm"), (8.0, 2.0, "2 m"), (0.02, 0.005, "5 mm"), (150.0, 50.0, "50 m")],
 )
 def test_bars_are_round_and_fit_a_third(width_m: float, length_m: float, words: str) -> None:
-    assert bar_length_m(width_m) == pytest.approx(length_m, rel=1e-12)
-    assert length_words(bar_length_m(width_m)) == words
+    assert choose_bar_length_m(width_m) == pytest.approx(length_m, rel=1e-12)
+    assert format_bar_length(choose_bar_length_m(width_m)) == words
 
 
 def test_a_mask_is_drawn_where_it_is(painted: Painted) -> None:
@@ -177,13 +177,13 @@ def test_a_mask_is_drawn_where_it_is(painted: Painted) -> None:
         "mask": "POLYGON ((100 80, 160 80, 100 120, 100 80))",
     }  # fmt: skip
     blank = np.zeros((300, 400, 3), dtype=np.uint8)
-    crop = cut_out(blank, outline_of(detection), 192, get_class_colour("crack"))
+    crop = crop_detection(blank, read_outline(detection), 192, get_class_colour("crack"))
     drawn = np.argwhere(crop.max(axis=2) > 100)[:, ::-1]
     # 192 px show 60 * 3.2 px of the photograph: one to one, from its middle (130, 100) less 96.
     left, top = 130 - 96, 100 - 96
     np.testing.assert_allclose(drawn.min(axis=0), [100 - left, 80 - top], rtol=0, atol=2)  # px
     assert crop[120 - top - 3, 160 - left - 3].max() == 0  # a box would have its corner there
-    assert outline_of({**detection, "mask": "no polygon"}).rings_px == ()
+    assert read_outline({**detection, "mask": "no polygon"}).rings_px == ()
 
 
 def many_sightings(painted: Painted) -> Inspection:
@@ -203,7 +203,7 @@ def many_sightings(painted: Painted) -> Inspection:
 
 
 def test_the_best_photograph_comes_first(painted: Painted) -> None:
-    own = sightings_of(many_sightings(painted))["D2"]
+    own = group_observations(many_sightings(painted))["D2"]
     assert [one.photo_id for one in own] == ["a.png", "b.png"]  # best_photo_id before the smaller pixel
     assert own[1].pixel_mm == pytest.approx(4.0, rel=1e-9)
     assert own[0].pixel_mm == np.inf
@@ -214,7 +214,7 @@ def test_cards_are_written_and_say_what_is_missing(
 ) -> None:
     inspection = many_sightings(painted)
     places = places_on_model(inspection, painted.surface, facades_of(inspection, painted.surface, SETTINGS), ["D2"])
-    cards = defect_cards(inspection, painted.surface, ["D1", "D2"], tmp_path, places=places, most_sightings=9)
+    cards = draw_cards(inspection, painted.surface, ["D1", "D2"], tmp_path, places=places, most_sightings=9)
     assert cards.missing == ()
     assert {name: path.name for name, path in cards.paths.items()} == {"D1": "card_1.png", "D2": "card_2.png"}
     whole = cv2.imread(str(cards.paths["D2"]))
@@ -223,7 +223,7 @@ def test_cards_are_written_and_say_what_is_missing(
     elsewhere.mkdir()
     (elsewhere / "b.png").write_bytes((painted.root / "b.png").read_bytes())
     (elsewhere / "a.png").write_bytes(b"no picture")
-    broken = defect_cards(
+    broken = draw_cards(
         replace(inspection, photographs_root=elsewhere), painted.surface, ["D1", "D2"], tmp_path / "again",
         places={}, most_sightings=1,
     )  # fmt: skip
@@ -235,7 +235,7 @@ def test_cards_are_written_and_say_what_is_missing(
 def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) -> None:
     inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0, score=0.537)], ["D1"])
     (row,) = inspection.defects.to_pylist()
-    bare = dict(card_facts(row, inspection, []))
+    bare = dict(list_card_facts(row, inspection, []))
     assert bare["found by"] == "coco:x, score 0.54"
     assert not {"deviation", "joined", "kept apart", "crack width", "one sigma", "position from"} & set(bare)
     assert "None" not in " ".join(bare.values())
@@ -248,13 +248,13 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
          "merge_decision": "apart", "merge_reason": "looks_different", "separation_m": 0.2, "mahalanobis_distance": 2.0,
          "overlap_share": None, "appearance_score": None},
     ]  # fmt: skip
-    merges = merges_by_defect(table_from_rows("merges", pairs))
+    merges = group_merges(table_from_rows("merges", pairs))
     assert len(merges["D1"]) == 2
     assert len(merges["D9"]) == 1
     measured = {"deviation_from_model_m": -0.034, "deviation_sigma_m": 0.005, "crack_width_mm": 0.4, "length_m": 1.5}
     sigmas = {"sigma_east_m": 0.01, "sigma_north_m": 0.02, "sigma_up_m": 0.03}
     rich = {**row, **measured, **sigmas, "position_method": "triangulated"}
-    told = dict(card_facts(rich, inspection, merges["D1"]))
+    told = dict(list_card_facts(rich, inspection, merges["D1"]))
     assert told["deviation"] == "34 mm behind the model's surface (± 5 mm)"
     assert told["joined"] == "1 pair by geography and image; at most 1.2 sigma apart, likeness 0.71 to 0.71"
     assert told["kept apart"] == "from D9, 20 cm away: looks different"
@@ -263,8 +263,12 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
     assert told["position from"].endswith("(triangulated)")
     assert told["crack width"] == "0.40 mm"
     error = {"crack_width_mm": 2.34, "crack_width_sigma_mm": 0.42, "crack_width_max_mm": 4.06}
-    assert dict(card_facts({**rich, **error}, inspection, []))["crack width"] == "2.3 ± 0.4 mm, 4.1 mm at its widest"
+    assert (
+        dict(list_card_facts({**rich, **error}, inspection, []))["crack width"] == "2.3 ± 0.4 mm, 4.1 mm at its widest"
+    )
     bound = {"crack_width_mm": None, "crack_width_limit_mm": 3.24, "crack_width_outcome": "below_limit"}
-    assert dict(card_facts({**rich, **bound}, inspection, []))["crack width"] == "< 3.2 mm"
-    assert "crack width" not in dict(card_facts({**rich, **bound, "crack_width_outcome": "no_line"}, inspection, []))
+    assert dict(list_card_facts({**rich, **bound}, inspection, []))["crack width"] == "< 3.2 mm"
+    assert "crack width" not in dict(
+        list_card_facts({**rich, **bound, "crack_width_outcome": "no_line"}, inspection, [])
+    )
     assert "1.50 m at its longest" in told["size"]

@@ -15,9 +15,17 @@ from facadelake.core.tables import get_stage_schema, table_from_rows
 from facadelake.reporting.drawing.projected_model import draw_model
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.passport import render_passport
-from facadelake.reporting.passport.facts import Verdict, facts_of, summary
+from facadelake.reporting.passport.facts import FactStatus, list_passport_facts, summarise_passport
 from facadelake.reporting.passport.figure import draw_passport
-from facadelake.reporting.passport.views import NORTH, UP, Scales, draw_view, extent_of, place_of, scales_for
+from facadelake.reporting.passport.views import (
+    NORTH,
+    UP,
+    DrawingScales,
+    choose_scales,
+    collect_geometry,
+    compute_extent,
+    draw_view,
+)
 from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, inspection_of
 
 CENTIMETRES: dict[str, Any] = {
@@ -31,19 +39,19 @@ CENTIMETRES: dict[str, Any] = {
 }  # fmt: skip
 
 
-def judged(**changes: Any) -> tuple[Verdict, str, dict[str, Verdict]]:
+def judged(**changes: Any) -> tuple[FactStatus, str, dict[str, FactStatus]]:
     row = CENTIMETRES | changes
-    facts = facts_of(row, get_stage_schema("poses").empty_table(), placement_sigma_max_m=0.5)
+    facts = list_passport_facts(row, get_stage_schema("poses").empty_table(), placement_sigma_max_m=0.5)
     assert all(fact.value and fact.meaning for fact in facts)
-    assert all(fact.limit for fact in facts if fact.verdict)  # what is judged says by what
-    return *summary(row, facts), {fact.name: fact.verdict for fact in facts}
+    assert all(fact.limit for fact in facts if fact.status)  # what is judged says by what
+    return *summarise_passport(row, facts), {fact.name: fact.status for fact in facts}
 
 
 def test_a_good_passport_says_so() -> None:
     verdict, sentence, facts = judged()
-    assert verdict is Verdict.GOOD
+    assert verdict is FactStatus.GOOD
     assert sentence == "Good: placed by control points, known to 10 mm in its weakest direction (north, one sigma)"
-    assert not {Verdict.LOOK, Verdict.POOR} & set(facts.values())
+    assert not {FactStatus.CHECK, FactStatus.POOR} & set(facts.values())
 
 
 @pytest.mark.parametrize(
@@ -63,8 +71,8 @@ def test_a_good_passport_says_so() -> None:
 )
 def test_what_is_to_be_looked_at_is_named(changes: dict[str, Any], fact: str) -> None:
     verdict, sentence, facts = judged(**changes)
-    assert verdict is Verdict.LOOK
-    assert [name for name, one in facts.items() if one is Verdict.LOOK] == [fact]
+    assert verdict is FactStatus.CHECK
+    assert [name for name, one in facts.items() if one is FactStatus.CHECK] == [fact]
     assert f"look at {fact}" in sentence
 
 
@@ -76,20 +84,20 @@ def test_what_is_not_wrong_is_not_blamed() -> None:
         {"control": "model", "points_used": 500, "points_total": 900, "residual_mean_m": 0.05},
         {"edge_features": 40, "edge_score": 0.3, "edge_score_runner_up": None},
     ):
-        assert judged(**changes)[0] is Verdict.GOOD, changes
+        assert judged(**changes)[0] is FactStatus.GOOD, changes
 
 
 def test_metres_are_called_metres() -> None:
     verdict, sentence, facts = judged(control="gps", method="the photographs' GPS", sigma_up_m=3.0, sigma_east_m=2.0)
-    assert (verdict, facts["known to (one sigma)"]) == (Verdict.POOR, Verdict.POOR)
+    assert (verdict, facts["known to (one sigma)"]) == (FactStatus.POOR, FactStatus.POOR)
     assert sentence.startswith("Metres only: placed by the photographs' GPS, known to 3.00 m")
 
 
-def drawn(inspection: Inspection, up: np.ndarray) -> tuple[Any, Scales]:
+def drawn(inspection: Inspection, up: np.ndarray) -> tuple[Any, DrawingScales]:
     axes = Figure().add_subplot()
-    place = place_of(inspection)
-    scales = Scales(ellipses=10.0, residuals=50.0)
-    draw_view(axes, inspection, place, up, extent_of(inspection, place), scales)
+    place = collect_geometry(inspection)
+    scales = DrawingScales(ellipses=10.0, residuals=50.0)
+    draw_view(axes, inspection, place, up, compute_extent(inspection, place), scales)
     return axes, scales
 
 
@@ -144,13 +152,13 @@ def test_the_model_is_seen_from_above_and_from_the_south(painted: Painted, up: n
 
 
 def test_exaggeration_is_round(painted: Painted) -> None:
-    place = place_of(inspection_of(painted, [], []))
-    found = scales_for(place, extent_m=14.0)
-    assert found == Scales(ellipses=5.0, residuals=20.0)
+    place = collect_geometry(inspection_of(painted, [], []))
+    found = choose_scales(place, extent_m=14.0)
+    assert found == DrawingScales(ellipses=5.0, residuals=20.0)
     metres = replace(place, covariance_m2=place.covariance_m2 * 1e6, points=())
-    assert scales_for(metres, extent_m=14.0) == Scales(ellipses=0.005, residuals=1.0)
+    assert choose_scales(metres, extent_m=14.0) == DrawingScales(ellipses=0.005, residuals=1.0)
     exact = tuple((kind, given, residual * 0) for kind, given, residual in place.points)
-    assert scales_for(replace(place, points=exact), extent_m=14.0).residuals == 1.0
+    assert choose_scales(replace(place, points=exact), extent_m=14.0).residuals == 1.0
 
 
 def test_the_report_tells_numbers_meanings_limits_and_points(painted: Painted, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.tables import table_from_rows
-from facadelake.reporting.cards.crops import defect_crops
+from facadelake.reporting.cards.crops import write_crops
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_outcome_colour, label_ids
 from facadelake.reporting.inspection import PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
@@ -105,7 +105,7 @@ def test_a_campaign_without_defects_has_a_report(painted: Painted, tmp_path: Pat
 
 def test_a_crop_shows_the_box_it_was_cut_for(painted: Painted, tmp_path: Path) -> None:
     inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], ["D1"])
-    crop = cv2.imread(str(defect_crops(inspection, tmp_path, PictureSettings(thumbnail_px=128))["D1"]))
+    crop = cv2.imread(str(write_crops(inspection, tmp_path, PictureSettings(thumbnail_px=128))["D1"]))
     photograph = cv2.imread(str(painted.root / "a.png"))
     box = inspection.detections.to_pylist()[0]
     side = int(40 * (1 + 2 * 1.1))
