@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_hatch
-from facadelake.reporting.elevations.outward import COMPASS_DEG, told_directions
-from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.elevations.outward import COMPASS_DEG, read_element_azimuths
+from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import Inspection
 
 _DPI = 150
@@ -49,7 +49,7 @@ def compute_distribution(inspection: Inspection) -> Distribution:
     for key, row in zip(keys, rows, strict=True):
         areas[key] += row["area_m2"]
     found = {storey for _, storey, _ in keys}
-    named = [level.name for level in storey_levels(inspection.building)][::-1]
+    named = [level.name for level in find_storey_bases(inspection.building)][::-1]
     return Distribution(
         facades=tuple(_sort_clockwise({facade for facade, _, _ in keys}, inspection)),
         storeys=tuple(named + sorted(found - set(named))),
@@ -65,7 +65,7 @@ def _sort_clockwise(names: set[str], inspection: Inspection) -> list[str]:
     elements = inspection.building.elements
     areas = elements.column("surface_area_m2").to_pylist()
     for name, told, area in zip(
-        elements.column("facade").to_pylist(), told_directions(inspection.building), areas, strict=True
+        elements.column("facade").to_pylist(), read_element_azimuths(inspection.building), areas, strict=True
     ):
         if told is not None:
             vectors[name] = vectors.get(name, 0j) + area * complex(np.exp(1j * np.radians(told)))

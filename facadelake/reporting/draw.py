@@ -21,8 +21,8 @@ from facadelake.reporting.distribution import (
     write_distribution,
 )
 from facadelake.reporting.drawing.palette import label_ids
-from facadelake.reporting.elevations.elevation import facade_elevations, facades_of
-from facadelake.reporting.elevations.places import places_on_elevations, places_on_model
+from facadelake.reporting.elevations.elevation import draw_elevations, find_drawn_facades
+from facadelake.reporting.elevations.places import map_defects_to_elevations, map_defects_to_model
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
 from facadelake.reporting.page.defects import sort_by_severity
@@ -65,7 +65,7 @@ def select_by_name(
     files = inspection.photos.column("photo_id").to_pylist()
     stems = _invert_unique({name: PurePosixPath(name).stem for name in files})
     names = _invert_unique({name: PurePosixPath(name).name for name in files})
-    sheets = [facade.name for facade in facades_of(inspection, surface, settings)] if facades else []
+    sheets = [facade.name for facade in find_drawn_facades(inspection, surface, settings)] if facades else []
     return PictureSelection(
         defect_ids=tuple(_match_name(word, "defect", known, labels | ends) for word in defects),
         facades=tuple(_match_name(word, "facade", sheets, _index_facade_names(sheets)) for word in facades),
@@ -77,7 +77,7 @@ def select_all(inspection: Inspection, surface: Surface, settings: PictureSettin
     """All defects, all facades that are drawn, all localised photographs."""
     return PictureSelection(
         defect_ids=tuple(inspection.defects.column("defect_id").to_pylist()),
-        facades=tuple(facade.name for facade in facades_of(inspection, surface, settings)),
+        facades=tuple(facade.name for facade in find_drawn_facades(inspection, surface, settings)),
         photo_ids=tuple(sorted(inspection.posed)),
         distribution=True,
     )
@@ -88,7 +88,7 @@ def select_report_pictures(inspection: Inspection, surface: Surface, settings: P
     worst = sort_by_severity(inspection.defects)[: settings.report_cards]
     return PictureSelection(
         defect_ids=tuple(row["defect_id"] for row in worst),
-        facades=tuple(facade.name for facade in facades_of(inspection, surface, settings)),
+        facades=tuple(facade.name for facade in find_drawn_facades(inspection, surface, settings)),
         photo_ids=tuple(select_overlay_photographs(inspection, settings.report_overlays)),
         distribution=True,
     )
@@ -109,15 +109,15 @@ def draw_selection(
     elevations = []
     if wanted.facades:
         (folder / "elevations").mkdir(parents=True, exist_ok=True)
-        elevations = facade_elevations(inspection, surface, folder / "elevations", settings, wanted.facades)
+        elevations = draw_elevations(inspection, surface, folder / "elevations", settings, wanted.facades)
         paths += [elevation.path for elevation in elevations]
         gone |= {name for name in inspection.posed if not inspection.locate_photograph(name).is_file()}
     if wanted.defect_ids:
-        places = places_on_elevations(elevations)
+        places = map_defects_to_elevations(elevations)
         others = [name for name in wanted.defect_ids if name not in places]
         if others:
-            facades = facades_of(inspection, surface, settings)
-            places |= places_on_model(inspection, surface, facades, others)
+            facades = find_drawn_facades(inspection, surface, settings)
+            places |= map_defects_to_model(inspection, surface, facades, others)
         cards = draw_cards(
             inspection, surface, wanted.defect_ids, folder / "cards", places=places,
             most_sightings=settings.card_observations,

@@ -21,9 +21,9 @@ from facadelake.reporting.cards.sightings import read_outline
 from facadelake.reporting.drawing.legend_strip import LegendEntry, add_legend, write_text
 from facadelake.reporting.drawing.palette import OTHER_COLOUR, OUTCOME_COLOURS, bgr_from_hex, get_outcome_colour
 from facadelake.reporting.drawing.photograph import decode_image, read_photograph
-from facadelake.reporting.elevations.marks import Mark, marks_of
-from facadelake.reporting.elevations.relief import edges_of, edges_tell, openings_of
-from facadelake.reporting.elevations.visibility import pixels_of, sees
+from facadelake.reporting.elevations.marks import DefectMark, create_marks
+from facadelake.reporting.elevations.relief import find_edges, find_openings, has_model_edges
+from facadelake.reporting.elevations.visibility import check_visibility, project_points
 from facadelake.reporting.inspection import Inspection, PictureSettings
 
 log = logging.getLogger(__name__)
@@ -53,8 +53,8 @@ def draw_overlays(
     says so. A photograph without a pose shows its boxes alone; one that cannot be read is left out with a warning.
     """
     settings = settings or PictureSettings()
-    is_opening, has_edges = openings_of(inspection.building), edges_tell(inspection.building)
-    marks = marks_of(inspection.defects, inspection.building.origin)
+    is_opening, has_edges = find_openings(inspection.building), has_model_edges(inspection.building)
+    marks = create_marks(inspection.defects, inspection.building.origin)
     outcome = {row["detection_id"]: row for row in inspection.observations.to_pylist()}
     boxes: dict[str, list[dict[str, Any]]] = {}
     for row in inspection.detections.to_pylist():
@@ -128,7 +128,7 @@ def _find_visible_edges(
     """
     coarse = -(-shape[0] // _COARSE_PX), -(-shape[1] // _COARSE_PX)
     rows, columns = np.indices(coarse).reshape(2, -1) * _COARSE_PX + _COARSE_PX // 2
-    found = edges_of(*_cast_pixels(posed, surface, shape, rows, columns, coarse), is_opening).astype(np.uint8)
+    found = find_edges(*_cast_pixels(posed, surface, shape, rows, columns, coarse), is_opening).astype(np.uint8)
     near = cv2.dilate(found, np.ones((3, 3), dtype=np.uint8)).repeat(_COARSE_PX, axis=0).repeat(_COARSE_PX, axis=1)
     wanted = near[: shape[0], : shape[1]].astype(bool)
     xyz, normal = np.zeros((*shape, 3), dtype=np.float32), np.zeros((*shape, 3), dtype=np.float32)
@@ -139,7 +139,7 @@ def _find_visible_edges(
     inside = wanted.copy()
     inside[:, :-1] &= wanted[:, 1:]
     inside[:-1] &= wanted[1:]
-    edges: BoolArray = edges_of(xyz, normal, element, is_opening) & inside
+    edges: BoolArray = find_edges(xyz, normal, element, is_opening) & inside
     return edges
 
 
@@ -162,18 +162,18 @@ def _draw_defects(
     scale: float,
     posed: PosedCamera,
     surface: Surface,
-    marks: Sequence[Mark],
+    marks: Sequence[DefectMark],
     settings: PictureSettings,
 ) -> None:
     if not marks:
         return
     centres = np.array([mark.centre_site_m for mark in marks])
     normals = np.array([mark.normal_site for mark in marks])
-    sight = sees(
+    sight = check_visibility(
         posed, surface, centres, normals, tolerance_m=2 * settings.visibility_tolerance_m, max_incidence_deg=85
     )
     for row in np.flatnonzero(sight.visible).tolist():
-        xy, inside = pixels_of(posed, marks[row].corners_site_m)
+        xy, inside = project_points(posed, marks[row].corners_site_m)
         if inside.all():
             rings = np.split(xy, np.cumsum([len(ring) for ring in marks[row].outlines_site_m])[:-1])
             drawn = [np.round(ring * scale).astype(np.int32) for ring in rings]
@@ -206,7 +206,7 @@ def _draw_boxes(
                 cv2.LINE_AA,
             )  # fmt: skip
         if posed is not None and seen and seen["x_site_m"] is not None:
-            xy, inside = pixels_of(posed, np.array([[seen["x_site_m"], seen["y_site_m"], seen["z_site_m"]]]))
+            xy, inside = project_points(posed, np.array([[seen["x_site_m"], seen["y_site_m"], seen["z_site_m"]]]))
             if inside[0]:
                 at = np.round(xy[0] * scale).astype(int).tolist()
                 cv2.drawMarker(picture, at, colour, cv2.MARKER_CROSS, 9, 1, cv2.LINE_AA)

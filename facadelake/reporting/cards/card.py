@@ -17,9 +17,9 @@ from facadelake.reporting.cards.facts import CardFact
 from facadelake.reporting.cards.patch_view import PatchView
 from facadelake.reporting.cards.sightings import DefectObservation
 from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_dashes
-from facadelake.reporting.elevations.backdrop import Backdrop, draw_place
-from facadelake.reporting.elevations.marks import Mark
-from facadelake.reporting.elevations.storeys import StoreyLevel
+from facadelake.reporting.elevations.backdrop import FacadeOverview, draw_defect_location
+from facadelake.reporting.elevations.marks import DefectMark
+from facadelake.reporting.elevations.storeys import StoreyBase
 
 DPI = 150
 BEST_PX = 600  # width of the large pieces
@@ -49,7 +49,7 @@ class CardContents:
     all three are None where none could. ``left_out`` sightings are not among ``tiles``.
     """
 
-    mark: Mark
+    mark: DefectMark
     subtitle: str
     facts: Sequence[CardFact]
     best: UInt8Image | None
@@ -57,8 +57,8 @@ class CardContents:
     patch: PatchView | None
     tiles: Sequence[ObservationTile]
     left_out: int
-    overview: Backdrop | None
-    storeys: Sequence[StoreyLevel]
+    overview: FacadeOverview | None
+    storeys: Sequence[StoreyBase]
 
 
 def draw_card(material: CardContents) -> Figure:
@@ -181,7 +181,7 @@ def _draw_location(figure: Figure, material: CardContents, top: float, height: f
     size = backdrop.width_m * per_m, backdrop.height_m * per_m
     left, bottom = _EDGE_IN + 0.45, top - 0.22 - size[1]
     axes = figure.add_axes((left / _WIDTH_IN, bottom / height, size[0] / _WIDTH_IN, size[1] / height))
-    draw_place(axes, backdrop, material.storeys, material.mark)
+    draw_defect_location(axes, backdrop, material.storeys, material.mark)
     zero = material.storeys[0].name if material.storeys else "the lowest point"
     title = f"{backdrop.facade.title} from outside: metres along it, and above {zero}"
     figure.text(_EDGE_IN / _WIDTH_IN, top / height, escape_mathtext(title), fontsize=8, va="top", color="#303030")

@@ -21,9 +21,9 @@ from facadelake.reporting.cards.patch_view import PatchView, choose_patch_side_m
 from facadelake.reporting.cards.sightings import DefectObservation, group_observations
 from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
-from facadelake.reporting.elevations.backdrop import Backdrop
-from facadelake.reporting.elevations.marks import Mark, marks_of
-from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.elevations.backdrop import FacadeOverview
+from facadelake.reporting.elevations.marks import DefectMark, create_marks
+from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import Inspection
 
 log = logging.getLogger(__name__)
@@ -44,7 +44,7 @@ class CardFiles:
 class _PendingCard:
     """A card whose photographs are being read; pieces are kept as JPEG: a campaign may have thousands of them."""
 
-    mark: Mark
+    mark: DefectMark
     row: Row
     observations: Sequence[DefectObservation]
     left_out: int
@@ -61,7 +61,7 @@ def draw_cards(
     defect_ids: Iterable[str],
     folder: Path,
     *,
-    places: Mapping[str, Backdrop],
+    places: Mapping[str, FacadeOverview],
     most_sightings: int,
 ) -> CardFiles:
     """Write ``card_<label>.png`` into ``folder`` for each of ``defect_ids``.
@@ -73,7 +73,7 @@ def draw_cards(
     opened = _prepare_cards(inspection, frozenset(defect_ids), most_sightings)
     wanted = sorted({photo_id for card in opened for photo_id in card.unread_photos})
     merges = group_merges(inspection.merges)
-    storeys = storey_levels(inspection.building)
+    storeys = find_storey_bases(inspection.building)
     paths: dict[str, Path] = {}
     missing: list[str] = []
 
@@ -122,7 +122,7 @@ def _prepare_cards(inspection: Inspection, defect_ids: frozenset[str], most_sigh
     rows = {row["defect_id"]: row for row in inspection.defects.to_pylist()}
     sightings = group_observations(inspection)
     opened = []
-    for mark in marks_of(inspection.defects, inspection.building.origin):
+    for mark in create_marks(inspection.defects, inspection.building.origin):
         if mark.defect_id not in defect_ids:
             continue
         own = [one for one in sightings[mark.defect_id] if one.photo_id in inspection.posed]

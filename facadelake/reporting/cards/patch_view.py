@@ -11,9 +11,9 @@ from facadelake.building.surface import Surface
 from facadelake.core.arrays import BoolArray, Float64Array, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.reporting.drawing.photograph import choose_reduction
-from facadelake.reporting.elevations.marks import Mark, surface_axes
-from facadelake.reporting.elevations.rectify import sampled
-from facadelake.reporting.elevations.visibility import pixels_of, sees
+from facadelake.reporting.elevations.marks import DefectMark, compute_surface_axes
+from facadelake.reporting.elevations.rectify import sample_bilinear
+from facadelake.reporting.elevations.visibility import check_visibility, project_points
 
 _LEAST_SIDE_M, _LARGEST_SIDE_M = 0.3, 8.0
 _SIDE_FACTOR = 1.8  # the patch is this much wider than the defect
@@ -42,14 +42,14 @@ class PatchView:
         return self.cell_m * int(self.picture.shape[1])
 
 
-def choose_patch_side_m(mark: Mark) -> float:
+def choose_patch_side_m(mark: DefectMark) -> float:
     """Width and height of a defect's surroundings."""
-    flat = (mark.corners_site_m - mark.centre_site_m) @ surface_axes(mark.normal_site)[:2].T
+    flat = (mark.corners_site_m - mark.centre_site_m) @ compute_surface_axes(mark.normal_site)[:2].T
     return float(np.clip(2.0 * np.abs(flat).max() * _SIDE_FACTOR, _LEAST_SIDE_M, _LARGEST_SIDE_M))
 
 
 def rectify_patch(
-    mark: Mark, posed: PosedCamera, pixels: UInt8Image, surface: Surface, cells: int, pixel_m: float
+    mark: DefectMark, posed: PosedCamera, pixels: UInt8Image, surface: Surface, cells: int, pixel_m: float
 ) -> PatchView:
     """The surroundings of a defect, ``cells`` wide, from a photograph (RGB, full size).
 
@@ -57,12 +57,12 @@ def rectify_patch(
     sill) is thereby seen in its place. The surface is moved along the normal so that it holds the defect's position,
     which may have been triangulated off the model. ``pixel_m`` is the size of a pixel there.
     """
-    axes = surface_axes(mark.normal_site)
+    axes = compute_surface_axes(mark.normal_site)
     rings = tuple((ring - mark.centre_site_m) @ axes[:2].T for ring in mark.outlines_site_m)
     cell_m = choose_patch_side_m(mark) / cells
     xyz, normal, off = _cast_patch(mark, axes, surface, cell_m, cells)
-    sight = sees(posed, surface, xyz, normal, tolerance_m=_VISIBLE_M, max_incidence_deg=_FLATTEST_DEG)
-    xy, inside = pixels_of(posed, xyz + off)
+    sight = check_visibility(posed, surface, xyz, normal, tolerance_m=_VISIBLE_M, max_incidence_deg=_FLATTEST_DEG)
+    xy, inside = project_points(posed, xyz + off)
     shown = sight.visible & inside
     picture = np.full((cells * cells, 3), _EMPTY, dtype=np.uint8)
     if shown.any():
@@ -73,7 +73,7 @@ def rectify_patch(
 
 
 def _cast_patch(
-    mark: Mark, axes: Float64Array, surface: Surface, cell_m: float, cells: int
+    mark: DefectMark, axes: Float64Array, surface: Surface, cell_m: float, cells: int
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Points and normals (cells * cells, 3) of the model's surface, from the top left, and the defect's shift (3,) off
     it; the defect's plane where there is no surface.
@@ -105,5 +105,5 @@ def _sample_colours(pixels: UInt8Image, xy: Float64Array, reduction: int) -> UIn
         piece = cv2.copyMakeBorder(piece, 0, below, 0, beside, cv2.BORDER_REPLICATE).astype(np.uint8)
         half = (piece.shape[1] // reduction, piece.shape[0] // reduction)
         piece = np.asarray(cv2.resize(piece, half, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    colours: UInt8Image = np.clip(sampled(piece, (xy - first) / reduction) + 0.5, 0, 255).astype(np.uint8)
+    colours: UInt8Image = np.clip(sample_bilinear(piece, (xy - first) / reduction) + 0.5, 0, 255).astype(np.uint8)
     return colours

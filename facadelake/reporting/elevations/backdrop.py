@@ -15,16 +15,16 @@ from facadelake.building.surface import Surface
 from facadelake.core.arrays import UInt8Image
 from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.elevations.facades import Facade
-from facadelake.reporting.elevations.marks import Mark
-from facadelake.reporting.elevations.relief import grey_drawing, look_square_on, relief_edges
-from facadelake.reporting.elevations.storeys import StoreyLevel
+from facadelake.reporting.elevations.marks import DefectMark
+from facadelake.reporting.elevations.relief import find_relief_edges, render_relief, render_shaded_relief
+from facadelake.reporting.elevations.storeys import StoreyBase
 
 _WIDTH_PX = 1000
 _FINEST_M = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Backdrop:
+class FacadeOverview:
     """A facade's elevation as a small ``picture`` (RGB) that spans ``width_m`` and ``height_m`` from its top left."""
 
     facade: Facade
@@ -33,7 +33,7 @@ class Backdrop:
     height_m: float
 
     @classmethod
-    def of(cls, facade: Facade, picture: UInt8Image, cell_m: float) -> Backdrop:
+    def of(cls, facade: Facade, picture: UInt8Image, cell_m: float) -> FacadeOverview:
         """Made from an elevation's ``picture`` of cells ``cell_m`` wide."""
         rows, columns = picture.shape[:2]
         scale = min(1.0, _WIDTH_PX / columns)
@@ -42,16 +42,16 @@ class Backdrop:
         return cls(facade=facade, picture=small, width_m=columns * cell_m, height_m=rows * cell_m)
 
 
-def model_backdrop(facade: Facade, surface: Surface, building: BuildingModel) -> Backdrop:
+def render_model_overview(facade: Facade, surface: Surface, building: BuildingModel) -> FacadeOverview:
     """The facade as a grey drawing of the model, where its elevation is not drawn."""
     cell_m = max((facade.u_max_m - facade.u_min_m) / _WIDTH_PX, _FINEST_M)
-    relief = look_square_on(facade, surface, cell_m)
-    picture = grey_drawing(relief, building)
-    picture[relief_edges(relief, building)] = 110
-    return Backdrop.of(facade, picture, cell_m)
+    relief = render_relief(facade, surface, cell_m)
+    picture = render_shaded_relief(relief, building)
+    picture[find_relief_edges(relief, building)] = 110
+    return FacadeOverview.of(facade, picture, cell_m)
 
 
-def draw_place(axes: Axes, backdrop: Backdrop, storeys: Sequence[StoreyLevel], mark: Mark) -> None:
+def draw_defect_location(axes: Axes, backdrop: FacadeOverview, storeys: Sequence[StoreyBase], mark: DefectMark) -> None:
     """Draw the facade and mark the defect's place on it; axes in metres along it and above its lowest storey."""
     facade, colour = backdrop.facade, get_class_colour(mark.defect_class)
     zero = storeys[0].z_site_m if storeys else facade.v_min_m
@@ -64,9 +64,9 @@ def draw_place(axes: Axes, backdrop: Backdrop, storeys: Sequence[StoreyLevel], m
         if top - backdrop.height_m <= level <= top:
             axes.axhline(level, color="white", linewidth=1.2, alpha=0.6)
             axes.axhline(level, color="#202020", linewidth=0.5, dashes=(8, 4))
-    u, v = place_on(facade, mark, zero)
+    u, v = locate_on_facade(facade, mark, zero)
     for ring in mark.outlines_site_m:
-        uv = facade.uvw(ring)[:, :2] - [facade.u_min_m, zero]
+        uv = facade.uvw_from_site(ring)[:, :2] - [facade.u_min_m, zero]
         axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor=colour, linewidth=1.0))
     for width, ink in ((4.5, "white"), (2.2, colour)):
         axes.plot(
@@ -78,7 +78,7 @@ def draw_place(axes: Axes, backdrop: Backdrop, storeys: Sequence[StoreyLevel], m
     axes.tick_params(labelsize=7.5)
 
 
-def place_on(facade: Facade, mark: Mark, zero_site_m: float) -> tuple[float, float]:
+def locate_on_facade(facade: Facade, mark: DefectMark, zero_site_m: float) -> tuple[float, float]:
     """Metres along the facade from its left, and above ``zero_site_m``, of a defect."""
-    u, v, _ = facade.uvw(mark.centre_site_m[None])[0]
+    u, v, _ = facade.uvw_from_site(mark.centre_site_m[None])[0]
     return float(u - facade.u_min_m), float(v - zero_site_m)

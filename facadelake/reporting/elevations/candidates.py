@@ -17,24 +17,24 @@ from numpy.typing import NDArray
 from facadelake.building.surface import MISS, Surface
 from facadelake.core.arrays import Float32Array, Float64Array, Int64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
-from facadelake.reporting.elevations.relief import Relief
-from facadelake.reporting.elevations.visibility import pixels_of, sees
+from facadelake.reporting.elevations.relief import FacadeRelief
+from facadelake.reporting.elevations.visibility import check_visibility, project_points
 from facadelake.reporting.inspection import PictureSettings
 
-_KEPT = 8  # photographs a cell chooses among
+_MAX_CANDIDATES = 8  # photographs a cell chooses among
 _BORDER_PENALTY = 0.5
-_FADE = 0.15  # share of the half photograph over which it fades out at its border
-_LEAST_FADE = 0.02
+_FADE_SHARE = 0.15  # share of the half photograph over which it fades out at its border
+_MIN_FADE = 0.02
 _MAX_GAIN = 1.35
 _TOLERATED_LEVELS = 10.0  # grey levels by which photographs of one wall differ: relief, reflections, vignetting
-_ODD_LEVELS = 14.0  # so many beyond that double a photograph's score
-_ODD_CELLS = 7  # coarse cells over which the difference is averaged
+_OUTLIER_LEVELS = 14.0  # so many beyond that double a photograph's score
+_OUTLIER_WINDOW_CELLS = 7  # coarse cells over which the difference is averaged
 
 Sampler = Callable[[str, Float64Array], Float32Array]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Share:
+class BlendWeight:
     """A photograph's part in an elevation.
 
     ``weight`` 0 to 255 on the part of the coarse grid from (``top``, ``left``) on; those of all photographs add up to
@@ -49,8 +49,8 @@ class Share:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Candidates:
-    """Per coarse cell that shows the model (n,): its point, and up to ``_KEPT`` photographs, best first (k, n).
+class ColourCandidates:
+    """Per coarse cell that shows the model (n,): its point, and up to ``_MAX_CANDIDATES`` photographs, best first (k, n).
 
     ``photo`` counts in ``names`` (-1: none), ``score`` is a pixel's size in m with its penalties (inf: none), ``fade``
     falls to 0 towards the photograph's border. ``cell`` (n,) is the place in the grid of ``shape``.
@@ -65,15 +65,15 @@ class Candidates:
     fade: Float32Array
     pixel_m: Mapping[str, float]
 
-    def of_photo(self, index: int) -> tuple[Int64Array, Int64Array]:
+    def select_photo(self, index: int) -> tuple[Int64Array, Int64Array]:
         """Ranks and cells (indices into the two axes of ``photo``) that a photograph is a candidate of."""
         ranks, cells = np.nonzero(self.photo == index)
         return ranks, cells
 
 
 def find_candidates(
-    relief: Relief, surface: Surface, posed: Mapping[str, PosedCamera], settings: PictureSettings
-) -> Candidates:
+    relief: FacadeRelief, surface: Surface, posed: Mapping[str, PosedCamera], settings: PictureSettings
+) -> ColourCandidates:
     """The best photographs of each coarse cell."""
     step = settings.visibility_step
     middles = [np.minimum(np.arange(0, size, step) + step // 2, size - 1) for size in relief.shape]
@@ -82,11 +82,11 @@ def find_candidates(
     at_rows, at_columns = rows.ravel()[met], columns.ravel()[met]
     xyz = relief.xyz_site_m(at_rows, at_columns)
     normal = relief.normal[at_rows, at_columns].astype(np.float64)
-    photo = np.full((_KEPT, len(met)), -1, dtype=np.int32)
+    photo = np.full((_MAX_CANDIDATES, len(met)), -1, dtype=np.int32)
     score, fade = np.full(photo.shape, np.inf, dtype=np.float32), np.zeros(photo.shape, dtype=np.float32)
     pixel_m: dict[str, float] = {}
     for index, (name, camera) in enumerate(posed.items()):
-        sight = sees(
+        sight = check_visibility(
             camera, surface, xyz, normal,
             tolerance_m=settings.visibility_tolerance_m, max_incidence_deg=settings.max_incidence_deg,
         )  # fmt: skip
@@ -103,19 +103,19 @@ def find_candidates(
         cells, new = cells[worst], new[worst]
         # The newcomer takes the place of the worst; then the few are sorted again.
         score[-1, cells], photo[-1, cells] = new, index
-        fade[-1, cells] = np.clip(sight.inset[cells] / _FADE, _LEAST_FADE, 1.0)
+        fade[-1, cells] = np.clip(sight.inset[cells] / _FADE_SHARE, _MIN_FADE, 1.0)
         order = np.argsort(score[:, cells], axis=0, kind="stable")
         for values in (score, photo, fade):
             values[:, cells] = np.take_along_axis(values[:, cells], order, axis=0)
-    return Candidates(
+    return ColourCandidates(
         names=tuple(posed), shape=rows.shape, cell=met, xyz_site_m=xyz, photo=photo, score=score, fade=fade,
         pixel_m=pixel_m,
     )  # fmt: skip
 
 
-def share_out(
-    candidates: Candidates, posed: Mapping[str, PosedCamera], sample: Sampler, feather_cells: float
-) -> dict[str, Share]:
+def assign_blend_weights(
+    candidates: ColourCandidates, posed: Mapping[str, PosedCamera], sample: Sampler, feather_cells: float
+) -> dict[str, BlendWeight]:
     """The part of each photograph, with soft borders ``feather_cells`` wide; photographs without a part are absent.
 
     ``sample(name, pixels)`` gives colours (m, 3) of a photograph at pixels (m, 2), NaN where it cannot be read.
@@ -123,14 +123,14 @@ def share_out(
     colour = np.full((*candidates.photo.shape, 3), np.nan, dtype=np.float32)
     indices = [int(i) for i in np.unique(candidates.photo) if i >= 0]
     for index in indices:
-        ranks, cells = candidates.of_photo(index)
+        ranks, cells = candidates.select_photo(index)
         name = candidates.names[index]
-        xy, _ = pixels_of(posed[name], candidates.xyz_site_m[cells])
+        xy, _ = project_points(posed[name], candidates.xyz_site_m[cells])
         colour[ranks, cells] = sample(name, xy)
-    gain = _gains(candidates, colour, indices)
+    gain = _estimate_gains(candidates, colour, indices)
     for index in indices:
         colour[candidates.photo == index] *= gain[index]
-    score = candidates.score * (1.0 + _oddness(candidates, colour, indices) ** 2)
+    score = candidates.score * (1.0 + _measure_outlier_levels(candidates, colour, indices) ** 2)
     score[np.isnan(colour[..., 0])] = np.inf
     best = np.argmin(score, axis=0)
     chosen = np.where(
@@ -139,14 +139,14 @@ def share_out(
     winners = [index for index in indices if (chosen == index).any()]
     total = np.full(candidates.shape, 1e-9, dtype=np.float32)
     for index in winners:
-        total += _soft_plane(candidates, index, chosen, feather_cells)
-    shares: dict[str, Share] = {}
+        total += _compute_feathered_weight(candidates, index, chosen, feather_cells)
+    shares: dict[str, BlendWeight] = {}
     for index in winners:  # made again rather than kept: of a thousand photographs they would fill the memory
-        plane = _soft_plane(candidates, index, chosen, feather_cells)
+        plane = _compute_feathered_weight(candidates, index, chosen, feather_cells)
         weight = np.round(255 * plane / total).astype(np.uint8)
         rows, columns = np.flatnonzero(weight.any(axis=1)), np.flatnonzero(weight.any(axis=0))
         if len(rows):
-            shares[candidates.names[index]] = Share(
+            shares[candidates.names[index]] = BlendWeight(
                 weight=weight[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].copy(),
                 top=int(rows[0]),
                 left=int(columns[0]),
@@ -156,9 +156,11 @@ def share_out(
     return shares
 
 
-def _soft_plane(candidates: Candidates, index: int, chosen: NDArray[np.int32], feather_cells: float) -> Float32Array:
+def _compute_feathered_weight(
+    candidates: ColourCandidates, index: int, chosen: NDArray[np.int32], feather_cells: float
+) -> Float32Array:
     """Weight of a photograph on the coarse grid: 1 where it is chosen, falling off around, 0 where it shows nothing."""
-    ranks, cells = candidates.of_photo(index)
+    ranks, cells = candidates.select_photo(index)
     plane, seen = np.zeros(candidates.shape, dtype=np.float32), np.zeros(candidates.shape, dtype=np.float32)
     plane.ravel()[candidates.cell] = chosen == index
     seen.ravel()[candidates.cell[cells]] = candidates.fade[ranks, cells]
@@ -167,7 +169,7 @@ def _soft_plane(candidates: Candidates, index: int, chosen: NDArray[np.int32], f
     return np.asarray(soft * seen, dtype=np.float32)
 
 
-def _middle_colour(colour: Float32Array) -> Float32Array:
+def _compute_median_colour(colour: Float32Array) -> Float32Array:
     """Median (n, 3) over the candidates of each cell; NaN where fewer than three have a colour."""
     enough = np.isfinite(colour[..., 0]).sum(axis=0) >= 3
     middle = np.full(colour.shape[1:], np.nan, dtype=np.float32)
@@ -176,15 +178,15 @@ def _middle_colour(colour: Float32Array) -> Float32Array:
     return middle
 
 
-def _gains(candidates: Candidates, colour: Float32Array, indices: list[int]) -> dict[int, float]:
+def _estimate_gains(candidates: ColourCandidates, colour: Float32Array, indices: list[int]) -> dict[int, float]:
     """Factor for each photograph that brings it to the brightness of the others where they show the same wall."""
     light = np.maximum(colour.mean(axis=-1), 1.0)
     gain = dict.fromkeys(indices, 1.0)
     for _ in range(3):
         factor = np.array([gain.get(i, np.nan) for i in range(len(candidates.names))] + [np.nan], dtype=np.float32)
-        middle = _middle_colour((light * factor[candidates.photo])[..., None])[:, 0]
+        middle = _compute_median_colour((light * factor[candidates.photo])[..., None])[:, 0]
         for index in indices:
-            ranks, cells = candidates.of_photo(index)
+            ranks, cells = candidates.select_photo(index)
             ratio = middle[cells] / light[ranks, cells]
             ratio = ratio[np.isfinite(ratio)]
             if len(ratio):
@@ -192,16 +194,16 @@ def _gains(candidates: Candidates, colour: Float32Array, indices: list[int]) -> 
     return gain
 
 
-def _oddness(candidates: Candidates, colour: Float32Array, indices: list[int]) -> Float32Array:
-    """How far (k, n) each candidate's colour is from what most show there, in ``_ODD_LEVELS``; 0 where tolerable."""
-    off = np.nan_to_num(np.abs(colour - _middle_colour(colour)).max(axis=-1))
+def _measure_outlier_levels(candidates: ColourCandidates, colour: Float32Array, indices: list[int]) -> Float32Array:
+    """How far (k, n) each candidate's colour is from what most show there, in ``_OUTLIER_LEVELS``; 0 where tolerable."""
+    off = np.nan_to_num(np.abs(colour - _compute_median_colour(colour)).max(axis=-1))
     odd = np.zeros_like(off)
-    window = (_ODD_CELLS, _ODD_CELLS)
+    window = (_OUTLIER_WINDOW_CELLS, _OUTLIER_WINDOW_CELLS)
     for index in indices:
-        ranks, cells = candidates.of_photo(index)
+        ranks, cells = candidates.select_photo(index)
         plane, there = np.zeros(candidates.shape, dtype=np.float32), np.zeros(candidates.shape, dtype=np.float32)
         plane.ravel()[candidates.cell[cells]] = off[ranks, cells]
         there.ravel()[candidates.cell[cells]] = 1.0
         mean = cv2.blur(plane, window) / np.maximum(cv2.blur(there, window), 1e-3)
         odd[ranks, cells] = mean.ravel()[candidates.cell[cells]]
-    return np.asarray(np.maximum(odd - _TOLERATED_LEVELS, 0.0) / _ODD_LEVELS, dtype=np.float32)
+    return np.asarray(np.maximum(odd - _TOLERATED_LEVELS, 0.0) / _OUTLIER_LEVELS, dtype=np.float32)

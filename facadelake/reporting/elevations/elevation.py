@@ -14,19 +14,24 @@ from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError
-from facadelake.reporting.elevations.backdrop import Backdrop
+from facadelake.reporting.elevations.backdrop import FacadeOverview
 from facadelake.reporting.elevations.facades import Facade, find_facades
-from facadelake.reporting.elevations.figure import DPI, Scene, draw_elevation
-from facadelake.reporting.elevations.marks import Mark, marks_also_seen, marks_of, marks_per_facade
-from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify
-from facadelake.reporting.elevations.relief import cell_size_m, grey_drawing, look_square_on, relief_edges
-from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.elevations.figure import DPI, ElevationLabels, draw_elevation
+from facadelake.reporting.elevations.marks import DefectMark, assign_marks, create_marks, find_visible_marks
+from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify_elevations
+from facadelake.reporting.elevations.relief import (
+    choose_cell_size_m,
+    find_relief_edges,
+    render_relief,
+    render_shaded_relief,
+)
+from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import Inspection, PictureSettings
 
 log = logging.getLogger(__name__)
 
 _THUMBNAIL_WIDTH_PX = 1200
-_BRIGHTEST = 1.8  # a darker facade is not brightened further
+_MAX_BRIGHTENING = 1.8  # a darker facade is not brightened further
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,12 +40,12 @@ class Elevation:
 
     path: Path
     facade: Facade
-    marks: tuple[Mark, ...]
+    marks: tuple[DefectMark, ...]
     covered_share: float
-    backdrop: Backdrop
+    backdrop: FacadeOverview
 
 
-def facade_elevations(
+def draw_elevations(
     inspection: Inspection,
     surface: Surface,
     folder: Path,
@@ -56,30 +61,32 @@ def facade_elevations(
     """
     settings = settings or PictureSettings()
     building = inspection.building
-    marks = marks_of(inspection.defects, building.origin)
-    facades = facades_of(inspection, surface, settings)
-    shown, nowhere = marks_per_facade(facades, marks, building)
+    marks = create_marks(inspection.defects, building.origin)
+    facades = find_drawn_facades(inspection, surface, settings)
+    shown, nowhere = assign_marks(facades, marks, building)
     if nowhere:
         log.info("%d of %d defects lie on no drawn facade", len(nowhere), len(marks))
     if names is not None:
         kept = [place for place, facade in enumerate(facades) if facade.name in names]
         facades, shown = [facades[place] for place in kept], [shown[place] for place in kept]
-    scene = Scene(
+    scene = ElevationLabels(
         building_name=inspection.building_name,
         campaign_id=inspection.campaign_id,
         control=inspection.control,
-        storeys=tuple(storey_levels(building)),
+        storeys=tuple(find_storey_bases(building)),
     )
-    reliefs = [look_square_on(facade, surface, cell_size_m(facade, settings)) for facade in facades]
+    reliefs = [render_relief(facade, surface, choose_cell_size_m(facade, settings)) for facade in facades]
     photographs = {photo_id: inspection.locate_photograph(photo_id) for photo_id in inspection.posed}
     elevations = []
-    for rectified, own in zip(rectify(reliefs, surface, inspection.posed, photographs, settings), shown, strict=True):
+    for rectified, own in zip(
+        rectify_elevations(reliefs, surface, inspection.posed, photographs, settings), shown, strict=True
+    ):
         facade = rectified.relief.facade
         path = folder / f"elevation_{facade.name.lower().replace(' ', '_')}.png"
-        background = compose(rectified, building)
+        background = render_background(rectified, building)
         met = rectified.relief.element >= 0
         covered = float((rectified.covered & met).sum() / max(int(met.sum()), 1))
-        others = marks_also_seen(rectified.relief, marks, own)
+        others = find_visible_marks(rectified.relief, marks, own)
         sheet = draw_elevation(scene, rectified, background, own, others, covered)
         sheet.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
         elevations.append(
@@ -88,22 +95,22 @@ def facade_elevations(
                 facade=facade,
                 marks=tuple(own),
                 covered_share=covered,
-                overview=Backdrop.of(facade, background, rectified.relief.cell_m),
+                overview=FacadeOverview.of(facade, background, rectified.relief.cell_m),
             )
         )
     elevations.sort(key=lambda elevation: -elevation.facade.area_m2)
     if elevations:
-        _thumbnail(elevations[0].path, folder / "thumbnail_elevation.jpg")
+        _write_thumbnail(elevations[0].path, folder / "thumbnail_elevation.jpg")
     return elevations
 
 
-def facades_of(inspection: Inspection, surface: Surface, settings: PictureSettings) -> list[Facade]:
+def find_drawn_facades(inspection: Inspection, surface: Surface, settings: PictureSettings) -> list[Facade]:
     """The facades that elevations are drawn of, clockwise from north: the main ones and those with a defect."""
     guids = frozenset(inspection.defects.column("element_guid").to_pylist())
     return find_facades(inspection.building, surface, inspection.posed, guids, settings)
 
 
-def _thumbnail(source: Path, path: Path) -> None:
+def _write_thumbnail(source: Path, path: Path) -> None:
     """A small copy, for places that show a picture inline."""
     sheet = cv2.imread(str(source))
     if sheet is None:
@@ -113,15 +120,15 @@ def _thumbnail(source: Path, path: Path) -> None:
     cv2.imwrite(str(path), small, [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
-def compose(rectified: RectifiedElevation, building: BuildingModel) -> UInt8Image:
+def render_background(rectified: RectifiedElevation, building: BuildingModel) -> UInt8Image:
     """Photographs over the grey model, brightened as a whole where they are dark, the model's edges drawn thin."""
-    picture = grey_drawing(rectified.relief, building)
+    picture = render_shaded_relief(rectified.relief, building)
     covered = rectified.covered
     if covered.any():
         light = float(np.quantile(rectified.picture[covered].max(axis=1), 0.98))
-        gain = min(max(245.0 / max(light, 1.0), 1.0), _BRIGHTEST)
+        gain = min(max(245.0 / max(light, 1.0), 1.0), _MAX_BRIGHTENING)
         picture[covered] = np.clip(rectified.picture[covered].astype(np.float32) * gain, 0, 255).astype(np.uint8)
-    edges = relief_edges(rectified.relief, building)
+    edges = find_relief_edges(rectified.relief, building)
     over_photo, over_grey = edges & covered, edges & ~covered
     picture[over_photo] = (0.45 * picture[over_photo]).astype(np.uint8)
     picture[over_grey] = 110

@@ -12,11 +12,17 @@ from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.reporting.drawing.palette import name_direction
-from facadelake.reporting.elevations.outward import Walls, azimuth_of, element_azimuths, turn_deg, walls_of
+from facadelake.reporting.elevations.outward import (
+    ModelTriangles,
+    azimuth_of,
+    collect_triangles,
+    estimate_element_azimuths,
+    turn_deg,
+)
 from facadelake.reporting.inspection import PictureSettings
 
 _WINDOW_DEG = 25.0  # elements that look within this angle of one another make one facade
-_SAME_SHEET = 0.6  # of the tallest facade's height
+_FULL_HEIGHT_SHARE = 0.6  # of the tallest facade's height
 _MIN_VISIBLE_SHARE = 0.3  # of an element's area, to count as shown in an elevation
 
 
@@ -53,12 +59,12 @@ class Facade:
         up = np.array([0.0, 0.0, 1.0])
         return np.array([np.cross(up, outward), up, outward])
 
-    def uvw(self, xyz_site_m: Float64Array) -> Float64Array:
+    def uvw_from_site(self, xyz_site_m: Float64Array) -> Float64Array:
         """Points (n, 3) of site along the facade's axes, metres."""
         return np.asarray(xyz_site_m, dtype=np.float64) @ self.axes_site.T
 
 
-def _directions(azimuth: Float64Array, area: Float64Array) -> list[tuple[float, Int64Array]]:
+def _cluster_azimuths(azimuth: Float64Array, area: Float64Array) -> list[tuple[float, Int64Array]]:
     """Groups of elements that look one way: the direction with most area first, its neighbours within 25 degrees."""
     left = np.isfinite(azimuth) & (area > 0)
     groups: list[tuple[float, Int64Array]] = []
@@ -75,8 +81,8 @@ def _directions(azimuth: Float64Array, area: Float64Array) -> list[tuple[float, 
     return groups
 
 
-def _layers(
-    middle_deg: float, members: Int64Array, walls: Walls, surface: Surface, settings: PictureSettings
+def _split_by_depth(
+    middle_deg: float, members: Int64Array, walls: ModelTriangles, surface: Surface, settings: PictureSettings
 ) -> list[Int64Array]:
     """Split elements that look one way where some stand behind others (a courtyard's far side), front first."""
     outward = np.array([np.sin(np.radians(middle_deg)), np.cos(np.radians(middle_deg)), 0.0])
@@ -108,25 +114,25 @@ def find_facades(
     settings: PictureSettings,
 ) -> list[Facade]:
     """The main facades, clockwise from north; smaller ones only where an element of ``defect_guids`` is on them."""
-    walls = walls_of(building, surface)
-    azimuth, area = element_azimuths(building, walls, surface, posed, settings.visibility_tolerance_m)
+    walls = collect_triangles(building, surface)
+    azimuth, area = estimate_element_azimuths(building, walls, surface, posed, settings.visibility_tolerance_m)
     guids = np.array(building.elements.column("element_guid").to_pylist(), dtype=object)
     facades: list[Facade] = []
-    for middle, members in _directions(azimuth, area):
-        for elements in _layers(middle, members, walls, surface, settings):
+    for middle, members in _cluster_azimuths(azimuth, area):
+        for elements in _split_by_depth(middle, members, walls, surface, settings):
             wanted = defect_guids.intersection(guids[elements])
             if area[elements].sum() < settings.min_facade_share * area.sum() and not wanted:
                 continue
-            facades.append(_facade(middle, elements, float(area[elements].sum()), walls, building, settings))
+            facades.append(_create_facade(middle, elements, float(area[elements].sum()), walls, building, settings))
     facades.sort(key=lambda f: (f.azimuth_deg, -f.near_w_m))
-    return _named(_level(facades))
+    return _name_facades(_align_heights(facades))
 
 
-def _facade(
+def _create_facade(
     middle_deg: float,
     elements: Int64Array,
     area_m2: float,
-    walls: Walls,
+    walls: ModelTriangles,
     building: BuildingModel,
     settings: PictureSettings,
 ) -> Facade:
@@ -135,7 +141,7 @@ def _facade(
         name="", azimuth_deg=middle_deg, elements=elements, area_m2=area_m2, u_min_m=0, u_max_m=1, v_min_m=0, v_max_m=1,
         near_w_m=0, far_w_m=0,
     )  # fmt: skip
-    uvw = draft.uvw(building.vertices_site_m[np.unique(building.triangles[mine])])
+    uvw = draft.uvw_from_site(building.vertices_site_m[np.unique(building.triangles[mine])])
     low, high = uvw.min(axis=0), uvw.max(axis=0)
     return Facade(
         name="", azimuth_deg=middle_deg, elements=elements, area_m2=area_m2,
@@ -145,18 +151,18 @@ def _facade(
     )  # fmt: skip
 
 
-def _level(facades: list[Facade]) -> list[Facade]:
+def _align_heights(facades: list[Facade]) -> list[Facade]:
     """Facades of about one height get one vertical extent, so that their sheets can be laid side by side."""
     if not facades:
         return facades
     low, high = min(f.v_min_m for f in facades), max(f.v_max_m for f in facades)
     return [
-        replace(f, v_min_m=low, v_max_m=high) if f.v_max_m - f.v_min_m > _SAME_SHEET * (high - low) else f
+        replace(f, v_min_m=low, v_max_m=high) if f.v_max_m - f.v_min_m > _FULL_HEIGHT_SHARE * (high - low) else f
         for f in facades
     ]
 
 
-def _named(facades: list[Facade]) -> list[Facade]:
+def _name_facades(facades: list[Facade]) -> list[Facade]:
     """Each facade with the words of its direction; a number where two share them."""
     words = [name_direction(f.azimuth_deg) for f in facades]
     named = []

@@ -18,9 +18,9 @@ from facadelake.core.arrays import UInt8Image
 from facadelake.reporting.drawing.label_placement import place_labels
 from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_dashes
 from facadelake.reporting.elevations.facades import Facade
-from facadelake.reporting.elevations.marks import Mark
+from facadelake.reporting.elevations.marks import DefectMark
 from facadelake.reporting.elevations.rectify import RectifiedElevation
-from facadelake.reporting.elevations.storeys import StoreyLevel
+from facadelake.reporting.elevations.storeys import StoreyBase
 
 DPI = 150
 _MAX_WIDTH_PX, _MIN_HEIGHT_PX, _MAX_HEIGHT_PX = 2400, 820, 1800
@@ -31,18 +31,18 @@ _ROW_IN = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scene:
+class ElevationLabels:
     """What is written round every elevation of a campaign."""
 
     building_name: str
     campaign_id: str
     control: str
-    storeys: tuple[StoreyLevel, ...]
+    storeys: tuple[StoreyBase, ...]
 
 
 def draw_elevation(
-    scene: Scene, rectified: RectifiedElevation, background: UInt8Image, marks: Sequence[Mark],
-    others: Sequence[Mark], covered: float,
+    scene: ElevationLabels, rectified: RectifiedElevation, background: UInt8Image, marks: Sequence[DefectMark],
+    others: Sequence[DefectMark], covered: float,
 ) -> Figure:  # fmt: skip
     """The finished sheet.
 
@@ -83,15 +83,15 @@ def draw_elevation(
     axes.tick_params(labelsize=8)
     axes.set_xlabel("metres along the facade, from its left as seen from outside", fontsize=8)
     axes.set_ylabel(f"metres above {scene.storeys[0].name if scene.storeys else 'the lowest point'}", fontsize=8)
-    _storey_lines(axes, scene, zero, width_m)
-    _defects(axes, facade, marks, others, zero, px_per_m=scale / rectified.relief.cell_m)
-    _deviations(figure, axes, facade, [*marks, *others], zero, total_in, bars_in)
-    _scale_bar(figure, axes, width_m, total_in, bars_in)
-    _title(figure, scene, facade, marks, len(others), covered, rectified.relief.cell_m, total_in)
+    _draw_storey_lines(axes, scene, zero, width_m)
+    _draw_defects(axes, facade, marks, others, zero, px_per_m=scale / rectified.relief.cell_m)
+    _draw_deviations(figure, axes, facade, [*marks, *others], zero, total_in, bars_in)
+    _draw_scale_bar(figure, axes, width_m, total_in, bars_in)
+    _write_title(figure, scene, facade, marks, len(others), covered, rectified.relief.cell_m, total_in)
     return figure
 
 
-def _storey_lines(axes: Axes, scene: Scene, zero: float, width_m: float) -> None:
+def _draw_storey_lines(axes: Axes, scene: ElevationLabels, zero: float, width_m: float) -> None:
     low, high = axes.get_ylim()
     for storey in scene.storeys:
         level = storey.z_site_m - zero
@@ -104,8 +104,8 @@ def _storey_lines(axes: Axes, scene: Scene, zero: float, width_m: float) -> None
             )  # fmt: skip
 
 
-def _defects(
-    axes: Axes, facade: Facade, marks: Sequence[Mark], others: Sequence[Mark], zero: float, px_per_m: float
+def _draw_defects(
+    axes: Axes, facade: Facade, marks: Sequence[DefectMark], others: Sequence[DefectMark], zero: float, px_per_m: float
 ) -> None:
     """Outlines and numbers: filled labels for the facade's own, hollow ones for those counted on another facade."""
     everyone = [*marks, *others]
@@ -115,10 +115,10 @@ def _defects(
     for mark in everyone:
         dashes, colour = get_class_dashes(mark.defect_class), get_class_colour(mark.defect_class)
         for ring in mark.outlines_site_m:
-            uv = facade.uvw(ring)[:, :2] - origin
+            uv = facade.uvw_from_site(ring)[:, :2] - origin
             axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor="white", linewidth=2.4))
             axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor=colour, linewidth=1.5, linestyle=dashes))
-    corners = [facade.uvw(mark.corners_site_m)[:, :2] - origin for mark in everyone]
+    corners = [facade.uvw_from_site(mark.corners_site_m)[:, :2] - origin for mark in everyone]
     boxes = np.array([[*uv.min(axis=0), *uv.max(axis=0)] for uv in corners])
     # A 6.5 point label at 150 dpi: 18 px high, 9 px a character, with its frame.
     sizes = np.array([[12 + 9.0 * len(mark.label), 18.0] for mark in everyone])
@@ -137,15 +137,15 @@ def _defects(
         )  # fmt: skip
 
 
-def _deviations(
-    figure: Figure, axes: Axes, facade: Facade, marks: Sequence[Mark], zero: float, total_in: tuple[float, float],
+def _draw_deviations(
+    figure: Figure, axes: Axes, facade: Facade, marks: Sequence[DefectMark], zero: float, total_in: tuple[float, float],
     bars_in: float,
 ) -> None:  # fmt: skip
     """A dot where a defect's place was measured off the model, its colour how far; the colours' bar under the axes."""
     measured = [(mark, mark.deviation_m) for mark in marks if mark.deviation_m is not None]
     if not measured:
         return
-    uv = facade.uvw(np.array([mark.centre_site_m for mark, _ in measured]))[:, :2] - [facade.u_min_m, zero]
+    uv = facade.uvw_from_site(np.array([mark.centre_site_m for mark, _ in measured]))[:, :2] - [facade.u_min_m, zero]
     millimetres = np.array([1000.0 * deviation for _, deviation in measured])
     reach = next((n for n in (10, 20, 50, 100, 200, 500) if n >= np.abs(millimetres).max()), 1000)
     dots = axes.scatter(
@@ -169,7 +169,7 @@ def _deviations(
     )
 
 
-def _scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float, float], bars_in: float) -> None:
+def _draw_scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float, float], bars_in: float) -> None:
     """A bar of two halves under the axes, about a sixth of the facade long."""
     length = next((n for n in (50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5) if n <= width_m / 4), 0.2)
     box = axes.get_position()
@@ -189,8 +189,8 @@ def _scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float
     figure.text(right, y + 0.09 / total_in[1], f"{length:g} m", fontsize=8, ha="right", va="bottom")
 
 
-def _title(
-    figure: Figure, scene: Scene, facade: Facade, marks: Sequence[Mark], others: int, covered: float, cell_m: float,
+def _write_title(
+    figure: Figure, scene: ElevationLabels, facade: Facade, marks: Sequence[DefectMark], others: int, covered: float, cell_m: float,
     total_in: tuple[float, float],
 ) -> None:  # fmt: skip
     left, height = 0.2 / total_in[0], total_in[1]

@@ -19,38 +19,38 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.reporting.drawing.photograph import choose_reduction, read_photograph
-from facadelake.reporting.elevations.candidates import Share, find_candidates, share_out
-from facadelake.reporting.elevations.relief import Relief
-from facadelake.reporting.elevations.visibility import pixels_of
+from facadelake.reporting.elevations.candidates import BlendWeight, assign_blend_weights, find_candidates
+from facadelake.reporting.elevations.relief import FacadeRelief
+from facadelake.reporting.elevations.visibility import project_points
 from facadelake.reporting.inspection import PictureSettings
 
 log = logging.getLogger(__name__)
 
 _BAND_ROWS = 512  # rows of cells sampled at a time, to bound memory
-_LEAST_WEIGHT = 0.01
-_ENOUGH_WEIGHT = 0.25  # weights add up to 1 inside what photographs show and run out across its border
-_TINY_PX = 640  # width at which photographs are compared with one another; all of them are held at once
-_LINE = 4096  # OpenCV remaps pictures whose sides are below 32768
+_MIN_WEIGHT = 0.01
+_COVERED_WEIGHT = 0.25  # weights add up to 1 inside what photographs show and run out across its border
+_THUMBNAIL_PX = 640  # width at which photographs are compared with one another; all of them are held at once
+_REMAP_WIDTH = 4096  # OpenCV remaps pictures whose sides are below 32768
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RectifiedElevation:
     """``picture`` (rows, columns, RGB) where ``covered`` (rows, columns) a photograph shows the surface."""
 
-    relief: Relief
+    relief: FacadeRelief
     picture: UInt8Image
     covered: BoolArray
 
 
-class _Canvas:
+class _ElevationMosaic:
     """The weighted sum of photographs on one elevation."""
 
-    def __init__(self, relief: Relief, shares: Mapping[str, Share], step: int) -> None:
-        self.relief, self.shares, self._step = relief, shares, step
+    def __init__(self, relief: FacadeRelief, shares: Mapping[str, BlendWeight], step: int) -> None:
+        self.relief, self.weights, self._step = relief, shares, step
         self._sum = np.zeros((*relief.shape, 3), dtype=np.float32)
         self._weight = np.zeros(relief.shape, dtype=np.float32)
 
-    def add(self, posed: PosedCamera, pixels: UInt8Image, reduction: int, share: Share) -> None:
+    def add(self, posed: PosedCamera, pixels: UInt8Image, reduction: int, share: BlendWeight) -> None:
         """Sample one photograph where it has a share."""
         rows, columns = self.relief.shape
         for top in range(0, rows, _BAND_ROWS):
@@ -63,43 +63,45 @@ class _Canvas:
             grid_x, grid_y = np.meshgrid(map_x, map_y)
             weight = cv2.remap(share.weight.astype(np.float32), grid_x, grid_y, cv2.INTER_LINEAR) / 255
             weight[self.relief.element[top:bottom] == MISS] = 0.0
-            use_rows, use_columns = np.nonzero(weight > _LEAST_WEIGHT)
+            use_rows, use_columns = np.nonzero(weight > _MIN_WEIGHT)
             if len(use_rows) == 0:
                 continue
-            xy, inside = pixels_of(posed, self.relief.xyz_site_m(use_rows + top, use_columns))
+            xy, inside = project_points(posed, self.relief.xyz_site_m(use_rows + top, use_columns))
             use_rows, use_columns, xy = use_rows[inside], use_columns[inside], xy[inside]
             part = weight[use_rows, use_columns]
-            self._sum[use_rows + top, use_columns] += sampled(pixels, xy / reduction) * (part * share.gain)[:, None]
+            self._sum[use_rows + top, use_columns] += (
+                sample_bilinear(pixels, xy / reduction) * (part * share.gain)[:, None]
+            )
             self._weight[use_rows + top, use_columns] += part
 
-    def finished(self) -> RectifiedElevation:
+    def compute_mean(self) -> RectifiedElevation:
         """The weighted mean."""
-        covered = self._weight > _ENOUGH_WEIGHT
-        self._sum /= np.maximum(self._weight, _ENOUGH_WEIGHT)[..., None]
+        covered = self._weight > _COVERED_WEIGHT
+        self._sum /= np.maximum(self._weight, _COVERED_WEIGHT)[..., None]
         picture = np.clip(self._sum + 0.5, 0, 255).astype(np.uint8)
         return RectifiedElevation(relief=self.relief, picture=picture, covered=covered)
 
 
-def sampled(pixels: UInt8Image, xy: Float64Array) -> Float32Array:
+def sample_bilinear(pixels: UInt8Image, xy: Float64Array) -> Float32Array:
     """Colours (n, 3) at positions (n, 2) of a picture, (0.5, 0.5) the centre of its first pixel; bilinear."""
     count = len(xy)
-    maps = np.zeros((2, -(-max(count, 1) // _LINE) * _LINE), dtype=np.float32)
+    maps = np.zeros((2, -(-max(count, 1) // _REMAP_WIDTH) * _REMAP_WIDTH), dtype=np.float32)
     maps[:, :count] = xy.T - 0.5  # OpenCV counts from the centre of the first pixel
-    at_x, at_y = maps.reshape(2, -1, _LINE)
+    at_x, at_y = maps.reshape(2, -1, _REMAP_WIDTH)
     sampled = cv2.remap(pixels, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     colours: Float32Array = sampled.reshape(-1, 3)[:count].astype(np.float32)
     return colours
 
 
-def _tiny(path: Path, camera: Camera) -> UInt8Image:
-    """The photograph, at most ``_TINY_PX`` wide."""
+def _read_thumbnail(path: Path, camera: Camera) -> UInt8Image:
+    """The photograph, at most ``_THUMBNAIL_PX`` wide."""
     pixels = read_photograph(path, camera, 8 if camera.width_px >= 1024 else 1)
-    scale = min(1.0, _TINY_PX / pixels.shape[1])
+    scale = min(1.0, _THUMBNAIL_PX / pixels.shape[1])
     return np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def rectify(
-    reliefs: Sequence[Relief],
+def rectify_elevations(
+    reliefs: Sequence[FacadeRelief],
     surface: Surface,
     posed: Mapping[str, PosedCamera],
     photographs: Mapping[str, Path],
@@ -109,22 +111,26 @@ def rectify(
     tiny = {}
     for name in track(list(posed), label="Evening out exposures"):
         try:
-            tiny[name] = _tiny(photographs[name], posed[name].camera)
+            tiny[name] = _read_thumbnail(photographs[name], posed[name].camera)
         except InputDataError as error:
             log.warning("left out of the elevations: %s", error)
     readable = {name: camera for name, camera in posed.items() if name in tiny}
 
     def colours(name: str, xy: Float64Array) -> Float32Array:
-        return sampled(tiny[name], xy * (tiny[name].shape[1] / readable[name].camera.width_px))
+        return sample_bilinear(tiny[name], xy * (tiny[name].shape[1] / readable[name].camera.width_px))
 
     canvases = []
     for relief in track(reliefs, label="Choosing photographs"):
         candidates = find_candidates(relief, surface, readable, settings)
         feather = settings.feather_m / relief.cell_m / settings.visibility_step
-        canvases.append(_Canvas(relief, share_out(candidates, readable, colours, feather), settings.visibility_step))
-    used = [name for name in readable if any(name in canvas.shares for canvas in canvases)]
+        canvases.append(
+            _ElevationMosaic(
+                relief, assign_blend_weights(candidates, readable, colours, feather), settings.visibility_step
+            )
+        )
+    used = [name for name in readable if any(name in canvas.weights for canvas in canvases)]
     for name in track(used, label="Rectifying photographs"):
-        mine = [(canvas, canvas.shares[name]) for canvas in canvases if name in canvas.shares]
+        mine = [(canvas, canvas.weights[name]) for canvas in canvases if name in canvas.weights]
         reduction = min(choose_reduction(share.pixel_m, canvas.relief.cell_m) for canvas, share in mine)
         try:
             pixels = read_photograph(photographs[name], readable[name].camera, reduction)
@@ -133,4 +139,4 @@ def rectify(
             continue
         for canvas, share in mine:
             canvas.add(readable[name], pixels, reduction, share)
-    return [canvas.finished() for canvas in canvases]
+    return [canvas.compute_mean() for canvas in canvases]

@@ -21,7 +21,7 @@ _OPENINGS = ("IfcWindow", "IfcDoor", "IfcCurtainWall", "IfcPlate")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Relief:
+class FacadeRelief:
     """An elevation's cells, (rows, columns) from the top left as seen from outside; float32 to halve the memory.
 
     ``w_m`` along the facade's axis towards the viewer (NaN: nothing there), ``normal`` in site, ``element`` rows.
@@ -50,22 +50,22 @@ class Relief:
         points: Float64Array = uvw @ self.facade.axes_site
         return points
 
-    def shows(self, xyz_site_m: Float64Array, tolerance_m: float) -> bool:
+    def has_surface_at(self, xyz_site_m: Float64Array, tolerance_m: float) -> bool:
         """Whether the elevation's surface passes within ``tolerance_m`` of a point (3,) of site, seen square-on."""
-        u, v, w = self.facade.uvw(xyz_site_m[None])[0]
+        u, v, w = self.facade.uvw_from_site(xyz_site_m[None])[0]
         column, row = int((u - self.facade.u_min_m) // self.cell_m), int((self.facade.v_max_m - v) // self.cell_m)
         if not (0 <= row < self.shape[0] and 0 <= column < self.shape[1]):
             return False
         return bool(abs(float(self.w_m[row, column]) - w) <= tolerance_m)
 
 
-def cell_size_m(facade: Facade, settings: PictureSettings) -> float:
+def choose_cell_size_m(facade: Facade, settings: PictureSettings) -> float:
     """The settings' cell, or the smallest that keeps the facade below ``max_cells``."""
     area = (facade.u_max_m - facade.u_min_m) * (facade.v_max_m - facade.v_min_m)
     return max(settings.cell_m, float(np.sqrt(area / settings.max_cells)))
 
 
-def look_square_on(facade: Facade, surface: Surface, cell_m: float) -> Relief:
+def render_relief(facade: Facade, surface: Surface, cell_m: float) -> FacadeRelief:
     """Parallel rays against the facade, one a cell, from ``near_w_m`` inwards."""
     rows = max(1, int(np.ceil((facade.v_max_m - facade.v_min_m) / cell_m)))
     columns = max(1, int(np.ceil((facade.u_max_m - facade.u_min_m) / cell_m)))
@@ -83,17 +83,17 @@ def look_square_on(facade: Facade, surface: Surface, cell_m: float) -> Relief:
         w_m[top : top + len(v)] = w.reshape(shape)
         normal[top : top + len(v)] = np.where(hits.hit[:, None], hits.normal_site, 0.0).reshape(*shape, 3)
         element[top : top + len(v)] = hits.element.reshape(shape)
-    return Relief(facade=facade, cell_m=cell_m, w_m=w_m, normal=normal, element=element)
+    return FacadeRelief(facade=facade, cell_m=cell_m, w_m=w_m, normal=normal, element=element)
 
 
-def openings_of(building: BuildingModel) -> BoolArray:
+def find_openings(building: BuildingModel) -> BoolArray:
     """Which elements are windows, doors and the like (elements,)."""
     return np.array(
         [word.startswith(_OPENINGS) for word in building.elements.column("ifc_class").to_pylist()], dtype=bool
     )
 
 
-def edges_of(xyz: Float32Array, normal: Float32Array, element: NDArray[np.int32], is_opening: BoolArray) -> BoolArray:
+def find_edges(xyz: Float32Array, normal: Float32Array, element: NDArray[np.int32], is_opening: BoolArray) -> BoolArray:
     """Pixels (h, w) where the seen surface jumps, creases, ends, or meets an opening.
 
     ``xyz`` and ``normal`` (h, w, 3) of any view, near the frame's origin; ``element`` (h, w), ``MISS``: nothing.
@@ -115,25 +115,25 @@ def edges_of(xyz: Float32Array, normal: Float32Array, element: NDArray[np.int32]
     return edges
 
 
-def edges_tell(building: BuildingModel) -> bool:
+def has_model_edges(building: BuildingModel) -> bool:
     """Whether the surface's edges are the building's: noise makes those of tie points, which look like cracks."""
     return building.surface_kind is not SurfaceKind.AS_BUILT
 
 
-def relief_edges(relief: Relief, building: BuildingModel) -> BoolArray:
+def find_relief_edges(relief: FacadeRelief, building: BuildingModel) -> BoolArray:
     """The building's edges in an elevation (rows, columns), none where they would tell nothing."""
     rows, columns = relief.shape
-    if not edges_tell(building):
+    if not has_model_edges(building):
         return np.zeros((rows, columns), dtype=bool)
     u = (np.arange(columns, dtype=np.float32) + np.float32(0.5)) * np.float32(relief.cell_m)
     v = -(np.arange(rows, dtype=np.float32) + np.float32(0.5)) * np.float32(relief.cell_m)
     w = np.nan_to_num(relief.w_m - np.float32(relief.facade.far_w_m))
     uvw = np.stack(np.broadcast_arrays(u[None, :], v[:, None], w), axis=-1)
     in_axes = relief.normal @ relief.facade.axes_site.T.astype(np.float32)
-    return edges_of(uvw, in_axes, relief.element, openings_of(building))
+    return find_edges(uvw, in_axes, relief.element, find_openings(building))
 
 
-def grey_drawing(relief: Relief, building: BuildingModel) -> UInt8Image:
+def render_shaded_relief(relief: FacadeRelief, building: BuildingModel) -> UInt8Image:
     """The model as a light grey drawing (rows, columns, RGB): lit from the upper left, openings bluish, sky white."""
     axes = relief.facade.axes_site
     light = np.array([-0.45, 0.55, 0.70]) @ axes
@@ -141,7 +141,7 @@ def grey_drawing(relief: Relief, building: BuildingModel) -> UInt8Image:
     picture = np.full((*relief.shape, 3), 255, dtype=np.uint8)
     value = (196 + 44 * shade)[..., None]
     met = relief.element != MISS
-    opening = np.append(openings_of(building), False)[relief.element]
+    opening = np.append(find_openings(building), False)[relief.element]
     tint = np.where(opening[..., None], np.array([0.90, 0.95, 1.0]), np.array([1.0, 1.0, 0.985])).astype(np.float32)
     picture[met] = (value * tint)[met].astype(np.uint8)
     return picture

@@ -12,14 +12,14 @@ _SAME_LEVEL_M = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class StoreyLevel:
+class StoreyBase:
     """A storey and the height of its walls' feet, ``z`` of site."""
 
     name: str
     z_site_m: float
 
 
-def storey_levels(building: BuildingModel) -> list[StoreyLevel]:
+def find_storey_bases(building: BuildingModel) -> list[StoreyBase]:
     """Storeys that have elements, from the lowest up.
 
     The level is the low tenth of the lowest points of the storey's walls (of any element where it has no wall), so
@@ -35,9 +35,9 @@ def storey_levels(building: BuildingModel) -> list[StoreyLevel]:
         own = (names == name) & np.isfinite(lowest)
         own = own & is_wall if (own & is_wall).any() else own
         if own.any():
-            levels.append(StoreyLevel(name=str(name), z_site_m=float(np.quantile(lowest[own], 0.1))))
+            levels.append(StoreyBase(name=str(name), z_site_m=float(np.quantile(lowest[own], 0.1))))
     levels.sort(key=lambda level: level.z_site_m)
-    kept: list[StoreyLevel] = []
+    kept: list[StoreyBase] = []
     for level in levels:
         if not kept or level.z_site_m - kept[-1].z_site_m > _SAME_LEVEL_M:
             kept.append(level)

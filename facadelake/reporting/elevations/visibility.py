@@ -12,7 +12,7 @@ from facadelake.core.camera import Camera, PosedCamera
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sight:
+class PointVisibility:
     """Per point: is it seen; the size of a pixel on the surface there (m, where it is longest); how far the pixel lies
     from the photograph's border (0 at it, 1 in the middle; lenses are darker and softer towards it)."""
 
@@ -21,7 +21,7 @@ class Sight:
     inset: Float64Array
 
 
-def _widest_tangent(camera: Camera) -> float:
+def _compute_max_tangent(camera: Camera) -> float:
     """Tangent of the widest angle from the optical axis inside the photograph.
 
     Beyond it Brown's polynomial may fold points that are far outside back into the picture.
@@ -31,18 +31,18 @@ def _widest_tangent(camera: Camera) -> float:
     return float((np.hypot(rays[:, 0], rays[:, 1]) / rays[:, 2]).max())
 
 
-def pixels_of(posed: PosedCamera, xyz_site_m: Float64Array) -> tuple[Float64Array, BoolArray]:
+def project_points(posed: PosedCamera, xyz_site_m: Float64Array) -> tuple[Float64Array, BoolArray]:
     """Pixels (n, 2) of site points (n, 3) and which of them (n,) lie inside the photograph."""
     xyz_cam = posed.site_from_cam.invert().apply(xyz_site_m)
     xy = posed.camera.project(xyz_cam)
     in_front = xyz_cam[:, 2] > 1e-6
     tangent = np.hypot(xyz_cam[:, 0], xyz_cam[:, 1]) / np.where(in_front, xyz_cam[:, 2], 1.0)
-    inside = in_front & (tangent <= 1.05 * _widest_tangent(posed.camera))
+    inside = in_front & (tangent <= 1.05 * _compute_max_tangent(posed.camera))
     inside[inside] = posed.camera.is_inside(xy[inside])
     return xy, inside
 
 
-def sees(
+def check_visibility(
     posed: PosedCamera,
     surface: Surface,
     xyz_site_m: Float64Array,
@@ -50,7 +50,7 @@ def sees(
     *,
     tolerance_m: float,
     max_incidence_deg: float,
-) -> Sight:
+) -> PointVisibility:
     """Which of the surface's points (n, 3) with outward normals (n, 3) the photograph shows.
 
     A point is hidden where the ray to it meets the surface more than ``tolerance_m`` before it, or where it is seen
@@ -62,7 +62,7 @@ def sees(
     distance = np.linalg.norm(to_point, axis=1)
     cosine = -np.einsum("ij,ij->i", to_point, normal_site) / np.maximum(distance, 1e-9)
     facing = np.flatnonzero(cosine > np.cos(np.radians(max_incidence_deg)))
-    xy, inside = pixels_of(posed, xyz_site_m[facing])
+    xy, inside = project_points(posed, xyz_site_m[facing])
     ask = facing[inside]
     if len(ask):
         origins = np.broadcast_to(posed.centre_site_m, (len(ask), 3))
@@ -71,4 +71,4 @@ def sees(
         pixel_m[ask] = distance[ask] / posed.camera.fx_px / cosine[ask]
         share = xy[inside] / (posed.camera.width_px, posed.camera.height_px)
         inset[ask] = np.clip(2.0 * np.minimum(share, 1.0 - share).min(axis=1), 0.0, 1.0)
-    return Sight(visible=visible, pixel_m=pixel_m, inset=inset)
+    return PointVisibility(visible=visible, pixel_m=pixel_m, inset=inset)

@@ -14,9 +14,9 @@ from facadelake.reporting.distribution import (
     format_distribution_title,
     write_distribution,
 )
-from facadelake.reporting.elevations.elevation import Elevation, facade_elevations
-from facadelake.reporting.elevations.places import places_on_elevations
-from facadelake.reporting.elevations.relief import edges_tell
+from facadelake.reporting.elevations.elevation import Elevation, draw_elevations
+from facadelake.reporting.elevations.places import map_defects_to_elevations
+from facadelake.reporting.elevations.relief import has_model_edges
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
 from facadelake.reporting.page.campaign import (
@@ -63,7 +63,7 @@ def write_report(
     settings = settings or PictureSettings()
     folder.mkdir(parents=True, exist_ok=True)
     if elevations is None:
-        elevations = facade_elevations(inspection, surface, folder, settings)
+        elevations = draw_elevations(inspection, surface, folder, settings)
     plan = draw_plan(inspection, folder / "plan.png")
     distribution = compute_distribution(inspection)
     bars = draw_distribution(distribution, format_distribution_title(inspection), folder / "distribution.png")
@@ -71,14 +71,14 @@ def write_report(
     crops = write_crops(inspection, folder / "crops", settings)
     worst = [row["defect_id"] for row in sort_by_severity(inspection.defects)[: settings.report_cards]]
     cards = draw_cards(
-        inspection, surface, worst, folder / "cards", places=places_on_elevations(elevations),
+        inspection, surface, worst, folder / "cards", places=map_defects_to_elevations(elevations),
         most_sightings=settings.report_observations,
     )  # fmt: skip
     overlays = draw_overlays(
         inspection, surface, select_overlay_photographs(inspection, settings.report_overlays), folder, settings
     )
     title = f"{inspection.building_name} — {inspection.campaign_id}"
-    of_overlays = _OVERLAY if edges_tell(inspection.building) else _OVERLAY_WITHOUT_EDGES
+    of_overlays = _OVERLAY if has_model_edges(inspection.building) else _OVERLAY_WITHOUT_EDGES
     body = [
         Html(f"<h1>{html_from_value(title)}</h1>"),
         render_paragraph(_format_subtitle(inspection), "under"),

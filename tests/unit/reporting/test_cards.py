@@ -21,23 +21,23 @@ from facadelake.reporting.cards.patch_view import PatchView, rectify_patch
 from facadelake.reporting.cards.sightings import group_observations, read_outline
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
-from facadelake.reporting.elevations.backdrop import draw_place, model_backdrop, place_on
-from facadelake.reporting.elevations.elevation import facades_of
-from facadelake.reporting.elevations.marks import Mark, marks_of, surface_axes
-from facadelake.reporting.elevations.places import places_on_model
-from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.elevations.backdrop import draw_defect_location, locate_on_facade, render_model_overview
+from facadelake.reporting.elevations.elevation import find_drawn_facades
+from facadelake.reporting.elevations.marks import DefectMark, compute_surface_axes, create_marks
+from facadelake.reporting.elevations.places import map_defects_to_model
+from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from tests.unit.reporting.painted_wall import PAINT_PX_PER_M, WALL_HEIGHT_M, Painted, box, defect_row, inspection_of
 
 SETTINGS = PictureSettings(cell_m=0.02)
 
 
-def mark_at(painted: Painted, x_m: float, z_m: float, **others: Any) -> Mark:
-    (mark,) = marks_of(table_from_rows("defects", [defect_row("D1", x_m, z_m, **others)]), painted.building.origin)
+def mark_at(painted: Painted, x_m: float, z_m: float, **others: Any) -> DefectMark:
+    (mark,) = create_marks(table_from_rows("defects", [defect_row("D1", x_m, z_m, **others)]), painted.building.origin)
     return mark
 
 
-def view_of(painted: Painted, mark: Mark, photo_id: str = "a.png", cells: int = 300) -> PatchView:
+def view_of(painted: Painted, mark: DefectMark, photo_id: str = "a.png", cells: int = 300) -> PatchView:
     posed = painted.posed[photo_id]
     pixels = read_photograph(painted.root / photo_id, posed.camera)
     return rectify_patch(mark, posed, pixels, painted.surface, cells, pixel_m=0.006)
@@ -125,7 +125,7 @@ def test_a_patch_of_its_own_is_the_outline(painted: Painted) -> None:
 
 @pytest.mark.parametrize("normal", [(0, -1, 0), (1, 0, 0), (0.3, 0.4, 0.5), (0, 0, 1), (0, 0, -1)])
 def test_surface_axes_are_right_handed(normal: tuple[float, ...]) -> None:
-    axes = surface_axes(np.array(normal))
+    axes = compute_surface_axes(np.array(normal))
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(axes), 1.0, rtol=0, atol=1e-12)
     assert axes[0, 2] == pytest.approx(0.0, abs=1e-12)  # right is level
@@ -134,13 +134,13 @@ def test_surface_axes_are_right_handed(normal: tuple[float, ...]) -> None:
 
 def test_the_marker_is_at_the_defects_pixel(painted: Painted) -> None:
     inspection = inspection_of(painted, [defect_row("D1", 5.5, 3.0)], [])
-    (facade,) = facades_of(inspection, painted.surface, SETTINGS)
-    backdrop = places_on_model(inspection, painted.surface, [facade], ["D1"])["D1"]
-    mark = marks_of(inspection.defects, painted.building.origin)[0]
+    (facade,) = find_drawn_facades(inspection, painted.surface, SETTINGS)
+    backdrop = map_defects_to_model(inspection, painted.surface, [facade], ["D1"])["D1"]
+    mark = create_marks(inspection.defects, painted.building.origin)[0]
     figure = Figure(figsize=(9, 5), dpi=100)
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
-    draw_place(axes, backdrop, storey_levels(painted.building), mark)
+    draw_defect_location(axes, backdrop, find_storey_bases(painted.building), mark)
     axes.axis("off")
     canvas.draw()
     picture = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
@@ -150,13 +150,13 @@ def test_the_marker_is_at_the_defects_pixel(painted: Painted) -> None:
     found = axes.transData.inverted().transform(middle)
     # The wall begins half a metre right of the sheet's left, and x is along it.
     np.testing.assert_allclose(found, [5.5 + 0.5, 3.0], rtol=0, atol=0.03)  # m, about two pixels
-    np.testing.assert_allclose(place_on(facade, mark, 0.0), [6.0, 3.0], rtol=0, atol=1e-9)  # m
+    np.testing.assert_allclose(locate_on_facade(facade, mark, 0.0), [6.0, 3.0], rtol=0, atol=1e-9)  # m
 
 
 def test_the_backdrop_shows_the_wall_where_it_is(painted: Painted) -> None:
     inspection = inspection_of(painted, [], [])
-    (facade,) = facades_of(inspection, painted.surface, SETTINGS)
-    backdrop = model_backdrop(facade, painted.surface, painted.building)
+    (facade,) = find_drawn_facades(inspection, painted.surface, SETTINGS)
+    backdrop = render_model_overview(facade, painted.surface, painted.building)
     per_m = backdrop.picture.shape[1] / backdrop.width_m
     columns = np.flatnonzero((backdrop.picture < 250).all(axis=2).any(axis=0))
     np.testing.assert_allclose(np.array([columns.min(), columns.max() + 1]) / per_m, [0.5, 8.5], rtol=0, atol=0.04)  # m
@@ -213,7 +213,9 @@ def test_cards_are_written_and_say_what_is_missing(
     painted: Painted, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     inspection = many_sightings(painted)
-    places = places_on_model(inspection, painted.surface, facades_of(inspection, painted.surface, SETTINGS), ["D2"])
+    places = map_defects_to_model(
+        inspection, painted.surface, find_drawn_facades(inspection, painted.surface, SETTINGS), ["D2"]
+    )
     cards = draw_cards(inspection, painted.surface, ["D1", "D2"], tmp_path, places=places, most_sightings=9)
     assert cards.missing == ()
     assert {name: path.name for name, path in cards.paths.items()} == {"D1": "card_1.png", "D2": "card_2.png"}

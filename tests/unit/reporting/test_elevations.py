@@ -10,12 +10,12 @@ import pytest
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.tables import table_from_rows
-from facadelake.reporting.elevations.elevation import compose, facade_elevations
+from facadelake.reporting.elevations.elevation import draw_elevations, render_background
 from facadelake.reporting.elevations.facades import Facade, find_facades
-from facadelake.reporting.elevations.marks import marks_also_seen, marks_of, marks_per_facade
-from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify
-from facadelake.reporting.elevations.relief import look_square_on
-from facadelake.reporting.elevations.storeys import storey_levels
+from facadelake.reporting.elevations.marks import assign_marks, create_marks, find_visible_marks
+from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify_elevations
+from facadelake.reporting.elevations.relief import render_relief
+from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import PictureSettings
 from schemas.vocabulary import SurfaceKind
 from tests.unit.reporting.painted_wall import (
@@ -40,9 +40,9 @@ def front(painted: Painted, settings: PictureSettings = SETTINGS) -> Facade:
 
 
 def rectified(painted: Painted, settings: PictureSettings = SETTINGS) -> RectifiedElevation:
-    relief = look_square_on(front(painted, settings), painted.surface, settings.cell_m)
+    relief = render_relief(front(painted, settings), painted.surface, settings.cell_m)
     files = {name: painted.root / name for name in painted.posed}
-    return rectify([relief], painted.surface, painted.posed, files, settings)[0]
+    return rectify_elevations([relief], painted.surface, painted.posed, files, settings)[0]
 
 
 def expected(result: RectifiedElevation, painted: Painted) -> tuple[Float64Array, Float64Array]:
@@ -64,8 +64,8 @@ def test_a_surface_of_tie_points_gets_no_edges_that_would_look_like_cracks(paint
         relief=replace(result.relief, w_m=result.relief.w_m - 0.1 * (np.arange(result.relief.shape[1]) % 50 < 25)),
     )
     as_built = replace(painted.building, surface_kind=SurfaceKind.AS_BUILT)
-    smooth, drawn = compose(rough, as_built), compose(rough, painted.building)
-    np.testing.assert_array_equal(smooth, compose(result, as_built))  # steps of 10 cm leave no line
+    smooth, drawn = render_background(rough, as_built), render_background(rough, painted.building)
+    np.testing.assert_array_equal(smooth, render_background(result, as_built))  # steps of 10 cm leave no line
     changed = (smooth != drawn).any(axis=2).sum()
     height = round(WALL_HEIGHT_M / result.relief.cell_m)
     assert changed > 20 * height  # cells: of a wall of 800 cells, with a step every 25
@@ -155,9 +155,9 @@ def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: P
 
 def test_a_photograph_that_is_gone_is_left_out(painted: Painted, caplog: pytest.LogCaptureFixture) -> None:
     whole = rectified(painted)
-    relief = look_square_on(front(painted), painted.surface, SETTINGS.cell_m)
+    relief = render_relief(front(painted), painted.surface, SETTINGS.cell_m)
     files = {"a.png": painted.root / "a.png", "b.png": painted.root / "gone.png"}
-    result = rectify([relief], painted.surface, painted.posed, files, SETTINGS)[0]
+    result = rectify_elevations([relief], painted.surface, painted.posed, files, SETTINGS)[0]
     assert 0 < result.covered.sum() < whole.covered.sum()
     assert "gone.png cannot be decoded" in caplog.text
 
@@ -172,8 +172,8 @@ def test_a_hidden_wall_takes_no_colour_from_what_hides_it(painted: Painted) -> N
     )
     facade = front(painted)
     one = {"a.png": painted.posed["a.png"]}
-    relief = look_square_on(replace(facade, near_w_m=1.0), Surface(building), 0.02)  # looks past the screen
-    result = rectify([relief], Surface(building), one, {"a.png": painted.root / "a.png"}, SETTINGS)[0]
+    relief = render_relief(replace(facade, near_w_m=1.0), Surface(building), 0.02)  # looks past the screen
+    result = rectify_elevations([relief], Surface(building), one, {"a.png": painted.root / "a.png"}, SETTINGS)[0]
     # From the camera at x = 2, y = -5.5 the screen at y = -1.9 hides the wall's front from x of 3.5 to about 5.
     u = facade.u_min_m + (np.arange(relief.shape[1]) + 0.5) * 0.02
     shadow = (u > 3.7) & (u < 4.9)
@@ -190,11 +190,11 @@ def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: Painted)
         [],
     )
     facade = front(painted)
-    marks = marks_of(inspection.defects, painted.building.origin)
-    (shown,), nowhere = marks_per_facade([facade], marks, painted.building)
+    marks = create_marks(inspection.defects, painted.building.origin)
+    (shown,), nowhere = assign_marks([facade], marks, painted.building)
     assert [mark.label for mark in shown] == ["7"]
     assert [mark.label for mark in nowhere] == ["12"]
-    uvw = facade.uvw(shown[0].corners_site_m)
+    uvw = facade.uvw_from_site(shown[0].corners_site_m)
     np.testing.assert_allclose(np.ptp(uvw, axis=0), [0.4, 0.2, 0.0], rtol=0, atol=1e-9)  # m
     np.testing.assert_allclose(uvw.mean(axis=0), [2.0, 1.0, 0.0], rtol=0, atol=1e-9)  # m: u is east on a south wall
 
@@ -210,12 +210,12 @@ def test_what_stands_before_the_wall_in_one_photograph_is_passed_over(painted: P
         if name == "0.png":  # the squarest view has a red thing in its middle, about 1.5 m wide
             shot[240:460, 380:620] = (220, 20, 20)
         cv2.imwrite(str(tmp_path / name), shot[..., ::-1])
-    relief = look_square_on(front(painted), painted.surface, 0.02)
+    relief = render_relief(front(painted), painted.surface, 0.02)
 
     def red_share(names: list[str]) -> float:
         some = {name: posed[name] for name in names}
         files = {name: tmp_path / name for name in names}
-        result = rectify([relief], painted.surface, some, files, SETTINGS)[0]
+        result = rectify_elevations([relief], painted.surface, some, files, SETTINGS)[0]
         red = (result.picture[..., 0] > 190) & (result.picture[..., 1] < 50)
         return float(red.sum() / result.covered.sum())
 
@@ -224,15 +224,15 @@ def test_what_stands_before_the_wall_in_one_photograph_is_passed_over(painted: P
 
 
 def test_a_mark_of_another_facade_is_shown_where_it_can_be_seen(painted: Painted) -> None:
-    relief = look_square_on(front(painted), painted.surface, 0.05)
+    relief = render_relief(front(painted), painted.surface, 0.05)
     rows = [
         defect_row("D1", 2.0, 1.0),
         defect_row("D2", 4.0, 1.0),
         defect_row("D3", 5.0, 1.0, y_site_m=0.3, normal_y=1.0),  # on the wall's back
         defect_row("D4", 20.0, 1.0),  # beside the wall
     ]
-    marks = marks_of(inspection_of(painted, rows, []).defects, painted.building.origin)
-    seen = marks_also_seen(relief, marks, marks[:1])
+    marks = create_marks(inspection_of(painted, rows, []).defects, painted.building.origin)
+    seen = find_visible_marks(relief, marks, marks[:1])
     assert [mark.defect_id for mark in seen] == ["D2"]
 
 
@@ -241,7 +241,7 @@ def test_elevations_are_written_with_and_without_defects(painted: Painted, tmp_p
     for number, defects in enumerate(([], [defect_row("D1", 2.0, 1.0), defect_row("D2", 2.1, 1.1)])):
         folder = tmp_path / str(number)
         folder.mkdir()
-        elevations = facade_elevations(inspection_of(painted, defects, []), painted.surface, folder, coarse)
+        elevations = draw_elevations(inspection_of(painted, defects, []), painted.surface, folder, coarse)
         assert [elevation.path.name for elevation in elevations] == ["elevation_south.png"]
         assert [len(elevation.marks) for elevation in elevations] == [len(defects)]
         assert 0.5 < elevations[0].covered_share < 1.0
@@ -253,7 +253,7 @@ def test_elevations_are_written_with_and_without_defects(painted: Painted, tmp_p
 
 def test_a_building_that_no_photograph_shows_is_drawn_grey(painted: Painted, tmp_path: Path) -> None:
     inspection = replace(inspection_of(painted, [], []), posed={})
-    (elevation,) = facade_elevations(inspection, painted.surface, tmp_path, PictureSettings(cell_m=0.03))
+    (elevation,) = draw_elevations(inspection, painted.surface, tmp_path, PictureSettings(cell_m=0.03))
     assert elevation.covered_share == 0.0
     picture = cv2.imread(str(elevation.path))
     height, width = picture.shape[:2]
@@ -280,6 +280,6 @@ def test_storeys_begin_at_their_walls_feet(painted: Painted) -> None:
         element_of_triangle=np.repeat(np.arange(7), 12),
         elements=table_from_rows("elements", rows),
     )
-    levels = storey_levels(building)
+    levels = find_storey_bases(building)
     assert [level.name for level in levels] == ["Ground", "First"]
     np.testing.assert_allclose([level.z_site_m for level in levels], [0.0, 3.0], rtol=0, atol=1e-9)  # m
