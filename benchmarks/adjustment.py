@@ -124,9 +124,9 @@ def measure(count: int) -> dict[str, Any]:
     return {
         **spent,
         "before_mb": before_mb,
-        "tie_points": len(adjusted.ties.reconstruction_point),
-        "sightings": len(adjusted.ties.photo),
-        "steps": adjusted.solution.steps,
+        "tie_points": len(adjusted.tie_points.reconstruction_point),
+        "sightings": len(adjusted.tie_points.photo),
+        "steps": adjusted.solution.iterations,
         "common_m": float(np.linalg.norm(error.mean(axis=0))),
         "shape_m": float(np.linalg.norm(shape, axis=1).mean()),
         "inside": float(inside.mean()),

@@ -177,7 +177,7 @@ def line(earlier: Block, later: Block) -> str:
     )
     cells = [
         f"{later.name} in {earlier.name}",
-        f"{match.compared} / {match.offered}",
+        f"{match.points_compared} / {match.reference_points}",
         f"{match.pairs}",
         f"{match.agreeing} ({match.agreeing / match.pairs:.0%})",
         f"{len(match.point)}",

@@ -1,11 +1,11 @@
-"""The building model that the registry names, read with what the registry says of it."""
+"""Read the building model that the registry names, with settings converted from the registry's records."""
 
 from __future__ import annotations
 
-from facadelake.building.ifc.load import load_ifc_building
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.mesh.files import MeshAxes
 from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building
-from facadelake.building.model import BuildingModel, IfcModelSettings
+from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.control_pairs import ControlPair
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.building.storeys import StoreyElevation
@@ -15,7 +15,7 @@ from schemas.vocabulary import SurfaceKind
 
 
 def read_registered_model(building: Building) -> BuildingModel:
-    """The building of the registry's model file, whichever kind that is."""
+    """Read the building's model file, an IFC or a mesh."""
     path = building.locate_model()
     if building.surface_kind is SurfaceKind.MESH:
         return load_mesh_building(path, settings=mesh_settings_from_registry(building))
@@ -23,7 +23,7 @@ def read_registered_model(building: Building) -> BuildingModel:
 
 
 def ifc_settings_from_registry(building: Building) -> IfcModelSettings:
-    """The registry's word on an IFC, as the reader of models takes it."""
+    """Convert the registry's statements about an IFC model to settings of its loader."""
     crs = building.crs
     return IfcModelSettings(
         placement=_placement_from_registry(building),
@@ -38,7 +38,7 @@ def ifc_settings_from_registry(building: Building) -> IfcModelSettings:
 
 
 def mesh_settings_from_registry(building: Building) -> MeshModelSettings:
-    """The registry's word on a building without BIM, as the reader of models takes it."""
+    """Convert the registry's statements about a mesh, or a building without a model, to settings of its loader."""
     crs = building.crs
     return MeshModelSettings(
         map_crs=crs.map,
@@ -57,15 +57,15 @@ def _storeys_from_registry(building: Building) -> tuple[StoreyElevation, ...]:
 
 
 def _placement_from_registry(building: Building) -> MapPlacement | None:
-    place = building.crs.placement
-    if place is None:
+    placement = building.crs.placement
+    if placement is None:
         return None
     return MapPlacement(
-        east_m=place.east_m,
-        north_m=place.north_m,
-        height_m=place.height_m,
-        rotation_deg=place.rotation_deg,
-        scale=(place.scale, place.scale, 1.0),
+        east_m=placement.east_m,
+        north_m=placement.north_m,
+        height_m=placement.height_m,
+        rotation_deg=placement.rotation_deg,
+        scale=(placement.scale, placement.scale, 1.0),
     )
 
 

@@ -87,8 +87,8 @@ class GeoreferencedCampaign:
         """The tie points by which later campaigns find into this one's frame; None where it is known to metres only."""
         count = len(reconstruction.xyz_sfm)
         xyz, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
-        xyz[self.adjusted.ties.reconstruction_point] = self.adjusted.xyz_site_m
-        covariance[self.adjusted.ties.reconstruction_point] = self.adjusted.point_covariance_m2
+        xyz[self.adjusted.tie_points.reconstruction_point] = self.adjusted.xyz_site_m
+        covariance[self.adjusted.tie_points.reconstruction_point] = self.adjusted.point_covariance_m2
         try:
             return build_reference(
                 reconstruction,
@@ -169,7 +169,7 @@ def _georeference_by(
     control: Control,
     remarks: tuple[str, ...],
 ) -> GeoreferencedCampaign:
-    start = find_initial_placement(kind, reconstruction, priors, place=place, control=control).with_remarks(remarks)
+    start = find_initial_placement(kind, reconstruction, priors, place=place, control=control).add_remarks(remarks)
     _refuse_far_away(start.site_from_sfm.apply(reconstruction.centres_sfm), kind, place.origin)
     if kind is not ControlKind.GPS:
         _check_against_gps(start, reconstruction, priors)
@@ -190,7 +190,7 @@ def _georeference_by(
     vertical = estimate_vertical(adjusted.cameras, edges.photographs) if edges is not None else None
     lean = estimate_lean(adjusted, start.model.sigma_m, vertical)
     if vertical is not None:
-        start = start.with_remarks((describe_lean(vertical, lean),))
+        start = start.add_remarks((describe_lean(vertical, lean),))
     return _build_campaign(reconstruction, priors, place, control, start, correct_lean(adjusted, lean), lean)
 
 
@@ -202,7 +202,7 @@ def _check_against_gps(start: InitialPlacement, reconstruction: Reconstruction, 
     # RTK bends less than the block does: no judge of it.
     if priors.sigma_m.size and float(np.median(priors.sigma_m)) > 1.0:
         centres = reconstruction.centres_sfm[priors.photo]
-        check_against_gps(start.site_from_sfm, centres, priors, by=start.words)
+        check_against_gps(start.site_from_sfm, centres, priors, by=start.method)
 
 
 def _refuse_far_away(centres_site_m: Float64Array, control: ControlKind, origin: SiteOrigin) -> None:
@@ -237,7 +237,7 @@ def _build_campaign(
         [np.linalg.norm(p.residual_site_m) for p in points if p.kind in (PointKind.HELD_OUT, PointKind.CHECK)]
     )
     if start.kind is ControlKind.CAMPAIGN and len(held_out_m):
-        require_consistent_frame(held_out_m, float(sigma_m.max()), start.words)
+        require_consistent_frame(held_out_m, float(sigma_m.max()), start.method)
     excused = control.kind is ControlKind.GPS
     require_accuracy(
         control=start.kind,
@@ -246,7 +246,9 @@ def _build_campaign(
         held_out_m=held_out_m,
         remedy=_REMEDY,
     )
-    site_from_sfm = estimate_similarity(reconstruction.xyz_sfm[adjusted.ties.reconstruction_point], adjusted.xyz_site_m)
+    site_from_sfm = estimate_similarity(
+        reconstruction.xyz_sfm[adjusted.tie_points.reconstruction_point], adjusted.xyz_site_m
+    )
     ids = [photo.photo_id for photo in reconstruction.photos]
     covariance = adjusted.covariance.copy()
     covariance[:, :3, :3] += start.frame_covariance_m2
@@ -254,7 +256,7 @@ def _build_campaign(
     left_m = start.residual_m(adjusted)
     row: dict[str, Any] = {
         "control": start.kind,
-        "method": start.words,
+        "method": start.method,
         "map_crs": place.map_crs,
         "vertical_datum": place.vertical_datum,
         "georeference_level": place.georeference_level,
@@ -310,13 +312,15 @@ def _build_campaign(
 
 def _build_lens_remarks(adjusted: AdjustedBlock) -> list[str]:
     remarks = []
-    if adjusted.held_terms:
-        remarks.append(f"lens terms that the photographs do not show, held at nought: {', '.join(adjusted.held_terms)}")
+    if adjusted.fixed_parameters:
+        remarks.append(
+            f"lens terms that the photographs do not show, held at nought: {', '.join(adjusted.fixed_parameters)}"
+        )
     if adjusted.focal_height_correlation > 0.9:
         remarks.append(
             f"focal length and height hang together (correlation {adjusted.focal_height_correlation:.2f}): the block "
             "is too flat to part them; add oblique photographs or control points at different heights"
         )
-    if not adjusted.solution.settled:
-        remarks.append(f"the adjustment had not settled after {adjusted.solution.steps} steps")
+    if not adjusted.solution.converged:
+        remarks.append(f"the adjustment had not settled after {adjusted.solution.iterations} steps")
     return remarks

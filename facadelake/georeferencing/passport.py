@@ -83,10 +83,10 @@ def compare_with_model(adjusted: AdjustedBlock, surface: RaySurface) -> ModelCom
     the block.
     """
     state = adjusted.solution.state
-    walls = match_points_to_surface(adjusted.ties, state, surface, gate_m=_MODEL_GATE_M, model_sigma_m=1.0)
-    if not len(walls.node):
+    walls = match_points_to_surface(adjusted.tie_points, state, surface, gate_m=_MODEL_GATE_M, model_sigma_m=1.0)
+    if not len(walls.point):
         return None
-    xyz = state.node_m[walls.node]
+    xyz = state.xyz_site_m[walls.point]
     away = np.einsum("ij,ij->i", walls.normal_site, xyz) - walls.distance_m
     rows, left, longest = [], [], 0.0
     for wall in range(len(walls.wall_sigma_m)):
@@ -162,7 +162,7 @@ def build_control_points(start: InitialPlacement, adjusted: AdjustedBlock) -> li
             used=bool(np.isfinite(sigma).all()),
         )
         for name, given, found, sigma in zip(
-            marked.names, marked.xyz_site_m, adjusted.marked_site_m, marked.sigma_m, strict=True
+            marked.names, marked.xyz_site_m, adjusted.marked_xyz_site_m, marked.sigma_m, strict=True
         )
     ]
     for row, residual in compute_held_out_residuals(adjusted, marked).items():

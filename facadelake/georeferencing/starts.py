@@ -37,16 +37,16 @@ class InitialPlacement:
 
     ``gps_used`` (n,): which priors agree. ``frame_covariance_m2`` (3, 3): what the control itself has in common as an
     error (an earlier campaign's frame). ``datum_sigma_m`` (3,): within what the start itself holds the block's
-    datum, in GPS's stead (None: it does not). ``residual_m`` gives what is left (k,) at the control after adjustment.
+    datum, in GPS's stead (None: it does not). ``compute_residual_m`` gives what is left (k,) at the control after adjustment.
     """
 
     kind: ControlKind
-    words: str
+    method: str
     site_from_sfm: Similarity
     gps_used: BoolArray
     points_used: int
     points_total: int
-    residual_m: Callable[[AdjustedBlock], Float64Array]
+    compute_residual_m: Callable[[AdjustedBlock], Float64Array]
     remarks: tuple[str, ...] = ()
     marked: MarkedPoints | None = None
     known: SharedTiePoints | None = None
@@ -56,7 +56,7 @@ class InitialPlacement:
     reference_campaign: str | None = None
     frame_covariance_m2: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
 
-    def with_remarks(self, remarks: tuple[str, ...]) -> InitialPlacement:
+    def add_remarks(self, remarks: tuple[str, ...]) -> InitialPlacement:
         """The same start with ``remarks`` before its own."""
         return replace(self, remarks=(*remarks, *self.remarks))
 
@@ -106,13 +106,13 @@ def _place_by_control_points(
     )
     return InitialPlacement(
         kind=ControlKind.GCP,
-        words="control points",
+        method="control points",
         site_from_sfm=placed.site_from_sfm,
         gps_used=_find_consistent_gps(placed.site_from_sfm, reconstruction, priors),
         points_used=len(rows),
         points_total=len(placed.names),
-        residual_m=lambda adjusted: np.linalg.norm(
-            adjusted.marked_site_m[: len(rows)] - placed.xyz_site_m[rows], axis=1
+        compute_residual_m=lambda adjusted: np.linalg.norm(
+            adjusted.marked_xyz_site_m[: len(rows)] - placed.xyz_site_m[rows], axis=1
         ),
         remarks=placed.remarks,
         marked=marked,
@@ -151,7 +151,7 @@ def _place_by_campaign(
         known = _select_shared_points(found)
 
         def residual_m(adjusted: AdjustedBlock, known: SharedTiePoints = known) -> Float64Array:
-            row = {int(point): k for k, point in enumerate(adjusted.ties.reconstruction_point)}
+            row = {int(point): k for k, point in enumerate(adjusted.tie_points.reconstruction_point)}
             held = [k for k, point in enumerate(known.point) if int(point) in row]
             at = adjusted.xyz_site_m[[row[int(known.point[k])] for k in held]]
             left: Float64Array = np.linalg.norm(at - known.xyz_site_m[held], axis=1)
@@ -159,12 +159,12 @@ def _place_by_campaign(
 
         return InitialPlacement(
             kind=ControlKind.CAMPAIGN,
-            words=f"points shared with campaign {reference.campaign_id}",
+            method=f"points shared with campaign {reference.campaign_id}",
             site_from_sfm=found.site_from_sfm,
             gps_used=_find_consistent_gps(found.site_from_sfm, reconstruction, priors),
             points_used=len(found.point),
-            points_total=found.compared,
-            residual_m=residual_m,
+            points_total=found.points_compared,
+            compute_residual_m=residual_m,
             known=known,
             reference_campaign=reference.campaign_id,
             frame_covariance_m2=reference.frame_covariance_m2,
@@ -180,12 +180,12 @@ def _place_by_model(reconstruction: Reconstruction, priors: GpsPriors, control: 
     placed = place_by_model(reconstruction, priors, model)
     return InitialPlacement(
         kind=ControlKind.MODEL,
-        words="the building model's faces" + (" and edges" if model.edges is not None else ""),
+        method="the building model's faces" + (" and edges" if model.edges is not None else ""),
         site_from_sfm=placed.site_from_sfm,
         gps_used=_find_consistent_gps(placed.site_from_sfm, reconstruction, priors),
-        points_used=len(placed.alignment.residual_m),
-        points_total=placed.alignment.points_offered,
-        residual_m=_compute_wall_residuals,
+        points_used=len(placed.alignment.compute_residual_m),
+        points_total=placed.alignment.points_total,
+        compute_residual_m=_compute_wall_residuals,
         remarks=placed.remarks,
         model=SurfaceConstraint(surface=model.surface, sigma_m=model.sigma_m),
         shift=placed.shift,
@@ -195,7 +195,7 @@ def _place_by_model(reconstruction: Reconstruction, priors: GpsPriors, control: 
 
 def _compute_wall_residuals(adjusted: AdjustedBlock) -> Float64Array:
     walls = adjusted.problem.point_to_plane
-    at = adjusted.solution.state.node_m[walls.node]
+    at = adjusted.solution.state.xyz_site_m[walls.point]
     away: Float64Array = np.abs(np.einsum("ij,ij->i", walls.normal_site, at) - walls.distance_m)
     return away
 
@@ -210,12 +210,12 @@ def _place_by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> InitialP
 
     return InitialPlacement(
         kind=ControlKind.GPS,
-        words="the photographs' GPS",
+        method="the photographs' GPS",
         site_from_sfm=aligned.site_from_sfm,
         gps_used=aligned.used,
         points_used=int(aligned.used.sum()),
         points_total=len(priors.photo),
-        residual_m=residual_m,
+        compute_residual_m=residual_m,
         remarks=(*aligned.remarks, "the error common to all GPS positions (metres) cannot be seen from them"),
     )
 
@@ -231,7 +231,7 @@ def _add_check_points(
     seen = [row for row, mark in enumerate(marks) if mark is not None]
     lost = [check_points.points[row].name for row, mark in enumerate(marks) if mark is None]
     if lost:
-        start = start.with_remarks((f"check points not usable (fewer than 2 agreeing marks): {', '.join(lost)}",))
+        start = start.add_remarks((f"check points not usable (fewer than 2 agreeing marks): {', '.join(lost)}",))
     if not seen:
         return start
     own = start.marked or MarkedPoints(

@@ -27,12 +27,12 @@ class ImageRay:
     world_from_cam: Similarity
     xy_img: Float64Array
 
-    def residual_px(self, xyz_world: Float64Array) -> Float64Array:
+    def compute_residual_px(self, xyz_world: Float64Array) -> Float64Array:
         """Projection minus mark (2,) in pixels; far off where the point lies behind the camera."""
         xy = self.camera.project(self.world_from_cam.invert().apply(xyz_world[None]))[0]
         return xy - self.xy_img if np.isfinite(xy).all() else np.full(2, 1e6)
 
-    def ray(self) -> tuple[Float64Array, Float64Array]:
+    def compute_ray(self) -> tuple[Float64Array, Float64Array]:
         """Origin and unit direction in the world frame."""
         direction = self.world_from_cam.rotate(self.camera.rays_cam_from_img(self.xy_img[None]))[0]
         return self.world_from_cam.translation, direction
@@ -49,7 +49,7 @@ class Intersection:
 
 def _compute_midpoint(views: Sequence[ImageRay]) -> Float64Array | None:
     """Least-squares point of several rays; None where they are near parallel."""
-    origins, directions = (np.array(parts) for parts in zip(*(view.ray() for view in views), strict=True))
+    origins, directions = (np.array(parts) for parts in zip(*(view.compute_ray() for view in views), strict=True))
     widest = np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0)))
     if widest < MIN_ANGLE_DEG:
         return None
@@ -65,7 +65,7 @@ def intersect_rays(views: Sequence[ImageRay]) -> Intersection | None:
         start = _compute_midpoint(pair)
         if start is None:
             continue
-        near = np.array([np.linalg.norm(view.residual_px(start)) < MAX_MARK_RESIDUAL_PX for view in views])
+        near = np.array([np.linalg.norm(view.compute_residual_px(start)) < MAX_MARK_RESIDUAL_PX for view in views])
         if near.sum() > best.sum():
             best = near
     if best.sum() < 2:
@@ -77,11 +77,11 @@ def intersect_rays(views: Sequence[ImageRay]) -> Intersection | None:
     # Lengths in a free network have no unit: steps are scaled by the distance to the cameras.
     scale = float(np.linalg.norm(start - kept[0].world_from_cam.translation))
     fit = least_squares(
-        lambda step: np.concatenate([view.residual_px(start + scale * step) for view in kept]),
+        lambda step: np.concatenate([view.compute_residual_px(start + scale * step) for view in kept]),
         np.zeros(3),
         loss="soft_l1",
         x_scale=1e-3,
     )
     point = start + scale * fit.x
-    errors = np.array([np.linalg.norm(view.residual_px(point)) for view in kept])
+    errors = np.array([np.linalg.norm(view.compute_residual_px(point)) for view in kept])
     return Intersection(xyz_world=point, used=best, rms_px=float(np.sqrt((errors**2).mean())))

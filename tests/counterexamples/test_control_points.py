@@ -62,7 +62,7 @@ CONTROL = SCENE.control()
 
 def misnamed(point: SurveyedPoint) -> SurveyedPoint:
     """The point marked in photographs that the campaign does not have."""
-    return replace(point, sightings=tuple(replace(s, photo_name=f"DJI_{s.photo_name}") for s in point.sightings))
+    return replace(point, marks=tuple(replace(s, photo_name=f"DJI_{s.photo_name}") for s in point.marks))
 
 
 def placed(

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.building.ifc.load import load_ifc_building
-from facadelake.building.model import IfcModelSettings
-from facadelake.building.model_georeference.candidates import MapPlacement
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
+from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
 from facadelake.registry.building import Building
 from tests.unit.building.conftest import Box, Ifc

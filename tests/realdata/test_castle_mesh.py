@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_ifc_building
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building
-from facadelake.building.model import IfcModelSettings
 from facadelake.building.surface.raycasting import Surface
 
 pytestmark = pytest.mark.realdata

@@ -15,8 +15,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.published_poses import write_published
-from facadelake.building.ifc.load import load_ifc_building
-from facadelake.building.model import BuildingModel, IfcModelSettings
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
+from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.deduplication.merge import merge_observations

@@ -12,10 +12,10 @@ import pyproj
 import pytest
 import shapely
 
-from facadelake.building.ifc.load import load_ifc_building
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.ifc.meshes import mesh_elements, open_ifc
-from facadelake.building.model import BuildingModel, IfcModelSettings
-from facadelake.building.model_georeference.candidates import MapPlacement
+from facadelake.building.model import BuildingModel
+from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError

@@ -60,19 +60,19 @@ class Trial:
     errors: np.ndarray
     normalised: np.ndarray
     tie_sigma_px: float
-    steps: int
+    iterations: int
 
 
 def trial(block: SmallBlock, problem: AdjustmentProblem) -> Trial:
     """Solve and compare with the truth."""
     solution = solve_adjustment(problem)
-    assert solution.settled
+    assert solution.converged
     _, covariance = compute_covariance(problem, solution, 1.0)
     n = len(block.cameras)
     own = covariance[: 6 * n, : 6 * n].reshape(n, 6, n, 6)[np.arange(n), :, np.arange(n), :]
     errors = block.errors(solution.state)
     normalised = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(own), errors)
-    return Trial(errors, normalised, solution.tie_sigma_px, solution.steps)
+    return Trial(errors, normalised, solution.tie_sigma_px, solution.iterations)
 
 
 def test_without_noise_the_truth_is_found() -> None:
@@ -81,16 +81,16 @@ def test_without_noise_the_truth_is_found() -> None:
     start = replace(CAMERA, fx_px=2930.0, fy_px=2930.0)
     problem = ties_problem(block, rng, tie_px=0.0, start_m=0.1, start_deg=0.5, lens=start)
     problem = with_control(problem, block, rng, nodes=CONTROL, sigma_m=0.01)
-    exact = replace(problem, node_priors=replace(problem.node_priors, xyz_m=block.xyz_m[CONTROL]))
+    exact = replace(problem, point_priors=replace(problem.point_priors, xyz_m=block.xyz_m[CONTROL]))
     # what is known of the lens beforehand agrees with it: nothing pulls
     exact = replace(exact, lens_prior_mean=lens_from_camera(BENT)[None])
     solution = solve_adjustment(exact)
     errors = block.errors(solution.state)
     np.testing.assert_allclose(errors[:, :3], 0, rtol=0, atol=1e-5)  # m
     np.testing.assert_allclose(errors[:, 3:], 0, rtol=0, atol=1e-6)  # rad
-    np.testing.assert_allclose(solution.state.node_m, block.xyz_m, rtol=0, atol=1e-5)  # m
+    np.testing.assert_allclose(solution.state.xyz_site_m, block.xyz_m, rtol=0, atol=1e-5)  # m
     np.testing.assert_allclose(solution.state.lens[0, :4], lens_from_camera(BENT)[:4], rtol=0, atol=1e-2)  # px
-    assert solution.steps <= 8
+    assert solution.iterations <= 8
 
 
 @pytest.mark.parametrize(
@@ -135,12 +135,12 @@ def test_a_fifth_of_the_ties_may_be_wrong() -> None:
         problem = by_control(block, np.random.default_rng(100 + seed))
         clean.append(trial(block, problem))
         rng = np.random.default_rng(200 + seed)
-        seen = problem.sightings
+        seen = problem.image_points
         wrong = rng.uniform(size=len(seen.photo)) < 0.2
         away = rng.normal(size=(len(wrong), 2))
         away *= rng.uniform(20, 300, (len(wrong), 1)) / np.linalg.norm(away, axis=1, keepdims=True)
         xy = seen.xy_img + np.where(wrong[:, None], away, 0)
-        spoilt.append(trial(block, replace(problem, sightings=replace(seen, xy_img=xy))))
+        spoilt.append(trial(block, replace(problem, image_points=replace(seen, xy_img=xy))))
     error_m = [np.sqrt(np.mean([(t.errors[:, :3] ** 2).sum(axis=1) for t in of])) for of in (clean, spoilt)]
     assert 0.9 < error_m[1] / error_m[0] < 1.6  # a fifth less evidence, and a little of the outliers' pull
     assert 0.4 < np.mean([t.normalised.mean() for t in spoilt]) / 6 < 1.5
@@ -155,8 +155,8 @@ def test_each_flights_gps_has_its_own_offset() -> None:
         problem = with_gps(by_control(block, rng), block, rng, noise_m=0.2, bias_m=biases, bias_sigma_m=3.0)
         solution = solve_adjustment(problem)
         _, covariance = compute_covariance(problem, solution, 1.0)
-        layout = ParameterIndex.of(problem)
-        sigma = np.sqrt(np.diag(covariance)[layout.offset : layout.yaw]).reshape(2, 3)
+        layout = ParameterIndex.build(problem)
+        sigma = np.sqrt(np.diag(covariance)[layout.gps_offset : layout.yaw]).reshape(2, 3)
         left.append((solution.state.gps_offset_m - biases) / sigma)
         sigmas.append(sigma)
     assert 0.6 < np.mean(np.square(left)) < 1.5
@@ -171,7 +171,7 @@ def test_two_flights_without_control_know_their_difference_and_not_their_place()
     problem = with_gps(problem, block, rng, noise_m=0.2, bias_m=[[2.0, 0, 0], [-2.0, 0, 0]], bias_sigma_m=3.0)
     solution = solve_adjustment(problem)
     _, covariance = compute_covariance(problem, solution, 1.0)
-    offset = ParameterIndex.of(problem).offset
+    offset = ParameterIndex.build(problem).gps_offset
     first, second = solution.state.gps_offset_m
     np.testing.assert_allclose(first - second, [4.0, 0, 0], rtol=0, atol=0.6)  # m; four sigmas of 0.12, prior's pull
     between = covariance[offset, offset] + covariance[offset + 3, offset + 3] - 2 * covariance[offset, offset + 3]
@@ -200,8 +200,8 @@ def test_a_lens_is_found_and_terms_that_it_does_not_have_are_held() -> None:
         adjusted, _ = adjusted_by_control(block, seed, lens=CAMERA)
         found = adjusted.solution.state.lens[0]
         left.append(((found - truth) / np.where(adjusted.lens_sigma[0] > 0, adjusted.lens_sigma[0], np.inf))[:5])
-        held.append(len(adjusted.held_terms))
-        for term in adjusted.held_terms:
+        held.append(len(adjusted.fixed_parameters))
+        for term in adjusted.fixed_parameters:
             assert term.split(" of ")[0] in ("aspect", "k2", "p1", "p2")
             row = ("focal_px", "aspect", "cx_px", "cy_px", "k1", "k2", "p1", "p2").index(term.split(" of ")[0])
             assert found[row] == truth[row], "held where a plain lens has it"
@@ -215,7 +215,7 @@ def test_a_lens_is_found_and_terms_that_it_does_not_have_are_held() -> None:
 def test_a_lens_term_that_the_photographs_show_is_not_held() -> None:
     block = small_block(camera=replace(CAMERA, p1=2e-3), points=300)
     adjusted, _ = adjusted_by_control(block, 1, lens=CAMERA)
-    assert "p1 of camera 1" not in adjusted.held_terms
+    assert "p1 of camera 1" not in adjusted.fixed_parameters
     found, sigma = adjusted.solution.state.lens[0, 6], adjusted.lens_sigma[0, 6]
     assert 0 < sigma < 5e-4
     assert abs(found - 2e-3) < 4 * sigma
@@ -241,7 +241,7 @@ def test_a_moved_control_point_is_seen_when_it_is_left_out() -> None:
     held_out = compute_held_out_residuals(adjusted, marked)
     assert sorted(held_out) == list(range(len(CONTROL)))
     np.testing.assert_allclose(held_out[3], [0, 0, 0.2], rtol=0, atol=0.05)  # m; survey and block, four sigmas
-    fitted = np.linalg.norm(marked.xyz_site_m[3] - adjusted.marked_site_m[3])
+    fitted = np.linalg.norm(marked.xyz_site_m[3] - adjusted.marked_xyz_site_m[3])
     assert 0.005 < fitted < np.linalg.norm(held_out[3])  # m
     error_m = np.linalg.norm(block.errors(adjusted.solution.state)[:, :3], axis=1)
     assert 0.001 < error_m.mean() < 0.02  # m; the block has not followed
@@ -267,8 +267,8 @@ def test_a_model_holds_a_block_against_the_bias_of_its_gps() -> None:
         model = SurfaceConstraint(surface=BoxSurface(), sigma_m=0.02)
         evidence = ControlObservations(positions=positions, attitudes=no_attitudes(), model=model)
         adjusted = adjust_block(reconstruction_of(block, rng, tie_px=TIE_PX), off, evidence)
-        assert len(adjusted.problem.walls.wall_sigma_m) == 5
-        assert len(adjusted.problem.walls.node) > 350
+        assert len(adjusted.problem.point_to_plane.wall_sigma_m) == 5
+        assert len(adjusted.problem.point_to_plane.point) > 350
         means.append(block.errors(adjusted.solution.state)[:, :3].mean(axis=0))
         np.testing.assert_allclose(adjusted.gps_offset_m[0], [1.3, -0.8, 2.1], rtol=0, atol=0.4)  # m; 0.3 / sqrt(12)
         # Two opposite walls of 2 cm each hold the middle to 1.4 cm; the ground, being one, to 2 cm.

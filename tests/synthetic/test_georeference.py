@@ -175,7 +175,7 @@ class Scene:
                     marked = xy[0] + rng.normal(0, mark_px, 2)
                     sightings.append(ImageMark(photo_name=photo_id, x_px=marked[0], y_px=marked[1]))
             east, north, height = ORIGIN.map_from_site((at + rng.normal(0, survey_m, 3))[None], "EPSG:25832")[0]
-            points.append(SurveyedPoint(name=f"G{k + 1}", x=east, y=north, z=height, sightings=tuple(sightings[:5])))
+            points.append(SurveyedPoint(name=f"G{k + 1}", x=east, y=north, z=height, marks=tuple(sightings[:5])))
         return SurveyedPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(points))
 
     def placed(self, control: ControlKind | None, **given: object) -> GeoreferencedCampaign:
@@ -244,7 +244,7 @@ def test_a_blunder_among_control_points_is_left_out_and_named() -> None:
     scene = Scene(ring())
     good = scene.control()
     wrong = good.points[2]
-    moved = SurveyedPoint(name=wrong.name, x=wrong.x + 2.0, y=wrong.y, z=wrong.z, sightings=wrong.sightings)
+    moved = SurveyedPoint(name=wrong.name, x=wrong.x + 2.0, y=wrong.y, z=wrong.z, marks=wrong.marks)
     points = (*good.points[:2], moved, *good.points[3:])
     found = scene.placed(ControlKind.GCP, control_points=SurveyedPoints(source="g", crs=good.crs, points=points))
     assert (found.row["points_used"], found.row["points_total"]) == (5, 6)
@@ -278,7 +278,7 @@ def test_control_points_of_another_block_are_refused() -> None:
     scene = Scene(ring())
     good = scene.control()
     swapped = tuple(
-        SurveyedPoint(name=p.name, x=q.x, y=q.y, z=q.z, sightings=p.sightings)
+        SurveyedPoint(name=p.name, x=q.x, y=q.y, z=q.z, marks=p.marks)
         for p, q in zip(good.points, [good.points[k] for k in (3, 5, 0, 1, 2, 4)], strict=True)
     )
     with pytest.raises(GeoreferenceError, match=r"agree with one another|agree on one placement|against its GPS"):

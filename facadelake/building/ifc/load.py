@@ -104,38 +104,41 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
     )
 
 
-def choose_site_origin(georeference: Georeference, centre_ifc_m: Float64Array) -> SiteOrigin:
-    """The site's origin: the model's own, rounded to 1e-4 degrees and 10 m so that small corrections do not move it.
+def choose_site_origin(georeference: ModelGeoreference, centre_ifc_m: Float64x3) -> SiteOrigin:
+    """The model's origin, rounded to 1e-4 degrees and 10 m so that small corrections do not move it.
 
-    Where the model's origin lies far from the building (a false origin), the building's middle takes its place.
+    If the model's origin is far from the building (a false origin), the centre of the building is used instead.
     """
-    own, middle = georeference.geo_from_ifc(np.vstack([np.zeros(3), centre_ifc_m]))
-    lon, lat, height = middle if np.linalg.norm(centre_ifc_m) > _FALSE_ORIGIN_M else own
+    own, centre = georeference.geo_from_ifc(np.vstack([np.zeros(3), centre_ifc_m]))
+    lon, lat, height = centre if np.linalg.norm(centre_ifc_m) > _FALSE_ORIGIN_M else own
     return SiteOrigin(
         lon_deg=round(float(lon), 4), lat_deg=round(float(lat), 4), height_ellipsoidal_m=round(float(height), -1)
     )
 
 
-def _compute_site_from_ifc(georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Float64Array) -> Float64Array:
-    """How the model's axes stand in site at its middle (3, 3)."""
-    star = centre_ifc_m + np.vstack([np.zeros(3), np.eye(3)])
-    at = origin.site_from_geo(georeference.geo_from_ifc(star))
-    u, _, vt = np.linalg.svd((at[1:] - at[0]).T)
-    turned: Float64Array = u @ vt
-    return turned
+def _compute_site_from_ifc(georeference: ModelGeoreference, origin: SiteOrigin, centre_ifc_m: Float64x3) -> Float64x3x3:
+    """Rotation (3, 3) from the model's axes to site at the centre of the building."""
+    points = centre_ifc_m + np.vstack([np.zeros(3), np.eye(3)])
+    xyz = origin.site_from_geo(georeference.geo_from_ifc(points))
+    u, _, vt = np.linalg.svd((xyz[1:] - xyz[0]).T)
+    rotation: Float64x3x3 = u @ vt
+    return rotation
 
 
-def _convert_registry_storeys(floors: Sequence[StoreyElevation], georeference: Georeference) -> list[IfcStorey]:
-    """The registry's storeys in the model's axes, which stand upright."""
-    place = georeference.placement
-    levels = [IfcStorey(name=floor.name, level_m=(floor.floor_m - place.height_m) / place.scale[2]) for floor in floors]
-    return sorted(levels, key=lambda storey: storey.level_m)
+def _convert_registry_storeys(storeys: Sequence[StoreyElevation], georeference: ModelGeoreference) -> list[IfcStorey]:
+    """The registry's storeys in the model's axes, sorted by level; the model is upright."""
+    placement = georeference.placement
+    converted = [
+        IfcStorey(name=storey.name, level_m=(storey.floor_m - placement.height_m) / placement.scale[2])
+        for storey in storeys
+    ]
+    return sorted(converted, key=lambda storey: storey.level_m)
 
 
 def _compute_storey_levels(
-    storeys: Sequence[IfcStorey], georeference: Georeference, origin: SiteOrigin, centre_ifc_m: Float64Array
+    storeys: Sequence[IfcStorey], georeference: ModelGeoreference, origin: SiteOrigin, centre_ifc_m: Float64x3
 ) -> tuple[StoreyLevel, ...]:
-    """The storeys' floors in site, at the building's middle."""
+    """Levels of the storeys' floors in site, at the centre of the building."""
     if not storeys:
         return ()
     floors = np.array([[centre_ifc_m[0], centre_ifc_m[1], storey.level_m] for storey in storeys])
@@ -146,12 +149,14 @@ def _compute_storey_levels(
 
 
 def _describe_buildings(model: ifcopenshell.file, building_guid: str) -> str:
-    """Which of several buildings were taken; empty where the file has one."""
+    """Remark on which of several buildings were loaded; empty if the file has one."""
     buildings = model.by_type("IfcBuilding")
     if len(buildings) < 2:
         return ""
     if building_guid:
-        taken = next(building for building in buildings if building.GlobalId == building_guid)
-        return f"of the IFC's {len(buildings)} buildings '{label_building(taken)}' alone was taken"
+        selected = next(building for building in buildings if building.GlobalId == building_guid)
+        return f"of the IFC's {len(buildings)} buildings only '{label_building(selected)}' was loaded"
     names = ", ".join(f"'{label_building(building)}'" for building in buildings[:5])
-    return f"the IFC has {len(buildings)} buildings ({names}), all taken; model_building in the registry names one"
+    return (
+        f"the IFC has {len(buildings)} buildings ({names}), all loaded; set model_building in the registry to load one"
+    )

@@ -92,6 +92,6 @@ def name_area_of_use(crs: str) -> str:
 
 
 def _format_crs(crs: pyproj.CRS) -> str:
-    """ "EPSG:<code>", or WKT for a CRS without a code."""
+    """Format as EPSG code, or as WKT if there is none."""
     code = crs.to_epsg()
     return f"EPSG:{code}" if code else str(crs.to_wkt())

@@ -1,4 +1,7 @@
-"""A COCO detections file, read into records; what is wrong with the file as a whole is an error that names the key."""
+"""COCO detections file, read into records; a file that is malformed as a whole is an error that names the key.
+
+Format: https://cocodataset.org/#format-data (object detection).
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ _EXPORT = "export it again as COCO (object detection) with images, annotations a
 
 @dataclass(frozen=True, kw_only=True)
 class CocoImage:
-    """An entry of ``images``; sizes are None where the file does not state them."""
+    """An entry of ``images``; a size that the file does not state is None."""
 
     file_name: str
     width_px: float | None
@@ -24,10 +27,9 @@ class CocoImage:
 
 @dataclass(frozen=True, kw_only=True)
 class CocoAnnotation:
-    """An entry of ``annotations`` as it stands in the file: nothing from ``bbox`` on is checked yet.
+    """An entry of ``annotations`` as in the file: fields from ``bbox`` on are not validated.
 
-    ``crack_width_px`` is read from the entry itself or from its ``attributes``, where annotation tools put what they
-    were not made for.
+    ``crack_width_px`` is read from the entry or from its ``attributes``, where annotation tools store custom fields.
     """
 
     annotation_id: str
@@ -42,7 +44,7 @@ class CocoAnnotation:
 
 @dataclass(frozen=True, kw_only=True)
 class CocoFile:
-    """Images and category names by their ids, and the annotations in the file's order."""
+    """Images and category names by their ids; annotations in the file's order."""
 
     path: Path
     images: Mapping[int | str, CocoImage]
@@ -53,7 +55,7 @@ class CocoFile:
 def read_coco(path: Path) -> CocoFile:
     """Read a COCO file.
 
-    Raises InputDataError for a file that is missing, not JSON, or lacks a list or a key that COCO asks for.
+    Raises InputDataError for a file that is missing, is not JSON, or lacks a list or key that COCO requires.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
@@ -62,7 +64,9 @@ def read_coco(path: Path) -> CocoFile:
             f"detections file {path} does not exist; correct the path in the registry, or put the file there"
         ) from error
     except OSError as error:
-        raise InputDataError(f"detections file {path} cannot be read ({error}); correct its path or rights") from error
+        raise InputDataError(
+            f"detections file {path} cannot be read ({error}); correct its path or permissions"
+        ) from error
     except UnicodeDecodeError as error:
         raise InputDataError(f"detections file {path} is not UTF-8 text ({error}); {_EXPORT}") from error
     except json.JSONDecodeError as error:
@@ -71,7 +75,7 @@ def read_coco(path: Path) -> CocoFile:
         ) from error
     if not isinstance(content, dict):
         raise InputDataError(
-            f"detections file {path} holds a {type(content).__name__}, not an object with images, annotations and "
+            f"detections file {path} contains a {type(content).__name__}, not an object with images, annotations and "
             f"categories (a results list has no file names); {_EXPORT}"
         )
     images = {
@@ -103,7 +107,7 @@ def read_coco(path: Path) -> CocoFile:
 
 
 def parse_number(value: Any) -> float | None:
-    """The finite number that ``value`` is, else None; text and true/false are not numbers."""
+    """``value`` as a finite number, else None; text and true/false are not numbers."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if abs(value) < 1e15 else None  # also False for NaN
@@ -124,7 +128,7 @@ def _get_entries(content: Mapping[str, Any], key: str, path: Path) -> list[dict[
 
 
 def _parse_reference(value: Any) -> int | str:
-    """An id that an annotation refers to, as it is written; what is no id becomes text that no entry has."""
+    """An id that an annotation refers to; an invalid id becomes a text that matches no entry."""
     return value if isinstance(value, int | str) and not isinstance(value, bool) else f"({value!r})"
 
 

@@ -1,4 +1,4 @@
-"""Masks of a COCO file: polygons or run lengths to an outline in pixels of the photograph.
+"""Segmentations of a COCO file, polygons or run lengths (RLE), as outlines in pixels of the photograph.
 
 Pixels as in ``boxes``: run lengths count whole pixels, so pixel (0, 0) covers the square from (0, 0) to (1, 1).
 """
@@ -11,19 +11,21 @@ from typing import Any
 import numpy as np
 import shapely
 
-from facadelake.core.arrays import Float64Array, Int64Array
+from facadelake.core.arrays import Float64Nx4, Int64Array
 from facadelake.detection.boxes import Box
 from facadelake.detection.coco.coco_file import parse_number
 
-_SIMPLIFY_TOLERANCE_PX = 0.5  # an outline of whole pixels is a staircase; straight lines stay within this of it
-_INSIDE_SHARE_MIN = 0.5  # a mask of which less lies in its own box is another object's
-_BOX_SHARE_MAX = 0.995  # tools that know boxes only write them as polygons too
+_SIMPLIFY_TOLERANCE_PX = 0.5  # an outline of whole pixels is a staircase; it is simplified within this distance
+_INSIDE_SHARE_MIN = 0.5  # a mask with less of its area in its own box belongs to another object
+_BOX_SHARE_MAX = 0.995  # tools without masks write boxes as polygons; such a mask is omitted
 
 
 @dataclass(frozen=True, kw_only=True)
 class CocoMask:
-    """``outline``: a shapely polygon or multipolygon in pixels, None where the box stands for itself; ``remark`` says
-    why a stated mask was not used."""
+    """``outline``: a shapely polygon or multipolygon in pixels, None where the box is used instead.
+
+    ``remark``: the reason why a segmentation was not used.
+    """
 
     outline: Any | None = None
     remark: str = ""
@@ -32,21 +34,28 @@ class CocoMask:
 def parse_segmentation(
     segmentation: Any, box: Box, image_width_px: float | None, image_height_px: float | None
 ) -> CocoMask:
-    """The mask that an annotation states, cut to its ``box``; a mask that cannot be used leaves the box.
+    """Parse the segmentation of an annotation and clip it to the annotation's box.
 
-    ``segmentation`` is COCO's: a list of polygons [x1, y1, x2, y2, ...] in pixels, or run lengths {"counts", "size"},
-    plain or compressed.
+    Args:
+        segmentation: As in COCO: a list of polygons [x1, y1, x2, y2, ...] in pixels, or run lengths
+            {"counts", "size"}, plain or compressed; None where there is none.
+        box: The annotation's box.
+        image_width_px: Width of the photograph, None where unknown.
+        image_height_px: Height of the photograph, None where unknown.
+
+    Returns:
+        The mask. One that cannot be used is omitted with a remark, and the box is used instead.
     """
     if segmentation is None or segmentation in ([], {}):
         return CocoMask()
     try:
         whole = _shape_from_segmentation(segmentation, image_width_px, image_height_px)
     except _UnusableSegmentationError as error:
-        return CocoMask(remark=f"its segmentation was not used ({error}); its box stands for it")
+        return CocoMask(remark=f"its segmentation was not used ({error}); its box is used instead")
     frame = shapely.box(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px)
     inside = extract_polygons(shapely.intersection(whole, frame))
     if inside is None or inside.area < _INSIDE_SHARE_MIN * whole.area:
-        return CocoMask(remark="its segmentation was not used (it lies outside its box); its box stands for it")
+        return CocoMask(remark="its segmentation was not used (it lies outside its box); its box is used instead")
     if inside.area >= _BOX_SHARE_MAX * frame.area:
         return CocoMask()
     return CocoMask(outline=inside)
@@ -55,7 +64,7 @@ def parse_segmentation(
 def bound_segmentation(
     segmentation: Any, image_width_px: float | None, image_height_px: float | None
 ) -> list[float] | None:
-    """COCO's bbox of a segmentation whose annotation has none; None where there is no mask either."""
+    """The bounding box [x, y, width, height] of a segmentation, in pixels; None where it cannot be parsed."""
     try:
         left, top, right, bottom = _shape_from_segmentation(segmentation, image_width_px, image_height_px).bounds
     except _UnusableSegmentationError:
@@ -64,7 +73,7 @@ def bound_segmentation(
 
 
 def extract_polygons(shape: Any) -> Any | None:
-    """What of a shape has an area, as a polygon or multipolygon; None where nothing has."""
+    """The parts of a geometry that have an area, as a polygon or multipolygon; None if there are none."""
     parts = [part for part in shapely.get_parts(shape, return_index=False) if part.geom_type == "Polygon" and part.area]
     if not parts:
         return None
@@ -72,12 +81,12 @@ def extract_polygons(shape: Any) -> Any | None:
 
 
 def polygons_from_wkt(text: str) -> Any | None:
-    """A mask kept as WKT, as ``extract_polygons``; where rounding made its rings cross, they are mended."""
+    """Polygon or multipolygon of a mask stored as WKT; rings that cross after rounding are repaired. None if empty."""
     return extract_polygons(shapely.make_valid(shapely.from_wkt(text), method="structure", keep_collapsed=False))
 
 
 class _UnusableSegmentationError(ValueError):
-    """Why a segmentation cannot be read, in words."""
+    """A segmentation cannot be parsed; the message is the reason."""
 
 
 def _shape_from_segmentation(segmentation: Any, image_width_px: float | None, image_height_px: float | None) -> Any:
@@ -117,21 +126,25 @@ def _shape_from_run_lengths(
         raise _UnusableSegmentationError(f"its run lengths add up to {sum(runs)}, not to {width} x {height}")
     strips = _rectangles_from_run_lengths(np.array(runs, dtype=np.int64), height)
     if not len(strips):
-        raise _UnusableSegmentationError("its run lengths hold no pixel")
+        raise _UnusableSegmentationError("its run lengths contain no pixel")
     whole = shapely.union_all(shapely.box(*strips.T))
     straight = extract_polygons(shapely.simplify(whole, _SIMPLIFY_TOLERANCE_PX))
     return whole if straight is None else straight
 
 
 def _decode_run_lengths(text: str) -> list[int]:
-    """Run lengths of COCO's compressed text: 5 bits a character from 48 up, each from the third on less the one two
-    before. Source: cocoapi, maskApi.c, rleFrString."""
+    """Decode COCO's compressed run lengths: 5 bits per character, offset by 48; differences to the run two before.
+
+    Source: cocoapi, maskApi.c, rleFrString.
+    """
     runs: list[int] = []
     value, shift = 0, 0
     for character in text:
         bits = ord(character) - 48
         if not 0 <= bits < 64:
-            raise _UnusableSegmentationError(f"counts holds {character!r}, which compressed run lengths do not")
+            raise _UnusableSegmentationError(
+                f"counts contains {character!r}, which is not valid in compressed run lengths"
+            )
         value |= (bits & 0x1F) << shift
         shift += 5
         if bits & 0x20:
@@ -141,12 +154,12 @@ def _decode_run_lengths(text: str) -> list[int]:
         runs.append(value + runs[-2] if len(runs) > 2 else value)
         value, shift = 0, 0
     if shift:
-        raise _UnusableSegmentationError("counts ends in the middle of a run length")
+        raise _UnusableSegmentationError("counts ends within a run length")
     return runs
 
 
-def _rectangles_from_run_lengths(runs: Int64Array, height: int) -> Float64Array:
-    """Rectangles (s, 4: left, top, right, bottom) of the masked runs, which go down the columns and on in the next."""
+def _rectangles_from_run_lengths(runs: Int64Array, height: int) -> Float64Nx4:
+    """Rectangles (s, 4: left, top, right, bottom) of the masked runs, which are in column-major order."""
     ends = np.cumsum(runs)
     first, last = ends[0::2][: len(runs) // 2], ends[1::2]
     first, last = first[last > first], last[last > first]

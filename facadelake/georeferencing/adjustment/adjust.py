@@ -66,7 +66,7 @@ class AdjustedBlock:
 
     ``covariance`` (n, 6, 6): each photograph's centre (m, site) and attitude (rad, about the camera's axes).
     ``xyz_site_m`` (t, 3): the tie points, with ``point_covariance_m2`` (t, 3, 3), which holds for given cameras.
-    ``marked_site_m`` (p, 3): the marked points as adjusted. ``gps_offset_m`` (f, 3) and its sigma: what must be added
+    ``marked_xyz_site_m`` (p, 3): the marked points as adjusted. ``gps_offset_m`` (f, 3) and its sigma: what must be added
     to a flight's cameras to give their GPS. ``datum_covariance_m2`` (3, 3): of the mean camera.
     ``tie_variance_factor``: factor on the variance of image points for their correlation.
     """
@@ -74,7 +74,7 @@ class AdjustedBlock:
     problem: AdjustmentProblem
     solution: Solution
     nodes: Nodes
-    ties: TiePointSelection
+    tie_points: TiePointSelection
     covariance: Float64Array
     uncertainty: Uncertainty
     gps_offset_m: Float64Array
@@ -83,7 +83,7 @@ class AdjustedBlock:
     tie_variance_factor: float
     lens_sigma: Float64Array
     focal_height_correlation: float
-    held_terms: tuple[str, ...]
+    fixed_parameters: tuple[str, ...]
 
     @property
     def cameras(self) -> tuple[PosedCamera, ...]:
@@ -93,17 +93,17 @@ class AdjustedBlock:
     @property
     def xyz_site_m(self) -> Float64Array:
         """The tie points (t, 3) as adjusted."""
-        return self.solution.state.node_m[: self.nodes.marked]
+        return self.solution.state.xyz_site_m[: self.nodes.marked]
 
     @property
     def point_covariance_m2(self) -> Float64Array:
         """Covariance (t, 3, 3) of the tie points within the block, that is for given cameras."""
-        return self.uncertainty.system.node_covariance[: self.nodes.marked]
+        return self.uncertainty.system.point_covariance_m2[: self.nodes.marked]
 
     @property
-    def marked_site_m(self) -> Float64Array:
+    def marked_xyz_site_m(self) -> Float64Array:
         """The marked points (p, 3) as adjusted."""
-        return self.solution.state.node_m[self.nodes.marked :]
+        return self.solution.state.xyz_site_m[self.nodes.marked :]
 
 
 def build_posed_cameras(block: Block, state: AdjustmentState) -> tuple[PosedCamera, ...]:
@@ -135,7 +135,7 @@ def adjust_block(
         state = initialise_state(problem)
         for gate_m, settled_m in _SURFACE_ROUNDS:
             problem = _update_point_to_plane(problem, ties, state, evidence.model, gate_m)
-            state = replace(state, wall_m=np.zeros(len(problem.walls.wall_sigma_m)))
+            state = replace(state, wall_deviation_m=np.zeros(len(problem.point_to_plane.wall_sigma_m)))
             solution = solve_adjustment(problem, state, settled_m=settled_m)
             state = solution.state
     free = _find_significant_parameters(problem, solution)
@@ -148,7 +148,7 @@ def adjust_block(
         len(problem.block.centre_site_m),
         len(ties.reconstruction_point),
         solution.tie_sigma_px,
-        solution.steps,
+        solution.iterations,
     )
     return _build_adjusted_block(problem, nodes, ties, solution, free)
 
@@ -159,7 +159,7 @@ def compute_held_out_residuals(adjusted: AdjustedBlock, marked: MarkedPoints) ->
     held = np.flatnonzero(np.isfinite(marked.sigma_m).all(axis=1))
     if len(held) <= _MIN_REMAINING_POINTS:
         return {}
-    left, variance = marked.xyz_site_m[held] - adjusted.marked_site_m[held], marked.sigma_m[held] ** 2
+    left, variance = marked.xyz_site_m[held] - adjusted.marked_xyz_site_m[held], marked.sigma_m[held] ** 2
     # A point that is off has lost its say in the fit, so there is less of it to leave out.
     _, weight = compute_cauchy_loss((left**2 / variance).sum(axis=1), PRIOR_LOSS_SCALE)
     residual = compute_leave_one_out_residual(
@@ -177,11 +177,11 @@ def _build_problem(
     points = len(marked.names) if marked is not None else 0
     sightings = ImagePoints(
         photo=ties.photo,
-        node=ties.node,
+        point=ties.point,
         offset_site_m=np.zeros((len(ties.photo), 3)),
         xy_img=ties.xy_img,
         whitening=np.broadcast_to(np.eye(2), (len(ties.photo), 2, 2)).copy(),
-        tie=np.ones(len(ties.photo), dtype=bool),
+        is_tie_point=np.ones(len(ties.photo), dtype=bool),
     )
     xyz = ties.xyz_site_m
     priors = _build_shared_point_priors(evidence, ties)
@@ -192,10 +192,10 @@ def _build_problem(
     mean, sigma = build_lens_prior(block.cameras, np.ones(len(LENS_PARAMETERS), dtype=bool))
     problem = AdjustmentProblem(
         block=block,
-        node_xyz_m=xyz,
-        sightings=sightings,
-        node_priors=priors,
-        walls=build_empty_terms(),
+        initial_xyz_m=xyz,
+        image_points=sightings,
+        point_priors=priors,
+        point_to_plane=build_empty_terms(),
         positions=evidence.positions,
         attitudes=evidence.attitudes,
         lens_prior_mean=mean,
@@ -208,20 +208,20 @@ def _build_shared_point_priors(evidence: ControlObservations, ties: TiePointSele
     known = evidence.known
     if known is None:
         return PointPriors(
-            node=np.zeros(0, dtype=np.int64),
+            point=np.zeros(0, dtype=np.int64),
             xyz_m=np.zeros((0, 3)),
             information=np.zeros((0, 3, 3)),
-            limit=np.zeros(0),
+            loss_scale=np.zeros(0),
         )
     row = np.full(max(int(ties.reconstruction_point.max()), int(known.point.max())) + 1, -1)
     row[ties.reconstruction_point] = np.arange(len(ties.reconstruction_point))
     node = row[known.point]
     held = node >= 0
     return PointPriors(
-        node=node[held],
+        point=node[held],
         xyz_m=known.xyz_site_m[held],
         information=np.linalg.inv(known.covariance_m2[held]).astype(np.float64),
-        limit=np.full(int(held.sum()), SHARED_POINT_LOSS_SCALE),
+        loss_scale=np.full(int(held.sum()), SHARED_POINT_LOSS_SCALE),
     )
 
 
@@ -229,11 +229,11 @@ def _build_mark_observations(marked: MarkedPoints, first_node: int) -> ImagePoin
     k = len(marked.photo)
     return ImagePoints(
         photo=marked.photo,
-        node=first_node + marked.point,
+        point=first_node + marked.point,
         offset_site_m=np.zeros((k, 3)),
         xy_img=marked.xy_img,
         whitening=np.broadcast_to(np.eye(2) / marked.sigma_px, (k, 2, 2)).copy(),
-        tie=np.zeros(k, dtype=bool),
+        is_tie_point=np.zeros(k, dtype=bool),
     )
 
 
@@ -242,10 +242,10 @@ def _build_survey_priors(marked: MarkedPoints, first_node: int) -> PointPriors:
     information = np.zeros((len(held), 3, 3))
     information[:, np.arange(3), np.arange(3)] = 1.0 / marked.sigma_m[held] ** 2
     return PointPriors(
-        node=first_node + held,
+        point=first_node + held,
         xyz_m=marked.xyz_site_m[held],
         information=information,
-        limit=np.full(len(held), PRIOR_LOSS_SCALE),
+        loss_scale=np.full(len(held), PRIOR_LOSS_SCALE),
     )
 
 
@@ -254,35 +254,35 @@ def _update_point_to_plane(
 ) -> AdjustmentProblem:
     """The problem with the model's faces as they are met from ``state``; older ones are dropped."""
     walls = match_points_to_surface(ties, state, model.surface, gate_m=gate_m, model_sigma_m=model.sigma_m)
-    logger.debug("%d tie points on %d walls", len(walls.node), len(walls.wall_sigma_m))
-    return replace(problem, walls=walls)
+    logger.debug("%d tie points on %d walls", len(walls.point), len(walls.wall_sigma_m))
+    return replace(problem, point_to_plane=walls)
 
 
 def _append_image_points(first: ImagePoints, second: ImagePoints) -> ImagePoints:
     return ImagePoints(
         photo=np.concatenate([first.photo, second.photo]),
-        node=np.concatenate([first.node, second.node]),
+        point=np.concatenate([first.point, second.point]),
         offset_site_m=np.concatenate([first.offset_site_m, second.offset_site_m]),
         xy_img=np.concatenate([first.xy_img, second.xy_img]),
         whitening=np.concatenate([first.whitening, second.whitening]),
-        tie=np.concatenate([first.tie, second.tie]),
+        is_tie_point=np.concatenate([first.is_tie_point, second.is_tie_point]),
     )
 
 
 def _append_priors(first: PointPriors, second: PointPriors) -> PointPriors:
     return PointPriors(
-        node=np.concatenate([first.node, second.node]),
+        point=np.concatenate([first.point, second.point]),
         xyz_m=np.concatenate([first.xyz_m, second.xyz_m]),
         information=np.concatenate([first.information, second.information]),
-        limit=np.concatenate([first.limit, second.limit]),
+        loss_scale=np.concatenate([first.loss_scale, second.loss_scale]),
     )
 
 
 def _find_significant_parameters(problem: AdjustmentProblem, solution: Solution) -> BoolArray:
     """Which lens terms (c, 8) the photographs show to differ from a plain lens's, by more than two sigmas."""
-    layout = ParameterIndex.of(problem)
+    layout = ParameterIndex.build(problem)
     _, covariance = compute_covariance(problem, solution, 1.0)
-    sigma = np.sqrt(np.diag(covariance)[layout.lens : layout.offset]).reshape(-1, len(LENS_PARAMETERS))
+    sigma = np.sqrt(np.diag(covariance)[layout.lens : layout.gps_offset]).reshape(-1, len(LENS_PARAMETERS))
     away = np.abs(solution.state.lens - problem.lens_prior_mean)
     optional = np.isin(LENS_PARAMETERS, _OPTIONAL_PARAMETERS)
     worth: BoolArray = ~optional | (away > _SIGNIFICANCE_SIGMAS * sigma)
@@ -296,10 +296,12 @@ def _fix_parameters(problem: AdjustmentProblem, free: BoolArray) -> AdjustmentPr
 def _build_adjusted_block(
     problem: AdjustmentProblem, nodes: Nodes, ties: TiePointSelection, solution: Solution, free: BoolArray
 ) -> AdjustedBlock:
-    state, layout = solution.state, ParameterIndex.of(problem)
-    tie = problem.sightings.tie
+    state, layout = solution.state, ParameterIndex.build(problem)
+    tie = problem.image_points.is_tie_point
     residual = compute_reprojection_residuals(problem, state, solution.tie_sigma_px)[tie]
-    inflation = estimate_tie_variance_factor(residual, problem.sightings.photo[tie], problem.sightings.xy_img[tie])
+    inflation = estimate_tie_variance_factor(
+        residual, problem.image_points.photo[tie], problem.image_points.xy_img[tie]
+    )
     uncertainty = estimate_uncertainty(problem, solution, nodes.marked, inflation)
     covariance = uncertainty.covariance
     photos = len(state.centre_site_m)
@@ -317,16 +319,16 @@ def _build_adjusted_block(
         problem=problem,
         solution=solution,
         nodes=nodes,
-        ties=ties,
+        tie_points=ties,
         covariance=(own + own.transpose(0, 2, 1)) / 2,
         uncertainty=uncertainty,
         gps_offset_m=state.gps_offset_m,
-        gps_offset_sigma_m=sigma[layout.offset : layout.yaw].reshape(-1, 3),
+        gps_offset_sigma_m=sigma[layout.gps_offset : layout.yaw].reshape(-1, 3),
         datum_covariance_m2=centres.mean(axis=(0, 2)),
         tie_variance_factor=inflation,
-        lens_sigma=sigma[layout.lens : layout.offset].reshape(-1, len(LENS_PARAMETERS)),
+        lens_sigma=sigma[layout.lens : layout.gps_offset].reshape(-1, len(LENS_PARAMETERS)),
         focal_height_correlation=_compute_focal_height_correlation(covariance, layout, photos),
-        held_terms=tuple(held),
+        fixed_parameters=tuple(held),
     )
 
 
@@ -335,6 +337,6 @@ def _compute_focal_height_correlation(covariance: Float64Array, layout: Paramete
     lens is an error of height."""
     height = covariance[:, 2 : layout.lens : 6].mean(axis=1)
     variance = float(height[2 : layout.lens : 6].mean())
-    focal = np.arange(layout.lens, layout.offset, len(LENS_PARAMETERS))
+    focal = np.arange(layout.lens, layout.gps_offset, len(LENS_PARAMETERS))
     spread = np.sqrt(np.diag(covariance)[focal] * max(variance, 1e-18))
     return float(np.abs(height[focal] / spread).max())

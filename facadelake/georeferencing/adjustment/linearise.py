@@ -20,16 +20,16 @@ _BEHIND_CAMERA_RESIDUAL = 50.0  # sigmas; what an observation of a point behind 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AdjustmentState:
-    """Values of all unknowns: ``centre_site_m`` (n, 3), ``site_from_cam`` (n, 3, 3), ``lens`` (c, 8), ``node_m``
-    (m, 3), ``gps_offset_m`` (f, 3), ``yaw_offset_rad`` (f,), ``wall_m`` (w,)."""
+    """Values of all unknowns: ``centre_site_m`` (n, 3), ``site_from_cam`` (n, 3, 3), ``lens`` (c, 8), ``xyz_site_m``
+    (m, 3), ``gps_offset_m`` (f, 3), ``yaw_offset_rad`` (f,), ``wall_deviation_m`` (w,)."""
 
     centre_site_m: Float64Array
     site_from_cam: Float64Array
     lens: Float64Array
-    node_m: Float64Array
+    xyz_site_m: Float64Array
     gps_offset_m: Float64Array
     yaw_offset_rad: Float64Array
-    wall_m: Float64Array
+    wall_deviation_m: Float64Array
 
 
 def initialise_state(problem: AdjustmentProblem) -> AdjustmentState:
@@ -39,10 +39,10 @@ def initialise_state(problem: AdjustmentProblem) -> AdjustmentState:
         centre_site_m=block.centre_site_m,
         site_from_cam=block.site_from_cam,
         lens=np.array([lens_from_camera(camera) for camera in block.cameras]),
-        node_m=problem.node_xyz_m,
+        xyz_site_m=problem.initial_xyz_m,
         gps_offset_m=np.zeros_like(problem.positions.offset_sigma_m),
         yaw_offset_rad=np.zeros_like(problem.attitudes.yaw_sigma_rad),
-        wall_m=np.zeros_like(problem.walls.wall_sigma_m),
+        wall_deviation_m=np.zeros_like(problem.point_to_plane.wall_sigma_m),
     )
 
 
@@ -50,38 +50,40 @@ def apply_step(
     state: AdjustmentState, problem: AdjustmentProblem, step: Float64Array, node_step: Float64Array
 ) -> AdjustmentState:
     """The state after a step of the kept unknowns (in the order of ``ParameterIndex``) and of the nodes (m, 3)."""
-    layout = ParameterIndex.of(problem)
+    layout = ParameterIndex.build(problem)
     photo = step[: layout.lens].reshape(-1, 6)
     return AdjustmentState(
         centre_site_m=state.centre_site_m + photo[:, :3],
         site_from_cam=state.site_from_cam @ Rotation.from_rotvec(photo[:, 3:]).as_matrix(),
-        lens=state.lens + step[layout.lens : layout.offset].reshape(-1, 8),
-        node_m=state.node_m + node_step,
-        gps_offset_m=state.gps_offset_m + step[layout.offset : layout.yaw].reshape(-1, 3),
+        lens=state.lens + step[layout.lens : layout.gps_offset].reshape(-1, 8),
+        xyz_site_m=state.xyz_site_m + node_step,
+        gps_offset_m=state.gps_offset_m + step[layout.gps_offset : layout.yaw].reshape(-1, 3),
         yaw_offset_rad=state.yaw_offset_rad + step[layout.yaw : layout.wall],
-        wall_m=state.wall_m + step[layout.wall :],
+        wall_deviation_m=state.wall_deviation_m + step[layout.wall :],
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterIndex:
     """Where the kept unknowns stand in the vector: photographs (6 each: centre in site, rotation vector in cam) from 0,
-    then ``lens`` (8 each), ``offset`` (3 a flight), ``yaw`` (1 a flight), ``wall`` (1 each), ``size`` in all."""
+    then ``lens`` (8 each), ``gps_offset`` (3 a flight), ``yaw`` (1 a flight), ``wall`` (1 each), ``size`` in all."""
 
     lens: int
-    offset: int
+    gps_offset: int
     yaw: int
     wall: int
     size: int
 
     @staticmethod
-    def of(problem: AdjustmentProblem) -> ParameterIndex:
+    def build(problem: AdjustmentProblem) -> ParameterIndex:
         """The layout of a problem."""
         lens = 6 * len(problem.block.centre_site_m)
         offset = lens + 8 * len(problem.block.cameras)
         yaw = offset + 3 * len(problem.positions.offset_sigma_m)
         wall = yaw + len(problem.attitudes.yaw_sigma_rad)
-        return ParameterIndex(lens=lens, offset=offset, yaw=yaw, wall=wall, size=wall + len(problem.walls.wall_sigma_m))
+        return ParameterIndex(
+            lens=lens, gps_offset=offset, yaw=yaw, wall=wall, size=wall + len(problem.point_to_plane.wall_sigma_m)
+        )
 
 
 def compute_cauchy_loss(squared: Float64Array, limit: float | Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -104,9 +106,9 @@ class LinearisedReprojection:
     """Sightings, weighted: residuals (k, 2), derivatives by photograph (k, 2, 6), lens (k, 2, 8) and node (k, 2, 3)."""
 
     residual: Float64Array
-    by_photo: Float64Array
-    by_lens: Float64Array
-    by_node: Float64Array
+    jacobian_photo: Float64Array
+    jacobian_lens: Float64Array
+    jacobian_point: Float64Array
     cost: float
 
 
@@ -114,18 +116,18 @@ def compute_reprojection_residuals(
     problem: AdjustmentProblem, state: AdjustmentState, tie_sigma_px: float
 ) -> Float64Array:
     """Whitened residuals (k, 2) of the sightings, unweighted."""
-    seen, block = problem.sightings, problem.block
+    seen, block = problem.image_points, problem.block
     xyz_cam = _transform_to_camera(problem, state)
     projected = project(xyz_cam, state.lens[block.camera_of_photo[seen.photo]])
     residual: Float64Array = np.einsum("kij,kj->ki", seen.whitening, projected.xy_img - seen.xy_img)
-    residual[seen.tie] /= tie_sigma_px
+    residual[seen.is_tie_point] /= tie_sigma_px
     residual[~projected.in_front] = _BEHIND_CAMERA_RESIDUAL
     return residual
 
 
 def _transform_to_camera(problem: AdjustmentProblem, state: AdjustmentState) -> Float64Array:
-    seen = problem.sightings
-    away = seen.offset_site_m + state.node_m[seen.node] - state.centre_site_m[seen.photo]
+    seen = problem.image_points
+    away = seen.offset_site_m + state.xyz_site_m[seen.point] - state.centre_site_m[seen.photo]
     xyz_cam: Float64Array = np.einsum("kji,kj->ki", state.site_from_cam[seen.photo], away)
     return xyz_cam
 
@@ -134,26 +136,26 @@ def linearise_reprojection(
     problem: AdjustmentProblem, state: AdjustmentState, tie_sigma_px: float
 ) -> LinearisedReprojection:
     """The sightings about ``state``; tie points have ``tie_sigma_px`` per axis."""
-    seen, block = problem.sightings, problem.block
+    seen, block = problem.image_points, problem.block
     rotation = state.site_from_cam[seen.photo]
     xyz_cam = _transform_to_camera(problem, state)
     projected = project(xyz_cam, state.lens[block.camera_of_photo[seen.photo]])
-    whitening = seen.whitening / np.where(seen.tie, tie_sigma_px, 1.0)[:, None, None]
+    whitening = seen.whitening / np.where(seen.is_tie_point, tie_sigma_px, 1.0)[:, None, None]
     residual = np.einsum("kij,kj->ki", whitening, projected.xy_img - seen.xy_img)
     behind = ~projected.in_front
     residual[behind] = _BEHIND_CAMERA_RESIDUAL
     loss, weight = compute_cauchy_loss((residual**2).sum(axis=1), REPROJECTION_LOSS_SCALE)
     root = np.sqrt(np.where(behind, 0.0, weight))
     whitening = whitening * root[:, None, None]
-    by_cam = whitening @ projected.by_xyz_cam
+    by_cam = whitening @ projected.jacobian_xyz_cam
     by_node = np.einsum("kai,kji->kaj", by_cam, rotation)
     # exp(-w) x is x + x cross w: the camera turns by w in its own axes.
     by_turn = by_cam @ build_skew_matrices(xyz_cam)
     return LinearisedReprojection(
         residual=residual * root[:, None],
-        by_photo=np.concatenate([-by_node, by_turn], axis=2),
-        by_lens=whitening @ projected.by_lens,
-        by_node=by_node,
+        jacobian_photo=np.concatenate([-by_node, by_turn], axis=2),
+        jacobian_lens=whitening @ projected.jacobian_lens,
+        jacobian_point=by_node,
         cost=float(loss.sum()),
     )
 
@@ -163,23 +165,23 @@ class LinearisedPointToPlane:
     """Wall terms, weighted: residual (k,), derivative by node (k, 3) and by the wall's deviation (k,)."""
 
     residual: Float64Array
-    by_node: Float64Array
-    by_wall: Float64Array
+    jacobian_point: Float64Array
+    jacobian_wall: Float64Array
     cost: float
 
 
 def linearise_point_to_plane(problem: AdjustmentProblem, state: AdjustmentState) -> LinearisedPointToPlane:
     """The tie points on the model's surface about ``state``."""
-    walls = problem.walls
-    deviation = np.where(walls.wall >= 0, np.append(state.wall_m, 0.0)[walls.wall], 0.0)
-    away = np.einsum("ki,ki->k", walls.normal_site, state.node_m[walls.node]) - walls.distance_m - deviation
+    walls = problem.point_to_plane
+    deviation = np.where(walls.wall >= 0, np.append(state.wall_deviation_m, 0.0)[walls.wall], 0.0)
+    away = np.einsum("ki,ki->k", walls.normal_site, state.xyz_site_m[walls.point]) - walls.distance_m - deviation
     residual = away / walls.sigma_m
     loss, weight = compute_cauchy_loss(residual**2, POINT_TO_PLANE_LOSS_SCALE)
     root = np.sqrt(weight)
     return LinearisedPointToPlane(
         residual=residual * root,
-        by_node=walls.normal_site * (root / walls.sigma_m)[:, None],
-        by_wall=-(root / walls.sigma_m),
+        jacobian_point=walls.normal_site * (root / walls.sigma_m)[:, None],
+        jacobian_wall=-(root / walls.sigma_m),
         cost=float(loss.sum()),
     )
 
@@ -195,10 +197,10 @@ class LinearisedPointPriors:
 
 def linearise_point_priors(problem: AdjustmentProblem, state: AdjustmentState) -> LinearisedPointPriors:
     """The nodes' priors about ``state``."""
-    priors = problem.node_priors
-    away = state.node_m[priors.node] - priors.xyz_m
+    priors = problem.point_priors
+    away = state.xyz_site_m[priors.point] - priors.xyz_m
     pull = np.einsum("kij,kj->ki", priors.information, away)
-    loss, weight = compute_cauchy_loss(np.einsum("ki,ki->k", away, pull), priors.limit)
+    loss, weight = compute_cauchy_loss(np.einsum("ki,ki->k", away, pull), priors.loss_scale)
     return LinearisedPointPriors(
         information=priors.information * weight[:, None, None], gradient=pull * weight[:, None], cost=float(loss.sum())
     )

@@ -40,7 +40,7 @@ class RaySurface(Protocol):
 def build_empty_terms() -> PointToPlaneTerms:
     """No model."""
     return PointToPlaneTerms(
-        node=np.zeros(0, dtype=np.int64),
+        point=np.zeros(0, dtype=np.int64),
         normal_site=np.zeros((0, 3)),
         distance_m=np.zeros(0),
         wall=np.zeros(0, dtype=np.int64),
@@ -58,8 +58,8 @@ def match_points_to_surface(
     neighbouring plane. Points of one element and facing share the element's deviation; ``model_sigma_m`` is the sigma
     of both, the wall's and the single point's (relief).
     """
-    xyz = state.node_m[: len(ties.reconstruction_point)]
-    seen = np.bincount(ties.node, minlength=len(xyz))
+    xyz = state.xyz_site_m[: len(ties.reconstruction_point)]
+    seen = np.bincount(ties.point, minlength=len(xyz))
     camera = _find_nearest_camera(ties, state, xyz)
     node = np.flatnonzero(seen >= _MIN_TRACK_LENGTH)
     origin = state.centre_site_m[camera[node]]
@@ -75,7 +75,7 @@ def match_points_to_surface(
     node, normal, foot = node[good], normal[good], foot[good]
     wall, count = _group_by_wall(hits.element[good], normal)
     return PointToPlaneTerms(
-        node=node,
+        point=node,
         normal_site=normal,
         distance_m=np.einsum("ij,ij->i", normal, foot),
         wall=wall,
@@ -85,9 +85,9 @@ def match_points_to_surface(
 
 
 def _find_nearest_camera(ties: TiePointSelection, state: AdjustmentState, xyz: Float64Array) -> RowIndices:
-    distance = np.linalg.norm(xyz[ties.node] - state.centre_site_m[ties.photo], axis=1)
-    order = np.lexsort((distance, ties.node))
-    node, first = np.unique(ties.node[order], return_index=True)
+    distance = np.linalg.norm(xyz[ties.point] - state.centre_site_m[ties.photo], axis=1)
+    order = np.lexsort((distance, ties.point))
+    node, first = np.unique(ties.point[order], return_index=True)
     camera = np.zeros(len(xyz), dtype=np.int64)
     camera[node] = ties.photo[order][first]
     return camera

@@ -29,7 +29,7 @@ def add_parameter_priors(
 def _add_positions(
     problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
 ) -> float:
-    terms, layout = problem.positions, ParameterIndex.of(problem)
+    terms, layout = problem.positions, ParameterIndex.build(problem)
     if not len(terms.photo):
         return 0.0
     away = state.centre_site_m[terms.photo] + state.gps_offset_m[terms.flight] - terms.xyz_site_m
@@ -38,7 +38,7 @@ def _add_positions(
     information = weight[:, None] / terms.sigma_m**2
     for axis in range(3):
         at = 6 * terms.photo + axis
-        common = layout.offset + 3 * terms.flight + axis
+        common = layout.gps_offset + 3 * terms.flight + axis
         for first, second in ((at, at), (at, common), (common, at), (common, common)):
             np.add.at(matrix, (first, second), information[:, axis])
         for place in (at, common):
@@ -49,7 +49,7 @@ def _add_positions(
 def _add_attitudes(
     problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
 ) -> float:
-    terms, layout = problem.attitudes, ParameterIndex.of(problem)
+    terms, layout = problem.attitudes, ParameterIndex.build(problem)
     if not len(terms.photo):
         return 0.0
     now = state.site_from_cam[terms.photo]
@@ -72,7 +72,7 @@ def _add_attitudes(
 def _add_gaussian_priors(
     problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
 ) -> float:
-    layout = ParameterIndex.of(problem)
+    layout = ParameterIndex.build(problem)
     lens_sigma = problem.lens_prior_sigma.ravel()
     free = lens_sigma > 0
     away = np.concatenate(
@@ -80,7 +80,7 @@ def _add_gaussian_priors(
             (state.lens - problem.lens_prior_mean).ravel(),
             state.gps_offset_m.ravel(),
             state.yaw_offset_rad,
-            state.wall_m,
+            state.wall_deviation_m,
         ]
     )
     sigma = np.concatenate(
@@ -88,7 +88,7 @@ def _add_gaussian_priors(
             np.where(free, lens_sigma, 1.0),
             problem.positions.offset_sigma_m.ravel(),
             problem.attitudes.yaw_sigma_rad,
-            problem.walls.wall_sigma_m,
+            problem.point_to_plane.wall_sigma_m,
         ]
     )
     known = np.concatenate([free, np.ones(len(away) - len(free), dtype=bool)])
@@ -100,7 +100,7 @@ def _add_gaussian_priors(
 
 def mask_fixed_parameters(problem: AdjustmentProblem) -> BoolArray:
     """Which kept unknowns (g,) are held at their start: lens terms of sigma 0."""
-    layout = ParameterIndex.of(problem)
+    layout = ParameterIndex.build(problem)
     out = np.zeros(layout.size, dtype=bool)
-    out[layout.lens : layout.offset] = problem.lens_prior_sigma.ravel() == 0
+    out[layout.lens : layout.gps_offset] = problem.lens_prior_sigma.ravel() == 0
     return out

@@ -28,34 +28,37 @@ class Block:
 class ImagePoints:
     """Image observations of nodes: a photograph shows ``offset_site_m + node`` at ``xy_img``.
 
-    ``photo`` (k,), ``node`` (k,), ``offset_site_m`` (k, 3; zero for points), ``xy_img`` (k, 2), ``whitening``
-    (k, 2, 2): times the residual in pixels gives unit variance (a line has a second row of zeros), ``tie`` (k,):
+    ``photo`` (k,), ``point`` (k,), ``offset_site_m`` (k, 3; zero for points), ``xy_img`` (k, 2), ``whitening``
+    (k, 2, 2): times the residual in pixels gives unit variance (a line has a second row of zeros), ``is_tie_point`` (k,):
     whether the residual counts to the tie points' variance, which is estimated. Lines and offsets serve sightings of
     model edges; no control makes them now (decision 9).
     """
 
     photo: RowIndices
-    node: RowIndices
+    point: RowIndices
     offset_site_m: Float64Array
     xy_img: Float64Array
     whitening: Float64Array
-    tie: BoolArray
+    is_tie_point: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointPriors:
-    """Nodes whose coordinates are known from elsewhere: ``node`` (k,), ``xyz_m`` (k, 3), ``information`` (k, 3, 3) in
-    1/m2 (singular where a direction is not known), ``limit`` (k,) in sigmas, beyond which a prior loses its say."""
+    """Nodes whose coordinates are known from elsewhere: ``point`` (k,), ``xyz_m`` (k, 3), ``information`` (k, 3, 3) in
+    1/m2 (singular where a direction is not known), ``loss_scale`` (k,) in sigmas, beyond which a prior loses its say."""
 
-    node: RowIndices
+    point: RowIndices
     xyz_m: Float64Array
     information: Float64Array
-    limit: Float64Array
+    loss_scale: Float64Array
 
     def take(self, which: BoolArray) -> PointPriors:
         """Those of ``which`` (k,)."""
         return PointPriors(
-            node=self.node[which], xyz_m=self.xyz_m[which], information=self.information[which], limit=self.limit[which]
+            point=self.point[which],
+            xyz_m=self.xyz_m[which],
+            information=self.information[which],
+            loss_scale=self.loss_scale[which],
         )
 
 
@@ -63,11 +66,11 @@ class PointPriors:
 class PointToPlaneTerms:
     """Tie points on the model's surface: ``normal . node - distance_m - deviation[wall]`` is zero within ``sigma_m``.
 
-    ``node`` (k,), ``normal_site`` (k, 3), ``distance_m`` (k,), ``wall`` (k,) row of a wall or -1 for none;
+    ``point`` (k,), ``normal_site`` (k, 3), ``distance_m`` (k,), ``wall`` (k,) row of a wall or -1 for none;
     ``wall_sigma_m`` (w,) is how far each wall as a whole may stand off the model.
     """
 
-    node: RowIndices
+    point: RowIndices
     normal_site: Float64Array
     distance_m: Float64Array
     wall: RowIndices
@@ -103,15 +106,15 @@ class AttitudeTerms:
 class AdjustmentProblem:
     """The whole adjustment.
 
-    ``node_xyz_m`` (m, 3) are the nodes' starts. ``lens_prior_mean`` and ``lens_prior_sigma`` (c, 8) are what is known of the lenses
+    ``initial_xyz_m`` (m, 3) are the nodes' starts. ``lens_prior_mean`` and ``lens_prior_sigma`` (c, 8) are what is known of the lenses
     beforehand (order: LENS_TERMS); a sigma of 0 holds the term at its mean.
     """
 
     block: Block
-    node_xyz_m: Float64Array
-    sightings: ImagePoints
-    node_priors: PointPriors
-    walls: PointToPlaneTerms
+    initial_xyz_m: Float64Array
+    image_points: ImagePoints
+    point_priors: PointPriors
+    point_to_plane: PointToPlaneTerms
     positions: PositionTerms
     attitudes: AttitudeTerms
     lens_prior_mean: Float64Array

@@ -54,8 +54,8 @@ class ProjectedPoints:
     """
 
     xy_img: Float64Array
-    by_xyz_cam: Float64Array
-    by_lens: Float64Array
+    jacobian_xyz_cam: Float64Array
+    jacobian_lens: Float64Array
     in_front: BoolArray
 
 
@@ -88,7 +88,7 @@ def project(xyz_cam: Float64Array, lens: Float64Array) -> ProjectedPoints:
     by_lens[:, 0, 7], by_lens[:, 1, 7] = focal * (r2 + 2 * x * x), fy * 2 * x * y
     return ProjectedPoints(
         xy_img=np.column_stack([focal * xd + cx, fy * yd + cy]),
-        by_xyz_cam=by_xyz,
-        by_lens=by_lens,
+        jacobian_xyz_cam=by_xyz,
+        jacobian_lens=by_lens,
         in_front=in_front,
     )

@@ -35,10 +35,10 @@ _MIN_INFORMATION = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coupling:
-    """Derivative products between kept unknowns and nodes: entry k couples unknown ``row`` with ``node`` by (3,)."""
+    """Derivative products between kept unknowns and nodes: entry k couples unknown ``row`` with ``point`` by (3,)."""
 
     row: Int64Array
-    node: Int64Array
+    point: Int64Array
     value: Float64Array
 
 
@@ -49,22 +49,22 @@ class ReducedCameraSystem:
 
     matrix: Float64Array
     gradient: Float64Array
-    node_covariance: Float64Array
-    node_gradient: Float64Array
+    point_covariance_m2: Float64Array
+    point_gradient: Float64Array
     coupling: Coupling
     cost: float
 
-    def node_step(self, step: Float64Array) -> Float64Array:
+    def compute_point_step(self, step: Float64Array) -> Float64Array:
         """The nodes' step (m, 3) that goes with the kept unknowns' ``step`` (g,)."""
-        pull = self.node_gradient + _sum_by_point(
-            self.coupling.node, self.coupling.value * step[self.coupling.row][:, None], len(self.node_gradient)
+        pull = self.point_gradient + _sum_by_point(
+            self.coupling.point, self.coupling.value * step[self.coupling.row][:, None], len(self.point_gradient)
         )
-        nodes: Float64Array = -np.einsum("mij,mj->mi", self.node_covariance, pull)
+        nodes: Float64Array = -np.einsum("mij,mj->mi", self.point_covariance_m2, pull)
         return nodes
 
 
 def _sum_by_point(node: Int64Array, values: Float64Array, count: int) -> Float64Array:
-    """Sums (count, ...) of ``values`` (k, ...) over equal ``node``."""
+    """Sums (count, ...) of ``values`` (k, ...) over equal ``point``."""
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     sums = np.zeros((count, flat.shape[1]))
     for j in range(flat.shape[1]):
@@ -74,7 +74,7 @@ def _sum_by_point(node: Int64Array, values: Float64Array, count: int) -> Float64
 
 def compute_cost(problem: AdjustmentProblem, state: AdjustmentState, tie_sigma_px: float) -> float:
     """The robust cost of a state, without its derivatives' sums."""
-    size = ParameterIndex.of(problem).size
+    size = ParameterIndex.build(problem).size
     return (
         linearise_reprojection(problem, state, tie_sigma_px).cost
         + linearise_point_to_plane(problem, state).cost
@@ -87,7 +87,7 @@ def build_reduced_system(
     problem: AdjustmentProblem, state: AdjustmentState, tie_sigma_px: float
 ) -> ReducedCameraSystem:
     """Linearise about ``state`` and eliminate the nodes."""
-    layout, count = ParameterIndex.of(problem), len(state.node_m)
+    layout, count = ParameterIndex.build(problem), len(state.xyz_site_m)
     matrix, gradient = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
     seen, walls, priors = (
         linearise_reprojection(problem, state, tie_sigma_px),
@@ -98,14 +98,18 @@ def build_reduced_system(
     _add_reprojection(problem, seen, layout, matrix, gradient)
     _add_wall_deviations(problem, walls, layout, matrix, gradient)
     information = (
-        _sum_by_point(problem.sightings.node, np.einsum("kai,kaj->kij", seen.by_node, seen.by_node), count)
-        + _sum_by_point(problem.walls.node, np.einsum("ki,kj->kij", walls.by_node, walls.by_node), count)
-        + _sum_by_point(problem.node_priors.node, priors.information, count)
+        _sum_by_point(
+            problem.image_points.point, np.einsum("kai,kaj->kij", seen.jacobian_point, seen.jacobian_point), count
+        )
+        + _sum_by_point(
+            problem.point_to_plane.point, np.einsum("ki,kj->kij", walls.jacobian_point, walls.jacobian_point), count
+        )
+        + _sum_by_point(problem.point_priors.point, priors.information, count)
     )
     node_gradient = (
-        _sum_by_point(problem.sightings.node, np.einsum("kai,ka->ki", seen.by_node, seen.residual), count)
-        + _sum_by_point(problem.walls.node, walls.by_node * walls.residual[:, None], count)
-        + _sum_by_point(problem.node_priors.node, priors.gradient, count)
+        _sum_by_point(problem.image_points.point, np.einsum("kai,ka->ki", seen.jacobian_point, seen.residual), count)
+        + _sum_by_point(problem.point_to_plane.point, walls.jacobian_point * walls.residual[:, None], count)
+        + _sum_by_point(problem.point_priors.point, priors.gradient, count)
     )
     information = _floor_information(information)
     coupling = _build_coupling(problem, seen, walls, layout)
@@ -113,8 +117,8 @@ def build_reduced_system(
     return ReducedCameraSystem(
         matrix=matrix,
         gradient=gradient,
-        node_covariance=np.linalg.inv(information).astype(np.float64),
-        node_gradient=node_gradient,
+        point_covariance_m2=np.linalg.inv(information).astype(np.float64),
+        point_gradient=node_gradient,
         coupling=coupling,
         cost=cost,
     )
@@ -134,7 +138,7 @@ def _floor_information(information: Float64Array) -> Float64Array:
 
 def _index_camera_parameters(problem: AdjustmentProblem, layout: ParameterIndex) -> Int64Array:
     """The kept unknowns (k, 14) of each sighting: its photograph's six and its lens's eight."""
-    photo = problem.sightings.photo
+    photo = problem.image_points.photo
     lens = problem.block.camera_of_photo[photo]
     return np.hstack([6 * photo[:, None] + np.arange(6), layout.lens + 8 * lens[:, None] + np.arange(8)])
 
@@ -147,13 +151,13 @@ def _add_reprojection(
     gradient: Float64Array,
 ) -> None:
     columns = _index_camera_parameters(problem, layout)
-    order = np.argsort(problem.sightings.photo, kind="stable")
-    ends = np.searchsorted(problem.sightings.photo[order], np.arange(len(problem.block.centre_site_m) + 1))
+    order = np.argsort(problem.image_points.photo, kind="stable")
+    ends = np.searchsorted(problem.image_points.photo[order], np.arange(len(problem.block.centre_site_m) + 1))
     for begin, end in pairwise(ends):
         if begin == end:
             continue
         rows = order[begin:end]
-        jacobian = np.concatenate([seen.by_photo[rows], seen.by_lens[rows]], axis=2).reshape(-1, 14)
+        jacobian = np.concatenate([seen.jacobian_photo[rows], seen.jacobian_lens[rows]], axis=2).reshape(-1, 14)
         at = columns[rows[0]]
         matrix[np.ix_(at, at)] += jacobian.T @ jacobian
         gradient[at] += jacobian.T @ seen.residual[rows].ravel()
@@ -166,23 +170,25 @@ def _add_wall_deviations(
     matrix: Float64Array,
     gradient: Float64Array,
 ) -> None:
-    on = problem.walls.wall >= 0
-    place = layout.wall + problem.walls.wall[on]
-    np.add.at(matrix, (place, place), rows.by_wall[on] ** 2)
-    np.add.at(gradient, place, rows.by_wall[on] * rows.residual[on])
+    on = problem.point_to_plane.wall >= 0
+    place = layout.wall + problem.point_to_plane.wall[on]
+    np.add.at(matrix, (place, place), rows.jacobian_wall[on] ** 2)
+    np.add.at(gradient, place, rows.jacobian_wall[on] * rows.residual[on])
 
 
 def _build_coupling(
     problem: AdjustmentProblem, seen: LinearisedReprojection, walls: LinearisedPointToPlane, layout: ParameterIndex
 ) -> Coupling:
-    jacobian = np.concatenate([seen.by_photo, seen.by_lens], axis=2)
-    product = np.einsum("kag,kai->kgi", jacobian, seen.by_node)
-    on = problem.walls.wall >= 0
-    row = np.concatenate([_index_camera_parameters(problem, layout).ravel(), layout.wall + problem.walls.wall[on]])
-    node = np.concatenate([np.repeat(problem.sightings.node, 14), problem.walls.node[on]])
-    value = np.concatenate([product.reshape(-1, 3), walls.by_wall[on][:, None] * walls.by_node[on]])
+    jacobian = np.concatenate([seen.jacobian_photo, seen.jacobian_lens], axis=2)
+    product = np.einsum("kag,kai->kgi", jacobian, seen.jacobian_point)
+    on = problem.point_to_plane.wall >= 0
+    row = np.concatenate(
+        [_index_camera_parameters(problem, layout).ravel(), layout.wall + problem.point_to_plane.wall[on]]
+    )
+    node = np.concatenate([np.repeat(problem.image_points.point, 14), problem.point_to_plane.point[on]])
+    value = np.concatenate([product.reshape(-1, 3), walls.jacobian_wall[on][:, None] * walls.jacobian_point[on]])
     order = np.argsort(node, kind="stable")
-    return Coupling(row=row[order], node=node[order], value=value[order])
+    return Coupling(row=row[order], point=node[order], value=value[order])
 
 
 def _eliminate_points(
@@ -198,10 +204,10 @@ def _eliminate_points(
     count = len(information)
     for begin in range(0, count, _POINTS_PER_BATCH):
         end = min(count, begin + _POINTS_PER_BATCH)
-        first, last = np.searchsorted(coupling.node, (begin, end))
+        first, last = np.searchsorted(coupling.point, (begin, end))
         if first < last:
             touched, local = np.unique(coupling.row[first:last], return_inverse=True)
-            nodes = coupling.node[first:last] - begin
+            nodes = coupling.point[first:last] - begin
             shape = (len(touched), 3 * (end - begin))
             columns = (3 * nodes[:, None] + np.arange(3)).ravel()
             dense = coo_matrix(

@@ -38,8 +38,8 @@ class Solution:
 
     state: AdjustmentState
     tie_sigma_px: float
-    steps: int
-    settled: bool
+    iterations: int
+    converged: bool
 
 
 def estimate_tie_sigma(problem: AdjustmentProblem, state: AdjustmentState) -> float:
@@ -48,10 +48,10 @@ def estimate_tie_sigma(problem: AdjustmentProblem, state: AdjustmentState) -> fl
     A point seen n times gives 2n coordinates and takes three unknowns, a photograph takes six of its own: residuals
     are smaller than errors by the root of that redundancy (by half where tracks have two photographs).
     """
-    tie = problem.sightings.tie
+    tie = problem.image_points.is_tie_point
     if not tie.any():
         return 1.0
-    node, photo = problem.sightings.node[tie], problem.sightings.photo[tie]
+    node, photo = problem.image_points.point[tie], problem.image_points.photo[tie]
     redundancy = 1.0 - 1.5 / np.bincount(node)[node] - 3.0 / np.bincount(photo)[photo]
     length = np.linalg.norm(compute_reprojection_residuals(problem, state, 1.0)[tie], axis=1)
     error = length / np.sqrt(np.maximum(redundancy, _MIN_REDUNDANCY))
@@ -74,8 +74,8 @@ def solve_adjustment(
         sigma = estimate_tie_sigma(problem, state)
         logger.debug("step %d: cost %.1f, tie sigma %.3f px, largest move %.5f m", count, system.cost, sigma, length_m)
         if length_m < settled_m:
-            return Solution(state=state, tie_sigma_px=sigma, steps=count, settled=lowered)
-    return Solution(state=state, tie_sigma_px=sigma, steps=_MAX_ITERATIONS, settled=False)
+            return Solution(state=state, tie_sigma_px=sigma, iterations=count, converged=lowered)
+    return Solution(state=state, tie_sigma_px=sigma, iterations=_MAX_ITERATIONS, converged=False)
 
 
 def _scale_to_unit_diagonal(system: ReducedCameraSystem, free: RowIndices) -> tuple[Float64Array, Float64Array]:
@@ -100,7 +100,7 @@ def _build_singularity_error() -> GeoreferenceError:
 def solve_step(problem: AdjustmentProblem, system: ReducedCameraSystem) -> Float64Array:
     """The step (g,) of the kept unknowns that solves a reduced system; zero for those held."""
     free = np.flatnonzero(~mask_fixed_parameters(problem))
-    step = np.zeros(ParameterIndex.of(problem).size)
+    step = np.zeros(ParameterIndex.build(problem).size)
     matrix, scale = _scale_to_unit_diagonal(system, free)
     try:
         factor = cho_factor(matrix, lower=True, overwrite_a=True)
@@ -115,7 +115,7 @@ def _take_step(
 ) -> tuple[AdjustmentState, float, bool]:
     """The state after the step, halved until the cost no longer rises, the farthest that a camera moved (m), and
     whether any such step was found (one too short to matter counts: the state is as good as it gets)."""
-    nodes = system.node_step(step)
+    nodes = system.compute_point_step(step)
     share = 1.0
     for _ in range(_MAX_HALVINGS):
         # The nodes' step is affine in the kept unknowns'; a shortened step shortens both.
@@ -125,7 +125,7 @@ def _take_step(
         share /= 2
     else:
         return state, 0.0, float(np.abs(step).max()) < CONVERGED_M
-    photos = step[: ParameterIndex.of(problem).lens].reshape(-1, 6)[:, :3]
+    photos = step[: ParameterIndex.build(problem).lens].reshape(-1, 6)[:, :3]
     return after, float(share * np.abs(photos).max()), True
 
 
@@ -141,6 +141,6 @@ def compute_covariance(
         inverse = cho_solve(cho_factor(matrix, lower=True, overwrite_a=True), np.eye(len(free)), overwrite_b=True)
     except LinAlgError as error:
         raise _build_singularity_error() from error
-    covariance = np.zeros((ParameterIndex.of(problem).size,) * 2)
+    covariance = np.zeros((ParameterIndex.build(problem).size,) * 2)
     covariance[np.ix_(free, free)] = inverse * scale[:, None] * scale[None, :]
     return system, covariance

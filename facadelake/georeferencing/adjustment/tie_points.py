@@ -22,12 +22,12 @@ _MIN_POINTS_PER_CELL = 5
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TiePointSelection:
     """The chosen tie points: ``point`` (t,) rows of the reconstruction's points, ``xyz_site_m`` (t, 3), and their
-    sightings: ``photo`` (k,), ``node`` (k,) row of ``point``, ``xy_img`` (k, 2)."""
+    sightings: ``photo`` (k,), ``point`` (k,) row of ``point``, ``xy_img`` (k, 2)."""
 
     reconstruction_point: RowIndices
     xyz_site_m: Float64Array
     photo: RowIndices
-    node: RowIndices
+    point: RowIndices
     xy_img: Float64Array
 
 
@@ -55,7 +55,7 @@ def choose_tie_points(
         reconstruction_point=chosen,
         xyz_site_m=site_from_sfm.apply(reconstruction.xyz_sfm[chosen]),
         photo=photo[kept],
-        node=row[point[kept]],
+        point=row[point[kept]],
         xy_img=reconstruction.image_point_xy_img[kept],
     )
 

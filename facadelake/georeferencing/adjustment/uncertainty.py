@@ -39,11 +39,11 @@ class Uncertainty:
         out = np.empty((len(nodes), 3, 3))
         coupling = self.system.coupling
         for k, node in enumerate(nodes):
-            first, last = np.searchsorted(coupling.node, (node, node + 1))
+            first, last = np.searchsorted(coupling.point, (node, node + 1))
             rows, place = np.unique(coupling.row[first:last], return_inverse=True)
             dense = np.zeros((len(rows), 3))
             np.add.at(dense, place, coupling.value[first:last])
-            own = self.system.node_covariance[node]
+            own = self.system.point_covariance_m2[node]
             pulled = dense @ own
             out[k] = own + pulled.T @ self.formal[np.ix_(rows, rows)] @ pulled
         return out
@@ -65,25 +65,25 @@ def estimate_uncertainty(
 
 def _compute_jackknife_steps(problem: AdjustmentProblem, solution: Solution, ties: int) -> Float64Array:
     """What the kept unknowns (r, g) would move by, to first order, without the tie points of each region."""
-    xyz = solution.state.node_m[:ties]
+    xyz = solution.state.xyz_site_m[:ties]
     if len(xyz) < 10 * _REGIONS:
-        return np.zeros((0, ParameterIndex.of(problem).size))
+        return np.zeros((0, ParameterIndex.build(problem).size))
     rng = np.random.default_rng(_SEED)
     draw = rng.choice(len(xyz), min(len(xyz), _MAX_CLUSTERED), replace=False)
     centres, _ = kmeans2(xyz[draw], _REGIONS, minit="++", rng=rng)
     region = np.linalg.norm(xyz[:, None, :] - centres[None], axis=2).argmin(axis=1)
-    seen = problem.sightings
-    region_of = np.full(len(seen.node), -1)
-    tie = seen.node < ties
-    region_of[tie] = region[seen.node[tie]]
+    seen = problem.image_points
+    region_of = np.full(len(seen.point), -1)
+    tie = seen.point < ties
+    region_of[tie] = region[seen.point[tie]]
     return np.array([_compute_step_without(problem, solution, region_of == number) for number in range(_REGIONS)])
 
 
 def _compute_step_without(problem: AdjustmentProblem, solution: Solution, left_out: Float64Array) -> Float64Array:
     """One Gauss-Newton step from the solution with the sightings ``left_out`` (k,) given next to no weight."""
     # Leaving rows out would change the nodes' order; a thousandth of the weight leaves them as good as out.
-    whitening = problem.sightings.whitening * np.where(left_out, 1e-3, 1.0)[:, None, None]
-    without = replace(problem, sightings=replace(problem.sightings, whitening=whitening))
+    whitening = problem.image_points.whitening * np.where(left_out, 1e-3, 1.0)[:, None, None]
+    without = replace(problem, image_points=replace(problem.image_points, whitening=whitening))
     return solve_step(without, build_reduced_system(without, solution.state, solution.tie_sigma_px))
 
 
@@ -92,7 +92,7 @@ def compute_leave_one_out_residual(
 ) -> Float64Array:
     """What ``given - adjusted`` (k, 3) would be, had each point's own prior been left out: (k, 3).
 
-    ``node_covariance`` (k, 3, 3) with the prior, whose variances are ``prior_variance`` (k, 3). Exact for a linear
+    ``point_covariance_m2`` (k, 3, 3) with the prior, whose variances are ``prior_variance`` (k, 3). Exact for a linear
     problem. Source: Cook and Weisberg 1982, Residuals and influence in regression, 2.2.
     """
     share = node_covariance / prior_variance[:, None, :]

@@ -60,10 +60,10 @@ class ReferenceMatch:
     half a pixel for what the surface looks like on another day. The reference's common error is not in it, see
     ``ReferencePoints``.
 
-    What it rests on: ``compared`` and ``offered`` count the tie points of the later campaign and the reference,
+    What it rests on: ``points_compared`` and ``reference_points`` count the tie points of the later campaign and the reference,
     ``pairs`` those that look alike, ``agreeing`` those of them that agree on this placement before the last, closer
     gate, ``runner_up`` those that agree on the next best, different one. ``compute_misfit`` is how many times farther apart the
-    agreeing pairs are than their covariances say; in ``places_agreeing`` of the ``places`` (1 m cells) where both
+    agreeing pairs are than their covariances say; in ``cells_agreeing`` of the ``cells`` (1 m cells) where both
     campaigns have tie points some agree.
     """
 
@@ -73,14 +73,14 @@ class ReferenceMatch:
     xyz_site_m: Float64Array
     covariance_m2: Float64Array
     residual_m: Float64Array
-    compared: int
-    offered: int
+    points_compared: int
+    reference_points: int
     pairs: int
     agreeing: int
     runner_up: int
     misfit: float
-    places_agreeing: int
-    places: int
+    cells_agreeing: int
+    cells: int
 
 
 def match_reference(
@@ -100,7 +100,7 @@ def match_reference(
     Facades of which every square metre repeats to the millimetre cannot be told apart: check the answer against GPS.
     """
     check_descriptor_count(reconstruction, descriptors)
-    reference = reference.about(origin)
+    reference = reference.transform_to(origin)
     later = _select_tie_points(reconstruction)
     pairs = match_descriptors(descriptors[later.row], reference.descriptors, largest_ratio=_MAX_RATIO)
     source, target = later.xyz_sfm[pairs.a], reference.xyz_site_m[pairs.b]
@@ -241,12 +241,12 @@ def _build_match(
         xyz_site_m=target[kept],
         covariance_m2=known[kept],
         residual_m=(target - site_from_sfm.apply(source))[kept],
-        compared=len(later.row),
-        offered=len(reference),
+        points_compared=len(later.row),
+        reference_points=len(reference),
         pairs=len(pairs),
         agreeing=len(a),
         runner_up=runner_up,
         misfit=far,
-        places_agreeing=places_agreeing,
-        places=places,
+        cells_agreeing=places_agreeing,
+        cells=places,
     )

@@ -56,7 +56,7 @@ class ReferencePoints:
     def __len__(self) -> int:
         return len(self.xyz_site_m)
 
-    def about(self, origin: SiteOrigin) -> ReferencePoints:
+    def transform_to(self, origin: SiteOrigin) -> ReferencePoints:
         """The same points on the globe in the site frame about another ``origin`` (a model that was exported anew)."""
         if origin == self.origin:
             return self

@@ -42,7 +42,7 @@ class SurveyedPoint:
     x: float
     y: float
     z: float
-    sightings: tuple[ImageMark, ...]
+    marks: tuple[ImageMark, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class _PointRecord:
 
     number: int
     xyz: tuple[float, float, float]
-    sighting: ImageMark
+    mark: ImageMark
     name: str
 
 
@@ -117,7 +117,7 @@ def _parse_line(path: Path, number: int, line: str) -> _PointRecord:
     return _PointRecord(
         number=number,
         xyz=(x, y, z),
-        sighting=ImageMark(photo_name=fields[5].replace("\\", "/"), x_px=x_px, y_px=y_px),
+        mark=ImageMark(photo_name=fields[5].replace("\\", "/"), x_px=x_px, y_px=y_px),
         name=fields[6] if len(fields) > 6 else "",
     )
 
@@ -142,7 +142,7 @@ def _group_by_point(path: Path, lines: Sequence[_PointRecord]) -> tuple[Surveyed
             x=group[0].xyz[0],
             y=group[0].xyz[1],
             z=group[0].xyz[2],
-            sightings=tuple(line.sighting for line in group),
+            marks=tuple(line.mark for line in group),
         )
         for name, group in groups.items()
     )

@@ -56,11 +56,11 @@ def intersect_marks(
 ) -> tuple[IntersectedMarks | None, ...]:
     """The agreeing marks of each point in photographs of the block; None where fewer than two agree."""
     index = {photo.photo_id: row for row, photo in enumerate(reconstruction.photos)}
-    names = [sighting.photo_name for point in control_points.points for sighting in point.sightings]
+    names = [sighting.photo_name for point in control_points.points for sighting in point.marks]
     photo_of = match_photo_names(names, list(index))
     out: list[IntersectedMarks | None] = []
     for point in control_points.points:
-        seen = [sighting for sighting in point.sightings if sighting.photo_name in photo_of]
+        seen = [sighting for sighting in point.marks if sighting.photo_name in photo_of]
         rows = np.array([index[photo_of[sighting.photo_name]] for sighting in seen], dtype=np.int64)
         xy = np.array([[sighting.x_px, sighting.y_px] for sighting in seen]).reshape(-1, 2)
         found = _intersect(reconstruction, rows, xy) if len(seen) >= 2 else None

@@ -50,7 +50,7 @@ class GpsPriors:
     flight: Int64Array
     height_relative_m: Float64Array
 
-    def lifted(self, up_m: float) -> GpsPriors:
+    def shift_height(self, up_m: float) -> GpsPriors:
         """The same priors ``up_m`` higher."""
         return replace(self, xyz_site_m=self.xyz_site_m + np.array([0.0, 0.0, up_m]))
 

@@ -83,7 +83,7 @@ def _build_check_points(
     points = []
     for point, xyz in zip(surveyed.points, given, strict=True):
         views = []
-        for sighting in point.sightings:
+        for sighting in point.marks:
             photo_id = names.match(sighting.photo_name).photo_id
             if photo_id is not None:
                 camera = posed[photo_id]

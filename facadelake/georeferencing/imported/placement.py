@@ -151,7 +151,7 @@ def _build_cameras(
             continue
         centre, rotation = at
         try:
-            camera = pose.lens.for_photograph(row["image_width_px"], row["image_height_px"])
+            camera = pose.lens.scale_to(row["image_width_px"], row["image_height_px"])
         except InputDataError as error:
             reasons[photo_id] = f"{found.source}: {error}"
             continue
@@ -167,12 +167,14 @@ def _transform_to_site(
         return []
     centres, rotations = np.array([pose.xyz_world for pose in poses]), np.array([pose.world_from_cam for pose in poses])
     try:
-        return list(zip(*found.world.in_site(centres, rotations, place), strict=True))
+        return list(zip(*found.world.transform_to_site(centres, rotations, place), strict=True))
     except GeoreferenceError as whole:
         placed: list[tuple[Float64Array, Float64Array] | GeoreferenceError] = []
         for row in range(len(poses)):
             try:
-                centre, rotation = found.world.in_site(centres[row : row + 1], rotations[row : row + 1], place)
+                centre, rotation = found.world.transform_to_site(
+                    centres[row : row + 1], rotations[row : row + 1], place
+                )
                 placed.append((centre[0], rotation[0]))
             except GeoreferenceError as error:
                 placed.append(error)

@@ -58,7 +58,7 @@ class ImportedLens:
     width_px: int | None = None
     height_px: int | None = None
 
-    def for_photograph(self, width_px: int, height_px: int) -> Camera:
+    def scale_to(self, width_px: int, height_px: int) -> Camera:
         """The camera of a photograph of that size; a reduced one of the same shape is scaled.
 
         Raises InputDataError where the shapes differ, or a focal length is not positive.

@@ -39,7 +39,7 @@ class PoseWorld:
     origin: SiteOrigin | None = None
     crs_from_world: Similarity | None = None
 
-    def in_site(
+    def transform_to_site(
         self, xyz_world: Float64Array, world_from_cam: Float64Array, place: SiteFrame
     ) -> tuple[Float64Array, Float64Array]:
         """Centres (n, 3) and rotations (n, 3, 3) in the site frame of ``place``.
@@ -56,7 +56,7 @@ class PoseWorld:
             return centres, rotations
         return centres, self._axes_in_site(xyz, place) @ rotations
 
-    def crs_of(self, place: SiteFrame) -> str:
+    def resolve_crs(self, place: SiteFrame) -> str:
         """The CRS of the positions, with what their heights refer to."""
         crs = self.crs or place.map_crs
         return crs if crs == SITE else add_vertical_datum(crs, place.vertical_datum)
@@ -79,14 +79,14 @@ class PoseWorld:
     def _to_site(self, xyz: Float64Array, place: SiteFrame) -> Float64Array:
         if self.crs == SITE:
             return self._site_from_own(place).apply(xyz)
-        return place.origin.site_from_geo(transform(xyz, self.crs_of(place), GEO))
+        return place.origin.site_from_geo(transform(xyz, self.resolve_crs(place), GEO))
 
     def _axes_in_site(self, xyz: Float64Array, place: SiteFrame) -> Float64Array:
         """Rotations (n, 3, 3) of the CRS's axes at ``xyz`` (n, 3) into site: the map's derivative without its scale.
 
         So the convergence of meridians and the earth's curvature are in it.
         """
-        crs = promote_to_3d(self.crs_of(place))
+        crs = promote_to_3d(self.resolve_crs(place))
         if crs.is_geographic:
             raise GeoreferenceError(
                 f"rotations cannot refer to the axes of {self.crs}, which are degrees; write north: true"

@@ -49,7 +49,7 @@ class ShiftObservability:
         return self.share >= MIN_OBSERVED_SHARE
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """The direction for people."""
         east, north, up = self.direction
         if abs(up) > 0.9:
@@ -68,7 +68,7 @@ class ModelAlignment:
 
     site_from_sfm: Similarity
     residual_m: Float64Array
-    points_offered: int
+    points_total: int
     shifts: tuple[ShiftObservability, ...]
     gps_bias_m: Float64Array
     remarks: tuple[str, ...]
@@ -123,7 +123,7 @@ def align_to_model(
     return ModelAlignment(
         site_from_sfm=now,
         residual_m=np.abs(_compute_point_to_plane(now, planes)),
-        points_offered=len(points),
+        points_total=len(points),
         shifts=shifts,
         gps_bias_m=found[7:],
         remarks=_build_remarks(shifts, priors),
@@ -245,11 +245,11 @@ def _analyse_observability(planes: _PointPlanePairs) -> tuple[ShiftObservability
 
 
 def _build_remarks(shifts: tuple[ShiftObservability, ...], priors: GpsPriors) -> tuple[str, ...]:
-    seen = [f"{shift.words} ({shift.share:.3f})" for shift in shifts if shift.observed]
+    seen = [f"{shift.description} ({shift.share:.3f})" for shift in shifts if shift.observed]
     remarks = [f"the model's surface observes {', '.join(seen) or 'no shift'} (share needed: {MIN_OBSERVED_SHARE})"]
     sigma = priors.common_sigma_m
     held = [
-        f"{shift.words} ({shift.share:.3f}; GPS sigma {np.linalg.norm(sigma * shift.direction):.1f} m)"
+        f"{shift.description} ({shift.share:.3f}; GPS sigma {np.linalg.norm(sigma * shift.direction):.1f} m)"
         for shift in shifts
         if not shift.observed
     ]

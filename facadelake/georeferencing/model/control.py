@@ -100,7 +100,7 @@ def place_by_model(reconstruction: Reconstruction, priors: GpsPriors, model: Mod
     found: list[ModelPlacement] = []
     problems: list[GeoreferenceError] = []
     for lift_m in _list_height_corrections(priors, model.ground_site_m):
-        lifted = priors.lifted(lift_m)
+        lifted = priors.shift_height(lift_m)
         start = Similarity(
             rotation=by_gps.site_from_sfm.rotation,
             translation=by_gps.site_from_sfm.translation + np.array([0.0, 0.0, lift_m]),
@@ -147,7 +147,7 @@ def _place_from(
         scale=walls.site_from_sfm.scale,
     )
     by_edges = ", ".join(
-        f"{observed.words} (moved by {float(observed.direction @ shift.shift_site_m):+.2f} m)"
+        f"{observed.description} (moved by {float(observed.direction @ shift.shift_site_m):+.2f} m)"
         for observed in walls.shifts
         if not observed.observed
     )

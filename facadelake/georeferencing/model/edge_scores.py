@@ -25,7 +25,7 @@ _BATCH = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EdgeScene:
-    """What is scored: photograph k was taken by ``cameras[k]``; ``rows`` are used; shifts run along ``free`` (j, 3);
+    """What is scored: photograph k was taken by ``cameras[k]``; ``rows`` are used; shifts run along ``free_directions`` (j, 3);
     ``features`` counts the model's."""
 
     cameras: Sequence[PosedCamera]
@@ -33,7 +33,7 @@ class EdgeScene:
     rows: Int64Array
     samples: EdgeSamples
     surface: Surface
-    free: Float64Array
+    free_directions: Float64Array
     features: int
 
 
@@ -69,8 +69,10 @@ def score_shifts(search: EdgeScene, shifts: Float64Array, node: Int64Array, tole
         level: ImageGradients | None = None
         for members in nodes:
             centre = shifts[members].mean(axis=0)
-            posed = shift_camera(search.cameras[row], centre @ search.free)
-            seen = find_visible_samples(search.samples, posed, search.surface, border_px=4.0, free=search.free)
+            posed = shift_camera(search.cameras[row], centre @ search.free_directions)
+            seen = find_visible_samples(
+                search.samples, posed, search.surface, border_px=4.0, free_directions=search.free_directions
+            )
             if len(seen.row) < _MIN_SAMPLES:
                 continue
             if level is None:
@@ -91,7 +93,7 @@ def _compute_gradients(search: EdgeScene, row: int, pixel_m: float, tolerance_m:
     sigma = tolerance_m / 2 / pixel_m
     reduction = choose_reduction(sigma, search.cameras[row].camera)
     return compute_gradients(
-        search.photographs.grey(row, reduction), reduction=reduction, sigma_px=max(sigma / reduction, 0.7)
+        search.photographs.read_grey(row, reduction), reduction=reduction, sigma_px=max(sigma / reduction, 0.7)
     )
 
 
@@ -110,10 +112,10 @@ def _add_evidence(
     Along one edge in one photograph the contrast has one sign, which texture has not: the mean comes before the square.
     """
     xyz = search.samples.xyz_site_m[seen.row]
-    moved = (xyz[None] - (shifts @ search.free)[:, None, :]).reshape(-1, 3)
+    moved = (xyz[None] - (shifts @ search.free_directions)[:, None, :]).reshape(-1, 3)
     xy = posed.project_site(moved).reshape(len(shifts), -1, 2)
     inside = posed.camera.is_inside(xy.reshape(-1, 2)).reshape(xy.shape[:2])
-    across = level.across(np.nan_to_num(xy, nan=-1e4), np.broadcast_to(seen.normal_img, xy.shape))
+    across = level.sample_across(np.nan_to_num(xy, nan=-1e4), np.broadcast_to(seen.normal_img, xy.shape))
     edge = search.samples.edge[seen.row]  # in rising order, as the samples are
     first = np.flatnonzero(np.r_[True, edge[1:] != edge[:-1]])
     count = np.add.reduceat(inside, first, axis=1, dtype=np.float64)

@@ -74,7 +74,7 @@ def search_shift(
     *,
     tolerance_m: float = 0.05,
 ) -> EdgeShift:
-    """Search within three ``sigma_m`` (j,) along the unit directions ``free`` (j, 3) of site; j is 1 or 2.
+    """Search within three ``sigma_m`` (j,) along the unit directions ``free_directions`` (j, 3) of site; j is 1 or 2.
 
     Photograph k of ``photographs`` was taken by ``cameras[k]``; ``tolerance_m`` is one sigma of as-built against
     as-designed. Raises GeoreferenceError where too little of the model is seen, or two answers compete.
@@ -88,7 +88,7 @@ def search_shift(
         rows=_choose_photographs(cameras, _MAX_PHOTOGRAPHS // len(free)),
         samples=sample_edges(edges, _COARSE_SPACING * levels[0]),
         surface=surface,
-        free=free,
+        free_directions=free,
         features=int(edges.feature.max(initial=-1)) + 1,
     )
     grid = _build_grid(reach, levels[0] / 2)
@@ -144,8 +144,10 @@ class _ShiftCandidate:
 
 def _refine_peaks(search: EdgeScene, peaks: Float64Array, coarser_m: float, finer_m: float) -> list[_ShiftCandidate]:
     """The peaks moved to their best place at the finer level, best first; each sees what is visible there."""
-    around = _build_grid(np.full(len(search.free), coarser_m), finer_m / 2).reshape(-1, len(search.free))
-    shifts = (peaks[:, None, :] + around[None]).reshape(-1, len(search.free))
+    around = _build_grid(np.full(len(search.free_directions), coarser_m), finer_m / 2).reshape(
+        -1, len(search.free_directions)
+    )
+    shifts = (peaks[:, None, :] + around[None]).reshape(-1, len(search.free_directions))
     scores = score_shifts(search, shifts, np.repeat(np.arange(len(peaks)), len(around)), finer_m)
     shape = (len(peaks), len(around), search.features)
     total, mean = scores.total.reshape(shape[:2]), scores.mean.reshape(shape)
@@ -190,15 +192,15 @@ def _estimate_consensus(search: EdgeScene, start: Float64Array, tolerance_m: flo
     shift is taken, where every feature is off by its own normal deviation, the building's tolerance, and a share of
     them is mistaken. The error is the scatter under resampling of the features.
     """
-    grid = _build_grid(np.full(len(search.free), _CONSENSUS_M), _CONSENSUS_STEP_M)
-    shifts = start + grid.reshape(-1, len(search.free))
+    grid = _build_grid(np.full(len(search.free_directions), _CONSENSUS_M), _CONSENSUS_STEP_M)
+    shifts = start + grid.reshape(-1, len(search.free_directions))
     scores = score_shifts(search, shifts, np.zeros(len(shifts), dtype=np.int64), _FINEST_M)
     seen = np.median(scores.weight, axis=0) > 0
     curve = scores.mean[:, seen].T ** 2 + _NO_EVIDENCE**2  # a feature that nothing shows says nothing
     curve /= curve.sum(axis=1, keepdims=True)
     trust = np.median(scores.weight[:, seen], axis=0)
     trust = trust / (trust + _TRUSTED_SAMPLES)
-    blur = (0.0, *[float(np.hypot(tolerance_m, _PROFILE_M)) / _CONSENSUS_STEP_M] * len(search.free))
+    blur = (0.0, *[float(np.hypot(tolerance_m, _PROFILE_M)) / _CONSENSUS_STEP_M] * len(search.free_directions))
     likely = gaussian_filter(curve.reshape(-1, *grid.shape[:-1]), blur, mode="nearest").reshape(curve.shape)
     ballots = np.log((1 - _OUTLIER_SHARE) * likely + _OUTLIER_SHARE / curve.shape[1])
     draws = np.random.default_rng(1).multinomial(len(trust), np.full(len(trust), 1 / len(trust)), size=_BOOTSTRAPS)
@@ -231,10 +233,14 @@ def _find_visible_edges(search: EdgeScene, edges: ModelEdges, shifts: Float64Arr
     sparse = sample_edges(edges, _SPARSE_M)
     seen = np.zeros(len(edges.feature), dtype=bool)
     for k in range(node.max() + 1):
-        centre = shifts[node == k].mean(axis=0) @ search.free
+        centre = shifts[node == k].mean(axis=0) @ search.free_directions
         for row in search.rows:
             found = find_visible_samples(
-                sparse, shift_camera(search.cameras[row], centre), search.surface, border_px=0.0, free=search.free
+                sparse,
+                shift_camera(search.cameras[row], centre),
+                search.surface,
+                border_px=0.0,
+                free_directions=search.free_directions,
             )
             seen[sparse.edge[found.row]] = True
     return seen

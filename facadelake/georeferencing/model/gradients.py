@@ -28,7 +28,7 @@ _WINDOW_SIGMAS = 6.0  # how far around a pixel its neighbours' gradients count
 class GreyPhotographs(Protocol):
     """Photographs by row, as grey pixels (h, w) reduced by 1, 2, 4 or 8; pixel (x, y) lies at (x, y) / reduction."""
 
-    def grey(self, row: int, reduction: int, /) -> UInt8Array: ...
+    def read_grey(self, row: int, reduction: int, /) -> UInt8Array: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ class GreyFiles:
 
     paths: Sequence[Path]
 
-    def grey(self, row: int, reduction: int, /) -> UInt8Array:
+    def read_grey(self, row: int, reduction: int, /) -> UInt8Array:
         """Grey pixels of photograph ``row``; raises InputDataError where its file cannot be decoded."""
         path = self.paths[row]
         grey = (
@@ -64,7 +64,7 @@ class ImageGradients:
     y: Float32Array
     reduction: int
 
-    def across(self, xy_img: Float64Array, normal_img: Float64Array) -> Float32Array:
+    def sample_across(self, xy_img: Float64Array, normal_img: Float64Array) -> Float32Array:
         """Signed gradient along unit normals (..., 2) at pixels (..., 2) of the full photograph; 0 outside."""
         at = (xy_img / self.reduction - 0.5).astype(np.float32)
         shape = at.shape[:-1]
@@ -84,7 +84,7 @@ _MAX_REMAP_ROWS = 32_000
 
 
 def compute_gradients(grey: UInt8Array, *, reduction: int, sigma_px: float) -> ImageGradients:
-    """Gradients of ``grey`` (already reduced) smoothed by ``sigma_px`` of its own pixels.
+    """Gradients of ``read_grey`` (already reduced) smoothed by ``sigma_px`` of its own pixels.
 
     Divided by the root of the squared length here and the mean squared length around, so that neither contrast nor a
     rough texture counts, only how far an edge stands out from its surroundings.

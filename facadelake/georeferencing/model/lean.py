@@ -25,17 +25,17 @@ _MIN_HALF_HEIGHT_M = 1.0
 class BlockLean:
     """By what the block is turned about ``pivot_site_m`` (3,), the walls' middle, to stand upright.
 
-    ``turn_rad`` (2,): about east and about north. ``sigma_rad``: one sigma of each that is left.
+    ``rotation_rad`` (2,): about east and about north. ``sigma_rad``: one sigma of each that is left.
     """
 
     pivot_site_m: Float64Array
-    turn_rad: Float64Array
+    rotation_rad: Float64Array
     sigma_rad: float
 
     @property
     def rotation(self) -> Float64Array:
         """The turn as a matrix (3, 3)."""
-        matrix: Float64Array = Rotation.from_rotvec([*self.turn_rad, 0.0]).as_matrix()
+        matrix: Float64Array = Rotation.from_rotvec([*self.rotation_rad, 0.0]).as_matrix()
         return matrix
 
     def compute_covariance(self, adjusted: AdjustedBlock) -> Float64Array:
@@ -55,19 +55,19 @@ def estimate_lean(adjusted: AdjustedBlock, model_sigma_m: float, vertical: Verti
     lean is nought with that sigma.
     """
     state = adjusted.solution.state
-    held = state.node_m[adjusted.problem.walls.node]
+    held = state.xyz_site_m[adjusted.problem.point_to_plane.point]
     if not len(held):
-        return BlockLean(pivot_site_m=np.zeros(3), turn_rad=np.zeros(2), sigma_rad=0.0)
+        return BlockLean(pivot_site_m=np.zeros(3), rotation_rad=np.zeros(2), sigma_rad=0.0)
     low, high = np.percentile(held[:, 2], [_RIM_PERCENT, 100.0 - _RIM_PERCENT])
     sigma_rad = model_sigma_m / max((high - low) / 2.0, _MIN_HALF_HEIGHT_M)
     pivot = np.median(held, axis=0)
     if vertical is None:
-        return BlockLean(pivot_site_m=pivot, turn_rad=np.zeros(2), sigma_rad=sigma_rad)
+        return BlockLean(pivot_site_m=pivot, rotation_rad=np.zeros(2), sigma_rad=sigma_rad)
     share = sigma_rad**2 / (sigma_rad**2 + vertical.sigma_rad**2)
     x, y, _ = vertical.up_site
     return BlockLean(
         pivot_site_m=pivot,
-        turn_rad=share * np.array([y, -x]),  # what turns ``up`` into the site's z
+        rotation_rad=share * np.array([y, -x]),  # what turns ``up`` into the site's z
         sigma_rad=float(sigma_rad * np.sqrt(1.0 - share)),
     )
 
@@ -84,7 +84,7 @@ def correct_lean(adjusted: AdjustedBlock, lean: BlockLean) -> AdjustedBlock:
         state,
         centre_site_m=turned(state.centre_site_m),
         site_from_cam=turn @ state.site_from_cam,
-        node_m=turned(state.node_m),
+        xyz_site_m=turned(state.xyz_site_m),
     )
     return replace(adjusted, solution=replace(adjusted.solution, state=moved))
 
@@ -92,7 +92,7 @@ def correct_lean(adjusted: AdjustedBlock, lean: BlockLean) -> AdjustedBlock:
 def describe_lean(vertical: VerticalDirection, lean: BlockLean) -> str:
     """What upright lines said of the block, for the passport."""
     off = float(np.degrees(np.linalg.norm(vertical.up_site[:2])))
-    turned = float(np.degrees(np.linalg.norm(lean.turn_rad)))
+    turned = float(np.degrees(np.linalg.norm(lean.rotation_rad)))
     return (
         f"{vertical.lines} upright lines in {vertical.photographs} photographs lean by {off:.2f} deg against the "
         f"model's walls: turned by {turned:.2f} deg, sigma {np.degrees(lean.sigma_rad):.2f} deg"

@@ -83,7 +83,7 @@ def _detect_segments(photographs: GreyPhotographs, row: int, posed: PosedCamera)
     """Line segments (k, 4: x, y, x, y) in pixels of the photograph."""
     camera = posed.camera
     reduction = choose_reduction(max(camera.width_px, camera.height_px) / _MAX_IMAGE_PX, camera)
-    found = cv2.createLineSegmentDetector().detect(photographs.grey(row, reduction))[0]
+    found = cv2.createLineSegmentDetector().detect(photographs.read_grey(row, reduction))[0]
     # OpenCV gives None, against its own types, where there is no segment.
     segments = np.zeros((0, 4)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 4)
     return (segments + 0.5) * reduction

@@ -4,8 +4,7 @@ import numpy as np
 import pyproj
 import pytest
 
-from facadelake.building.ifc.load import load_ifc_building
-from facadelake.building.model import IfcModelSettings
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.model_georeference.control_pairs import ControlPair, fit_placement
 from facadelake.core.errors import GeoreferenceError
 from tests.unit.building.conftest import Box, Ifc

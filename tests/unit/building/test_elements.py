@@ -13,9 +13,8 @@ import trimesh
 from facadelake.building.facades.directions import Facades
 from facadelake.building.facades.openness import COMPASS, compass_from_direction, find_open_sides
 from facadelake.building.ifc.elements import find_facades
-from facadelake.building.ifc.load import load_ifc_building
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.ifc.meshes import mesh_elements, open_ifc
-from facadelake.building.model import IfcModelSettings
 from facadelake.building.surface.raycasting import Surface
 from tests.unit.building.conftest import Box, Ifc
 

@@ -6,10 +6,10 @@ import ifcopenshell.api.owner.settings
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_ifc_building
-from facadelake.building.model import IfcModelSettings, read_building
-from facadelake.building.model_georeference.candidates import MapPlacement
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
+from facadelake.building.model import read_building
 from facadelake.building.model_georeference.crs import parse_vertical_datum, split_crs
+from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.core.errors import GeoreferenceError, ModelError
 from facadelake.core.geodesy import SiteOrigin
 from tests.unit.building.conftest import Box, Ifc

@@ -6,9 +6,8 @@ import ifcopenshell.api.owner.settings
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_ifc_building
-from facadelake.building.model import IfcModelSettings
-from facadelake.building.model_georeference.candidates import MapPlacement
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
+from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.core.errors import GeoreferenceError
 from tests.unit.building.conftest import Box, Ifc
 from tests.unit.building.globe_by_hand import (

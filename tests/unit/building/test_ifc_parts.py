@@ -7,8 +7,7 @@ import ifcopenshell.guid
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_ifc_building
-from facadelake.building.model import IfcModelSettings
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.storeys import StoreyElevation
 from facadelake.core.errors import ModelError
 from tests.unit.building.conftest import Box, Ifc

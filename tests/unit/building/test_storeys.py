@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from facadelake.building.ifc.load import load_ifc_building
-from facadelake.building.model import IfcModelSettings, read_building
+from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
+from facadelake.building.model import read_building
 from facadelake.building.storeys import StoreyLevel, find_storey, find_storeys
 from tests.unit.building.conftest import Box, Ifc
 

@@ -43,14 +43,14 @@ def looking(at: Float64Array, centre: Float64Array) -> Float64Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmallBlock:
-    """``cameras`` (n), ``xyz_m`` (m, 3) and the plane (m,) each point lies on, and what is seen: ``photo``, ``node``
+    """``cameras`` (n), ``xyz_m`` (m, 3) and the plane (m,) each point lies on, and what is seen: ``photo``, ``point``
     (k,) and ``xy_img`` (k, 2), without noise."""
 
     cameras: tuple[PosedCamera, ...]
     xyz_m: Float64Array
     plane: RowIndices
     photo: RowIndices
-    node: RowIndices
+    point: RowIndices
     xy_img: Float64Array
 
     @property
@@ -159,7 +159,7 @@ def small_block(
     photos, nodes, pixels = photos[enough], nodes[enough], pixels[enough]
     used, nodes = np.unique(nodes, return_inverse=True)
     return SmallBlock(
-        cameras=tuple(posed), xyz_m=xyz[used], plane=plane[used], photo=photos, node=nodes.ravel(), xy_img=pixels
+        cameras=tuple(posed), xyz_m=xyz[used], plane=plane[used], photo=photos, point=nodes.ravel(), xy_img=pixels
     )
 
 
@@ -203,19 +203,22 @@ def ties_problem(
             site_from_cam=block.rotations
             @ Rotation.from_rotvec(rng.normal(0, np.radians(start_deg), (n, 3))).as_matrix(),
         ),
-        node_xyz_m=block.xyz_m + rng.normal(0, start_m, block.xyz_m.shape),
-        sightings=ImagePoints(
+        initial_xyz_m=block.xyz_m + rng.normal(0, start_m, block.xyz_m.shape),
+        image_points=ImagePoints(
             photo=block.photo,
-            node=block.node,
+            point=block.point,
             offset_site_m=np.zeros((k, 3)),
             xy_img=block.xy_img + rng.normal(0, tie_px, (k, 2)),
             whitening=np.broadcast_to(np.eye(2), (k, 2, 2)).copy(),
-            tie=np.ones(k, dtype=bool),
+            is_tie_point=np.ones(k, dtype=bool),
         ),
-        node_priors=PointPriors(
-            node=np.zeros(0, dtype=np.int64), xyz_m=np.zeros((0, 3)), information=np.zeros((0, 3, 3)), limit=np.zeros(0)
+        point_priors=PointPriors(
+            point=np.zeros(0, dtype=np.int64),
+            xyz_m=np.zeros((0, 3)),
+            information=np.zeros((0, 3, 3)),
+            loss_scale=np.zeros(0),
         ),
-        walls=build_empty_terms(),
+        point_to_plane=build_empty_terms(),
         positions=no_positions(),
         attitudes=no_attitudes(),
         lens_prior_mean=lens_from_camera(begin)[None],
@@ -230,11 +233,11 @@ def with_control(
     k = len(nodes)
     return replace(
         problem,
-        node_priors=PointPriors(
-            node=nodes,
+        point_priors=PointPriors(
+            point=nodes,
             xyz_m=block.xyz_m[nodes] + rng.normal(0, sigma_m, (k, 3)),
             information=np.broadcast_to(np.eye(3) / sigma_m**2, (k, 3, 3)).copy(),
-            limit=np.full(k, 4.0),
+            loss_scale=np.full(k, 4.0),
         ),
     )
 
@@ -276,8 +279,8 @@ def with_walls(
     m = len(block.xyz_m)
     return replace(
         problem,
-        walls=PointToPlaneTerms(
-            node=np.arange(m),
+        point_to_plane=PointToPlaneTerms(
+            point=np.arange(m),
             normal_site=NORMALS[block.plane],
             distance_m=PLANES_M[block.plane] - np.asarray(wall_m)[block.plane] + rng.normal(0, relief_m, m),
             wall=block.plane,
@@ -325,7 +328,7 @@ def reconstruction_of(
         xyz_sfm=sfm_from_site.apply(block.xyz_m + rng.normal(0, start_m, block.xyz_m.shape)),
         rgb=np.zeros((len(block.xyz_m), 3), dtype=np.uint8),
         image_point_photo=block.photo,
-        image_point_tie_point=block.node,
+        image_point_tie_point=block.point,
         image_point_xy_img=block.xy_img + rng.normal(0, tie_px, block.xy_img.shape),
         mean_reprojection_error_px=tie_px,
         costs=(),
@@ -336,14 +339,14 @@ def marked_points(
     block: SmallBlock, rng: np.random.Generator, *, points: RowIndices, survey_m: float, mark_px: float
 ) -> MarkedPoints:
     """Tie points surveyed within ``survey_m`` and marked anew within ``mark_px`` wherever they are seen."""
-    seen = np.flatnonzero(np.isin(block.node, points))
+    seen = np.flatnonzero(np.isin(block.point, points))
     k = len(points)
     return MarkedPoints(
         names=tuple(f"G{number}" for number in range(k)),
         xyz_site_m=block.xyz_m[points] + rng.normal(0, survey_m, (k, 3)),
         sigma_m=np.full((k, 3), survey_m),
         photo=block.photo[seen],
-        point=np.searchsorted(points, block.node[seen]),
+        point=np.searchsorted(points, block.point[seen]),
         xy_img=block.xy_img[seen] + rng.normal(0, mark_px, (len(seen), 2)),
         sigma_px=mark_px,
     )

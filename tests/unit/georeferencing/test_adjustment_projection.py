@@ -41,11 +41,13 @@ def test_derivatives_are_difference_quotients_of_opencv() -> None:
     for axis in range(3):
         step = np.eye(3)[axis] * 1e-5
         slope = (pixels(xyz + step, lens) - pixels(xyz - step, lens)) / 2e-5
-        np.testing.assert_allclose(found.by_xyz_cam[:, :, axis], slope, rtol=1e-6, atol=1e-4)  # px/m, of 100 to 1000
+        np.testing.assert_allclose(
+            found.jacobian_xyz_cam[:, :, axis], slope, rtol=1e-6, atol=1e-4
+        )  # px/m, of 100 to 1000
     for term, name in enumerate(LENS_PARAMETERS):
         step = np.eye(len(LENS_PARAMETERS))[term] * (1e-2 if name.endswith("px") else 1e-5)
         slope = (pixels(xyz, lens + step) - pixels(xyz, lens - step)) / (2 * step[term])
-        np.testing.assert_allclose(found.by_lens[:, :, term], slope, rtol=1e-6, atol=1e-4, err_msg=name)
+        np.testing.assert_allclose(found.jacobian_lens[:, :, term], slope, rtol=1e-6, atol=1e-4, err_msg=name)
 
 
 def test_each_point_has_its_own_lens() -> None:

@@ -33,14 +33,21 @@ def every_kind_of_term() -> AdjustmentProblem:
     problem = with_control(problem, block, rng, nodes=np.array([1, 5, 9]), sigma_m=0.02)
     problem = with_gps(problem, block, rng, noise_m=0.3, bias_m=[[1.0, 0, 2], [0, -1, 0.5]], bias_sigma_m=2.0)
     problem = with_walls(
-        problem, block, rng, relief_m=0.03, wall_m=np.array([0.02, -0.03, 0.0, 0.01, -0.02]), wall_sigma_m=0.03
+        problem,
+        block,
+        rng,
+        relief_m=0.03,
+        wall_deviation_m=np.array([0.02, -0.03, 0.0, 0.01, -0.02]),
+        wall_sigma_m=0.03,
     )
-    walls = problem.walls
-    problem = replace(problem, walls=replace(walls, wall=np.where(np.arange(len(walls.wall)) % 4, walls.wall, -1)))
+    walls = problem.point_to_plane
+    problem = replace(
+        problem, point_to_plane=replace(walls, wall=np.where(np.arange(len(walls.wall)) % 4, walls.wall, -1))
+    )
     # An edge of the model: a node of its own, seen as lines at two samples in three photographs.
-    edge = len(problem.node_xyz_m)
+    edge = len(problem.initial_xyz_m)
     samples = np.array([[5.0, -4.0, 2.0], [5.0, -4.0, 5.0]])
-    seen = problem.sightings
+    seen = problem.image_points
     photos = np.array([0, 4, 5, 0, 4, 5])
     at = samples[[0, 0, 0, 1, 1, 1]]
     xy = np.array([block.cameras[p].project_site(x[None])[0] for p, x in zip(photos, at, strict=True)])
@@ -50,13 +57,13 @@ def every_kind_of_term() -> AdjustmentProblem:
     sightings = replace(
         seen,
         photo=np.concatenate([seen.photo, photos]),
-        node=np.concatenate([seen.node, np.full(6, edge)]),
+        point=np.concatenate([seen.point, np.full(6, edge)]),
         offset_site_m=np.vstack([seen.offset_site_m, at]),
         xy_img=np.vstack([seen.xy_img, xy + rng.normal(0, 1.5, xy.shape)]),
         whitening=np.concatenate([seen.whitening, line]),
-        tie=np.concatenate([seen.tie, np.zeros(6, dtype=bool)]),
+        is_tie_point=np.concatenate([seen.is_tie_point, np.zeros(6, dtype=bool)]),
     )
-    priors = problem.node_priors
+    priors = problem.point_priors
     factor = rng.normal(size=(1, 3, 3))
     return holding_lens(
         replace(
@@ -68,13 +75,13 @@ def every_kind_of_term() -> AdjustmentProblem:
             ),
             lens_prior_mean=np.vstack([problem.lens_prior_mean, problem.lens_prior_mean + 0.001]),
             lens_prior_sigma=np.vstack([problem.lens_prior_sigma, problem.lens_prior_sigma]),
-            node_xyz_m=np.vstack([problem.node_xyz_m, [[0.01, -0.02, 0.0]]]),
-            sightings=sightings,
-            node_priors=PointPriors(
-                node=np.append(priors.node, edge),
+            initial_xyz_m=np.vstack([problem.initial_xyz_m, [[0.01, -0.02, 0.0]]]),
+            image_points=sightings,
+            point_priors=PointPriors(
+                point=np.append(priors.point, edge),
                 xyz_m=np.vstack([priors.xyz_m, np.zeros((1, 3))]),
                 information=np.concatenate([priors.information, 900 * (np.eye(3) + factor @ factor.mT)]),
-                limit=np.append(priors.limit, 2.5),
+                loss_scale=np.append(priors.loss_scale, 2.5),
             ),
             # Gauss-Newton takes an attitude's derivative at a residual of nought, so they are small here.
             attitudes=AttitudeTerms(
@@ -95,33 +102,33 @@ class Group:
     """Residuals (k, d) whitened, and Cauchy's limit (None: not robust); ``share`` divides their square within it."""
 
     residual: np.ndarray
-    limit: np.ndarray | float | None
+    loss_scale: np.ndarray | float | None
     share: float = 1.0
 
 
 def groups_of(problem: AdjustmentProblem, state: AdjustmentState) -> list[Group]:
     """Every observation, written out by hand from the definitions in ``problem``."""
-    seen, block = problem.sightings, problem.block
+    seen, block = problem.image_points, problem.block
     xy = np.empty_like(seen.xy_img)
     for photo in np.unique(seen.photo):
         own = seen.photo == photo
         focal, aspect, cx, cy, *distortion = state.lens[block.camera_of_photo[photo]]
         cam_from_site = state.site_from_cam[photo].T
         xy[own] = cv2.projectPoints(
-            seen.offset_site_m[own] + state.node_m[seen.node[own]],
+            seen.offset_site_m[own] + state.xyz_site_m[seen.point[own]],
             cv2.Rodrigues(cam_from_site)[0],
             -cam_from_site @ state.centre_site_m[photo],
             np.array([[focal, 0, cx], [0, focal * aspect, cy], [0, 0, 1.0]]),
             np.array(distortion),
         )[0].reshape(-1, 2)
     pixels = np.einsum("kij,kj->ki", seen.whitening, xy - seen.xy_img)
-    pixels[seen.tie] /= SIGMA_PX
-    walls, priors, gps, gimbal = problem.walls, problem.node_priors, problem.positions, problem.attitudes
-    off = np.array([state.wall_m[w] if w >= 0 else 0.0 for w in walls.wall])
-    wall = (np.sum(walls.normal_site * state.node_m[walls.node], axis=1) - walls.distance_m - off) / walls.sigma_m
+    pixels[seen.is_tie_point] /= SIGMA_PX
+    walls, priors, gps, gimbal = problem.point_to_plane, problem.point_priors, problem.positions, problem.attitudes
+    off = np.array([state.wall_deviation_m[w] if w >= 0 else 0.0 for w in walls.wall])
+    wall = (np.sum(walls.normal_site * state.xyz_site_m[walls.point], axis=1) - walls.distance_m - off) / walls.sigma_m
     known = np.array(
-        [np.linalg.cholesky(i).T @ (state.node_m[n] - x)
-         for n, x, i in zip(priors.node, priors.xyz_m, priors.information, strict=True)]
+        [np.linalg.cholesky(i).T @ (state.xyz_site_m[n] - x)
+         for n, x, i in zip(priors.point, priors.xyz_m, priors.information, strict=True)]
     )  # fmt: skip
     position = (state.centre_site_m[gps.photo] + state.gps_offset_m[gps.flight] - gps.xyz_site_m) / gps.sigma_m
     turn = (
@@ -133,13 +140,13 @@ def groups_of(problem: AdjustmentProblem, state: AdjustmentState) -> list[Group]
     return [
         Group(pixels, 2.4),
         Group(wall[:, None], 2.0),
-        Group(known, priors.limit),
+        Group(known, priors.loss_scale),
         Group(position, 4.0, 3.0),
         Group(turn / gimbal.sigma_rad, 4.0, 3.0),
         Group(lens, None),
         Group((state.gps_offset_m / gps.offset_sigma_m).ravel()[:, None], None),
         Group((state.yaw_offset_rad / gimbal.yaw_sigma_rad)[:, None], None),
-        Group((state.wall_m / walls.wall_sigma_m)[:, None], None),
+        Group((state.wall_deviation_m / walls.wall_sigma_m)[:, None], None),
     ]
 
 
@@ -148,7 +155,7 @@ def robust_cost(groups: list[Group]) -> float:
     cost = 0.0
     for group in groups:
         squared = (group.residual**2).sum(axis=1) / group.share
-        loss = squared if group.limit is None else group.limit**2 * np.log1p(squared / group.limit**2)
+        loss = squared if group.loss_scale is None else group.loss_scale**2 * np.log1p(squared / group.loss_scale**2)
         cost += float(group.share * loss.sum())
     return cost
 
@@ -158,7 +165,7 @@ def weights(groups: list[Group]) -> np.ndarray:
     out = []
     for group in groups:
         squared = (group.residual**2).sum(axis=1) / group.share
-        weight = np.ones(len(squared)) if group.limit is None else 1 / (1 + squared / group.limit**2)
+        weight = np.ones(len(squared)) if group.loss_scale is None else 1 / (1 + squared / group.loss_scale**2)
         out.append(np.repeat(weight, group.residual.shape[1]))
     return np.concatenate(out)
 
@@ -175,7 +182,7 @@ class Dense:
 
 def dense(problem: AdjustmentProblem, state: AdjustmentState) -> Dense:
     """Normal equations of the whole by difference quotients of every residual."""
-    kept, nodes = ParameterIndex.of(problem).size, len(state.node_m)
+    kept, nodes = ParameterIndex.build(problem).size, len(state.xyz_site_m)
 
     def flat(step: np.ndarray) -> np.ndarray:
         at = apply_step(state, problem, step[:kept], step[kept:].reshape(-1, 3))
@@ -184,7 +191,9 @@ def dense(problem: AdjustmentProblem, state: AdjustmentState) -> Dense:
     jacobian = slopes(flat, kept + 3 * nodes)
     weighted = jacobian * weights(groups_of(problem, state))[:, None]
     held = np.zeros(kept + 3 * nodes, dtype=bool)
-    held[ParameterIndex.of(problem).lens : ParameterIndex.of(problem).offset] = problem.lens_prior_sigma.ravel() == 0
+    held[ParameterIndex.build(problem).lens : ParameterIndex.build(problem).gps_offset] = (
+        problem.lens_prior_sigma.ravel() == 0
+    )
     return Dense(weighted.T @ jacobian, weighted.T @ flat(np.zeros(kept + 3 * nodes)), ~held, kept)
 
 
@@ -203,7 +212,7 @@ def whole() -> tuple[AdjustmentProblem, AdjustmentState, Dense]:
     state = replace(
         start,
         gps_offset_m=rng.normal(0, 0.5, start.gps_offset_m.shape),
-        wall_m=rng.normal(0, 0.01, start.wall_m.shape),
+        wall_deviation_m=rng.normal(0, 0.01, start.wall_deviation_m.shape),
         yaw_offset_rad=np.array([1e-4, -1e-4]),
     )
     return problem, state, dense(problem, state)
@@ -236,7 +245,7 @@ def test_the_gradient_is_half_the_slope_of_the_robust_cost(
     _, scale = scaled(full.matrix[np.ix_(full.free, full.free)])
     # in sigmas of each unknown; robust costs of some hundreds give about 1e-7 by rounding
     np.testing.assert_allclose(full.gradient[full.free] * scale, slope[full.free] * scale, rtol=0, atol=2e-3)
-    nodes = build_reduced_system(problem, state, SIGMA_PX).node_gradient.ravel()
+    nodes = build_reduced_system(problem, state, SIGMA_PX).point_gradient.ravel()
     np.testing.assert_allclose(
         nodes * scale[-len(nodes) :], slope[full.kept :] * scale[-len(nodes) :], rtol=0, atol=2e-3
     )
@@ -256,9 +265,9 @@ def test_the_reduced_system_is_the_schur_complement(whole: tuple[AdjustmentProbl
         found.matrix[np.ix_(kept, kept)] * scale[:, None] * scale[None], wanted, rtol=0, atol=2e-4
     )  # of a unit diagonal
     np.testing.assert_allclose(found.gradient[kept] * scale, gradient * scale, rtol=0, atol=2e-3)  # sigmas
-    m = len(state.node_m)
+    m = len(state.xyz_site_m)
     blocks = inverse.reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m), :]
-    np.testing.assert_allclose(found.node_covariance, blocks, rtol=0, atol=1e-5 * np.abs(blocks).max())  # m2
+    np.testing.assert_allclose(found.point_covariance_m2, blocks, rtol=0, atol=1e-5 * np.abs(blocks).max())  # m2
 
 
 def test_the_step_is_the_whole_problems_step(whole: tuple[AdjustmentProblem, AdjustmentState, Dense]) -> None:
@@ -274,14 +283,14 @@ def test_the_step_is_the_whole_problems_step(whole: tuple[AdjustmentProblem, Adj
     sigma = np.sqrt(np.diag(np.linalg.inv(full.matrix[np.ix_(free, free)])))
     assert np.abs(step[free] / sigma).max() > 1.0, "a step of no size would prove nothing"
     np.testing.assert_allclose(own[kept] / sigma[: len(kept)], step[kept] / sigma[: len(kept)], rtol=0, atol=5e-3)
-    nodes = found.node_step(own).ravel()
+    nodes = found.compute_point_step(own).ravel()
     np.testing.assert_allclose(nodes / sigma[len(kept) :], step[full.kept :] / sigma[len(kept) :], rtol=0, atol=5e-3)
 
 
 def test_the_covariance_is_the_inverse_of_the_whole() -> None:
     problem = every_kind_of_term()
     solution = solve_adjustment(problem)
-    solution = Solution(state=solution.state, tie_sigma_px=SIGMA_PX, steps=1, settled=True)
+    solution = Solution(state=solution.state, tie_sigma_px=SIGMA_PX, iterations=1, converged=True)
     full = dense(problem, solution.state)
     inverse = np.zeros_like(full.matrix)
     inverse[np.ix_(full.free, full.free)] = np.linalg.inv(full.matrix[np.ix_(full.free, full.free)])
@@ -292,7 +301,7 @@ def test_the_covariance_is_the_inverse_of_the_whole() -> None:
     np.testing.assert_allclose(ratio, 1.0, rtol=0, atol=2e-3)
     assert (covariance[~free] == 0).all(), "held terms do not vary"
     # a node's own covariance, cameras' included
-    nodes = np.array([0, 5, len(solution.state.node_m) - 1])
+    nodes = np.array([0, 5, len(solution.state.xyz_site_m) - 1])
     known = Uncertainty(covariance=covariance, formal=covariance, system=system).compute_point_covariance(nodes)
     for node, found in zip(nodes, known, strict=True):
         at = full.kept + 3 * node + np.arange(3)
@@ -309,7 +318,7 @@ def test_ties_that_are_moved_together_tell_nothing_of_the_datum() -> None:
         bias_sigma_m=3.0,
     )  # fmt: skip
     solution = solve_adjustment(problem)
-    assert solution.settled and solution.steps < 12
+    assert solution.converged and solution.iterations < 12
     _, covariance = compute_covariance(problem, solution, 1.0)
     n = len(block.cameras)
     centres = covariance[: 6 * n, : 6 * n].reshape(n, 6, n, 6)[:, :3, :, :3].mean(axis=(0, 2))
@@ -322,10 +331,10 @@ def test_a_node_that_lost_its_observations_does_no_harm() -> None:
     problem = with_control(
         holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, nodes=np.arange(0, 200, 20), sigma_m=0.01
     )
-    lost = replace(problem, node_xyz_m=np.vstack([problem.node_xyz_m, [[1.0, 1.0, 1.0]]]))
+    lost = replace(problem, initial_xyz_m=np.vstack([problem.initial_xyz_m, [[1.0, 1.0, 1.0]]]))
     found, without = solve_adjustment(lost), solve_adjustment(problem)
     np.testing.assert_allclose(found.state.centre_site_m, without.state.centre_site_m, rtol=0, atol=1e-9)  # m
-    np.testing.assert_allclose(found.state.node_m[-1], [1.0, 1.0, 1.0], rtol=0, atol=0)
+    np.testing.assert_allclose(found.state.xyz_site_m[-1], [1.0, 1.0, 1.0], rtol=0, atol=0)
 
 
 def test_a_prior_left_out_by_a_formula_is_one_left_out_by_solving_again() -> None:
@@ -333,15 +342,15 @@ def test_a_prior_left_out_by_a_formula_is_one_left_out_by_solving_again() -> Non
     block = small_block()
     nodes = np.arange(0, 120, 15)
     problem = with_control(holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, nodes=nodes, sigma_m=0.02)
-    priors = replace(problem.node_priors, limit=np.full(len(nodes), 1e3))  # the formula is of least squares
-    problem = replace(problem, node_priors=priors)
+    priors = replace(problem.point_priors, loss_scale=np.full(len(nodes), 1e3))  # the formula is of least squares
+    problem = replace(problem, point_priors=priors)
     solution = solve_adjustment(problem)
     system, formal = compute_covariance(problem, solution, 1.0)
     known = Uncertainty(covariance=formal, formal=formal, system=system).compute_point_covariance(nodes)
-    residual = priors.xyz_m - solution.state.node_m[nodes]
+    residual = priors.xyz_m - solution.state.xyz_site_m[nodes]
     found = compute_leave_one_out_residual(residual, known, np.full((len(nodes), 3), 0.02**2))
     for k, node in enumerate(nodes):
-        without = replace(problem, node_priors=priors.take(np.arange(len(nodes)) != k))
-        again = priors.xyz_m[k] - solve_adjustment(without).state.node_m[node]
+        without = replace(problem, point_priors=priors.take(np.arange(len(nodes)) != k))
+        again = priors.xyz_m[k] - solve_adjustment(without).state.xyz_site_m[node]
         np.testing.assert_allclose(found[k], again, rtol=0, atol=0.0005)  # m
         assert np.linalg.norm(again) > 1.02 * np.linalg.norm(residual[k])

@@ -34,9 +34,9 @@ def block() -> SmallBlock:
 def test_each_photograph_keeps_its_longest_tracks_and_no_more_than_it_needs(block: SmallBlock) -> None:
     reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0)
     ties = choose_tie_points(reconstruction, SITE_FROM_SFM, most_per_photo=20)
-    length = np.bincount(block.node)
+    length = np.bincount(block.point)
     for photo in range(len(block.cameras)):
-        seen = np.unique(block.node[block.photo == photo])
+        seen = np.unique(block.point[block.photo == photo])
         longest = np.sort(length[seen])[::-1][:20]
         kept = np.intersect1d(seen, ties.reconstruction_point)
         assert np.sort(length[kept])[::-1][:20].tolist() == longest.tolist()
@@ -49,10 +49,10 @@ def test_chosen_ties_are_the_reconstructions_in_site(block: SmallBlock) -> None:
     reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
     ties = choose_tie_points(reconstruction, SITE_FROM_SFM, most_per_photo=30)
     np.testing.assert_allclose(ties.xyz_site_m, block.xyz_m[ties.reconstruction_point], rtol=0, atol=1e-9)  # m
-    for photo, node, xy in zip(ties.photo[::50], ties.node[::50], ties.xy_img[::50], strict=True):
+    for photo, node, xy in zip(ties.photo[::50], ties.point[::50], ties.xy_img[::50], strict=True):
         seen = block.cameras[photo].project_site(block.xyz_m[ties.reconstruction_point[node]][None])[0]
         np.testing.assert_allclose(xy, seen, rtol=0, atol=1e-6)  # px
-    first = [ties.photo[ties.node == node].min() for node in range(len(ties.reconstruction_point))]
+    first = [ties.photo[ties.point == node].min() for node in range(len(ties.reconstruction_point))]
     assert first == sorted(first), "neighbours in the list share photographs"
 
 
@@ -106,15 +106,15 @@ def walls_at(block: SmallBlock, offset_m: np.ndarray) -> tuple[TiePointSelection
     state = initialise_state(ties_problem(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0, start_deg=0.0))
     plane = block.plane[ties.reconstruction_point]
     return ties, replace(
-        state, node_m=block.xyz_m[ties.reconstruction_point] + offset_m[plane][:, None] * NORMALS[plane]
+        state, xyz_site_m=block.xyz_m[ties.reconstruction_point] + offset_m[plane][:, None] * NORMALS[plane]
     )
 
 
 def test_points_belong_to_the_face_that_they_were_seen_on(block: SmallBlock) -> None:
     ties, state = walls_at(block, np.array([0.2, -0.1, 0.05, 0.0, -0.2]))
     walls = match_points_to_surface(ties, state, BoxSurface(), gate_m=0.3, model_sigma_m=0.02)
-    plane = block.plane[ties.reconstruction_point[walls.node]]
-    assert len(walls.node) > 350
+    plane = block.plane[ties.reconstruction_point[walls.point]]
+    assert len(walls.point) > 350
     right = np.isclose(np.einsum("ij,ij->i", walls.normal_site, NORMALS[plane]), 1.0, rtol=0, atol=1e-9)
     assert right.mean() > 0.97  # at a corner a ray that passes the edge meets the other face
     np.testing.assert_allclose(walls.distance_m[right], PLANES_M[plane][right], rtol=0, atol=1e-9)  # m
@@ -126,11 +126,11 @@ def test_points_belong_to_the_face_that_they_were_seen_on(block: SmallBlock) -> 
 def test_points_beyond_the_gate_belong_to_no_face(block: SmallBlock) -> None:
     ties, state = walls_at(block, np.array([0.4, 0.0, 0.0, 0.0, 0.0]))
     walls = match_points_to_surface(ties, state, BoxSurface(), gate_m=0.3, model_sigma_m=0.02)
-    plane = block.plane[ties.reconstruction_point[walls.node]]
+    plane = block.plane[ties.reconstruction_point[walls.point]]
     assert (plane == 0).sum() <= 2
     assert (plane == 1).sum() > 60
     assert not len(
         match_points_to_surface(
             ties, state, BoxSurface(half_m=(1.0, 1.0), ground=False), gate_m=0.3, model_sigma_m=0.02
-        ).node
+        ).point
     )

@@ -45,10 +45,10 @@ def test_blanks_tabs_comments_and_names(tmp_path: Path) -> None:
         "1 2 3 4 5 a.jpg\n1 2 3 6 7 b.jpg\n1 2 4 6 7 b.jpg\n"
     )
     points = read(tmp_path, text).points
-    assert [(point.name, len(point.sightings)) for point in points] == [("G1", 2), ("point 1", 2), ("point 2", 1)]
+    assert [(point.name, len(point.marks)) for point in points] == [("G1", 2), ("point 1", 2), ("point 2", 1)]
     first = points[0]
     assert (first.x, first.y, first.z) == (456630.3296, 5421032.8544, 182.1937)
-    assert [(s.photo_name, s.x_px, s.y_px) for s in first.sightings] == [
+    assert [(s.photo_name, s.x_px, s.y_px) for s in first.marks] == [
         ("multiview/IMG_0005.JPG", 662.29, 1415.99),
         ("IMG 6.JPG", 616.35, 1375.87),
     ]

@@ -68,7 +68,7 @@ class _Drawn:
 
     images: Sequence[NDArray[np.uint8]]
 
-    def grey(self, row: int, reduction: int, /) -> NDArray[np.uint8]:
+    def read_grey(self, row: int, reduction: int, /) -> NDArray[np.uint8]:
         image = self.images[row]
         height, width = (size // reduction for size in image.shape)
         cut = image[: height * reduction, : width * reduction].reshape(height, reduction, width, reduction)

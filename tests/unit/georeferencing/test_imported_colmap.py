@@ -117,7 +117,7 @@ def colmap_of_the_wall(folder: Path, georeference: str, from_map: np.ndarray, *,
 def test_worlds(tmp_path: Path, georeference: str, from_map: tuple[float, float, float], scale: float) -> None:
     found = read_colmap_text(colmap_of_the_wall(tmp_path, georeference, np.array(from_map), scale=scale))
     pose = found.poses[0]
-    centres, rotations = found.world.in_site(pose.xyz_world[None], pose.world_from_cam[None], PLACE)
+    centres, rotations = found.world.transform_to_site(pose.xyz_world[None], pose.world_from_cam[None], PLACE)
     np.testing.assert_allclose(centres[0], CENTRES[0], rtol=0, atol=1e-4)  # m
     convergence = np.radians(pyproj.Proj("EPSG:25832").get_factors(ORIGIN.lon_deg, ORIGIN.lat_deg).meridian_convergence)
     looks = [np.sin(convergence), np.cos(convergence), 0.0]

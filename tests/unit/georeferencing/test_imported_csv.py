@@ -33,7 +33,7 @@ def one(tmp_path: Path, head: str, columns: str, values: str) -> tuple[np.ndarra
     found = read_poses_csv(path)
     assert not found.unusable
     pose = found.poses[0]
-    centres, rotations = found.world.in_site(pose.xyz_world[None], pose.world_from_cam[None], PLACE)
+    centres, rotations = found.world.transform_to_site(pose.xyz_world[None], pose.world_from_cam[None], PLACE)
     return centres[0], rotations[0]
 
 
@@ -125,10 +125,10 @@ def test_a_reduced_photograph_has_its_lens_scaled(tmp_path: Path) -> None:
     columns = f"image,x,y,z,yaw_deg,pitch_deg,roll_deg,{LENS_COLUMNS},image_width_px,image_height_px"
     path = write(tmp_path / "p.csv", f"{columns}\na.jpg,1,2,3,0,0,0,{LENS},4000,3000\n")
     lens = read_poses_csv(path).poses[0].lens
-    half = lens.for_photograph(2000, 1500)
+    half = lens.scale_to(2000, 1500)
     assert (half.fx_px, half.cx_px, half.cy_px, half.width_px) == (1400.0, 1005.25, 745.25, 2000)
     with pytest.raises(InputDataError, match="another shape"):
-        lens.for_photograph(3000, 4000)
+        lens.scale_to(3000, 4000)
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,7 @@ def marked(points_m: dict[str, np.ndarray]) -> SurveyedPoints:
             )
             for photo, (cx, cy, cz) in zip(NAMES, CENTRES, strict=True)
         )
-        surveyed.append(SurveyedPoint(name=name, x=east, y=north, z=height, sightings=sightings))
+        surveyed.append(SurveyedPoint(name=name, x=east, y=north, z=height, marks=sightings))
     return SurveyedPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(surveyed))
 
 
@@ -158,7 +158,7 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     off = {name: point + np.array([0.0, 0.0, 2.0]) for name, point in points.items()}
     shifted = marked(points)
     wrong = SurveyedPoints(source="g", crs=shifted.crs, points=tuple(
-        SurveyedPoint(name=p.name, x=q.x, y=q.y, z=q.z, sightings=p.sightings)
+        SurveyedPoint(name=p.name, x=q.x, y=q.y, z=q.z, marks=p.marks)
         for p, q in zip(shifted.points, marked(off).points, strict=True)
     ))  # fmt: skip
     with pytest.raises(GeoreferenceError, match=r"held-out points lie 1\.95 m"):

@@ -17,9 +17,9 @@ def test_a_lean_moves_cameras_as_a_turned_block_does() -> None:
         np.array([[3.0, -15.0, 2.0]]),
         Rotation.from_euler("xyz", [[100, 10, 20]], degrees=True).as_matrix(),
     )
-    state = SimpleNamespace(node_m=wall, centre_site_m=centre, site_from_cam=rotation)
-    walls = SimpleNamespace(node=np.arange(len(wall)))
-    adjusted = SimpleNamespace(solution=SimpleNamespace(state=state), problem=SimpleNamespace(walls=walls))
+    state = SimpleNamespace(xyz_site_m=wall, centre_site_m=centre, site_from_cam=rotation)
+    walls = SimpleNamespace(point=np.arange(len(wall)))
+    adjusted = SimpleNamespace(solution=SimpleNamespace(state=state), problem=SimpleNamespace(point_to_plane=walls))
     found = estimate_lean(cast(AdjustedBlock, adjusted), 0.03, None).compute_covariance(cast(AdjustedBlock, adjusted))[
         0
     ]

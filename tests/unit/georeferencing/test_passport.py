@@ -78,12 +78,12 @@ def held() -> AdjustedBlock:
 def bent(adjusted: AdjustedBlock, away_m: Callable[[np.ndarray], np.ndarray]) -> AdjustedBlock:
     """The same block with the points of each facade moved out of it by ``away_m`` of their place along it."""
     state = adjusted.solution.state
-    xyz = state.node_m.copy()
+    xyz = state.xyz_site_m.copy()
     for axis, half in ((0, 5.0), (1, 4.0)):
         for side in (-1, 1):
             on = np.abs(xyz[:, axis] - side * half) < 0.1
             xyz[on, axis] += side * away_m(xyz[on, 1 - axis])
-    return replace(adjusted, solution=replace(adjusted.solution, state=replace(state, node_m=xyz)))
+    return replace(adjusted, solution=replace(adjusted.solution, state=replace(state, xyz_site_m=xyz)))
 
 
 def test_a_block_that_is_not_bent_shows_no_doming(held: AdjustedBlock) -> None:

@@ -28,7 +28,7 @@ class Drawn:
 
     images: list[NDArray[np.uint8] | None]
 
-    def grey(self, row: int, reduction: int, /) -> NDArray[np.uint8]:
+    def read_grey(self, row: int, reduction: int, /) -> NDArray[np.uint8]:
         image = self.images[row]
         if image is None:
             raise InputDataError("photograph cannot be decoded")
@@ -101,13 +101,14 @@ def _wall_block(lean_rad: Float64Array) -> tuple[AdjustedBlock, Float64Array]:
     turn = Rotation.from_rotvec([*-lean_rad, 0.0]).as_matrix()
     pivot = np.median(wall, axis=0)
     state = SimpleNamespace(
-        node_m=wall,
+        xyz_site_m=wall,
         centre_site_m=(centre - pivot) @ turn.T + pivot,
         site_from_cam=np.tile(turn @ LOOKING_NORTH, (5, 1, 1)),
     )
-    walls = SimpleNamespace(node=np.arange(len(wall)))
+    walls = SimpleNamespace(point=np.arange(len(wall)))
     return cast(
-        AdjustedBlock, SimpleNamespace(solution=SimpleNamespace(state=state), problem=SimpleNamespace(walls=walls))
+        AdjustedBlock,
+        SimpleNamespace(solution=SimpleNamespace(state=state), problem=SimpleNamespace(point_to_plane=walls)),
     ), centre
 
 
@@ -120,7 +121,7 @@ def test_a_block_that_leans_with_its_walls_is_set_upright_as_far_as_the_lines_kn
     # In the leaning block's frame the vertical is the site's, turned back.
     up = Rotation.from_rotvec([*-lean_rad, 0.0]).as_matrix() @ np.array([0.0, 0.0, 1.0])
     sure = estimate_lean(adjusted, 0.10, VerticalDirection(up_site=up, sigma_rad=1e-6, lines=900, photographs=9))
-    np.testing.assert_allclose(sure.turn_rad, lean_rad, rtol=0, atol=1e-5)  # rad
+    np.testing.assert_allclose(sure.rotation_rad, lean_rad, rtol=0, atol=1e-5)  # rad
     state = adjusted.solution.state
     np.testing.assert_allclose(
         (state.centre_site_m - sure.pivot_site_m) @ sure.rotation.T + sure.pivot_site_m, true, rtol=0, atol=5e-4
@@ -129,7 +130,7 @@ def test_a_block_that_leans_with_its_walls_is_set_upright_as_far_as_the_lines_kn
     unsure = estimate_lean(
         adjusted, 0.03, VerticalDirection(up_site=up, sigma_rad=0.03 / 5.76, lines=900, photographs=9)
     )
-    np.testing.assert_allclose(unsure.turn_rad, lean_rad / 2, rtol=0, atol=2e-5)  # rad: both words weigh the same
+    np.testing.assert_allclose(unsure.rotation_rad, lean_rad / 2, rtol=0, atol=2e-5)  # rad: both words weigh the same
     assert unsure.sigma_rad == pytest.approx(0.03 / 5.76 / np.sqrt(2), rel=0.02)
 
 
@@ -143,7 +144,7 @@ def test_nothing_within_the_block_changes() -> None:
     class Frozen:
         """The fields that ``correct_lean`` replaces."""
 
-        node_m: Float64Array
+        xyz_site_m: Float64Array
         centre_site_m: Float64Array
         site_from_cam: Float64Array
 
@@ -160,7 +161,7 @@ def test_nothing_within_the_block_changes() -> None:
     for old, new in zip(before.site_from_cam, after.site_from_cam, strict=True):
         seen = [
             (points - state.centre_site_m[0]) @ rotation
-            for points, state, rotation in ((before.node_m, before, old), (after.node_m, after, new))
+            for points, state, rotation in ((before.xyz_site_m, before, old), (after.xyz_site_m, after, new))
         ]
         np.testing.assert_allclose(seen[0], seen[1], rtol=0, atol=1e-9)  # m, in the camera's axes
     assert np.abs(after.centre_site_m - before.centre_site_m).max() > 0.01

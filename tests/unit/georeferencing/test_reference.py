@@ -172,11 +172,11 @@ def test_about_another_origin_it_is_the_same_place_on_the_globe(placed: Campaign
     """Independent path: by longitude, latitude and height, point by point."""
     points = reference(placed)
     other = SiteOrigin(lon_deg=9.101, lat_deg=48.7405, height_ellipsoidal_m=470.0)
-    there = points.about(other)
+    there = points.transform_to(other)
     np.testing.assert_allclose(
         there.xyz_site_m, other.site_from_geo(ORIGIN.geo_from_site(points.xyz_site_m)), rtol=0, atol=1e-6
     )  # m
     assert np.linalg.norm(there.xyz_site_m - points.xyz_site_m, axis=1).min() > 50  # m
     axes = other.ecef_from_site().rotation.T @ ORIGIN.ecef_from_site().rotation
     np.testing.assert_allclose(there.covariance_m2[7], axes @ points.covariance_m2[7] @ axes.T, rtol=0, atol=1e-12)
-    assert points.about(ORIGIN) is points
+    assert points.transform_to(ORIGIN) is points

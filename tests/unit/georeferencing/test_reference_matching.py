@@ -78,7 +78,7 @@ def test_cameras_stand_where_they_stood_to_millimetres(earlier: Campaign, share:
     right = np.linalg.norm(later.xyz_true_m[found.point] - found.xyz_site_m, axis=1)
     assert (right < 0.03).mean() > 0.995  # m; the rows belong together
     assert found.runner_up < 0.05 * found.agreeing
-    assert POINTS - 10 < found.compared <= POINTS
+    assert POINTS - 10 < found.points_compared <= POINTS
 
 
 def test_the_covariances_hold_the_residuals(earlier: Campaign) -> None:
