@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_hatch
-from facadelake.reporting.elevations.outward import COMPASS_DEG, read_element_azimuths
 from facadelake.reporting.elevations.storeys import find_storey_bases
+from facadelake.reporting.elevations.wall_directions import COMPASS_DEG, read_element_azimuths
 from facadelake.reporting.inspection import Inspection
 
 _DPI = 150

@@ -17,7 +17,7 @@ from facadelake.core.arrays import BoolArray, Float32Array, Int64Array, UInt8Ima
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.reporting.cards.sightings import read_outline
+from facadelake.reporting.cards.observations import read_outline
 from facadelake.reporting.drawing.legend_strip import LegendEntry, add_legend, write_text
 from facadelake.reporting.drawing.palette import OTHER_COLOUR, OUTCOME_COLOURS, bgr_from_hex, get_outcome_colour
 from facadelake.reporting.drawing.photograph import decode_image, read_photograph

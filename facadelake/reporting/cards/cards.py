@@ -14,15 +14,15 @@ from facadelake.building.surface import Surface
 from facadelake.core.arrays import UInt8Array, UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.reporting.cards.card import BEST_PX, DPI, TILE_PX, CardContents, ObservationTile, draw_card
 from facadelake.reporting.cards.crops import crop_detection, format_file_label
 from facadelake.reporting.cards.facts import Row, group_merges, list_card_facts
+from facadelake.reporting.cards.figure import BEST_PX, DPI, TILE_PX, CardContents, ObservationTile, draw_card
+from facadelake.reporting.cards.observations import DefectObservation, group_observations
 from facadelake.reporting.cards.patch_view import PatchView, choose_patch_side_m, rectify_patch
-from facadelake.reporting.cards.sightings import DefectObservation, group_observations
 from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
-from facadelake.reporting.elevations.backdrop import FacadeOverview
 from facadelake.reporting.elevations.marks import DefectMark, create_marks
+from facadelake.reporting.elevations.overview import FacadeOverview
 from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import Inspection
 

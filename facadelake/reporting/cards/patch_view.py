@@ -12,7 +12,7 @@ from facadelake.core.arrays import BoolArray, Float64Array, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.reporting.drawing.photograph import choose_reduction
 from facadelake.reporting.elevations.marks import DefectMark, compute_surface_axes
-from facadelake.reporting.elevations.rectify import sample_bilinear
+from facadelake.reporting.elevations.rectification import sample_bilinear
 from facadelake.reporting.elevations.visibility import check_visibility, project_points
 
 _LEAST_SIDE_M, _LARGEST_SIDE_M = 0.3, 8.0

@@ -1,9 +1,9 @@
-"""Facade elevations: each main facade square-on, in metres, its photographs rectified, its defects on it."""
+"""Elevations: each main facade square-on and true to scale, coloured by rectified photographs, with its defects."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,11 +14,11 @@ from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError
-from facadelake.reporting.elevations.backdrop import FacadeOverview
 from facadelake.reporting.elevations.facades import Facade, find_facades
 from facadelake.reporting.elevations.figure import DPI, ElevationLabels, draw_elevation
 from facadelake.reporting.elevations.marks import DefectMark, assign_marks, create_marks, find_visible_marks
-from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify_elevations
+from facadelake.reporting.elevations.overview import FacadeOverview, render_model_overview
+from facadelake.reporting.elevations.rectification import RectifiedElevation, rectify_elevations
 from facadelake.reporting.elevations.relief import (
     choose_cell_size_m,
     find_relief_edges,
@@ -133,3 +133,23 @@ def render_background(rectified: RectifiedElevation, building: BuildingModel) ->
     picture[over_photo] = (0.45 * picture[over_photo]).astype(np.uint8)
     picture[over_grey] = 110
     return picture
+
+
+def map_defects_to_elevations(elevations: Sequence[Elevation]) -> dict[str, FacadeOverview]:
+    """The drawn elevation of each defect by defect_id; those on none are absent."""
+    return {mark.defect_id: elevation.overview for elevation in elevations for mark in elevation.marks}
+
+
+def map_defects_to_model(
+    inspection: Inspection, surface: Surface, facades: Sequence[Facade], defect_ids: Collection[str]
+) -> dict[str, FacadeOverview]:
+    """The facade of each of ``defect_ids`` as a grey drawing; those on none are absent."""
+    building = inspection.building
+    marks = [mark for mark in create_marks(inspection.defects, building.origin) if mark.defect_id in defect_ids]
+    shown, _ = assign_marks(facades, marks, building)
+    places: dict[str, FacadeOverview] = {}
+    for facade, own in zip(facades, shown, strict=True):
+        if own:
+            backdrop = render_model_overview(facade, surface, building)
+            places |= {mark.defect_id: backdrop for mark in own}
+    return places

@@ -12,7 +12,7 @@ from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.reporting.drawing.palette import name_direction
-from facadelake.reporting.elevations.outward import (
+from facadelake.reporting.elevations.wall_directions import (
     ModelTriangles,
     azimuth_of,
     collect_triangles,

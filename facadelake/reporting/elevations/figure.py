@@ -15,11 +15,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
 
 from facadelake.core.arrays import UInt8Image
-from facadelake.reporting.drawing.label_placement import place_labels
+from facadelake.reporting.drawing.labels import place_labels
 from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_dashes
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.marks import DefectMark
-from facadelake.reporting.elevations.rectify import RectifiedElevation
+from facadelake.reporting.elevations.rectification import RectifiedElevation
 from facadelake.reporting.elevations.storeys import StoreyBase
 
 DPI = 150

@@ -14,8 +14,7 @@ from facadelake.reporting.distribution import (
     format_distribution_title,
     write_distribution,
 )
-from facadelake.reporting.elevations.elevation import Elevation, draw_elevations
-from facadelake.reporting.elevations.places import map_defects_to_elevations
+from facadelake.reporting.elevations.elevation import Elevation, draw_elevations, map_defects_to_elevations
 from facadelake.reporting.elevations.relief import has_model_edges
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs

@@ -12,9 +12,9 @@ from matplotlib.collections import EllipseCollection, LineCollection
 
 from facadelake.core.arrays import Float64Array
 from facadelake.reporting.drawing.palette import POINT_STYLES
-from facadelake.reporting.drawing.projected_model import draw_model
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.passport.facts import AXES
+from facadelake.reporting.plan import draw_model
 from schemas.vocabulary import PointKind
 
 # Chi-square with 2 degrees of freedom: 95 % of the errors across a view lie inside an ellipse of this size.

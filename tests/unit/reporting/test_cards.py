@@ -13,18 +13,17 @@ from matplotlib.figure import Figure
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.tables import table_from_rows
-from facadelake.reporting.cards.card import choose_bar_length_m, format_bar_length
 from facadelake.reporting.cards.cards import draw_cards
 from facadelake.reporting.cards.crops import crop_detection
 from facadelake.reporting.cards.facts import group_merges, list_card_facts
+from facadelake.reporting.cards.figure import choose_bar_length_m, format_bar_length
+from facadelake.reporting.cards.observations import group_observations, read_outline
 from facadelake.reporting.cards.patch_view import PatchView, rectify_patch
-from facadelake.reporting.cards.sightings import group_observations, read_outline
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
-from facadelake.reporting.elevations.backdrop import draw_defect_location, locate_on_facade, render_model_overview
-from facadelake.reporting.elevations.elevation import find_drawn_facades
+from facadelake.reporting.elevations.elevation import find_drawn_facades, map_defects_to_model
 from facadelake.reporting.elevations.marks import DefectMark, compute_surface_axes, create_marks
-from facadelake.reporting.elevations.places import map_defects_to_model
+from facadelake.reporting.elevations.overview import draw_defect_location, locate_on_facade, render_model_overview
 from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from tests.unit.reporting.painted_wall import PAINT_PX_PER_M, WALL_HEIGHT_M, Painted, box, defect_row, inspection_of

@@ -13,7 +13,7 @@ from facadelake.core.tables import table_from_rows
 from facadelake.reporting.elevations.elevation import draw_elevations, render_background
 from facadelake.reporting.elevations.facades import Facade, find_facades
 from facadelake.reporting.elevations.marks import assign_marks, create_marks, find_visible_marks
-from facadelake.reporting.elevations.rectify import RectifiedElevation, rectify_elevations
+from facadelake.reporting.elevations.rectification import RectifiedElevation, rectify_elevations
 from facadelake.reporting.elevations.relief import render_relief
 from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import PictureSettings

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from facadelake.core.tables import get_stage_schema, table_from_rows
-from facadelake.reporting.drawing.projected_model import draw_model
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.passport import render_passport
 from facadelake.reporting.passport.facts import FactStatus, list_passport_facts, summarise_passport
@@ -26,6 +25,7 @@ from facadelake.reporting.passport.views import (
     compute_extent,
     draw_view,
 )
+from facadelake.reporting.plan import draw_model
 from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, inspection_of
 
 CENTIMETRES: dict[str, Any] = {

@@ -19,7 +19,7 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.reporting.drawing.photograph import choose_reduction, read_photograph
-from facadelake.reporting.elevations.candidates import BlendWeight, assign_blend_weights, find_candidates
+from facadelake.reporting.elevations.blending import BlendWeight, assign_blend_weights, find_candidates
 from facadelake.reporting.elevations.relief import FacadeRelief
 from facadelake.reporting.elevations.visibility import project_points
 from facadelake.reporting.inspection import PictureSettings

@@ -14,11 +14,11 @@ from matplotlib.patches import Polygon, Rectangle
 
 from facadelake.core.arrays import UInt8Image
 from facadelake.reporting.cards.facts import CardFact
+from facadelake.reporting.cards.observations import DefectObservation
 from facadelake.reporting.cards.patch_view import PatchView
-from facadelake.reporting.cards.sightings import DefectObservation
 from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_dashes
-from facadelake.reporting.elevations.backdrop import FacadeOverview, draw_defect_location
 from facadelake.reporting.elevations.marks import DefectMark
+from facadelake.reporting.elevations.overview import FacadeOverview, draw_defect_location
 from facadelake.reporting.elevations.storeys import StoreyBase
 
 DPI = 150

@@ -21,8 +21,12 @@ from facadelake.reporting.distribution import (
     write_distribution,
 )
 from facadelake.reporting.drawing.palette import label_ids
-from facadelake.reporting.elevations.elevation import draw_elevations, find_drawn_facades
-from facadelake.reporting.elevations.places import map_defects_to_elevations, map_defects_to_model
+from facadelake.reporting.elevations.elevation import (
+    draw_elevations,
+    find_drawn_facades,
+    map_defects_to_elevations,
+    map_defects_to_model,
+)
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
 from facadelake.reporting.page.defects import sort_by_severity

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.reporting.draw import (
+from facadelake.reporting.inspection import Inspection, PictureSettings
+from facadelake.reporting.pictures import (
     PictureSelection,
     draw_selection,
     select_all,
     select_by_name,
     select_report_pictures,
 )
-from facadelake.reporting.inspection import Inspection, PictureSettings
 from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
 
 SETTINGS = PictureSettings(cell_m=0.05, overlay_width_px=300, report_cards=1, report_overlays=1)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from facadelake.reporting.drawing.label_placement import place_labels
+from facadelake.reporting.drawing.labels import place_labels
 
 
 def test_labels_of_a_crowd_do_not_overlap_and_stay_inside() -> None:
