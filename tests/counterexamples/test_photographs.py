@@ -225,4 +225,4 @@ def test_two_usable_photographs_are_too_few(tmp_path: Path) -> None:
     photos = ingest_photographs(root, distance_to_model_m=None, close_range_below_m=8.0)
     with pytest.raises(InputDataError) as raised:
         reconstruct(photos, root, tmp_path / "block", ReconstructionSettings())
-    assert str(raised.value) == ("2 of 3 photographs are usable; add some: 3 that overlap are needed")
+    assert str(raised.value) == ("2 of 3 photographs are usable; at least 3 that overlap are needed: add photographs")

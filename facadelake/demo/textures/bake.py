@@ -36,7 +36,7 @@ def _paint(world: World, campaign: Campaign, chart: Chart, boxes: dict[str, Box]
     if chart.name == "roof":
         return paint_roof(chart, rng)
     owner = next((box for name, box in boxes.items() if chart.name.startswith(f"{name} ")), None)
-    return paint_box(chart, owner.detect, rng) if owner else paint_facade(chart, b, rng)
+    return paint_box(chart, owner.look, rng) if owner else paint_facade(chart, b, rng)
 
 
 def bake_chart(

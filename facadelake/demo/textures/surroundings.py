@@ -105,4 +105,4 @@ def paint_sky(rng: np.random.Generator) -> UInt8Array:
 
 def has_roof(box: Box) -> bool:
     """Whether a box carries a gable roof (houses do, containers do not)."""
-    return box.detect != "container"
+    return box.look != "container"

@@ -22,7 +22,7 @@ from facadelake.sfm import worker_process as runner
 from facadelake.sfm.reconstruction import read_descriptors, read_reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
-from facadelake.sfm.work_folder import open_work_folder
+from facadelake.sfm.worker_process import open_work_folder
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 620.0
 PHOTOS, PAIRS = 8, 28
@@ -138,7 +138,7 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
             finally:
                 shutil.rmtree(part / "sparse", ignore_errors=True)
 
-    with pytest.raises(FacadelakeError, match=r"SIGKILL.* a new run goes on where it stopped"):
+    with pytest.raises(FacadelakeError, match=r"SIGKILL.* a new run resumes where it stopped"):
         run("Finding features", 4, Heard())
     found = counts(folder, "descriptors")
     assert 4 <= len(found) < PHOTOS
@@ -190,7 +190,7 @@ def test_refused_and_forgotten_work_is_removed(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), open_work_folder(tmp_path, "old") as old:
         raise KeyboardInterrupt
     os.utime(old, (0, 0))
-    (tmp_path / ".work-removed.done").mkdir()  # a kill came while it was being removed
+    (tmp_path / ".work-removed.removed").mkdir()  # a kill came while it was being removed
     with open_work_folder(tmp_path, "new") as new:
         assert new.is_dir()
         assert sorted(path.name for path in tmp_path.iterdir() if path.is_dir()) == [".work-new", ".work-stopped"]

@@ -78,7 +78,7 @@ def test_progress_reaches_the_listener_and_bars_end(tmp_path: Path) -> None:
     ("job", "kind", "message"),
     [
         ({"events": [{"event": "refused", "text": "no overlap"}], "end": 2}, InputDataError, "^no overlap$"),
-        ({"events": [], "end": 3}, FacadelakeError, r"ended with status 3; .*\n.*last words"),
+        ({"events": [], "end": 3}, FacadelakeError, r"exited with status 3; .*\n.*last words"),
         ({"events": [], "end": "kill"}, FacadelakeError, r"signal SIGKILL .*out of memory.*\n.*last words"),
     ],
 )
