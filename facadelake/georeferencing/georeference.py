@@ -253,7 +253,7 @@ def _build_campaign(
     covariance = adjusted.covariance.copy()
     covariance[:, :3, :3] += start.frame_covariance_m2
     covariance += leaning
-    left_m = start.residual_m(adjusted)
+    left_m = start.compute_residual_m(adjusted)
     row: dict[str, Any] = {
         "control": start.kind,
         "method": start.method,
@@ -290,11 +290,11 @@ def _build_campaign(
         row["model_residual_m"] = fit.residual_m
         if np.isfinite(fit.doming_m):
             row |= {"doming_m": fit.doming_m, "doming_sigma_m": fit.doming_sigma_m}
-    if start.shift is not None:
+    if start.edge_shift is not None:
         row |= {
-            "edge_score": start.shift.score,
-            "edge_score_runner_up": start.shift.edge_score_runner_up,
-            "edge_features": start.shift.features,
+            "edge_score": start.edge_shift.score,
+            "edge_score_runner_up": start.edge_shift.edge_score_runner_up,
+            "edge_features": start.edge_shift.features,
         }
     row["remarks"] = "; ".join(remarks)
     return GeoreferencedCampaign(

@@ -51,7 +51,7 @@ class InitialPlacement:
     marked: MarkedPoints | None = None
     known: SharedTiePoints | None = None
     model: SurfaceConstraint | None = None
-    shift: EdgeShift | None = None
+    edge_shift: EdgeShift | None = None
     datum_sigma_m: Float64Array | None = None
     reference_campaign: str | None = None
     frame_covariance_m2: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
@@ -183,12 +183,12 @@ def _place_by_model(reconstruction: Reconstruction, priors: GpsPriors, control: 
         method="the building model's faces" + (" and edges" if model.edges is not None else ""),
         site_from_sfm=placed.site_from_sfm,
         gps_used=_find_consistent_gps(placed.site_from_sfm, reconstruction, priors),
-        points_used=len(placed.alignment.compute_residual_m),
+        points_used=len(placed.alignment.residual_m),
         points_total=placed.alignment.points_total,
         compute_residual_m=_compute_wall_residuals,
         remarks=placed.remarks,
         model=SurfaceConstraint(surface=model.surface, sigma_m=model.sigma_m),
-        shift=placed.shift,
+        edge_shift=placed.shift,
         datum_sigma_m=placed.datum_sigma_m,
     )
 
