@@ -1,3 +1,3 @@
-"""What runs, in which order; the command line."""
+"""Prefect flows: which tasks run, in which order."""
 
 import facadelake  # noqa: F401  (before Prefect is imported: switches telemetry off)

@@ -39,7 +39,7 @@ log = logging.getLogger("facadelake.flows")
 
 @dataclass(frozen=True, kw_only=True)
 class InspectionResult:
-    """What an inspection came to: the lake's version that holds it, and where its files are."""
+    """Result of an inspection: its version in the lake and its release."""
 
     building_id: str
     campaign_id: str
@@ -61,12 +61,18 @@ def inspect_building(
     detections: str | None = None,
     poses: str | None = None,
 ) -> InspectionResult:
-    """Inspect one campaign of a building end to end; ``campaign_id`` 'latest' is the newest that has photographs.
+    """Inspect one campaign of a building, from photographs to tables and pictures.
 
-    ``poses``, a file or folder, are imported instead of being found; so are the registry's, unless ``georeference``
-    names another control.
+    Args:
+        building_id: the building's id in the portfolio.
+        campaign_id: the campaign; 'latest' is the newest that has photographs.
+        portfolio: path of the portfolio.
+        lake: folder of the lake.
+        georeference: the control, or 'auto'.
+        detections: other detections than the portfolio's: an alternative's name, or a COCO file.
+        poses: a file or folder of poses to import; the portfolio's are imported unless ``georeference`` names a control.
 
-    Raises FacadelakeError when the campaign cannot be right; nothing is committed then.
+    Raises FacadelakeError where the campaign cannot be right; then nothing is committed.
     """
     started_at = datetime.now(UTC)
     plan = plan_inspection(
@@ -95,7 +101,7 @@ def inspect_building(
     else:
         model = load_model(job)
         photos = ingest(job, model)
-    # A file's boxes are read at once, so that a mistake in it is told early; a model looks where the poses say.
+    # A file is imported first, so that an error in it is reported early; a model needs the poses.
     imported = import_detections(job, photos) if isinstance(building.detector, CocoDetectorSetting) else None
     block: StageResult | None = None
     if job.poses is not None:

@@ -1,4 +1,4 @@
-"""Flow: every campaign of the registry that the lake does not hold yet."""
+"""Flow: every campaign of the portfolio that is not in the lake yet."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ log = logging.getLogger("facadelake.flows")
 
 @dataclass(frozen=True, kw_only=True)
 class PortfolioOutcome:
-    """What became of one campaign: the lake's version that holds it, or why there is none."""
+    """Outcome of one campaign: its version in the lake, or the problem."""
 
     building_id: str
     campaign_id: str
@@ -28,9 +28,9 @@ class PortfolioOutcome:
 
 @flow(name="inspect-portfolio")
 def inspect_portfolio(portfolio: str = "data/portfolio.yaml", lake: str = "lake") -> list[PortfolioOutcome]:
-    """Inspect what is new, one after another; a campaign that fails does not keep the others from being done.
+    """Inspect the campaigns that are not in the lake, one after another; a failure does not stop the others.
 
-    Raises FacadelakeError at the end where any failed, with each one's reason.
+    Raises FacadelakeError at the end if any failed, with the reason of each.
     """
     folder = Path(lake).resolve()
     held = read_table(folder, "campaigns").to_pylist() if has_lake(folder) else []

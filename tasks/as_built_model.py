@@ -1,4 +1,4 @@
-"""Task: a building without any model gets its surface from the block's tie points."""
+"""Task: as-built surface of a building without a model, from the tie points of the block."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tasks.stage import Counts, run_stage
 
 @task(name="as-built model")
 def make_as_built_model(job: InspectionJob, place: StageResult, block: StageResult, placed: StageResult) -> StageResult:
-    """The building with the campaign's own surface, cut into facade planes."""
+    """The building with its as-built surface, divided into facade planes."""
 
     def make(folder: Path) -> Counts:
         posed = read_posed_cameras(read_table("poses", placed.folder))

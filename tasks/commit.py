@@ -1,4 +1,4 @@
-"""Task: the campaign enters the lake in one transaction."""
+"""Task: commit the campaign to the lake in one transaction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tasks.record import assemble_campaign
 
 @task(name="commit")
 def commit(job: InspectionJob, results: StageResults, checks: StageResult) -> CommitResult:
-    """The lake's version that holds the campaign, and whether it is new; later campaigns find it by its reference."""
+    """Commit the tables and keep the reference for later campaigns; returns the version and whether it is new."""
     run, tables = assemble_campaign(job, results)
     tables["checks"] = read_table("checks", checks.folder)
     committed = commit_campaign(

@@ -1,4 +1,4 @@
-"""Task: detections made by an ONNX model, as the registry says."""
+"""Task: detections made by an ONNX model, as configured in the portfolio."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tasks.stage import Counts, run_stage
 
 @task(name="detect")
 def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: StageResult) -> StageResult:
-    """Table ``detections`` made by the building's ONNX model, which looks where the poses say the building is."""
+    """Table ``detections`` of the building's ONNX model, searched where the poses show the building."""
     setting = job.building.detector
     assert isinstance(setting, OnnxDetectorSetting)
     root = job.building.locate_photographs(job.campaign_id)

@@ -1,4 +1,4 @@
-"""Task: pictures and the report of the campaign."""
+"""Task: draw the pictures and the report of the campaign."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import read_stage_tables
 from tasks.stage import Counts, run_stage
 
-PICTURES = "pictures"  # the stage's folder holds its counts too, which are not to be published
+PICTURES = "pictures"  # published; the stage's folder also holds diagnostics
 
 
 @task(name="draw")
 def draw(job: InspectionJob, results: StageResults, checks: StageResult) -> StageResult:
-    """A folder ``pictures`` with ``report.html`` and what it shows."""
+    """A folder ``pictures`` with ``report.html`` and its images."""
 
     def make(folder: Path) -> Counts:
         tables = read_stage_tables(results)

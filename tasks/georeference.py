@@ -1,4 +1,4 @@
-"""Task: place the block of photographs on the globe."""
+"""Task: georeference the block."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         building.locate_control_points(job.campaign_id),
         building.locate_check_points(job.campaign_id),
     )
-    # By GPS or by the model, a campaign stands for itself.
+    # With GPS or model control, no earlier campaign is used.
     alone = job.control in (ControlKind.GPS, ControlKind.MODEL)
     references = [] if alone else list_earlier_references(job.lake, building.id, job.campaign_id)
     root = building.locate_photographs(job.campaign_id)

@@ -1,4 +1,4 @@
-"""Task: detections imported from a COCO file, as the registry says."""
+"""Task: detections imported from a COCO file, as configured in the portfolio."""
 
 from __future__ import annotations
 

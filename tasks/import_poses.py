@@ -1,4 +1,4 @@
-"""Task: poses that another program found, instead of reconstruction and georeference."""
+"""Task: import camera poses of another program instead of reconstructing and georeferencing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Task: find the photographs and read what each says of itself."""
+"""Task: find the photographs and read their metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every task of one inspection is told."""
+"""The job that all tasks of an inspection share, and the result of a stage."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from schemas.vocabulary import ControlKind
 
 @dataclass(frozen=True, kw_only=True)
 class InspectionJob:
-    """One inspection: which building and campaign, into which lake, under which control (None: by what there is).
+    """One inspection: which building and campaign, into which lake, with which control (None: the best available).
 
     ``code_sha256``: the version of all the code that the inspection runs.
 
-    ``poses``: the file or folder that poses are imported from; None: they are found anew.
+    ``poses``: the file or folder that poses are imported from; None: they are computed.
     """
 
     building: Building
@@ -32,15 +32,15 @@ class InspectionJob:
 
     @property
     def cache(self) -> StageCache:
-        """Where stage results are kept."""
+        """The cache of stage results."""
         return open_stage_cache(self.lake)
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageResult:
-    """What a stage left behind: its folder, whether it was there before, what it cost and what it counted.
+    """The result of a stage: its folder, whether it came from the cache, its cost and its counts.
 
-    ``key`` stands for what it was made of, ``content_sha256`` for what it holds: later stages depend on that alone.
+    ``key`` identifies its inputs and code, ``content_sha256`` its content; later stages depend on the content only.
     """
 
     stage: str
@@ -68,9 +68,9 @@ class StageResults:
     integrity: StageResult
 
     def by_name(self) -> dict[str, StageResult | None]:
-        """All of them by the names of the fields."""
+        """All results by field name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def stages(self) -> list[StageResult]:
-        """Those there are, in the order they ran."""
+        """The results that exist, in the order they ran."""
         return [stage for stage in self.by_name().values() if stage is not None]

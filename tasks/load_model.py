@@ -1,4 +1,4 @@
-"""Task: read the building model, mesh it once, place it on the globe."""
+"""Task: read the building model, triangulate it, georeference it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Task: cracks measured in their photographs' pixels, whoever found them."""
+"""Task: measure cracks in the photographs, in pixels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tasks.stage import Counts, run_stage
 
 @task(name="measure")
 def measure(job: InspectionJob, photos: StageResult, detections: StageResult) -> StageResult:
-    """Table ``detections``, its cracks with widths and lengths; table ``photos`` has the photographs' hashes."""
+    """Table ``detections`` with widths and lengths of cracks; table ``photos`` has the photographs' hashes."""
 
     def make(folder: Path) -> Counts:
         root = job.building.locate_photographs(job.campaign_id)

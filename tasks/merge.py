@@ -1,4 +1,4 @@
-"""Task: each defect once, graded by the building's rule pack."""
+"""Task: merge observations into defects and grade them by the building's rule pack."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def merge_duplicates(
 ) -> StageResult:
     """Tables ``defects``, ``observations`` (each with the defect it shows) and ``merges``.
 
-    Doubtful pairs are compared in the photographs, whose hashes table ``photos`` has.
+    Ambiguous pairs are compared in the photographs, whose hashes are in table ``photos``.
     """
     rules = find_rule_file(job.building.severity_rules)
 

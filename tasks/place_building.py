@@ -1,4 +1,4 @@
-"""Task: a building without any model is placed before its block stands."""
+"""Task: site frame of a building without a model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tasks.stage import Counts, run_stage
 
 @task(name="place building")
 def place_building(job: InspectionJob, photos: StageResult) -> StageResult:
-    """The building's origin, CRS and storeys, by its photographs and the registry; it has no surface yet."""
+    """The building's origin, CRS and storeys from its photographs and the portfolio, without a surface."""
 
     def make(folder: Path) -> Counts:
         table = read_table("photos", photos.folder).select(["prior_lon_deg", "prior_lat_deg"])

@@ -1,4 +1,4 @@
-"""Task: hand the committed campaign to GIS and to people, immutable, and tell Prefect's UI."""
+"""Task: publish the committed campaign as files, and as artifacts of the Prefect run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHOWN = ["defect_id", "defect_class", "severity", "facade", "storey", "photo_cou
 
 @task(name="publish")
 def publish(job: InspectionJob, committed: CommitResult, pictures: StageResult | None) -> Path:
-    """The folder of this version's files; ``latest`` beside it points there."""
+    """Write the release of this version; ``latest`` beside it links to it."""
     defects = read_table(job.lake, "defects", building_id=job.building.id, campaign_id=job.campaign_id)
     release = publish_campaign(
         job.lake,

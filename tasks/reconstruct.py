@@ -15,7 +15,7 @@ from tasks.stage import Counts, run_stage
 
 @task(name="reconstruct")
 def reconstruct_block(job: InspectionJob, photos: StageResult) -> StageResult:
-    """Camera poses and tie points in the frame ``sfm``."""
+    """Camera poses and tie points in frame ``sfm``."""
     settings = ReconstructionSettings(max_image_px=job.building.tolerances.features_max_image_px)
     root = job.building.locate_photographs(job.campaign_id)
 

@@ -1,4 +1,4 @@
-"""The tables of all stages of one inspection together, with the rows that tell of the whole campaign."""
+"""The tables of all stages of an inspection, with the rows of tables buildings, campaigns and runs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def read_stage_tables(results: StageResults) -> dict[str, pa.Table]:
 
 
 def compute_fingerprint(results: StageResults) -> str:
-    """Hash over all inputs and settings of the campaign."""
+    """Hash over the keys of all stages: inputs, settings and code of the campaign."""
     return compute_key({"stages": [stage.key for stage in results.stages()]})
 
 
@@ -43,7 +43,7 @@ def assemble_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRec
     tables = read_stage_tables(results)
     building = read_building(results.model.folder)
     kind = building.surface_kind
-    # Without a model, the surface that the campaign itself made stands for it.
+    # Without a model, the as-built surface takes its place.
     model_path = results.model.folder / SURFACE_FILE if kind is SurfaceKind.AS_BUILT else job.building.locate_model()
     record = BuildingRecord(
         building_name=job.building.name,
@@ -65,7 +65,7 @@ def assemble_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRec
 def _run_record(job: InspectionJob, results: StageResults, detections: pa.Table) -> RunRecord:
     detectors = detections.column("detector_sha256").unique().to_pylist()
     setting = job.building.detector
-    if not detectors and isinstance(setting, OnnxDetectorSetting):  # it looked and found nothing
+    if not detectors and isinstance(setting, OnnxDetectorSetting):  # it found nothing
         detectors = [hash_file(locate_model(setting))]
     fresh = [stage for stage in results.stages() if not stage.hit]
     settings = {

@@ -1,4 +1,4 @@
-"""Task: bring each detection onto the building's surface, and leave out what is not of the building."""
+"""Task: register detections on the building's surface, and exclude those that are not on the building."""
 
 from __future__ import annotations
 

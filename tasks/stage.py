@@ -1,4 +1,4 @@
-"""Run one stage: answered from the cache where its inputs and code are the same, metered and logged where not."""
+"""Run one stage: from the cache where inputs and code are unchanged, else executed, metered and logged."""
 
 from __future__ import annotations
 
@@ -30,11 +30,17 @@ def run_stage(
     inputs: Mapping[str, Any],
     make: Callable[[Path], Counts],
 ) -> StageResult:
-    """The stage's result folder, made by ``make(folder)`` unless the cache has it for these inputs and this code.
+    """The result of a stage, from the cache or made by ``make``.
 
-    The key covers what ``make`` depends on: the contents of the stages it ``reads`` (None: there is none), its other
-    ``inputs`` (settings, hashes of files), and the version of all the code that its module may run. ``make`` returns
-    what it counted.
+    The key covers everything that ``make`` depends on, so that a change of any of it makes the result anew.
+
+    Args:
+        job: the inspection.
+        stage: name of the stage, a folder of the cache.
+        reads: results of earlier stages that ``make`` reads, by name; their contents enter the key (None: there is none).
+        inputs: everything else: settings and hashes of files, JSON-able.
+        make: writes the result into a folder and returns counts for the log; the code version of its module enters the
+            key.
     """
     _check_reads(stage, reads, make)
     key = compute_key(
@@ -74,7 +80,7 @@ def run_stage(
 
 
 def _check_reads(stage: str, reads: Reads, make: Callable[[Path], Counts]) -> None:
-    """A result that ``make`` can see and that is not in the key would let the cache answer with something stale."""
+    """Require that every stage result ``make`` refers to is in ``reads``: else the cache could return a stale result."""
     for name, value in inspect.getclosurevars(make).nonlocals.items():
         seen = value.stages() if isinstance(value, StageResults) else [value]
         for one in seen:

@@ -17,7 +17,7 @@ from tasks.stage import Counts, run_stage
 
 @task(name="validate")
 def validate_tables(job: InspectionJob, results: StageResults) -> StageResult:
-    """Table ``checks``: all expectations of schemas/ and sql/checks; a failed one ends the run before the commit."""
+    """Table ``checks``: results of all expectations of schemas/ and sql/checks; a failure ends the run."""
 
     def make(folder: Path) -> Counts:
         with report_progress("Checking the tables"):

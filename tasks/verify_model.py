@@ -23,7 +23,9 @@ from tasks.georeference import SITE_FROM_SFM
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
-NOTHING_INDEPENDENT = "the building has no model: its surface is this campaign's own, so nothing is left to compare"
+NOTHING_INDEPENDENT = (
+    "the building has no model: its surface is the as-built surface itself, so there is nothing to compare it with"
+)
 
 
 @task(name="verify model")
@@ -54,9 +56,9 @@ def _compared(
 ) -> pa.Table:
     try:
         if block is None:
-            raise InputDataError("poses were imported: no tie points were found to make an as-built surface of")
+            raise InputDataError("poses were imported, so there are no tie points for an as-built surface")
         write_as_built_mesh(block.folder, folder)
-    except InputDataError as error:  # too sparse a block: the campaign is none the worse for it
+    except InputDataError as error:  # the block is too sparse; the campaign is committed without the comparison
         return record_uncompared_views(posed, str(error))
     vertices_sfm, triangles = read_mesh(folder)
     as_built = Surface.from_mesh(read_similarity(placed.folder / SITE_FROM_SFM).apply(vertices_sfm), triangles)
