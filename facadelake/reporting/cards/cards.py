@@ -50,7 +50,7 @@ class _PendingCard:
     left_out: int
     best: DefectObservation | None
     unread_photos: set[str]
-    pieces: dict[str, UInt8Array] = field(default_factory=dict)
+    tiles: dict[str, UInt8Array] = field(default_factory=dict)
     best_tile: UInt8Array | None = None
     patch: PatchView | None = None
 

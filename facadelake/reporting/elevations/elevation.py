@@ -42,7 +42,7 @@ class Elevation:
     facade: Facade
     marks: tuple[DefectMark, ...]
     covered_share: float
-    backdrop: FacadeOverview
+    overview: FacadeOverview
 
 
 def draw_elevations(
