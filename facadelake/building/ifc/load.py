@@ -16,10 +16,11 @@ from facadelake.building.ifc.structure import IfcStorey, get_building, label_bui
 from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.candidates import find_georeferences
 from facadelake.building.model_georeference.control_pairs import ControlPair
-from facadelake.building.model_georeference.map_placement import MapPlacement
+from facadelake.building.model_georeference.map_placement import MapPlacement, ModelGeoreference
 from facadelake.building.model_georeference.selection import select_georeference
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
+from facadelake.core.arrays import Float64x3, Float64x3x3
 from facadelake.core.geodesy import SiteOrigin
 
 _log = logging.getLogger(__name__)
