@@ -107,7 +107,7 @@ def test_boxes_in_shares_of_the_photograph_instead_of_pixels(tmp_path: Path) -> 
         rows_of(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4], "category_id": 1})
     assert str(raised.value) == (
         f"detections file {tmp_path / 'boxes.json'}: all 1 boxes lie within 0..1, so they are normalised; "
-        "COCO boxes are [x, y, width, height] in pixels: export them so"
+        "COCO boxes are [x, y, width, height] in pixels: export boxes in pixels"
     )
 
 

@@ -127,9 +127,9 @@ def test_no_mask_or_one_that_is_its_box_leaves_the_box_without_a_word(tmp_path: 
         ({"counts": [HEIGHT * WIDTH], "size": [WIDTH, HEIGHT]}, f"are of {HEIGHT} x {WIDTH} px"),
         ({"counts": [1, 2], "size": [HEIGHT, WIDTH]}, "add up to 3"),
         ({"counts": [-1, 2], "size": [HEIGHT, WIDTH]}, "run lengths of 0 or more"),
-        ({"counts": [HEIGHT * WIDTH], "size": [HEIGHT, WIDTH]}, "hold no pixel"),
-        ({"counts": "\u00e9", "size": [HEIGHT, WIDTH]}, "counts holds"),
-        ({"counts": "o", "size": [HEIGHT, WIDTH]}, "in the middle of a run"),
+        ({"counts": [HEIGHT * WIDTH], "size": [HEIGHT, WIDTH]}, "contain no pixel"),
+        ({"counts": "\u00e9", "size": [HEIGHT, WIDTH]}, "counts contains"),
+        ({"counts": "o", "size": [HEIGHT, WIDTH]}, "ends within a run"),
         ([[300, 300, 320, 300, 320, 320]], "lies outside its box"),
     ],
 )
@@ -137,7 +137,7 @@ def test_a_mask_that_cannot_be_used_leaves_the_box_and_says_why(tmp_path: Path, 
     row = rows_of(coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "segmentation": segmentation}))[0]
     assert (row["detection_outcome"], row["mask"]) == ("accepted", None)
     assert said in row["reason"]
-    assert "its box stands for it" in row["reason"]
+    assert "its box is used instead" in row["reason"]
 
 
 @pytest.mark.parametrize("width", [-1, "wide", True, float("inf")])

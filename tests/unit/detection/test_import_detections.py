@@ -184,7 +184,7 @@ def test_an_annotation_of_no_image_and_of_another_size(tmp_path: Path) -> None:
     assert good["detection_outcome"] == "accepted"
     assert (lost["photo_id"], lost["reason"]) == ("image 7", "image_id 7 is not among the file's 'images'")
     assert turned["detection_outcome"] == "bad_box"
-    assert "the file says the image is 480 x 640 px, the photograph is 640 x 480 px" in turned["reason"]
+    assert "the file states an image of 480 x 640 px, the photograph has 640 x 480 px" in turned["reason"]
     assert odd["detection_outcome"] == "unknown_photo"
 
 
@@ -226,7 +226,7 @@ def test_a_file_that_fits_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match="the photograph was not accepted: unreadable"):
         rows_of(coco_file(tmp_path, box), photos_table("near/IMG_1.JPG", outcome="unreadable"))
     turned = [{"id": 1, "file_name": "near/IMG_1.JPG", "width": 10, "height": 10}]
-    with pytest.raises(InputDataError, match="the file says the image is 10 x 10 px"):
+    with pytest.raises(InputDataError, match="the file states an image of 10 x 10 px"):
         rows_of(coco_file(tmp_path, box, images=turned))
     with pytest.raises(InputDataError, match=r"all 2 boxes lie within 0..1, so they are normalised"):
         rows_of(coco_file(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4]}, {"bbox": [0.5, 0.2, 0.3, 0.4]}))

@@ -60,7 +60,7 @@ def test_changed_model_and_damaged_list_are_refused(tmp_path: Path) -> None:
     shelf = tmp_path / "shelf"
     add_promotion(_model(tmp_path, "new", 0.2), by="A", why="b", evidence="", replaces=None, folder=shelf)
     find_default_model(shelf).write_bytes(b"other")
-    with pytest.raises(ModelError, match=r"was changed since A promoted it .* restore it, or promote it anew"):
+    with pytest.raises(ModelError, match=r"was changed after A promoted it .* restore it, or promote it again"):
         find_default_model(shelf)
     (shelf / MODEL_LIST).write_text("- file: ../elsewhere.onnx\n")
     with pytest.raises(ModelError, match=r"(?s)models.yaml, the list of promoted detectors, cannot be read"):
