@@ -49,12 +49,12 @@ def parse_segmentation(
     if segmentation is None or segmentation in ([], {}):
         return CocoMask()
     try:
-        whole = _shape_from_segmentation(segmentation, image_width_px, image_height_px)
+        shape = _shape_from_segmentation(segmentation, image_width_px, image_height_px)
     except _UnusableSegmentationError as error:
         return CocoMask(remark=f"its segmentation was not used ({error}); its box is used instead")
     frame = shapely.box(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px)
-    inside = extract_polygons(shapely.intersection(whole, frame))
-    if inside is None or inside.area < _INSIDE_SHARE_MIN * whole.area:
+    inside = extract_polygons(shapely.intersection(shape, frame))
+    if inside is None or inside.area < _INSIDE_SHARE_MIN * shape.area:
         return CocoMask(remark="its segmentation was not used (it lies outside its box); its box is used instead")
     if inside.area >= _BOX_SHARE_MAX * frame.area:
         return CocoMask()
@@ -104,10 +104,10 @@ def _shape_from_polygons(rings: Any) -> Any:
         if len(values) < 6 or len(values) % 2 or None in values:
             raise _UnusableSegmentationError(f"polygon {i} is not 3 or more points x, y of finite numbers")
         shapes.append(shapely.make_valid(shapely.Polygon(np.array(values, dtype=np.float64).reshape(-1, 2))))
-    whole = extract_polygons(shapely.union_all(shapes)) if shapes else None
-    if whole is None:
+    union = extract_polygons(shapely.union_all(shapes)) if shapes else None
+    if union is None:
         raise _UnusableSegmentationError("its polygons have no area")
-    return whole
+    return union
 
 
 def _shape_from_run_lengths(
@@ -124,12 +124,12 @@ def _shape_from_run_lengths(
         raise _UnusableSegmentationError("counts must be run lengths of 0 or more")
     if sum(runs) != width * height:
         raise _UnusableSegmentationError(f"its run lengths add up to {sum(runs)}, not to {width} x {height}")
-    strips = _rectangles_from_run_lengths(np.array(runs, dtype=np.int64), height)
-    if not len(strips):
+    rectangles = _rectangles_from_run_lengths(np.array(runs, dtype=np.int64), height)
+    if not len(rectangles):
         raise _UnusableSegmentationError("its run lengths contain no pixel")
-    whole = shapely.union_all(shapely.box(*strips.T))
-    straight = extract_polygons(shapely.simplify(whole, _SIMPLIFY_TOLERANCE_PX))
-    return whole if straight is None else straight
+    union = shapely.union_all(shapely.box(*rectangles.T))
+    simplified = extract_polygons(shapely.simplify(union, _SIMPLIFY_TOLERANCE_PX))
+    return union if simplified is None else simplified
 
 
 def _decode_run_lengths(text: str) -> list[int]:
