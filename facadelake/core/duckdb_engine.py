@@ -1,4 +1,4 @@
-"""DuckDB in memory, with the extensions of its wheels and nothing from the network."""
+"""DuckDB in memory, with extensions from Python wheels and none from the network."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import duckdb
 
 from facadelake.core.errors import StoreError
 
-# What DuckDB raises for a statement that it cannot run.
+# Raised by DuckDB for a statement that it cannot execute.
 SqlError = duckdb.Error
 
 
@@ -23,7 +23,7 @@ SqlError = duckdb.Error
 def find_extension_file(name: str) -> Path:
     """The extension's file inside its wheel; DuckDB verifies its signature when it is loaded.
 
-    Raises StoreError where the wheel is missing or was made for another DuckDB.
+    Raises StoreError where the wheel is missing or was built for another version of DuckDB.
     """
     spec = find_spec(f"duckdb_extension_{name}")
     wheel = f"duckdb-extension-{name.replace('_', '-')}=={duckdb.__version__}"
@@ -36,21 +36,24 @@ def find_extension_file(name: str) -> Path:
 
 
 def quote_sql_string(text: str | Path) -> str:
-    """The text as an SQL string."""
+    """The text as an SQL string literal."""
     return "'" + str(text).replace("'", "''") + "'"
 
 
 @contextmanager
-def wrap_store_errors(doing: str, remedy: str) -> Iterator[None]:
-    """DuckDB's, SQLite's and the disk's errors inside the block become StoreError."""
+def wrap_store_errors(operation: str, remedy: str) -> Iterator[None]:
+    """Raise errors of DuckDB, SQLite and the file system inside the block as StoreError.
+
+    The message is "``operation`` failed: cause; ``remedy``".
+    """
     try:
         yield
     except (duckdb.Error, sqlite3.Error, OSError) as error:
-        raise StoreError(f"{doing} failed: {str(error).strip()}; {remedy}") from error
+        raise StoreError(f"{operation} failed: {str(error).strip()}; {remedy}") from error
 
 
 def open_duckdb(*extensions: str) -> duckdb.DuckDBPyConnection:
-    """An in-memory DuckDB in UTC with the named extensions, which never looks for others on the network."""
+    """An in-memory DuckDB in UTC with the named extensions; it never downloads others."""
     temporary = Path(tempfile.gettempdir()) / f"facadelake-duckdb-{os.getuid()}"
     connection = duckdb.connect(
         config={
@@ -59,7 +62,7 @@ def open_duckdb(*extensions: str) -> duckdb.DuckDBPyConnection:
             "temp_directory": str(temporary),
         }
     )
-    connection.execute("SET enable_progress_bar = false")  # first: on a busy machine even LOAD draws one
+    connection.execute("SET enable_progress_bar = false")  # first: LOAD may show one, too
     for name in extensions:
         connection.execute(f"LOAD {quote_sql_string(find_extension_file(name))}")
     connection.execute("SET TimeZone = 'UTC'")

@@ -1,7 +1,7 @@
-"""Environment defaults that keep every library from phoning home, looking for updates or opening a window.
+"""Environment defaults that turn off the telemetry, update checks and windows of the libraries.
 
-Set when `facadelake`, `flows` or `tasks` is first imported, because several libraries read them once, at their own
-import. They are defaults: whoever sets a variable keeps that value.
+They are set when `facadelake`, `flows` or `tasks` is first imported, because several libraries read them once, at their
+own import. A variable that the environment sets already keeps its value.
 """
 
 import os
@@ -13,17 +13,17 @@ DEFAULTS: Mapping[str, str] = {
     # Prefect's server: a heartbeat every ten minutes, and banners in its UI.
     "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
     "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
-    # Great Expectations: usage statistics of releases before 1.24; 1.24 only names the variable.
+    # Great Expectations: usage statistics of releases before 1.24; 1.24 mentions the variable without using it.
     "GX_ANALYTICS_ENABLED": "false",
-    # ONNX Runtime >= 1.29 uploads process and model events from Linux too and leaves a device identifier on disk;
-    # only this variable, set before its first import, stops both.
+    # ONNX Runtime >= 1.29 uploads process and model events on Linux too and stores a device identifier on disk; only
+    # this variable, set before its first import, disables both.
     "ORT_DISABLE_TELEMETRY": "1",
-    # PROJ must not fetch grids by itself: a missing grid is our error to report, not a download.
+    # PROJ must not download grids: a missing grid is reported as an error.
     "PROJ_NETWORK": "OFF",
-    # Rendering without a display; pyrender imports pyglet, which would want X11's libraries.
+    # Rendering without a display; pyrender imports pyglet, which otherwise needs X11.
     "PYOPENGL_PLATFORM": "egl",
     "PYGLET_HEADLESS": "true",
-    # Plots are files, never windows.
+    # Plots are written to files; no window is opened.
     "MPLBACKEND": "Agg",
 }
 

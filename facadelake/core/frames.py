@@ -1,10 +1,11 @@
 """Frames and the transforms between them.
 
-The closed list of frames: ``img`` (pixels), ``cam`` (x right, y down, z forward), ``sfm`` (no scale), ``site``
+The frames, a closed list: ``img`` (pixels), ``cam`` (x right, y down, z forward), ``sfm`` (no scale), ``site``
 (local east-north-up metres at the building's origin), ``ifc`` (the model's own), ``ecef`` (EPSG:4978), ``geo``
 (EPSG:4979: lon, lat, ellipsoidal height), ``map`` (the projected CRS of the model).
 
-A transform is named ``target_from_source``; chains read off: ``site_from_cam = site_from_sfm @ sfm_from_cam``.
+A transform is named ``target_from_source``; chains are checked by reading: ``site_from_cam = site_from_sfm @
+sfm_from_cam``.
 The centre of the top left pixel is (0.5, 0.5), as in COLMAP.
 """
 
@@ -16,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64x3, Float64x3x3
 from facadelake.core.errors import GeoreferenceError
 
 
@@ -27,26 +28,27 @@ class Similarity:
     ``rotation`` (3, 3) is proper orthonormal, ``translation`` (3,) in the target's units, ``scale`` > 0 (1: rigid).
     """
 
-    rotation: Float64Array
-    translation: Float64Array
+    rotation: Float64x3x3
+    translation: Float64x3
     scale: float = 1.0
 
     def __post_init__(self) -> None:
         orthonormal = np.allclose(self.rotation @ self.rotation.T, np.eye(3), rtol=0, atol=1e-6)
         if self.rotation.shape != (3, 3) or not orthonormal or np.linalg.det(self.rotation) < 0:
             raise GeoreferenceError(
-                "a transform's rotation is not a proper rotation; give an orthonormal 3x3 matrix of determinant +1"
+                "the rotation of a transform is not a proper rotation; "
+                "it must be an orthonormal 3x3 matrix of determinant +1"
             )
         if not (np.isfinite(self.scale) and self.scale > 0):
-            raise GeoreferenceError(f"a transform's scale is {self.scale}; it must be a positive number")
+            raise GeoreferenceError(f"the scale of a transform is {self.scale}; it must be a positive number")
 
     @staticmethod
     def make_identity() -> Similarity:
-        """The transform of a frame to itself."""
+        """The transform from a frame to itself."""
         return Similarity(rotation=np.eye(3), translation=np.zeros(3))
 
     def __matmul__(self, other: Similarity) -> Similarity:
-        """Chain: ``(a_from_b @ b_from_c)`` is ``a_from_c``."""
+        """The composition: ``(a_from_b @ b_from_c)`` is ``a_from_c``."""
         return Similarity(
             rotation=self.rotation @ other.rotation,
             translation=self.scale * (self.rotation @ other.translation) + self.translation,
@@ -54,7 +56,7 @@ class Similarity:
         )
 
     def invert(self) -> Similarity:
-        """The transform the other way round."""
+        """The inverse transform: ``source_from_target``."""
         rotation = self.rotation.T
         return Similarity(
             rotation=rotation, translation=-(rotation @ self.translation) / self.scale, scale=1.0 / self.scale
@@ -70,24 +72,23 @@ class Similarity:
         path.write_text(json.dumps(values))
 
     def rotate(self, direction_source: Float64Array) -> Float64Array:
-        """Directions (..., 3): rotated, neither moved nor scaled."""
+        """Directions (..., 3) of the source frame in the target frame: rotated, neither translated nor scaled."""
         return np.asarray(direction_source, dtype=np.float64) @ self.rotation.T
 
 
 def read_similarity(path: Path) -> Similarity:
-    """The transform that ``Similarity.save`` wrote."""
+    """Read a transform that ``Similarity.save`` wrote."""
     values = json.loads(path.read_text())
     return Similarity(
         rotation=np.array(values["rotation"]), translation=np.array(values["translation"]), scale=values["scale"]
     )
 
 
-def estimate_similarity(
-    xyz_source: Float64Array, xyz_target: Float64Array, weights: Float64Array | None = None
-) -> Similarity:
-    """Least-squares similarity that takes ``xyz_source`` (n, 3) onto ``xyz_target`` (n, 3); ``weights`` (n,) or equal.
+def estimate_similarity(xyz_source: Float64Nx3, xyz_target: Float64Nx3, weights: Float64N | None = None) -> Similarity:
+    """Weighted least-squares similarity from ``xyz_source`` (n, 3) to ``xyz_target`` (n, 3), by Umeyama's method.
 
-    Raises GeoreferenceError for fewer than 3 points or points on a line, which leave a rotation open.
+    ``weights`` (n,) are relative; None: equal weights. Raises GeoreferenceError for fewer than 3 points, and for points
+    on one line, which leave a rotation undetermined.
     Source: Umeyama 1991, IEEE PAMI 13(4).
     """
     if len(xyz_source) != len(xyz_target) or len(xyz_source) < 3:
@@ -102,7 +103,7 @@ def estimate_similarity(
     spread = np.linalg.svd(source * np.sqrt(w)[:, None], compute_uv=False)
     if spread[1] < 1e-6 * max(spread[0], 1e-300):
         raise GeoreferenceError(
-            "the points lie on one line, so the rotation about it is open; add points off that line"
+            "the points lie on one line, so that the rotation about it is undetermined; add points off that line"
         )
     u, s, vt = np.linalg.svd((target * w[:, None]).T @ source)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])

@@ -1,7 +1,7 @@
-"""Site (local east-north-up) <-> ECEF <-> EPSG codes, by PROJ; heights carry their datum.
+"""Transformations between ``site`` (local east-north-up), ECEF and EPSG codes, by PROJ; heights have a datum.
 
-PROJ does every geographic conversion (the paper's Eq. 4 has the altitude wrong: ``p / (cos(lat) - N)``).
-Network grids are never fetched, and a transformation that PROJ can only guess ("ballpark") is refused.
+PROJ does every geographic conversion (Eq. 4 of the paper misprints the altitude: ``p / (cos(lat) - N)``).
+Grids are never downloaded, and ballpark transformations are refused.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ECEF = "EPSG:4978"
 
 @dataclass(frozen=True, kw_only=True)
 class SiteOrigin:
-    """Where the site frame (x east, y north, z up, metres) has its zero, in EPSG:4979."""
+    """Origin of the site frame (x east, y north, z up, metres) in EPSG:4979."""
 
     lon_deg: float
     lat_deg: float
@@ -37,12 +37,12 @@ class SiteOrigin:
     def __post_init__(self) -> None:
         if not (-180 <= self.lon_deg <= 180 and -90 <= self.lat_deg <= 90):
             raise GeoreferenceError(
-                f"site origin lon {self.lon_deg}, lat {self.lat_deg} is off the globe (lon -180..180, lat -90..90); "
-                "are the two swapped, or in metres?"
+                f"site origin lon {self.lon_deg}, lat {self.lat_deg} is out of range (lon -180..180, lat -90..90); "
+                "check whether the two are swapped, or in metres"
             )
 
     def ecef_from_site(self) -> Similarity:
-        """Rigid transform of site coordinates to ECEF."""
+        """Rigid transform from ``site`` to ECEF."""
         lon, lat = np.radians([self.lon_deg, self.lat_deg])
         east = [-np.sin(lon), np.cos(lon), 0.0]
         north = [-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)]
@@ -51,24 +51,24 @@ class SiteOrigin:
         return Similarity(rotation=np.array([east, north, up]).T, translation=xyz)
 
     def site_from_geo(self, lon_lat_height: Float64Array) -> Float64Array:
-        """EPSG:4979 points (n, 3: lon_deg, lat_deg, height_ellipsoidal_m) in site metres (n, 3)."""
+        """Points (n, 3) in ``site``, metres, of EPSG:4979 points (n, 3: lon_deg, lat_deg, height_ellipsoidal_m)."""
         return self.ecef_from_site().invert().apply(transform(lon_lat_height, GEO, ECEF))
 
     def geo_from_site(self, xyz_site_m: Float64Array) -> Float64Array:
-        """Site metres (n, 3) as EPSG:4979 (n, 3: lon_deg, lat_deg, height_ellipsoidal_m)."""
+        """EPSG:4979 points (n, 3: lon_deg, lat_deg, height_ellipsoidal_m) of points (n, 3) in ``site``, metres."""
         return transform(self.ecef_from_site().apply(xyz_site_m), ECEF, GEO)
 
     def map_from_site(self, xyz_site_m: Float64Array, map_crs: str) -> Float64Array:
-        """Site metres (n, 3) as east, north and height of ``map_crs``.
+        """East, north and height (n, 3) in ``map_crs`` of points (n, 3) in ``site``, metres.
 
-        Where ``map_crs`` is horizontal alone ("EPSG:25832") the height is ellipsoidal; where it is compound
-        ("EPSG:25832+7837") the height is that of its vertical datum.
+        The height is ellipsoidal where ``map_crs`` is a horizontal CRS ("EPSG:25832"), and refers to the vertical datum
+        where it is a compound CRS ("EPSG:25832+7837").
         """
         return transform(self.geo_from_site(xyz_site_m), GEO, map_crs)
 
 
 def promote_to_3d(crs_text: str) -> pyproj.CRS:
-    """A CRS with a height: a compound CRS as it is, a horizontal one with ellipsoidal height.
+    """The CRS as a 3D CRS: a compound CRS unchanged, a horizontal CRS with ellipsoidal height.
 
     Raises GeoreferenceError for a CRS that PROJ does not know.
     """
@@ -83,17 +83,20 @@ def promote_to_3d(crs_text: str) -> pyproj.CRS:
 
 @lru_cache(maxsize=32)
 def _select_transformer(source: str, target: str) -> pyproj.Transformer:
-    """The best transformation whose grids are at hand; ballpark ones are refused, for they change nothing silently."""
+    """The best transformation. A missing grid is an error, since the next best operation would be used silently.
+
+    Ballpark transformations are refused: they ignore the shift between datums.
+    """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # pyproj warns where the best is missing; below that is an error
+        warnings.simplefilter("ignore", UserWarning)  # pyproj warns where the best is unavailable; it is an error below
         group = TransformerGroup(promote_to_3d(source), promote_to_3d(target), always_xy=True, allow_ballpark=False)
     if not group.transformers:
         missing = sorted(
             {grid.short_name for op in group.unavailable_operations for grid in op.grids if not grid.available}
         )
         raise GeoreferenceError(
-            f"no exact transformation from {source} to {target}"
-            + (f": the grid {', '.join(missing)} is not on this machine" if missing else "")
+            f"no transformation from {source} to {target} is available"
+            + (f": the grid {', '.join(missing)} is not installed" if missing else "")
             + "; install the grid in PROJ's data folder, or give heights as ellipsoidal"
         )
     if not group.best_available:
@@ -101,15 +104,15 @@ def _select_transformer(source: str, target: str) -> pyproj.Transformer:
         missing = sorted({grid.short_name for grid in best.grids if not grid.available})
         raise GeoreferenceError(
             f"the best transformation from {source} to {target} needs the grid {', '.join(missing) or best.name}, "
-            "which is not on this machine; install it in PROJ's data folder, or give heights as ellipsoidal"
+            "which is not installed; install it in PROJ's data folder, or give heights as ellipsoidal"
         )
     return group.transformers[0]
 
 
 def transform(points: Float64Array, source: str, target: str) -> Float64Array:
-    """Points (n, 3) of one CRS in another, x before y (lon, lat / east, north) whatever the CRS's own axis order.
+    """Transform points (n, 3) between CRSs, in the order lon, lat or east, north whatever the axis order of the CRS.
 
-    Raises GeoreferenceError where no exact transformation is at hand or a point is outside the CRS's domain.
+    Raises GeoreferenceError where no transformation is available, or a point lies outside the domain of the CRS.
     """
     points = np.atleast_2d(np.asarray(points, dtype=np.float64))
     if len(points) == 0:
@@ -120,6 +123,6 @@ def transform(points: Float64Array, source: str, target: str) -> Float64Array:
         bad = points[~np.isfinite(out).all(axis=1)][0]
         raise GeoreferenceError(
             f"the point {bad.tolist()} of {source} lies outside the domain of {target}; "
-            "are axes swapped or units wrong?"
+            "check whether axes are swapped or units wrong"
         )
     return out

@@ -1,4 +1,4 @@
-"""How long a piece of work took and how much memory it held at most, its child processes included."""
+"""Run time and peak memory of a block of code, child processes included."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import psutil
 
 
 class Meter:
-    """Measures the block it is the context of: ``seconds`` (wall), ``peak_mib`` (resident, children included).
+    """Context manager that measures its block: ``seconds`` (wall time), ``peak_mib`` (resident set, children included).
 
     Memory is sampled five times a second, so a shorter peak can be missed.
     """
@@ -33,15 +33,15 @@ class Meter:
         self._thread.join()
 
     def _sample(self) -> None:
-        me = psutil.Process()
+        own_process = psutil.Process()
         while True:
             total = 0
             try:
-                for process in [me, *me.children(recursive=True)]:
+                for process in [own_process, *own_process.children(recursive=True)]:
                     try:
                         total += process.memory_info().rss
                     except psutil.Error:
-                        continue  # it ended meanwhile
+                        continue  # the process has ended
             except psutil.Error:
                 pass
             self.peak_mib = max(self.peak_mib, total / 2**20)

@@ -1,4 +1,4 @@
-"""Blocks of arrays worked on by several threads: numpy lets go of Python's lock while it computes."""
+"""Computation on blocks of arrays in several threads: NumPy releases the global interpreter lock."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 
-def map_blocks(work: Callable[[S], T], parts: Sequence[S]) -> list[T]:
-    """The results of ``work`` on each of ``parts``, in their order, on as many threads as there are processors."""
-    workers = min(len(os.sched_getaffinity(0)), _MAX_WORKERS, len(parts))
+def map_blocks(function: Callable[[S], T], blocks: Sequence[S]) -> list[T]:
+    """The results of ``function`` on each of ``blocks``, in order, in up to as many threads as there are processors."""
+    workers = min(len(os.sched_getaffinity(0)), _MAX_WORKERS, len(blocks))
     if workers < 2:
-        return [work(part) for part in parts]
+        return [function(block) for block in blocks]
     with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(work, parts))
+        return list(pool.map(function, blocks))

@@ -1,4 +1,4 @@
-"""Posed cameras and the columns of table ``poses`` they are kept in."""
+"""Posed cameras and the columns of table ``poses`` that store them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
 
 
 def columns_from_camera(posed: PosedCamera) -> dict[str, float]:
-    """Centre, attitude and intrinsics of a camera as columns of table ``poses``."""
+    """Columns of table ``poses`` of a camera: projection centre, attitude and intrinsics."""
     qx, qy, qz, qw = Rotation.from_matrix(posed.site_from_cam.rotation).as_quat(canonical=True)
     x, y, z = posed.centre_site_m
     return {
@@ -33,10 +33,10 @@ def columns_from_camera(posed: PosedCamera) -> dict[str, float]:
 
 
 def read_posed_cameras(poses: pa.Table) -> dict[str, PosedCamera]:
-    """The measured cameras of table ``poses`` by photo_id.
+    """The cameras with a measured pose of table ``poses``, by photo_id.
 
-    Photographs without a pose are left out, and those whose pose is but their own word (``prior``): what is seen in
-    them cannot be put on a wall.
+    Photographs without a pose are left out, and so are those whose pose is a prior from their metadata (``prior``): it
+    is too coarse to register detections.
     """
     out = {}
     for row in poses.to_pylist():
@@ -46,9 +46,10 @@ def read_posed_cameras(poses: pa.Table) -> dict[str, PosedCamera]:
 
 
 def read_pose_covariances(poses: pa.Table) -> dict[str, Float64Array]:
-    """Covariances (6, 6) by photo_id of the measured cameras of table ``poses`` that have one.
+    """Covariances (6, 6) of the measured poses of table ``poses`` that have one, by photo_id.
 
-    Order: centre (m, site), then attitude (rad) about the camera's own x, y, z: site_from_cam exp([turn]x).
+    Order: projection centre (m, ``site``), then rotation (rad) about the camera's own x, y, z axes:
+    ``site_from_cam @ exp([rotation]x)``.
     """
     return {
         row["photo_id"]: np.array(row["covariance"], dtype=np.float64).reshape(6, 6)

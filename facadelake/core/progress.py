@@ -1,4 +1,4 @@
-"""Progress of long work, told to whoever listens (the command line draws bars; a server run logs).
+"""Progress of long operations, reported to a listener (the command line draws bars; a server run logs).
 
 The domain calls ``track`` or ``report_progress``; a front end installs a listener with ``listen_to_progress``.
 """
@@ -14,16 +14,16 @@ T = TypeVar("T")
 
 
 class ProgressListener(Protocol):
-    """Hears of work begun, advanced and ended."""
+    """Receives the begin, advance and end of operations."""
 
     def begin(self, label: str, total: int | None) -> int:
-        """A piece of work of ``total`` steps (None: unknown) begins; returns its handle."""
+        """An operation of ``total`` steps (None: unknown) begins; returns its handle."""
 
     def advance(self, handle: int, steps: int) -> None:
-        """``steps`` more are done."""
+        """``steps`` more steps are completed."""
 
     def end(self, handle: int) -> None:
-        """The piece of work ended, well or not."""
+        """The operation ended, with or without an error."""
 
 
 class _NullListener:
@@ -43,7 +43,7 @@ _listener: ContextVar[ProgressListener] = ContextVar("facadelake_progress", defa
 
 @contextmanager
 def listen_to_progress(listener: ProgressListener) -> Iterator[None]:
-    """All progress inside the block goes to ``listener``."""
+    """Report all progress inside the block to ``listener``."""
     token = _listener.set(listener)
     try:
         yield
@@ -52,19 +52,19 @@ def listen_to_progress(listener: ProgressListener) -> Iterator[None]:
 
 
 class ProgressStep:
-    """Handle of one piece of work: call ``advance`` as it goes."""
+    """Handle of one operation: call ``advance`` for completed steps."""
 
     def __init__(self, listener: ProgressListener, handle: int) -> None:
         self._listener, self._handle = listener, handle
 
     def advance(self, steps: int = 1) -> None:
-        """``steps`` more are done."""
+        """Report ``steps`` more completed steps."""
         self._listener.advance(self._handle, steps)
 
 
 @contextmanager
 def report_progress(label: str, total: int | None = None) -> Iterator[ProgressStep]:
-    """A piece of work of ``total`` steps; its bar ends with the block."""
+    """Report the block as an operation of ``total`` steps (None: unknown); it ends with the block."""
     listener = _listener.get()
     handle = listener.begin(label, total)
     try:
@@ -74,7 +74,7 @@ def report_progress(label: str, total: int | None = None) -> Iterator[ProgressSt
 
 
 def track(items: Iterable[T], *, label: str, total: int | None = None) -> Iterator[T]:
-    """The items, one progress step each."""
+    """Iterate over ``items``, reporting one step for each; ``total`` is needed where the items have no length."""
     count = total if total is not None else (len(items) if isinstance(items, Sized) else None)
     with report_progress(label, count) as step:
         for item in items:

@@ -1,8 +1,8 @@
-"""The statements of sql/: one a file, with a header of grain, meaning and bound parameters.
+"""The statements of sql/: one per file, with a header that states grain, meaning and bound parameters.
 
-The header is SQL comments: ``-- grain: storey and class``, ``-- meaning: ...``, ``-- $campaign_id: the campaign``, and
-for a check ``-- table: defects``. A check of several tables is a template: ``-- {table}: defects | observations`` gives
-the values that ``{table}`` takes in turn; other placeholders, such as ``{key}``, have as many.
+The header consists of SQL comments: ``-- grain: storey and class``, ``-- meaning: ...``, ``-- $campaign_id: the
+campaign``, and for a check ``-- table: defects``. A check of several tables is a template: ``-- {table}: defects |
+observations`` lists the values of ``{table}``; other placeholders, such as ``{key}``, have the same number of values.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LINE = re.compile(r"^-- (\$?\w+|\{\w+\}): (.*\S)\s*$")
 
 @dataclass(frozen=True, kw_only=True)
 class SqlStatement:
-    """One statement; ``parameters`` without their dollar; ``table`` is the table of a check, "" elsewhere."""
+    """One statement; ``parameters`` are without the dollar sign; ``table`` is the table of a check, "" elsewhere."""
 
     name: str
     grain: str
@@ -34,18 +34,20 @@ class SqlStatement:
 def read_statements(folder: Path) -> tuple[SqlStatement, ...]:
     """The statements of a folder (``sql/views``, ``sql/questions``, ``sql/checks``) by name.
 
-    Raises StoreError where a header lacks grain or meaning, or a template's placeholders differ in number.
+    Raises StoreError where a header lacks grain or meaning, or placeholders have different numbers of values.
     """
     return tuple(statement for path in sorted(folder.glob("*.sql")) for statement in read_statement_file(path))
 
 
 def read_statement_file(path: Path) -> tuple[SqlStatement, ...]:
-    """The statement of a file; of a template one for each of its tables, named after the file and the table."""
+    """The statement of a file; for a template one for each of its tables, named after the file and the table."""
     text = path.read_text("utf-8")
     header = _read_header(text)
     columns = {name: header[name].split(" | ") for name in header if name.startswith("{")}
     if len({len(values) for values in columns.values()}) > 1:
-        raise StoreError(f"{path.name}: its placeholders {', '.join(columns)} have different numbers of values")
+        raise StoreError(
+            f"{path.name}: the placeholders {', '.join(columns)} have different numbers of values; give each as many"
+        )
     if not columns:
         return (_build_statement(path.stem, text, path.name),)
     return tuple(
@@ -79,14 +81,14 @@ def _read_header(text: str) -> dict[str, str]:
 
 def _build_statement(name: str, text: str, file: str) -> SqlStatement:
     header = _read_header(text)
-    missing = [word for word in ("grain", "meaning") if word not in header]
+    missing = [key for key in ("grain", "meaning") if key not in header]
     if missing:
-        raise StoreError(f"{file} has no {' and no '.join(missing)} in its header; begin it with '-- grain: ...'")
+        raise StoreError(f"the header of {file} lacks {' and '.join(missing)}; begin it with '-- grain: ...'")
     return SqlStatement(
         name=name,
         grain=header["grain"],
         meaning=header["meaning"],
         table=header.get("table", ""),
-        parameters=tuple(word[1:] for word in header if word.startswith("$")),
+        parameters=tuple(key[1:] for key in header if key.startswith("$")),
         sql=text,
     )

@@ -1,6 +1,7 @@
-"""The shared libraries of the operating system that the Python packages load, and the Debian packages that hold them.
+"""Shared libraries of the operating system that the Python packages load, and the Debian packages that provide them.
 
-Standard library alone: `scripts/bootstrap.py` reads it with the system's python3, before anything is installed.
+Only the standard library is used: `scripts/bootstrap.py` imports this module with the system's python3, before anything
+is installed.
 """
 
 import ctypes
@@ -8,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-# Mesa's software renderer was one file until 24.x and a library of its own since.
+# Mesa's software renderer is one file up to 24.x and a separate library since.
 SOFTWARE_RENDERERS = (
     "usr/lib/*/dri/swrast_dri.so",
     "usr/lib/*/libgallium-*.so",
@@ -19,7 +20,7 @@ SOFTWARE_RENDERERS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Library:
-    """A shared library, the Debian and Ubuntu package that holds it, and what needs it."""
+    """A shared library, the Debian and Ubuntu package that provides it, and the Python packages that need it."""
 
     file: str
     package: str
@@ -37,7 +38,7 @@ LIBRARIES = (
 
 
 def is_present(library: Library, root: Path = Path("/")) -> bool:
-    """True where the loader finds the library; Mesa's renderer is looked for as a file under root."""
+    """Whether the dynamic loader finds the library; Mesa's renderer is searched as a file below ``root``."""
     if library.file == "swrast_dri.so":
         return any(any(root.glob(pattern)) for pattern in SOFTWARE_RENDERERS)
     try:
@@ -48,5 +49,5 @@ def is_present(library: Library, root: Path = Path("/")) -> bool:
 
 
 def format_install_command(packages: Sequence[str]) -> str:
-    """The one command that installs Debian or Ubuntu packages."""
+    """The command that installs packages on Debian or Ubuntu."""
     return f"sudo apt-get update && sudo apt-get install -y --no-install-recommends {' '.join(packages)}"

@@ -1,4 +1,4 @@
-"""Arrow tables between stages: the columns of schemas/, without the run's keys until the commit adds them."""
+"""Arrow tables of the stages: the columns of schemas/ without the run keys, which the commit adds."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ import pyarrow.parquet as pq
 from facadelake.core.errors import SchemaError
 from schemas.tables import RUN_KEYS, TABLES
 
+# One row of a table: its values by column.
+Row = dict[str, Any]
+
 
 def get_stage_schema(name: str) -> pa.Schema:
     """The Arrow schema of table ``name`` without building_id, campaign_id and run_id."""
@@ -19,7 +22,7 @@ def get_stage_schema(name: str) -> pa.Schema:
 
 
 def table_from_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Rows as a table of kind ``name``; optional columns may be left out of a row.
+    """The rows as table ``name``; optional columns may be missing in a row.
 
     Raises SchemaError for a column the table does not have, a missing required one, or a value of another type.
     """
@@ -36,16 +39,19 @@ def table_from_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:
 
 
 def check_table(name: str, table: pa.Table) -> pa.Table:
-    """The table itself, if it has exactly the columns and types of ``name`` and no empty value where none may be."""
+    """Return ``table`` if it has the columns and types of table ``name``.
+
+    Raises SchemaError for other columns or types, and for nulls in required columns.
+    """
     schema = get_stage_schema(name)
     if not table.schema.equals(schema):
         raise SchemaError(
-            f"table {name} has the columns {table.schema.to_string()}; schemas/ wants {schema.to_string()}"
+            f"table {name} has the columns {table.schema.to_string()}; schemas/ declares {schema.to_string()}"
         )
     for field in schema:
         empty = table.column(field.name).null_count
         if empty and not field.nullable:
-            raise SchemaError(f"table {name}: {empty} of {len(table)} rows have no {field.name}, which every row needs")
+            raise SchemaError(f"table {name}: {empty} of {len(table)} rows have no {field.name}, which is required")
     return table
 
 
@@ -57,12 +63,23 @@ def write_table(name: str, table: pa.Table, folder: Path) -> Path:
 
 
 def read_table(name: str, folder: Path) -> pa.Table:
-    """Read ``folder/<name>.parquet``, checked against schemas/."""
+    """Read ``folder/<name>.parquet`` and check it against schemas/."""
     return check_table(name, pq.read_table(folder / f"{name}.parquet"))
 
 
 def add_run_keys(name: str, table: pa.Table, *, building_id: str, campaign_id: str, run_id: str) -> pa.Table:
-    """The stage table with its three run keys in front, as the lake holds it."""
+    """Prepend the columns of the run keys to a table of a stage.
+
+    Args:
+        name: the table of schemas/.
+        table: rows of the stage, without run keys.
+        building_id: the building of all rows.
+        campaign_id: the campaign of all rows.
+        run_id: the run that computed the rows.
+
+    Returns:
+        The table with the columns that the lake stores.
+    """
     keys = {"building_id": building_id, "campaign_id": campaign_id, "run_id": run_id}
     columns = [pa.array([value] * len(table), pa.string()) for value in keys.values()]
     return pa.Table.from_arrays([*columns, *table.columns], schema=TABLES[name].arrow)

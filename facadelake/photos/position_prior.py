@@ -115,7 +115,7 @@ def check_position(lon_deg: float, lat_deg: float) -> str:
     if math.isnan(lon_deg) or math.isnan(lat_deg):
         return "no position"
     if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
-        return f"position lon {lon_deg:.6f}, lat {lat_deg:.6f} is off the globe (lon -180..180, lat -90..90)"
+        return f"position lon {lon_deg:.6f}, lat {lat_deg:.6f} is out of range (lon -180..180, lat -90..90)"
     if abs(lon_deg) < 1e-6 and abs(lat_deg) < 1e-6:
         return "position is 0/0, which receivers write without a fix"
     return ""

@@ -140,8 +140,8 @@ UNKNOWN_DATUM = "EPSG:99999"
         (
             PLACED,
             IfcModelSettings(vertical_datum="EPSG:7837"),
-            "no exact transformation from EPSG:25832+7837 to EPSG:4979: the grid de_bkg_gcg2016.tif is not on this "
-            "machine; install the grid in PROJ's data folder, or give heights as ellipsoidal",
+            "no transformation from EPSG:25832+7837 to EPSG:4979 is available: the grid de_bkg_gcg2016.tif is not "
+            "installed; install the grid in PROJ's data folder, or give heights as ellipsoidal",
         ),
         (
             Ifc(crs=CRS | {"Name": "Ettlingen local"}, conversion=CONVERSION),

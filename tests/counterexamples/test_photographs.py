@@ -37,9 +37,9 @@ WITHOUT_PRIOR = {
     "no-gps.jpg": f"no position prior (EXIF: no position); {NO_PRIOR}",
     "zero-zero.jpg": "no position prior (EXIF: position is 0/0, which receivers write without a fix); "
     "the photograph is used without one",
-    "lat-91.jpg": "no position prior (EXIF: position lon 8.400000, lat 91.000000 is off the globe "
+    "lat-91.jpg": "no position prior (EXIF: position lon 8.400000, lat 91.000000 is out of range "
     "(lon -180..180, lat -90..90)); the photograph is used without one",
-    "xmp-91.jpg": "no position prior (XMP: position lon 8.400000, lat 91.000000 is off the globe "
+    "xmp-91.jpg": "no position prior (XMP: position lon 8.400000, lat 91.000000 is out of range "
     "(lon -180..180, lat -90..90); EXIF: no position); the photograph is used without one",
     "invalid.jpg": f"no position prior (XMP: GpsStatus is Invalid; EXIF: no position); {NO_PRIOR}",
     "xmp-nan.jpg": f"no position prior (XMP: no position; EXIF: no position); {NO_PRIOR}",

@@ -158,7 +158,7 @@ def test_file_names_match_by_their_tail(tmp_path: Path, file_name: str, photo_id
 @pytest.mark.parametrize(
     ("file_name", "reason"),
     [
-        ("IMG_2.JPG", "'IMG_2.JPG' could be any of far/IMG_2.JPG, near/IMG_2.JPG; give its folder too"),
+        ("IMG_2.JPG", "'IMG_2.JPG' matches far/IMG_2.JPG, near/IMG_2.JPG; give its folder, too"),
         ("flight7/IMG_1.JPG", "'flight7/IMG_1.JPG' is not in the campaign; near/IMG_1.JPG is in another folder"),
         ("IMG_9.JPG", "'IMG_9.JPG' is not among the campaign's photographs"),
     ],
