@@ -50,7 +50,7 @@ def by_gps(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
 def by_walls(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
     """The faces of a model that the building's walls stand off by 3 cm each, with 2 cm of relief."""
     problem = ties_problem(block, rng, tie_px=TIE_PX)
-    return with_walls(problem, block, rng, relief_m=0.02, wall_m=rng.normal(0, 0.03, 5), wall_sigma_m=0.03)
+    return with_walls(problem, block, rng, relief_m=0.02, wall_deviation_m=rng.normal(0, 0.03, 5), wall_sigma_m=0.03)
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ _KEYS = (
 )  # fmt: skip
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
-Keyword = TypeVar("Word", bound=StrEnum)
+Keyword = TypeVar("Keyword", bound=StrEnum)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -76,11 +76,16 @@ def sample_edges(edges: ModelEdges, spacing_m: float) -> EdgeSamples:
 
 
 def find_visible_samples(
-    samples: EdgeSamples, posed: PosedCamera, surface: Surface, *, border_px: float, free: Float64Array | None = None
+    samples: EdgeSamples,
+    posed: PosedCamera,
+    surface: Surface,
+    *,
+    border_px: float,
+    free_directions: Float64Array | None = None,
 ) -> VisibleEdgeSamples:
     """The samples that ``posed`` sees, ``border_px`` or more inside its photograph.
 
-    With ``free`` (j, 3), unit directions of shift in site, only edges that such a shift moves across themselves.
+    With ``free_directions`` (j, 3), unit directions of shift in site, only edges that such a shift moves across themselves.
     """
     in_photograph = _project_samples(samples, posed, border_px)
     row = in_photograph.row
@@ -88,8 +93,8 @@ def find_visible_samples(
     # Beside the edge as the camera sees it: across the plane of the edge and the camera's centre.
     beside = np.cross(samples.direction[row], ray)
     beside /= np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-12)
-    if free is not None:
-        moved = np.linalg.norm(beside @ free.T, axis=1) > _MIN_SENSITIVITY
+    if free_directions is not None:
+        moved = np.linalg.norm(beside @ free_directions.T, axis=1) > _MIN_SENSITIVITY
         in_photograph, ray, beside = in_photograph.take(moved), ray[moved], beside[moved]
     beside *= (_SIDE_PX * in_photograph.pixel_m)[:, None]
     xyz, distance = samples.xyz_site_m[in_photograph.row], np.linalg.norm(ray, axis=1)

@@ -272,17 +272,17 @@ def with_walls(
     rng: np.random.Generator,
     *,
     relief_m: float,
-    wall_m: Float64Array,
+    wall_deviation_m: Float64Array,
     wall_sigma_m: float,
 ) -> AdjustmentProblem:
-    """Every tie point lies on its plane of the model, which stands off the building by ``wall_m`` (5,) and relief."""
+    """Every tie point lies on its plane of the model, which stands off the building by ``wall_deviation_m`` (5,) and relief."""
     m = len(block.xyz_m)
     return replace(
         problem,
         point_to_plane=PointToPlaneTerms(
             point=np.arange(m),
             normal_site=NORMALS[block.plane],
-            distance_m=PLANES_M[block.plane] - np.asarray(wall_m)[block.plane] + rng.normal(0, relief_m, m),
+            distance_m=PLANES_M[block.plane] - np.asarray(wall_deviation_m)[block.plane] + rng.normal(0, relief_m, m),
             wall=block.plane,
             sigma_m=np.full(m, relief_m),
             wall_sigma_m=np.full(len(NORMALS), wall_sigma_m),
