@@ -37,7 +37,7 @@ from benchmarks.synthetic_block import (
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.adjust import adjust_block
-from facadelake.georeferencing.adjustment.evidence import ControlObservations
+from facadelake.georeferencing.adjustment.control_observations import ControlObservations
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
 from facadelake.sfm import Reconstruction
 from facadelake.sfm.reconstruction import LocalisedPhoto

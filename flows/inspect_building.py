@@ -70,7 +70,7 @@ def inspect_building(
         lake: folder of the lake.
         georeference: the control, or 'auto'.
         detections: other detections than the portfolio's: an alternative's name, or a COCO file.
-        poses: a file or folder of poses to import; the portfolio's are imported unless ``georeference`` names a control.
+        poses: a file or folder of poses to import; the portfolio's are imported unless a control is named.
 
     Raises FacadelakeError where the campaign cannot be right; then nothing is committed.
     """

@@ -37,7 +37,7 @@ def run_stage(
     Args:
         job: the inspection.
         stage: name of the stage, a folder of the cache.
-        reads: results of earlier stages that ``make`` reads, by name; their contents enter the key (None: there is none).
+        reads: results of earlier stages that ``make`` reads, by name; their contents enter the key.
         inputs: everything else: settings and hashes of files, JSON-able.
         make: writes the result into a folder and returns counts for the log; the code version of its module enters the
             key.
@@ -80,7 +80,7 @@ def run_stage(
 
 
 def _check_reads(stage: str, reads: Reads, make: Callable[[Path], Counts]) -> None:
-    """Require that every stage result ``make`` refers to is in ``reads``: else the cache could return a stale result."""
+    """Require that all stage results ``make`` refers to are in ``reads``: else the cache could return stale ones."""
     for name, value in inspect.getclosurevars(make).nonlocals.items():
         seen = value.stages() if isinstance(value, StageResults) else [value]
         for one in seen:

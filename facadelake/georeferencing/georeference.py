@@ -20,12 +20,13 @@ from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block
-from facadelake.georeferencing.adjustment.evidence import ControlObservations
+from facadelake.georeferencing.adjustment.control_observations import ControlObservations
 from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.placement import MIN_CONTROL_POINTS, intersect_marks
 from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps, collect_gps_priors
 from facadelake.georeferencing.gps.terms import build_attitude_terms, build_datum_terms, build_position_terms
+from facadelake.georeferencing.initial_placement import InitialPlacement, find_initial_placement
 from facadelake.georeferencing.model.lean import BlockLean, correct_lean, describe_lean, estimate_lean
 from facadelake.georeferencing.model.plumb_lines import estimate_vertical
 from facadelake.georeferencing.passport import (
@@ -38,7 +39,6 @@ from facadelake.georeferencing.passport import (
     require_consistent_frame,
 )
 from facadelake.georeferencing.site_frame import SiteFrame
-from facadelake.georeferencing.starts import InitialPlacement, find_initial_placement
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind, PointKind
 

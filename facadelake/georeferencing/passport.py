@@ -15,9 +15,9 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, compute_held_out_residuals
-from facadelake.georeferencing.adjustment.model_terms import RaySurface, match_points_to_surface
+from facadelake.georeferencing.adjustment.point_to_plane import RaySurface, match_points_to_surface
 from facadelake.georeferencing.gps.alignment import GpsPriors
-from facadelake.georeferencing.starts import InitialPlacement
+from facadelake.georeferencing.initial_placement import InitialPlacement
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind, PointKind
 

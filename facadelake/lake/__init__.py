@@ -1,4 +1,4 @@
-"""DuckLake: connect, migrate, commit, read as of; the only importer of duckdb."""
+"""The lake (DuckLake): connect, migrate, commit, read any version."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The rows that tell of a whole campaign, and all its tables with the run's keys, ready for the lake."""
+"""The rows of a campaign in tables buildings, campaigns and runs, and all its tables with the run keys."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from schemas.vocabulary import PhotoOutcome, PoseSource
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
-    """Who made the rows, from what, and at what cost; ``configuration`` and what tells of the stages are JSON."""
+    """Provenance of a run; ``configuration`` and the ``stage_*`` fields are JSON."""
 
     building_id: str
     campaign_id: str
@@ -50,7 +50,7 @@ class RunRecord:
 
 @dataclass(frozen=True, kw_only=True)
 class BuildingRecord:
-    """The building as it was for the campaign; the origin is in EPSG:4979."""
+    """The building as used for the campaign; the origin is in EPSG:4979."""
 
     building_name: str
     model_uri: str
@@ -70,7 +70,7 @@ class BuildingRecord:
 
 
 def build_campaign_row(photographs_uri: str, tables: Mapping[str, pa.Table]) -> dict[str, Any]:
-    """The row of table ``campaigns`` that counts what the stage tables hold."""
+    """The row of table ``campaigns``: the counts of the stage tables."""
     photos, poses = tables["photos"], tables["poses"]
     accepted = photos.filter(pc.equal(photos["photo_outcome"], PhotoOutcome.ACCEPTED))
     times = pc.min_max(accepted["taken_at"]).as_py()
@@ -88,7 +88,14 @@ def build_campaign_row(photographs_uri: str, tables: Mapping[str, pa.Table]) -> 
 def build_campaign_tables(
     run: RunRecord, building: BuildingRecord, photographs_uri: str, stage_tables: Mapping[str, pa.Table]
 ) -> dict[str, pa.Table]:
-    """The stages' tables and the rows of ``buildings``, ``campaigns`` and ``runs``, all without the run's keys."""
+    """All tables of a campaign but ``checks``, without the run keys.
+
+    Args:
+        run: the row of table ``runs``.
+        building: the row of table ``buildings``.
+        photographs_uri: folder of the photographs.
+        stage_tables: the tables that the stages made, by name.
+    """
     return {
         "buildings": table_from_rows("buildings", [building.row()]),
         "campaigns": table_from_rows("campaigns", [build_campaign_row(photographs_uri, stage_tables)]),
@@ -98,6 +105,6 @@ def build_campaign_tables(
 
 
 def add_run_keys(tables: Mapping[str, pa.Table], run: RunRecord) -> dict[str, pa.Table]:
-    """The tables with building_id, campaign_id and run_id in front, as the lake holds them."""
+    """The tables with building_id, campaign_id and run_id as first columns, as in the lake."""
     keys = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
     return {name: add_run_keys(name, table, **keys) for name, table in tables.items()}

@@ -1,4 +1,4 @@
-"""The checks before a commit: Great Expectations on each table, SQL across tables; results are rows, nothing raises."""
+"""The checks before a commit: Great Expectations on each table, SQL across tables; results are rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def validate(tables: Mapping[str, pa.Table]) -> pa.Table:
     """Check all tables but ``checks`` and return the table ``checks`` (stage form), a row per expectation.
 
     The tables may have their run keys or not. Raises SchemaError where a table is missing or has other columns or
-    types than schemas/; bad values are results.
+    types than schemas/; unexpected values are results.
     """
     stage = {}
     for name in CHECKED:
@@ -49,7 +49,7 @@ def select_failures(checks: pa.Table) -> pa.Table:
 
 
 def format_failures(checks: pa.Table) -> str:
-    """The failures for people, one a line: table, column, expectation, how many rows, what was found."""
+    """The failed checks, one per line: table, column, expectation, number of rows, observed values."""
     lines = []
     for row in select_failures(checks).to_pylist():
         place = f"{row['table_name']}.{row['column_name']}" if row["column_name"] else row["table_name"]
@@ -87,7 +87,7 @@ def _each_table(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
 
 
 def _great(library: Any, expectation: Expectation, number: int) -> Any:
-    """The expectation as an object of Great Expectations; its number finds its result again."""
+    """The expectation as an object of Great Expectations; its number identifies its result."""
     kind = getattr(library, "".join(word.title() for word in expectation.name.split("_")))
     columns: dict[str, Any] = {}
     if len(expectation.columns) == 1:
@@ -126,7 +126,7 @@ def _sql_row(connection: duckdb.DuckDBPyConnection, check: SqlStatement) -> dict
     try:
         bad = connection.execute(check.sql).to_arrow_table()
     except duckdb.Error as error:
-        raise StoreError(f"the check sql/checks/{check.name}.sql cannot be run: {error}; correct the file") from error
+        raise StoreError(f"the check {check.name} of sql/checks cannot be run: {error}; correct the file") from error
     return {
         "table_name": check.table,
         "expectation": f"sql:{check.name}",

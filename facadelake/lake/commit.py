@@ -52,10 +52,20 @@ def commit_campaign(
     inputs_sha256: str,
     lock_timeout_s: float = LOCK_TIMEOUT_S,
 ) -> CommitResult:
-    """Replace the campaign's rows of every table by the ones given, which have the run keys in front.
+    """Replace the campaign's rows of every table in one transaction.
 
-    Nothing is written where the campaign that is there came from the same inputs, code and configuration: ``changed``
-    is False and ``version`` the one that brought it, or regraded it since. Earlier versions stay readable.
+    Nothing is written where the lake's campaign was made of the same inputs, code and configuration: then ``changed`` is
+    False and ``version`` the one that committed or last regraded it. Earlier versions stay readable.
+
+    Args:
+        lake: folder of the lake; it is created if it does not exist.
+        building_id: the building.
+        campaign_id: the campaign.
+        run_id: the run.
+        tables: every table of ``schemas.tables.TABLES`` by name, with the run keys as first columns.
+        inputs_sha256: hash of the run's inputs, as in table ``runs``.
+        lock_timeout_s: seconds to wait for another process that writes the lake.
+
     Raises SchemaError for tables that are not as schemas/ declares, StoreError when the lake cannot be written (it
     then stays as it was).
     """

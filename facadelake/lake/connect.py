@@ -1,4 +1,4 @@
-"""Open a lake: DuckDB with a DuckLake catalog in SQLite and Parquet files beside it, without any download.
+"""Open a lake: DuckDB with a DuckLake catalog in SQLite and Parquet files, without downloads.
 
 A lake is a folder: ``catalog.sqlite`` (versions), ``tables/`` (Parquet), ``.lock`` (one writer at a time). The folder
 may be moved or copied as a whole while nobody writes.
@@ -21,7 +21,7 @@ CATALOG = "catalog.sqlite"
 DATA = "tables"
 LOCK = ".lock"
 LOCK_TIMEOUT_S = 600.0
-BUSY_TIMEOUT_MS = 30_000  # SQLite's own wait, for a reader that meets a commit and the other way round
+BUSY_TIMEOUT_MS = 30_000  # SQLite's wait of a reader for a commit, and of a commit for a reader
 _OPENING = "'facadelake sql history' lists its versions; check that its files are whole"
 LAKE_EXTENSIONS = ("sqlite_scanner", "ducklake")  # GEOMETRY is DuckDB's own; spatial is only for questions
 
@@ -37,7 +37,7 @@ def _attach(connection: duckdb.DuckDBPyConnection, folder: Path, options: str) -
 
 
 def recover(folder: Path) -> None:
-    """Let SQLite undo a commit that was killed half-way; without this a read-only opening of the catalog fails."""
+    """Let SQLite roll back an interrupted commit; else opening the catalog read-only fails."""
     if (folder / f"{CATALOG}-journal").exists():
         with closing(sqlite3.connect(folder / CATALOG, timeout=BUSY_TIMEOUT_MS / 1000)) as catalog:
             catalog.execute("SELECT count(*) FROM sqlite_master").fetchone()
@@ -50,7 +50,7 @@ def has_lake(folder: Path) -> bool:
 
 @contextmanager
 def open_to_read(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.DuckDBPyConnection]:
-    """A connection that can only read the lake ``folder``, now or as of an earlier version (see ``versions``).
+    """A read-only connection to the lake ``folder``, at the newest or an earlier version (see ``list_versions``).
 
     Raises StoreError where there is no lake, it is not readable, or it has no such version.
     """
@@ -70,7 +70,7 @@ def open_to_read(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.D
 
 @contextmanager
 def hold_lock(folder: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:
-    """The lake's write lock; the kernel frees it when its holder dies, so a stale file never blocks.
+    """The lake's write lock; the kernel releases it when its holder ends, so a stale file never blocks.
 
     Raises StoreError when another process holds it longer than ``timeout_s`` seconds.
     """
@@ -92,7 +92,7 @@ def hold_lock(folder: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[No
 
 @contextmanager
 def open_catalog_to_write(folder: Path) -> Iterator[duckdb.DuckDBPyConnection]:
-    """A connection that may write the lake ``folder``, which is made if need be; hold ``hold_lock`` around it."""
+    """A connection that may write the lake ``folder``, created if it does not exist; use it inside ``hold_lock``."""
     folder = folder.resolve()
     with wrap_store_errors(f"opening the lake {folder} for writing", "check the folder's rights and free space"):
         (folder / DATA).mkdir(parents=True, exist_ok=True)

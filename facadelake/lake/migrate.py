@@ -1,4 +1,4 @@
-"""The lake's tables are made and changed by numbered SQL files alone, applied in order under the lock."""
+"""Migrations: the lake's tables are created and altered by numbered SQL files only, in order, under the lock."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from facadelake.lake.connect import LOCK_TIMEOUT_S, hold_lock, open_catalog_to_w
 from facadelake.lake.transaction import run_transaction
 
 MIGRATIONS = locate_source("sql/migrations")
-# The one table that is not a migration's: it says which of them were applied.
+# The only table that no migration creates: it records those that were applied.
 LEDGER = """CREATE TABLE IF NOT EXISTS migrations (
     number BIGINT NOT NULL, name VARCHAR NOT NULL, applied_at TIMESTAMP WITH TIME ZONE NOT NULL)"""
 
@@ -48,7 +48,7 @@ def read_migrations(folder: Path = MIGRATIONS) -> tuple[Migration, ...]:
 
 
 def get_schema_version(connection: duckdb.DuckDBPyConnection) -> int:
-    """Number of the last migration applied to the attached lake; 0 for one just made."""
+    """Number of the last migration applied to the attached lake; 0 for a new one."""
     known = connection.execute(
         "SELECT count(*) FROM duckdb_tables() WHERE database_name = 'lake' AND table_name = 'migrations'"
     ).fetchone()
@@ -88,7 +88,7 @@ def migrate(connection: duckdb.DuckDBPyConnection, folder: Path = MIGRATIONS) ->
 
 @contextmanager
 def open_to_write(lake: Path, lock_timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[duckdb.DuckDBPyConnection]:
-    """A connection that alone may write the lake, which is made if need be and brought to the newest schema."""
+    """An exclusive connection to write the lake, created if it does not exist and migrated to the newest schema."""
     with hold_lock(lake, timeout_s=lock_timeout_s), open_catalog_to_write(lake) as connection:
         migrate(connection)
         yield connection

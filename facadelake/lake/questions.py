@@ -1,4 +1,4 @@
-"""The named questions of sql/questions/, each asked with bound parameters."""
+"""The stored questions of sql/questions/, answered with bound parameters."""
 
 from __future__ import annotations
 
@@ -14,14 +14,20 @@ from facadelake.lake.read import Value, query
 
 
 def list_questions() -> tuple[SqlStatement, ...]:
-    """The named questions, each with its grain, meaning and parameters."""
+    """The stored questions, each with its grain, meaning and parameters."""
     return read_statements(locate_source("sql/questions"))
 
 
 def answer_question(
     lake: Path, name: str, parameters: Mapping[str, Value] | None = None, *, as_of: int | None = None
 ) -> pa.Table:
-    """The answer to a named question; a parameter left out is NULL, which the question's header explains.
+    """The rows of a stored question.
+
+    Args:
+        lake: folder of the lake.
+        name: name of the question.
+        parameters: values by name; a parameter left out is NULL, as the header of the question explains.
+        as_of: an earlier version; None: the newest.
 
     Raises InputDataError for an unknown question or parameter.
     """

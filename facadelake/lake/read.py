@@ -1,4 +1,4 @@
-"""Read the lake, now or as of an earlier version: whole tables, or a SELECT; nothing here can write."""
+"""Read the lake at any version: whole tables, or a SELECT; nothing here can write."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ Value = str | int | float | bool | None
 
 
 def present_current_schema(connection: duckdb.DuckDBPyConnection, lake: Path) -> None:
-    """Show the tables of an earlier schema, of an old version or a lake not yet migrated, with today's columns.
+    """Present tables of an earlier schema (an old version, or a lake not yet migrated) with the current columns.
 
-    Views of ``sql/earlier/<schema version>/`` take the tables' names in this connection; the lake is not written.
+    Views of ``sql/earlier/<schema version>/`` shadow the tables in this connection; the lake is not written.
     Raises StoreError for a lake that a newer Facadelake has written.
     """
     with wrap_store_errors(f"reading the lake {lake}", "check that its files are whole"):
@@ -52,10 +52,16 @@ def read_table(
     campaign_id: str | None = None,
     as_of: int | None = None,
 ) -> pa.Table:
-    """Rows of table ``name`` ordered by its key, in the lake's columns; geometry is WKB (EPSG:4979).
+    """Rows of a table ordered by its key; geometry is WKB (EPSG:4979).
 
-    Without building or campaign all of them; without ``as_of`` the newest version. Raises SchemaError for a table
-    that there is not, StoreError for a lake that cannot be read or has no such version.
+    Args:
+        lake: folder of the lake.
+        name: the table.
+        building_id: only this building; None: all.
+        campaign_id: only this campaign; None: all.
+        as_of: an earlier version; None: the newest.
+
+    Raises SchemaError for an unknown table, StoreError for a lake that cannot be read or has no such version.
     """
     return read_tables(lake, [name], building_id=building_id, campaign_id=campaign_id, as_of=as_of)[name]
 
@@ -68,7 +74,7 @@ def read_tables(
     campaign_id: str | None = None,
     as_of: int | None = None,
 ) -> dict[str, pa.Table]:
-    """Several tables as ``read_table`` reads one, all of the same version, by name."""
+    """Several tables of the same version, by name; arguments as of ``read_table``."""
     unknown = [name for name in names if name not in LAKE_TABLES]
     if unknown:
         raise SchemaError(f"there is no table {', '.join(unknown)}; the tables are {', '.join(LAKE_TABLES)}")
@@ -119,9 +125,17 @@ def list_versions(lake: Path) -> pa.Table:
 
 
 def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *, as_of: int | None = None) -> pa.Table:
-    """Rows of one SELECT over the lake's tables and the views of sql/views/; geometry comes as WKB.
+    """Rows of one SELECT over the lake's tables and the views of sql/views/; geometry is WKB.
 
-    ``parameters`` are bound to ``$name``. Spatial functions (ST_...) work. Raises InputDataError for anything but a
+    Spatial functions (ST_...) are available.
+
+    Args:
+        lake: folder of the lake.
+        sql: the SELECT.
+        parameters: values bound to ``$name``.
+        as_of: an earlier version; None: the newest.
+
+    Raises InputDataError for anything but a
     SELECT over tables and views, or one that DuckDB cannot answer; StoreError where the lake cannot be read.
     """
     with open_sealed(lake, as_of) as connection:
@@ -139,7 +153,7 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
 
 @contextmanager
 def open_sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]:
-    """A reading connection with the views, that can open no file but the lake's own and cannot be reconfigured."""
+    """A read-only connection with the views that can open no other files and cannot be reconfigured."""
     with open_to_read(lake, as_of=as_of) as connection:
         present_current_schema(connection, lake)
         with wrap_store_errors(f"preparing the lake {lake} for questions", "check that its files are whole"):

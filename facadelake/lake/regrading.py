@@ -1,4 +1,4 @@
-"""Grade committed defects by another rule pack: a new version of the lake, the earlier ones stay as they were.
+"""Grade committed defects by another rule pack, as a new version of the lake; earlier versions are kept.
 
 Only severity, severity_rule and graded_by change; the run that measured the defects stays theirs, so a later inspection
 of unchanged inputs leaves the new grades alone. What a person has graded stays the person's.
@@ -28,7 +28,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class GradeChange:
-    """So many defects of a campaign go from one grade to another (each ``severity`` with its rule pack)."""
+    """Number of defects of a campaign that change from one grade to another, each ``severity`` with its rule pack."""
 
     campaign_id: str
     before: tuple[str, str]
@@ -38,8 +38,11 @@ class GradeChange:
 
 @dataclass(frozen=True, kw_only=True)
 class Regrading:
-    """What a rule pack changes: ``changes`` of the defects that change, how many stay because they have this grade
-    already or a person's, and ``version``, the lake's that holds the change (None: nothing was written)."""
+    """What a rule pack changes.
+
+    ``unchanged`` defects already have its grade, ``graded_by_person`` ones are kept; ``version`` of the lake has the
+    change (None: nothing was written).
+    """
 
     building_id: str
     rules: str
@@ -50,12 +53,18 @@ class Regrading:
 
     @property
     def campaigns(self) -> tuple[str, ...]:
-        """The campaigns that change."""
+        """The campaigns with changes."""
         return tuple(sorted({step.campaign_id for step in self.changes}))
 
 
 def preview_regrading(lake: Path, *, building_id: str, campaign_id: str | None, rule_file: Path) -> Regrading:
-    """What ``regrade`` would change; nothing is written. ``campaign_id`` None stands for all of the building.
+    """What ``regrade`` would change; nothing is written.
+
+    Args:
+        lake: folder of the lake.
+        building_id: the building.
+        campaign_id: the campaign; None: all of the building.
+        rule_file: the SQL file of the rule pack.
 
     Raises InputDataError where the lake has no such defects, and what ``grade`` and ``read_table`` raise.
     """
@@ -70,7 +79,14 @@ def regrade(
     rule_file: Path,
     lock_timeout_s: float = LOCK_TIMEOUT_S,
 ) -> Regrading:
-    """Grade the campaign (None: all of the building's) anew in one transaction; without a change none is made.
+    """Grade defects by a rule pack in one transaction; without a change no version is made.
+
+    Args:
+        lake: folder of the lake.
+        building_id: the building.
+        campaign_id: the campaign; None: all of the building.
+        rule_file: the SQL file of the rule pack.
+        lock_timeout_s: seconds to wait for another process that writes the lake.
 
     Raises as ``preview_regrading``, and StoreError when the lake cannot be written (it then stays as it was).
     """

@@ -1,7 +1,7 @@
-"""Words out of a corrected COCO file: what was kept, moved, deleted and drawn anew, beside what had been shown.
+"""Reviews from a corrected COCO file: its annotations are compared with the items that the reviewer was shown.
 
-Annotation tools number annotations anew and drop attributes they do not know, so that a box's place and class say what
-became of it; an attribute ``subject`` that came back decides where it is there.
+Annotation tools renumber annotations and drop attributes that they do not know. An annotation is therefore matched by
+its box and class; where it still has the attribute ``subject``, that decides.
 """
 
 from __future__ import annotations
@@ -26,28 +26,22 @@ from facadelake.detection.coco import (
     read_coco,
 )
 from facadelake.reviews.box_matching import compute_iou, corners_from_boxes, pair_greedily
-from facadelake.reviews.review import Review
+from facadelake.reviews.review import ParsedReviews, Review
 from facadelake.reviews.review_items import ReviewItem, ReviewProvenance, create_missed_review, create_review
 from facadelake.reviews.task_files import read_json
 from schemas.vocabulary import DefectClass, Verdict
 
 _log = logging.getLogger(__name__)
 
-_SAME_BOX_IOU_MIN = 0.3  # a box moved further than to this overlap is another one
-_UNCHANGED_IOU_MIN = 0.95  # a box, or mask, that still overlaps so far was left as it was (tools round)
-_UNCHANGED_PX = 1.0  # and a small one whose sides moved by a pixel at most
-
-
-@dataclass(frozen=True, kw_only=True)
-class ParsedReviews:
-    """Words that were understood, and remarks on what was not."""
-
-    reviews: tuple[Review, ...]
-    remarks: tuple[str, ...]
+_SAME_BOX_IOU_MIN = 0.3  # below it the box is another one
+_UNCHANGED_IOU_MIN = 0.95  # of box or mask: annotation tools round coordinates
+_UNCHANGED_PX = 1.0  # of a small box: its sides moved by a pixel at most
 
 
 @dataclass(frozen=True, kw_only=True)
 class _DrawnBox:
+    """A usable annotation: box in px of the photograph, mask in WKT, subject where the tool kept it."""
+
     photo_id: str
     box: Box
     defect_class: DefectClass
@@ -57,24 +51,37 @@ class _DrawnBox:
 
 def read_coco_reviews(
     file: Path,
-    shown: Sequence[ReviewItem],
+    items: Sequence[ReviewItem],
     sizes: Mapping[str, tuple[int, int]],
     crosswalk: Crosswalk,
-    said: ReviewProvenance,
+    provenance: ReviewProvenance,
     *,
     deletions_count: bool,
 ) -> ParsedReviews:
-    """Words of a corrected file on ``shown``, on the photographs (``sizes``: width, height in px by photo_id) it names.
+    """Compare the annotations of a corrected COCO file with ``items``, photograph by photograph.
 
-    A box left as it was is confirmed, a moved or renamed one corrected, a new one missed; one that is gone is rejected
-    where ``deletions_count``, which needs ``shown`` to be what the person was shown. A photograph that the file's
-    images lack was not looked at. Raises InputDataError for a file that is not COCO or names none of the photographs.
+    An unchanged box is confirmed, a moved or reclassified one corrected, a new one missed. A photograph that is not
+    among the file's images counts as not reviewed.
+
+    Args:
+        file: The COCO file as the annotation tool wrote it.
+        items: What the reviewer was shown.
+        sizes: (width, height) in px of the campaign's photographs, by photo_id.
+        crosswalk: Defect classes by class name.
+        provenance: Reviewer, time and run.
+        deletions_count: Reject an item without annotation. Requires that ``items`` are those of the exported task.
+
+    Returns:
+        The reviews, and remarks on images and annotations that cannot be used.
+
+    Raises:
+        InputDataError: The file is not COCO, or none of its images is a photograph of the campaign.
     """
     coco = read_coco(file)
     names = PhotoNames(sizes)
     matches = {image_id: names.match(image.file_name) for image_id, image in coco.images.items()}
     remarks = [match.reason for match in matches.values() if match.photo_id is None]
-    looked_at = set()
+    reviewed_photographs = set()
     for image_id, match in matches.items():
         if match.photo_id is None:
             continue
@@ -82,15 +89,15 @@ def read_coco_reviews(
         stated, (width, height) = (image.width_px, image.height_px), sizes[match.photo_id]
         if None not in stated and stated != (width, height):
             remarks.append(
-                f"the file says {match.photo_id} is {stated[0]:g} x {stated[1]:g} px, the photograph is {width} x "
-                f"{height} px: it was not taken as looked at; review the original, neither turned nor resized"
+                f"{match.photo_id} is {stated[0]:g} x {stated[1]:g} px in the file, but the photograph is {width} x "
+                f"{height} px: it counts as not reviewed; review the original, neither rotated nor resized"
             )
         else:
-            looked_at.add(match.photo_id)
-    if not looked_at:
+            reviewed_photographs.add(match.photo_id)
+    if not reviewed_photographs:
         raise InputDataError(
             f"{file}: none of its {len(coco.images)} images is a photograph of this campaign in its size "
-            f"({remarks[0] if remarks else 'it has no images'}); name the campaign that was reviewed"
+            f"({remarks[0] if remarks else 'the file has no images'}); give the campaign that was reviewed"
         )
     subjects = [_get_subject(entry) for entry in read_json(file)["annotations"]]
     drawn: dict[str, list[_DrawnBox]] = defaultdict(list)
@@ -99,64 +106,69 @@ def read_coco_reviews(
         if on is None or on.photo_id is None:
             remarks.append(f"annotation {annotation.annotation_id} is on none of the campaign's photographs")
             continue
-        if on.photo_id not in looked_at:
+        if on.photo_id not in reviewed_photographs:
             continue
-        source = coco.categories.get(annotation.category_id)
-        one = _parse_annotation(annotation, on.photo_id, source, sizes[on.photo_id], crosswalk, subject)
-        if isinstance(one, str):
-            remarks.append(f"annotation {annotation.annotation_id} on {on.photo_id}: {one}")
+        class_name = coco.categories.get(annotation.category_id)
+        parsed = _parse_annotation(annotation, on.photo_id, class_name, sizes[on.photo_id], crosswalk, subject)
+        if isinstance(parsed, str):
+            remarks.append(f"annotation {annotation.annotation_id} on {on.photo_id}: {parsed}")
         else:
-            drawn[on.photo_id].append(one)
+            drawn[on.photo_id].append(parsed)
     reviews: list[Review] = []
-    for photo_id in sorted(looked_at):
-        ours = [place for place in shown if place.photo_id == photo_id]
-        reviews += _review_photograph(photo_id, ours, drawn[photo_id], said, deletions_count)
-    _log.info("%s: %d words on %d photographs, %d remarks", file.name, len(reviews), len(looked_at), len(remarks))
+    for photo_id in sorted(reviewed_photographs):
+        items_of_photo = [item for item in items if item.photo_id == photo_id]
+        reviews += _review_photograph(photo_id, items_of_photo, drawn[photo_id], provenance, deletions_count)
+    _log.info(
+        "%s: %d reviews on %d photographs, %d remarks", file.name, len(reviews), len(reviewed_photographs), len(remarks)
+    )
     return ParsedReviews(reviews=tuple(reviews), remarks=tuple(remarks))
 
 
 def _review_photograph(
     photo_id: str,
-    shown: Sequence[ReviewItem],
+    items: Sequence[ReviewItem],
     drawn: Sequence[_DrawnBox],
-    said: ReviewProvenance,
+    provenance: ReviewProvenance,
     deletions_count: bool,
 ) -> list[Review]:
-    fit = compute_iou(corners_from_boxes(place.box for place in shown), corners_from_boxes(one.box for one in drawn))
-    for i, place in enumerate(shown):
+    scores = compute_iou(corners_from_boxes(item.box for item in items), corners_from_boxes(one.box for one in drawn))
+    for i, item in enumerate(items):
         for j, one in enumerate(drawn):
             if one.subject is not None:
-                fit[i, j] = 2.0 if one.subject == place.subject else 0.0
-            elif place.is_defect and fit[i, j] >= _SAME_BOX_IOU_MIN and one.defect_class is place.defect_class:
-                fit[i, j] += 0.1  # of two boxes at one place each keeps its class
-    pairs = pair_greedily(fit, _SAME_BOX_IOU_MIN)
-    kept = {pair.first: drawn[pair.second] for pair in pairs}
-    words = []
-    for i, place in enumerate(shown):
-        left = kept.get(i)
-        if left is None:
-            words += [create_review(place, Verdict.REJECTED, said)] if deletions_count and place.is_defect else []
-        elif _is_unchanged(place, left):
-            words.append(create_review(place, Verdict.CONFIRMED, said))
+                scores[i, j] = 2.0 if one.subject == item.subject else 0.0
+            elif item.is_defect and scores[i, j] >= _SAME_BOX_IOU_MIN and one.defect_class is item.defect_class:
+                scores[i, j] += 0.1  # of two boxes at one location each keeps its class
+    pairs = pair_greedily(scores, _SAME_BOX_IOU_MIN)
+    drawn_by_item = {pair.first: drawn[pair.second] for pair in pairs}
+    reviews = []
+    for i, item in enumerate(items):
+        match = drawn_by_item.get(i)
+        if match is None:
+            if deletions_count and item.is_defect:
+                reviews.append(create_review(item, Verdict.REJECTED, provenance))
+        elif _is_unchanged(item, match):
+            reviews.append(create_review(item, Verdict.CONFIRMED, provenance))
         else:
             corrected = create_review(
-                place, Verdict.CORRECTED, said, box=left.box, defect_class=left.defect_class, mask=left.mask
+                item, Verdict.CORRECTED, provenance, box=match.box, defect_class=match.defect_class, mask=match.mask
             )
-            words.append(corrected)
-    used = {pair.second for pair in pairs}
-    new = [one for j, one in enumerate(drawn) if j not in used]
-    return words + [create_missed_review(photo_id, one.box, one.defect_class, said, mask=one.mask) for one in new]
+            reviews.append(corrected)
+    paired = {pair.second for pair in pairs}
+    new = [one for j, one in enumerate(drawn) if j not in paired]
+    return reviews + [
+        create_missed_review(photo_id, one.box, one.defect_class, provenance, mask=one.mask) for one in new
+    ]
 
 
-def _is_unchanged(place: ReviewItem, one: _DrawnBox) -> bool:
-    if one.defect_class is not place.defect_class:
+def _is_unchanged(item: ReviewItem, drawn: _DrawnBox) -> bool:
+    if drawn.defect_class is not item.defect_class:
         return False
-    after = None if one.mask is None else polygons_from_wkt(one.mask)
+    after = None if drawn.mask is None else polygons_from_wkt(drawn.mask)
     if after is not None:
-        shown = None if place.mask is None else polygons_from_wkt(place.mask)
-        before = shapely.box(*corners_from_boxes([place.box])[0]) if shown is None else shown
+        exported = None if item.mask is None else polygons_from_wkt(item.mask)
+        before = shapely.box(*corners_from_boxes([item.box])[0]) if exported is None else exported
         return bool(before.intersection(after).area >= _UNCHANGED_IOU_MIN * before.union(after).area)
-    both = corners_from_boxes([place.box, one.box])
+    both = corners_from_boxes([item.box, drawn.box])
     return bool(
         abs(both[0] - both[1]).max() <= _UNCHANGED_PX or compute_iou(both[:1], both[1:])[0, 0] >= _UNCHANGED_IOU_MIN
     )
@@ -165,18 +177,18 @@ def _is_unchanged(place: ReviewItem, one: _DrawnBox) -> bool:
 def _parse_annotation(
     annotation: CocoAnnotation,
     photo_id: str,
-    source: str | None,
+    class_name: str | None,
     size: tuple[int, int],
     crosswalk: Crosswalk,
     subject: str | None,
 ) -> _DrawnBox | str:
-    """What a person drew, or why it cannot be used."""
-    defect_class = None if source is None else crosswalk.find_defect_class(source)
+    """The annotation as a box, or the reason why it cannot be used."""
+    defect_class = None if class_name is None else crosswalk.find_defect_class(class_name)
     if defect_class is None:
         return (
             f"category_id {annotation.category_id!r} has no name"
-            if source is None
-            else crosswalk.explain_unknown(source)
+            if class_name is None
+            else crosswalk.explain_unknown(class_name)
         )
     bbox = annotation.bbox
     if bbox is None:

@@ -1,4 +1,4 @@
-"""A task for reviewers: a campaign's detections as COCO for CVAT or Label Studio, and its defects as CSV."""
+"""Files of a review task: the detections as COCO for CVAT or Label Studio, the defects as CSV."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from facadelake.reviews.review_items import ReviewItem, polygons_from_wkt
 from schemas.vocabulary import DefectClass, Verdict
 
 COCO_FILE, CSV_FILE, PHOTOGRAPHS_FILE = "detections.coco.json", "defects.csv", "photographs.txt"
-INFO_KEY = "facadelake"  # key of a COCO file's info that holds what we need of it
+INFO_KEY = "facadelake"  # key under a COCO file's "info" of the task's own metadata
 COLUMNS = (
     "campaign_id", "run_id", "defect_id", "detection_id", "defect_class", "severity", "facade", "storey",
     "element_name", "photo_count", "score", "photo_id", "box_x_px", "box_y_px", "box_width_px", "box_height_px",
-    "last_word", "verdict", "corrected_class", "note",
+    "current_verdict", "verdict", "corrected_class", "note",
 )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewTask:
-    """What was shown, as the task's COCO file tells: of which run, on which photographs, which places."""
+    """A review task: the run whose results are reviewed, the photographs, and the items on them."""
 
     building_id: str
     campaign_id: str
@@ -39,17 +39,17 @@ class ReviewTask:
 
 
 def build_coco_task(task: ReviewTask, sizes: Mapping[str, tuple[int, int]], *, photographs_uri: str) -> dict[str, Any]:
-    """The task as COCO: ``sizes`` are (width, height) in px by photo_id; file names are the photo_ids.
+    """The task as the content of a COCO file; file names are the photo_ids.
 
-    What an annotation is about stands in its ``attributes``, which CVAT and Label Studio may drop: the way back does
-    not need them.
+    The item of an annotation is described in its ``attributes``. CVAT and Label Studio may drop these; the import does
+    not need them. ``sizes``: (width, height) in px by photo_id.
     """
     images = {photo_id: number for number, photo_id in enumerate(task.photographs, start=1)}
     categories = {defect_class: number for number, defect_class in enumerate(DefectClass, start=1)}
     return {
         "info": {
-            "description": f"{task.building_id} {task.campaign_id}: correct the boxes, delete what is no defect, add "
-            "what was missed",
+            "description": f"{task.building_id} {task.campaign_id}: correct the boxes, delete those without a defect, "
+            "add missed defects",
             INFO_KEY: {
                 "building_id": task.building_id,
                 "campaign_id": task.campaign_id,
@@ -65,39 +65,39 @@ def build_coco_task(task: ReviewTask, sizes: Mapping[str, tuple[int, int]], *, p
         "annotations": [
             {
                 "id": number,
-                "image_id": images[place.photo_id],
-                "category_id": categories[place.defect_class],
-                "bbox": _bbox_from_box(place.box),
-                "area": round(place.box.width_px * place.box.height_px, 2),
+                "image_id": images[item.photo_id],
+                "category_id": categories[item.defect_class],
+                "bbox": _bbox_from_box(item.box),
+                "area": round(item.box.width_px * item.box.height_px, 2),
                 "iscrowd": 0,
-                "segmentation": polygons_from_wkt(place.mask),
-                "score": round(place.score, 4),
+                "segmentation": polygons_from_wkt(item.mask),
+                "score": round(item.score, 4),
                 "attributes": {
-                    "subject": place.subject,
-                    "detection_id": place.detection_id,
-                    "defect_id": place.defect_id,
-                    "detector_sha256": place.detector_sha256,
-                    "reviewed_box": None if place.reviewed_box is None else _bbox_from_box(place.reviewed_box),
-                    "reviewed_class": place.reviewed_class,
-                    "verdict": place.verdict,
+                    "subject": item.subject,
+                    "detection_id": item.detection_id,
+                    "defect_id": item.defect_id,
+                    "detector_sha256": item.detector_sha256,
+                    "reviewed_box": None if item.reviewed_box is None else _bbox_from_box(item.reviewed_box),
+                    "reviewed_class": item.reviewed_class,
+                    "verdict": item.verdict,
                 },
             }
-            for number, place in enumerate(task.items, start=1)
+            for number, item in enumerate(task.items, start=1)
         ],
     }
 
 
 def read_task(path: Path) -> ReviewTask:
-    """The task that ``build_coco_task`` wrote. Raises InputDataError for another file."""
+    """Read the COCO file of an exported task. Raises InputDataError for another file."""
     content = read_json(path)
     try:
-        ours = content["info"][INFO_KEY]
+        info = content["info"][INFO_KEY]
         names = {image["id"]: image["file_name"] for image in content["images"]}
         classes = {category["id"]: DefectClass(category["name"]) for category in content["categories"]}
         return ReviewTask(
-            building_id=ours["building_id"],
-            campaign_id=ours["campaign_id"],
-            run_id=ours["run_id"],
+            building_id=info["building_id"],
+            campaign_id=info["campaign_id"],
+            run_id=info["run_id"],
             photographs=tuple(names.values()),
             items=tuple(
                 _item_from_annotation(entry, names[entry["image_id"]], classes[entry["category_id"]])
@@ -106,13 +106,13 @@ def read_task(path: Path) -> ReviewTask:
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputDataError(
-            f"{path} is not a task of 'facadelake review export-task' (it lacks or misstates {error}); name the file "
-            f"{COCO_FILE} as it was exported, not the one that was corrected"
+            f"{path} is not a task of 'facadelake review export-task' (missing or wrong: {error}); give the file "
+            f"{COCO_FILE} as it was exported, not the corrected one"
         ) from error
 
 
 def read_json(path: Path) -> Any:
-    """A JSON file's content. Raises InputDataError where there is none."""
+    """Read a JSON file. Raises InputDataError where it cannot be read."""
     try:
         return json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
@@ -120,26 +120,25 @@ def read_json(path: Path) -> Any:
 
 
 def format_defects_csv(
-    task: ReviewTask, defects: Sequence[Mapping[str, Any]], sightings: Mapping[str, Sequence[ReviewItem]]
+    task: ReviewTask, defects: Sequence[Mapping[str, Any]], items_by_defect: Mapping[str, Sequence[ReviewItem]]
 ) -> str:
-    """One line for each defect, to fill in: ``verdict`` confirmed, rejected or corrected, left empty where not looked.
+    """One line for each defect with an item; the reviewer fills in ``verdict`` (confirmed, rejected or corrected).
 
-    ``defects`` are rows of that table; ``sightings`` the shown places of each, of which the best photograph's is named.
+    ``defects``: rows of that table. ``items_by_defect``: the task's items of each; the one in the best photograph is
+    written.
     """
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, restval="", lineterminator="\n")
     writer.writeheader()
     for row in defects:
-        places = sightings.get(row["defect_id"], ())
-        best = next(
-            (place for place in places if place.photo_id == row["best_photo_id"]), places[0] if places else None
-        )
+        items = items_by_defect.get(row["defect_id"], ())
+        best = next((item for item in items if item.photo_id == row["best_photo_id"]), items[0] if items else None)
         if best is None:
             continue
-        words = sorted({str(place.verdict) for place in places if place.verdict is not None})
+        verdicts = sorted({str(item.verdict) for item in items if item.verdict is not None})
         cells = {name: row.get(name) for name in COLUMNS}
         cells |= {"run_id": task.run_id, "campaign_id": task.campaign_id, "photo_id": best.photo_id}
-        cells |= {"score": f"{row['score']:.3f}", "detection_id": "", "last_word": ", ".join(words)}
+        cells |= {"score": f"{row['score']:.3f}", "detection_id": "", "current_verdict": ", ".join(verdicts)}
         cells |= dict(zip(COLUMNS[12:16], _bbox_from_box(best.box), strict=True))
         writer.writerow(cells)
     return out.getvalue()
@@ -148,26 +147,39 @@ def format_defects_csv(
 def write_task(
     folder: Path, content: Mapping[str, Any], table: str, photographs: Sequence[Path]
 ) -> tuple[Path, Path, Path]:
-    """The task's three files in ``folder``. Raises InputDataError where there is another task, StoreError where the
-    disk fails."""
+    """Write the task's three files.
+
+    Args:
+        folder: Folder to write to; made where it does not exist.
+        content: Content of the COCO file.
+        table: Text of the CSV file.
+        photographs: Paths of the photographs, for the list.
+
+    Returns:
+        Paths of the COCO file, the CSV file and the list.
+
+    Raises:
+        InputDataError: The folder holds a task already.
+        StoreError: The files cannot be written.
+    """
     paths = (folder / COCO_FILE, folder / CSV_FILE, folder / PHOTOGRAPHS_FILE)
-    there = [path.name for path in paths if path.exists()]
-    if there:
+    existing = [path.name for path in paths if path.exists()]
+    if existing:
         raise InputDataError(
-            f"{folder} holds a task already ({', '.join(there)}), which may have been worked on; give another folder, "
+            f"{folder} holds a task already ({', '.join(existing)}), which may have been edited; give another folder, "
             "or remove it"
         )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         paths[0].write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        paths[1].write_text(table, encoding="utf-8-sig")  # spreadsheets take it for UTF-8 by its mark
+        paths[1].write_text(table, encoding="utf-8-sig")  # spreadsheets recognise UTF-8 by the byte order mark
         paths[2].write_text("".join(f"{path}\n" for path in photographs), encoding="utf-8")
     except OSError as error:
-        raise StoreError(f"the task cannot be written to {folder}: {error}; give a folder you may write to") from error
+        raise StoreError(f"the task cannot be written to {folder}: {error}; give a writable folder") from error
     return paths
 
 
-# Attributes of task files that were written before schema version 2 and may still be with a reviewer.
+# Attributes of task files that were written before schema version 2; a reviewer may still have such a file.
 _EARLIER_NAMES = {"judged_box": "reviewed_box", "judged_class": "reviewed_class", "last_word": "verdict"}
 
 
@@ -176,26 +188,26 @@ def _bbox_from_box(box: Box) -> list[float]:
 
 
 def _item_from_annotation(entry: Mapping[str, Any], photo_id: str, defect_class: DefectClass) -> ReviewItem:
-    about = {_EARLIER_NAMES.get(name, name): value for name, value in entry["attributes"].items()}
+    attributes = {_EARLIER_NAMES.get(name, name): value for name, value in entry["attributes"].items()}
     sides = ("x_px", "y_px", "width_px", "height_px")
-    judged = about["reviewed_box"]
+    reviewed = attributes["reviewed_box"]
     box = box_from_row({f"box_{side}": value for side, value in zip(sides, entry["bbox"], strict=True)})
     if box is None:
         raise ValueError("bbox")
     rings = entry["segmentation"]
     return ReviewItem(
-        subject=about["subject"],
+        subject=attributes["subject"],
         photo_id=photo_id,
         defect_class=defect_class,
         box=box,
         mask=_wkt_from_rings(rings) if rings else None,
         score=entry["score"],
-        detection_id=about["detection_id"],
-        defect_id=about["defect_id"],
-        detector_sha256=about["detector_sha256"],
-        reviewed_box=None if judged is None else Box(**dict(zip(sides, judged, strict=True))),
-        reviewed_class=None if about["reviewed_class"] is None else DefectClass(about["reviewed_class"]),
-        verdict=None if about["verdict"] is None else Verdict(about["verdict"]),
+        detection_id=attributes["detection_id"],
+        defect_id=attributes["defect_id"],
+        detector_sha256=attributes["detector_sha256"],
+        reviewed_box=None if reviewed is None else Box(**dict(zip(sides, reviewed, strict=True))),
+        reviewed_class=None if attributes["reviewed_class"] is None else DefectClass(attributes["reviewed_class"]),
+        verdict=None if attributes["verdict"] is None else Verdict(attributes["verdict"]),
     )
 
 

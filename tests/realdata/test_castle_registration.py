@@ -25,7 +25,7 @@ from facadelake.detection.coco.import_detections import import_coco
 from facadelake.evaluation.campaigns.evaluate import evaluate
 from facadelake.evaluation.campaigns.figures import CampaignFigures
 from facadelake.georeferencing.imported.placement import ImportedPlacement, place_imported_poses
-from facadelake.georeferencing.imported.read import read_poses
+from facadelake.georeferencing.imported.pose_files import read_poses
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.photos.ingest import ingest_photographs
 from facadelake.registration.observation import observe_detections

@@ -8,7 +8,11 @@ import pytest
 
 from facadelake.core.camera import Camera
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block, compute_held_out_residuals
-from facadelake.georeferencing.adjustment.evidence import ControlObservations, MarkedPoints, SurfaceConstraint
+from facadelake.georeferencing.adjustment.control_observations import (
+    ControlObservations,
+    MarkedPoints,
+    SurfaceConstraint,
+)
 from facadelake.georeferencing.adjustment.linearise import ParameterIndex
 from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
 from facadelake.georeferencing.adjustment.projection import lens_from_camera

@@ -54,7 +54,7 @@ PLANTED = [
     ),
     (
         "No circles inside packages",
-        "facadelake.georeferencing.starts",
+        "facadelake.georeferencing.initial_placement",
         "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import facadelake.georeferencing.georeference",
         "No cycles are allowed in facadelake.georeferencing.",
     ),

@@ -227,6 +227,6 @@ def _refuse_if_none_accepted(
         return
     raise InputDataError(
         f"detections file {coco.path}: none of its {len(decisions)} boxes is on an accepted photograph of the "
-        f"campaign's {campaign_count} (first: {decisions[0].reason}); give the detections of this campaign, with file_name "
-        "ending as the photographs' paths do"
+        f"campaign's {campaign_count} (first: {decisions[0].reason}); give the detections of this campaign, "
+        "with file_name ending as the photographs' paths do"
     )

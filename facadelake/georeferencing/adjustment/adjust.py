@@ -10,7 +10,7 @@ import numpy as np
 from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.evidence import (
+from facadelake.georeferencing.adjustment.control_observations import (
     ControlObservations,
     MarkedPoints,
     SurfaceConstraint,
@@ -24,7 +24,7 @@ from facadelake.georeferencing.adjustment.linearise import (
     compute_reprojection_residuals,
     initialise_state,
 )
-from facadelake.georeferencing.adjustment.model_terms import build_empty_terms, match_points_to_surface
+from facadelake.georeferencing.adjustment.point_to_plane import build_empty_terms, match_points_to_surface
 from facadelake.georeferencing.adjustment.problem import AdjustmentProblem, Block, ImagePoints, PointPriors
 from facadelake.georeferencing.adjustment.projection import LENS_PARAMETERS, camera_from_lens
 from facadelake.georeferencing.adjustment.solve import CONVERGED_M, Solution, compute_covariance, solve_adjustment

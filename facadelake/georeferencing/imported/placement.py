@@ -17,9 +17,9 @@ from facadelake.core.frames import Similarity
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints
-from facadelake.georeferencing.imported.checks import SurfaceLike, check_plausibility
-from facadelake.georeferencing.imported.evidence import ImportValidation, validate_imported_poses
+from facadelake.georeferencing.imported.plausibility import SurfaceLike, check_plausibility
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
+from facadelake.georeferencing.imported.validation import ImportValidation, validate_imported_poses
 from facadelake.georeferencing.passport import build_points_table, require_accuracy
 from facadelake.georeferencing.poses_table import build_pose_columns
 from facadelake.georeferencing.site_frame import SiteFrame

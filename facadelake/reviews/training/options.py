@@ -10,21 +10,21 @@ from facadelake.core.errors import InputDataError
 
 
 class TrainingLabelFormat(StrEnum):
-    """How labels are written."""
+    """The format of the label files."""
 
     COCO = "coco"
     YOLO = "yolo"
 
 
 class PictureMode(StrEnum):
-    """What the set's pictures are: tiles about reviewed places, or whole photographs, copied or linked."""
+    """The set's pictures: tiles around the reviewed locations, or whole photographs, copied or linked."""
 
     TILES = "tiles"
     COPY = "copy"
     LINK = "link"
 
 
-VAL_SHARE, TEST_SHARE = 0.15, 0.15  # of all buildings there may ever be
+VAL_SHARE, TEST_SHARE = 0.15, 0.15  # expected shares of buildings
 
 
 class Split(StrEnum):
@@ -36,23 +36,24 @@ class Split(StrEnum):
 
 
 def choose_split(building_id: str, chosen: Mapping[str, Split]) -> Split:
-    """The building's split: the one ``chosen``, else by the hash of its id, which never changes as buildings join."""
+    """The building's split: the one ``chosen``, else by the hash of its id, so that it stays when buildings are added."""
     if building_id in chosen:
         return chosen[building_id]
-    place = int.from_bytes(hashlib.sha256(building_id.encode()).digest()[:8], "big") / 2**64
-    if place < TEST_SHARE:
+    position = int.from_bytes(hashlib.sha256(building_id.encode()).digest()[:8], "big") / 2**64
+    if position < TEST_SHARE:
         return Split.TEST
-    return Split.VAL if place < TEST_SHARE + VAL_SHARE else Split.TRAIN
+    return Split.VAL if position < TEST_SHARE + VAL_SHARE else Split.TRAIN
 
 
-def parse_splits(words: tuple[str, ...]) -> dict[str, Split]:
-    """``castle=test`` and the like as splits by building. Raises InputDataError for anything else."""
+def parse_splits(texts: tuple[str, ...]) -> dict[str, Split]:
+    """Splits by building from texts such as ``castle=test``. Raises InputDataError for another form or two splits of a
+    building."""
     chosen: dict[str, Split] = {}
-    for word in words:
-        building, equals, name = word.partition("=")
+    for text in texts:
+        building, equals, name = text.partition("=")
         if not equals or not building or name not in set(Split):
-            raise InputDataError(f"--split '{word}' is not BUILDING=SPLIT with a split of {', '.join(Split)}")
+            raise InputDataError(f"--split '{text}' is not BUILDING=SPLIT with a split of {', '.join(Split)}")
         if chosen.get(building, name) != name:
-            raise InputDataError(f"--split puts '{building}' into {chosen[building]} and {name}; choose one")
+            raise InputDataError(f"--split assigns '{building}' to {chosen[building]} and {name}; choose one")
         chosen[building] = Split(name)
     return chosen

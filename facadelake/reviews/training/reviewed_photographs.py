@@ -1,4 +1,4 @@
-"""What of a photograph a model may learn: defects, places that are none, and places of which nobody has spoken."""
+"""Reviewed photographs of a campaign: their defects, rejected boxes and detections without a review."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from schemas.vocabulary import DefectClass
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingBox:
-    """A defect that a person confirmed, corrected or drew; ``mask`` is a shapely polygon or None."""
+    """A confirmed, corrected or missed defect; ``box`` in px, ``mask`` a shapely polygon in the same pixels or None."""
 
     box: Box
     defect_class: DefectClass
@@ -23,7 +23,7 @@ class TrainingBox:
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewedPhotograph:
-    """A photograph as reviewed: ``defects``, ``rejected`` boxes, and boxes of detections that nobody looked at."""
+    """A photograph with a review: its ``defects``, ``rejected`` boxes, and the boxes of ``unreviewed`` detections."""
 
     photo_id: str
     defects: tuple[TrainingBox, ...]
@@ -38,25 +38,25 @@ class _PhotographBoxes:
     unreviewed: list[Box] = field(default_factory=list)
 
 
-def collect_reviewed_photographs(judgement: ReviewStatus) -> tuple[ReviewedPhotograph, ...]:
-    """The photographs that someone has spoken of, in order."""
+def collect_reviewed_photographs(status: ReviewStatus) -> tuple[ReviewedPhotograph, ...]:
+    """The photographs with a review, sorted by photo_id."""
     photographs: dict[str, _PhotographBoxes] = defaultdict(_PhotographBoxes)
-    for one in judgement.current:
-        word, there = one.review, photographs[one.review.photo_id]
-        if word.box is None or word.defect_class is None:
-            there.rejected.append(word.effective_box)
+    for matched in status.current:
+        review, boxes = matched.review, photographs[matched.review.photo_id]
+        if review.box is None or review.defect_class is None:
+            boxes.rejected.append(review.effective_box)
             continue
-        mask = None if word.mask is None else polygons_from_wkt(word.mask)
-        there.defects.append(TrainingBox(box=word.box, defect_class=word.defect_class, mask=mask))
-    for detection in judgement.unreviewed:
+        mask = None if review.mask is None else polygons_from_wkt(review.mask)
+        boxes.defects.append(TrainingBox(box=review.box, defect_class=review.defect_class, mask=mask))
+    for detection in status.unreviewed:
         if detection.photo_id in photographs:
             photographs[detection.photo_id].unreviewed.append(detection.box)
     return tuple(
         ReviewedPhotograph(
             photo_id=photo_id,
-            defects=tuple(there.defects),
-            rejected=tuple(there.rejected),
-            unreviewed=tuple(there.unreviewed),
+            defects=tuple(boxes.defects),
+            rejected=tuple(boxes.rejected),
+            unreviewed=tuple(boxes.unreviewed),
         )
-        for photo_id, there in sorted(photographs.items())
+        for photo_id, boxes in sorted(photographs.items())
     )

@@ -56,7 +56,7 @@ UNRELATED = [
     ("demo", "facadelake/demo/generate.py", STAGES),
     ("publishing", "facadelake/publish/geopackage.py", STAGES),
     ("question", "sql/questions/passport.sql", STAGES),
-    ("placing a block", "facadelake/georeferencing/starts.py", ["reconstruct", "ingest", "load_model"]),
+    ("placing a block", "facadelake/georeferencing/initial_placement.py", ["reconstruct", "ingest", "load_model"]),
     ("merging", "facadelake/deduplication/merge.py", ["register", "georeference", "reconstruct"]),
     ("the portfolio's model", "data/detector/facadelake-nano.card.yaml", STAGES),
     ("a note beside the code", "facadelake/sfm/NOTES.txt", STAGES),

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.evidence import MarkedPoints
+from facadelake.georeferencing.adjustment.control_observations import MarkedPoints
 from facadelake.georeferencing.adjustment.linearise import AdjustmentState
-from facadelake.georeferencing.adjustment.model_terms import build_empty_terms
+from facadelake.georeferencing.adjustment.point_to_plane import build_empty_terms
 from facadelake.georeferencing.adjustment.problem import (
     AdjustmentProblem,
     AttitudeTerms,

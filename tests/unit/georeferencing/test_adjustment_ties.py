@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from facadelake.georeferencing.adjustment.linearise import AdjustmentState, initialise_state
-from facadelake.georeferencing.adjustment.model_terms import match_points_to_surface
+from facadelake.georeferencing.adjustment.point_to_plane import match_points_to_surface
 from facadelake.georeferencing.adjustment.tie_points import (
     TiePointSelection,
     build_block,

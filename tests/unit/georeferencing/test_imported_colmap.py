@@ -10,7 +10,7 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.georeferencing.imported.colmap import read_colmap_text
-from facadelake.georeferencing.imported.read import read_poses
+from facadelake.georeferencing.imported.pose_files import read_poses
 from tests.unit.georeferencing.imported_wall import CENTRES, LOOKS_NORTH, NAMES, ORIGIN, PLACE, write
 
 CAMERAS = """# Camera list with one line of data per camera:

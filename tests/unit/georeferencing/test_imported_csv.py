@@ -9,8 +9,8 @@ import pyproj
 import pytest
 
 from facadelake.core.errors import InputDataError
+from facadelake.georeferencing.imported.pose_files import read_poses
 from facadelake.georeferencing.imported.poses_csv import read_poses_csv
-from facadelake.georeferencing.imported.read import read_poses
 from tests.unit.georeferencing.imported_wall import (
     CENTRES,
     LENS,

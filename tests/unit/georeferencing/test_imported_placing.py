@@ -12,7 +12,7 @@ from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.georeferencing.gcp.control_points import ImageMark, SurveyedPoint, SurveyedPoints
 from facadelake.georeferencing.imported.placement import SIGMA_POSITION_M, ImportedPlacement, place_imported_poses
-from facadelake.georeferencing.imported.read import read_poses
+from facadelake.georeferencing.imported.pose_files import read_poses
 from tests.unit.georeferencing.imported_wall import CENTRES, NAMES, ORIGIN, PLACE, geo, geo_csv, photos, wall, write
 
 

@@ -9,7 +9,7 @@ import pytest
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block
-from facadelake.georeferencing.adjustment.evidence import ControlObservations
+from facadelake.georeferencing.adjustment.control_observations import ControlObservations
 from facadelake.georeferencing.passport import PassportPoint, build_points_table, compare_with_model, require_accuracy
 from schemas.vocabulary import ControlKind, PointKind
 from tests.unit.georeferencing.small_block import (

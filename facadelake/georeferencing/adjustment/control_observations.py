@@ -9,7 +9,7 @@ import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
 from facadelake.core.camera import Camera
-from facadelake.georeferencing.adjustment.model_terms import RaySurface
+from facadelake.georeferencing.adjustment.point_to_plane import RaySurface
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
 
 # What is known of a lens before it is adjusted (LENS_TERMS' order); focal length and principal point are relative to

@@ -11,7 +11,7 @@ from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
-from facadelake.georeferencing.adjustment.evidence import MarkedPoints, SharedTiePoints, SurfaceConstraint
+from facadelake.georeferencing.adjustment.control_observations import MarkedPoints, SharedTiePoints, SurfaceConstraint
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
