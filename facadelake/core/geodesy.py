@@ -16,7 +16,7 @@ from pyproj import network
 from pyproj.exceptions import CRSError
 from pyproj.transformer import TransformerGroup
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Nx3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 
@@ -50,15 +50,15 @@ class SiteOrigin:
         xyz = transform(np.array([[self.lon_deg, self.lat_deg, self.height_ellipsoidal_m]]), GEO, ECEF)[0]
         return Similarity(rotation=np.array([east, north, up]).T, translation=xyz)
 
-    def site_from_geo(self, lon_lat_height: Float64Array) -> Float64Array:
+    def site_from_geo(self, lon_lat_height: Float64Nx3) -> Float64Nx3:
         """Points (n, 3) in ``site``, metres, of EPSG:4979 points (n, 3: lon_deg, lat_deg, height_ellipsoidal_m)."""
         return self.ecef_from_site().invert().apply(transform(lon_lat_height, GEO, ECEF))
 
-    def geo_from_site(self, xyz_site_m: Float64Array) -> Float64Array:
+    def geo_from_site(self, xyz_site_m: Float64Nx3) -> Float64Nx3:
         """EPSG:4979 points (n, 3: lon_deg, lat_deg, height_ellipsoidal_m) of points (n, 3) in ``site``, metres."""
         return transform(self.ecef_from_site().apply(xyz_site_m), ECEF, GEO)
 
-    def map_from_site(self, xyz_site_m: Float64Array, map_crs: str) -> Float64Array:
+    def map_from_site(self, xyz_site_m: Float64Nx3, map_crs: str) -> Float64Nx3:
         """East, north and height (n, 3) in ``map_crs`` of points (n, 3) in ``site``, metres.
 
         The height is ellipsoidal where ``map_crs`` is a horizontal CRS ("EPSG:25832"), and refers to the vertical datum
@@ -109,7 +109,7 @@ def _select_transformer(source: str, target: str) -> pyproj.Transformer:
     return group.transformers[0]
 
 
-def transform(points: Float64Array, source: str, target: str) -> Float64Array:
+def transform(points: Float64Nx3, source: str, target: str) -> Float64Nx3:
     """Transform points (n, 3) between CRSs, in the order lon, lat or east, north whatever the axis order of the CRS.
 
     Raises GeoreferenceError where no transformation is available, or a point lies outside the domain of the CRS.
