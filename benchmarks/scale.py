@@ -176,7 +176,7 @@ def features(names: list[str]) -> None:
     for name in names:
         figures = apart("measure_reconstruction", str(PHOTOGRAPHS[name]))
         for step, wall, cpu, peak in figures["steps"]:
-            per = {"Finding features": ("photographs", "photographs"), "Comparing photographs": ("pairs", "pairs")}
+            per = {"Extracting features": ("photographs", "photographs"), "Matching features": ("pairs", "pairs")}
             rate = f"{figures[per[step][0]] / cpu:.2f} {per[step][1]}/s" if step in per else ""
             print(f"| {name} | {step} | {wall:.1f} | {cpu:.1f} | {rate} | {peak:.0f} |", flush=True)
 
@@ -250,9 +250,9 @@ def measure_defaults(photographs: str) -> dict[str, Any]:
         whole = Cost()
         models: dict[int, Any] = {}
         for name, work in (
-            ("Finding features", lambda: pycolmap.extract_features(path, photographs)),
-            ("Comparing photographs", lambda: pycolmap.match_exhaustive(path)),
-            ("Placing photographs", lambda: models.update(pycolmap.incremental_mapping(path, photographs, folder))),
+            ("Extracting features", lambda: pycolmap.extract_features(path, photographs)),
+            ("Matching features", lambda: pycolmap.match_exhaustive(path)),
+            ("Mapping photographs", lambda: models.update(pycolmap.incremental_mapping(path, photographs, folder))),
         ):
             cost = Cost()
             work()

@@ -104,9 +104,8 @@ def _describe_crash(code: int, log_path: Path) -> str:
     else:
         cause = f"exited with status {code}"
     tail = log_path.read_text(encoding="utf-8", errors="replace").splitlines()[-_LOG_TAIL_LINES:]
-    return "\n".join(
-        [f"the reconstruction process {cause}; a new run resumes where it stopped. End of its log:", *tail]
-    )
+    message = f"the reconstruction process {cause}; a new run resumes where it stopped. End of its log:"
+    return "\n".join([message, *tail])
 
 
 @contextmanager

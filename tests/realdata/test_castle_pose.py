@@ -86,9 +86,9 @@ def test_every_camera_is_placed_and_the_block_keeps_its_shape(block: Block) -> N
     off = np.linalg.norm(fit.apply(block.reconstruction.centres_sfm) - block.centres_site_m, axis=1)
     assert 0.001 < off.mean() < 0.15  # m
     assert 0.1 < block.reconstruction.mean_reprojection_error_px < 1.2  # px of the photograph as stored
-    sometimes = ("Joining blocks", "Placing the rest")  # where the first placing leaves some photographs apart
+    sometimes = ("Joining blocks", "Resecting photographs")  # where the first placing leaves some photographs apart
     assert [cost.step for cost in block.reconstruction.costs if cost.step not in sometimes] == [
-        "Finding features", "Comparing photographs", "Placing photographs", "Adjusting the block",
+        "Extracting features", "Matching features", "Mapping photographs", "Adjusting the block",
     ]  # fmt: skip
     assert not list((block.folder / "sfm").glob("features.db*"))  # hundreds of megabytes nobody reads again
 

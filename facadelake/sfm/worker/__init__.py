@@ -1,6 +1,6 @@
-"""The process of its own in which pycolmap works: ``python -m facadelake.sfm.worker JOB.json``.
+"""The process in which pycolmap runs: ``python -m facadelake.sfm.worker JOB.json``.
 
-Why apart: in one process with OpenCV or Pillow, pycolmap's zlib meets theirs and writing a PNG aborts ("double
-free"); native crashes and memory stay here too. So nothing in this package deflates anything, and nothing outside
-imports pycolmap.
+Reason: in one process with OpenCV or Pillow, two versions of zlib collide and writing a PNG aborts ("double free"). The
+process also contains native crashes and frees its memory at its end. Therefore no module here compresses anything or
+imports OpenCV, Pillow or Open3D, and no module outside imports pycolmap.
 """

@@ -1,4 +1,4 @@
-"""Entry of the worker process: read the job, do it, report on standard output, one JSON object a line."""
+"""Entry point of the worker process: read the job, run it, report events on standard output, one JSON object a line."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _PR_SET_PDEATHSIG = 1
 
 
 def _end_with_parent(parent: int) -> None:
-    """Ask the kernel (Linux) to end this process when the one that started it dies; a half-dead run holds gigabytes."""
+    """Ask the kernel (Linux) to end this process when its parent dies: an orphan would hold gigabytes."""
     ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
-        sys.exit("the starting process is gone")
+        sys.exit("the parent process has ended")
 
 
 def main(job_path: Path) -> int:
-    """Do the job; 0 done, 2 refused (the reason was reported)."""
+    """Run the job; returns 0 on success, 2 where the photographs were refused (the reason was reported)."""
     job: dict[str, Any] = json.loads(job_path.read_text(encoding="utf-8"))
     _end_with_parent(job["parent"])
     report = ProgressReport.take_standard_output()

@@ -1,4 +1,4 @@
-"""Database, features and verified matches; work that a killed run finished is not done again."""
+"""The database of features and verified matches; what an interrupted run finished is not repeated."""
 
 from __future__ import annotations
 
@@ -18,42 +18,45 @@ from facadelake.sfm.worker.report import ProgressReport
 T = TypeVar("T")
 Pairs = Sequence[tuple[int, int]]
 
-# How many pairs one call compares: few enough for a moving bar and little to repeat, enough to reuse search indices.
+# Pairs per call: few enough for steady progress and little to repeat, enough to reuse search indices.
 _PAIRS_PER_BATCH = 100
 # With fewer photographs of one camera, four distortion terms and two focal lengths are not determined.
 _MIN_PHOTOS_FOR_OPENCV_MODEL = 4
-# Held for each thread while features are found. Measured on photographs of 48 Mpx at 2000 px: 220 MB, which is what
-# decoding takes (3 bytes a pixel) and the scale space of the reduced photograph; allowed here: 400 MB.
+# Memory of each thread while features are extracted. Measured on photographs of 48 Mpx at 2000 px: 220 MB, for the
+# decoded photograph (3 bytes a pixel) and the scale space of the reduced one; 400 MB are allowed here.
 _BYTES_PER_DECODED_PIXEL = 5
 _BYTES_PER_SCALE_SPACE_PIXEL = 40
 _SHARE_OF_FREE_MEMORY = 0.5
 
 
 def _split_into_batches(items: Sequence[T], size: int) -> Iterator[Sequence[T]]:
+    """Consecutive batches of ``size`` items."""
     for start in range(0, len(items), size):
         yield items[start : start + size]
 
 
 def open_database(job: dict[str, Any], path: Path) -> dict[int, int]:
-    """The database of the job's photographs, new or as a killed run left it; returns index in the job -> image id.
+    """The database of the job's photographs, new or as an interrupted run left it; returns index in the job -> image
+    id.
 
-    The folder that ``path`` lies in belongs to the job: where there is no sound database, all that it holds is removed.
-    It is filled under another name and renamed, so that it is never found half filled; one that a crash of the machine
-    damaged is made anew. COLMAP writes each photograph and each pair in a transaction of SQLite.
+    The folder of ``path`` belongs to the job: where it has no intact database, all its content is removed. A new
+    database is filled under another name and renamed, so that it is never found incomplete; one damaged by a crash of
+    the machine is replaced. COLMAP writes each photograph and each pair in one transaction of SQLite.
     """
     if not _is_sound(path):
-        for left in path.parent.iterdir():  # blocks made from a database that is gone, too
-            shutil.rmtree(left) if left.is_dir() else left.unlink()
-        filling = path.with_name(f"{path.name}.filling")
-        with pycolmap.Database.open(filling) as database:
+        for path_to_remove in path.parent.iterdir():  # also blocks made from a lost database
+            shutil.rmtree(path_to_remove) if path_to_remove.is_dir() else path_to_remove.unlink()
+        partial = path.with_name(f"{path.name}.partial")
+        with pycolmap.Database.open(partial) as database:
             _write_photos(job, database)
-        filling.rename(path)
+        partial.rename(path)
     with pycolmap.Database.open(path) as database:
         id_of_name = {image.name: image.image_id for image in database.read_all_images()}
     return {index: id_of_name[photo["photo_id"]] for index, photo in enumerate(job["photos"])}
 
 
 def _is_sound(path: Path) -> bool:
+    """Whether the file exists and passes the quick check of SQLite."""
     if not path.exists():
         return False
     connection = sqlite3.connect(path)
@@ -67,10 +70,10 @@ def _is_sound(path: Path) -> bool:
 
 def _write_photos(job: dict[str, Any], database: pycolmap.Database) -> None:
     """Cameras, photographs and position priors (in a local east-north-up frame, metres, with covariance)."""
-    taken = np.bincount([photo["camera"] for photo in job["photos"]], minlength=len(job["cameras"]))
-    for number, given in enumerate(job["cameras"], start=1):
-        width, height, focal = given["width_px"], given["height_px"], given["focal_px"]
-        full = taken[number - 1] >= _MIN_PHOTOS_FOR_OPENCV_MODEL
+    photo_count = np.bincount([photo["camera"] for photo in job["photos"]], minlength=len(job["cameras"]))
+    for number, parameters in enumerate(job["cameras"], start=1):
+        width, height, focal = parameters["width_px"], parameters["height_px"], parameters["focal_px"]
+        full = photo_count[number - 1] >= _MIN_PHOTOS_FOR_OPENCV_MODEL
         camera = pycolmap.Camera(
             model="OPENCV" if full else "SIMPLE_RADIAL",
             width=width,
@@ -78,7 +81,7 @@ def _write_photos(job: dict[str, Any], database: pycolmap.Database) -> None:
             params=[focal, focal, width / 2, height / 2, 0, 0, 0, 0] if full else [focal, width / 2, height / 2, 0],
             camera_id=number,
         )
-        camera.has_prior_focal_length = given["focal_known"]
+        camera.has_prior_focal_length = parameters["focal_known"]
         database.write_camera(camera, use_camera_id=True)
         rig = pycolmap.Rig(rig_id=number)
         rig.add_ref_sensor(camera.sensor_id)
@@ -101,47 +104,64 @@ def _write_photos(job: dict[str, Any], database: pycolmap.Database) -> None:
 
 
 def estimate_memory_per_thread(job: dict[str, Any]) -> int:
-    """Memory that finding features takes for each thread, for the largest photographs of the job."""
+    """Bytes that extracting features takes in each thread, for the largest photographs of the job."""
     largest: int = max(camera["width_px"] * camera["height_px"] for camera in job["cameras"])
-    worked: int = min(largest, job["settings"]["max_image_px"] ** 2)
-    return largest * _BYTES_PER_DECODED_PIXEL + worked * _BYTES_PER_SCALE_SPACE_PIXEL
+    reduced: int = min(largest, job["settings"]["max_image_px"] ** 2)
+    return largest * _BYTES_PER_DECODED_PIXEL + reduced * _BYTES_PER_SCALE_SPACE_PIXEL
 
 
 def limit_threads(job: dict[str, Any], available_bytes: int) -> int:
-    """How many photographs may be worked on at once: the cores, or as many as half the free memory holds."""
+    """Number of threads: the cores, or as many as half the free memory allows."""
     return int(np.clip(_SHARE_OF_FREE_MEMORY * available_bytes // estimate_memory_per_thread(job), 1, job["cores"]))
 
 
 def extract_features(
     job: dict[str, Any], database_path: Path, image_id_of: dict[int, int], report: ProgressReport
 ) -> None:
-    """SIFT features of the photographs that have none yet."""
+    """Extract SIFT features of the photographs that have none yet.
+
+    Args:
+        job: the job, with settings and photographs.
+        database_path: COLMAP's database of the job.
+        image_id_of: index in the job -> image id.
+        report: receives the progress.
+    """
     settings = job["settings"]
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = settings["max_image_px"]
     options.num_threads = limit_threads(job, psutil.virtual_memory().available)
     options.sift.max_num_features = settings["max_features"]
-    options.sift.peak_threshold = 0.01 / 3  # half of COLMAP's: plain render needs its faint features
-    options.sift.first_octave = 0  # COLMAP doubles the photograph first: twice the time, no gain on sharp photographs
+    options.sift.peak_threshold = 0.01 / 3  # half of COLMAP's: plain render has faint features only
+    options.sift.first_octave = (
+        0  # COLMAP enlarges the photograph twofold: twice the time, no gain on sharp photographs
+    )
     with pycolmap.Database.open(database_path) as database:
         missing = [
             photo["photo_id"]
             for index, photo in enumerate(job["photos"])
             if not database.exists_descriptors(image_id_of[index])
         ]
-    with report.step("Finding features", len(job["photos"])):
+    with report.step("Extracting features", len(job["photos"])):
         report.advance(len(job["photos"]) - len(missing))
-        for block in _split_into_batches(missing, 4 * options.num_threads):
+        for batch in _split_into_batches(missing, 4 * options.num_threads):
             pycolmap.extract_features(
-                database_path, job["photographs_root"], image_names=list(block), extraction_options=options
+                database_path, job["photographs_root"], image_names=list(batch), extraction_options=options
             )
-            report.advance(len(block))
+            report.advance(len(batch))
 
 
 def match_pairs(
     job: dict[str, Any], pairs: Pairs, database_path: Path, image_id_of: dict[int, int], report: ProgressReport
 ) -> None:
-    """Compare the pairs not yet compared and verify them geometrically (Sampson distance squared, as it must be)."""
+    """Match the pairs not matched yet, and verify them geometrically.
+
+    Args:
+        job: the job, with settings and photographs.
+        pairs: indices (i, j) of photographs in the job.
+        database_path: COLMAP's database of the job, with features.
+        image_id_of: index in the job -> image id.
+        report: receives the progress.
+    """
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = job["cores"]
     verification = pycolmap.TwoViewGeometryOptions()
@@ -153,14 +173,14 @@ def match_pairs(
         missing = [(i, j) for i, j in pairs if not database.exists_two_view_geometry(image_id_of[i], image_id_of[j])]
     if not pairs:
         return
-    with report.step("Comparing photographs", len(pairs)):
+    with report.step("Matching features", len(pairs)):
         report.advance(len(pairs) - len(missing))
-        for block in _split_into_batches(missing, _PAIRS_PER_BATCH):
-            pairs_path.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in block), encoding="utf-8")
+        for batch in _split_into_batches(missing, _PAIRS_PER_BATCH):
+            pairs_path.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in batch), encoding="utf-8")
             pairing = pycolmap.ImportedPairingOptions()
             pairing.match_list_path = str(pairs_path)
             pycolmap.match_image_pairs(
                 database_path, matching_options=matching, pairing_options=pairing, verification_options=verification
             )
-            report.advance(len(block))
+            report.advance(len(batch))
     pairs_path.unlink(missing_ok=True)

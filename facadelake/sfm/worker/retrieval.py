@@ -1,4 +1,4 @@
-"""Which photographs look alike, from the campaign's own descriptors: partners where position priors say too little."""
+"""Image retrieval by the campaign's own descriptors: partners for photographs with uncertain positions."""
 
 from __future__ import annotations
 
@@ -10,100 +10,128 @@ import pycolmap
 
 from facadelake.core.arrays import Float32Array, Int64Array
 
-# Measured on 29 street photographs without positions: 32 to 128 words find 93 to 96 % of the matching pairs among 12
+# Measured on 29 street photographs without positions: 32 to 128 visual words find 93 to 96 % of the matching pairs among 12
 # partners each (COLMAP's vocabulary tree, trained on the same descriptors: 88 %). With 6 partners each it is 81 %, and
 # 100 % after the partners' partners.
 _VISUAL_WORDS = 64
 _LLOYD_ITERATIONS = 8
 _TRAINING_DESCRIPTORS = 20_000  # descriptors
-_MAX_FEATURES = 1000  # the largest: they are seen again from elsewhere
+_MAX_FEATURES = 1000  # the largest, which are visible from other viewpoints
 
 
 def pair_by_appearance(
-    job: dict[str, Any], sought: list[int], partners: int, database_path: Path, image_id_of: dict[int, int]
+    job: dict[str, Any], queries: list[int], partners: int, database_path: Path, image_id_of: dict[int, int]
 ) -> list[tuple[int, int]]:
-    """Pairs (i < j) of each photograph in ``sought`` with the ``partners`` that look most like it.
+    """Pairs (i < j) of photographs with those most similar to them.
 
-    Photographs are compared as vectors of locally aggregated descriptors (Jegou et al. 2010), normalised within each
-    word (Arandjelovic and Zisserman 2013); the words come from the campaign itself, so nothing is downloaded.
+    Photographs are compared by their vectors of locally aggregated descriptors (VLAD, Jegou et al. 2010), normalised
+    within each visual word (Arandjelovic and Zisserman 2013). The visual words come from the campaign itself, so
+    nothing is downloaded.
+
+    Args:
+        job: the job, with photographs and seed.
+        queries: indices of the photographs that need partners.
+        partners: number of partners of each.
+        database_path: COLMAP's database of the job, with features.
+        image_id_of: index in the job -> image id.
+
+    Returns:
+        The pairs, sorted.
     """
-    if not sought:
+    if not queries:
         return []
     rng = np.random.default_rng(job["settings"]["seed"])
     with pycolmap.Database.open(database_path) as database:
         image_ids = [image_id_of[index] for index in range(len(job["photos"]))]
-        each = max(_TRAINING_DESCRIPTORS // len(image_ids), 20)
+        descriptors_per_photo = max(_TRAINING_DESCRIPTORS // len(image_ids), 20)
         sample = np.vstack(
-            [rng.permutation(_read_largest_descriptors(database, image_id))[:each] for image_id in image_ids]
+            [
+                rng.permutation(_read_largest_descriptors(database, image_id))[:descriptors_per_photo]
+                for image_id in image_ids
+            ]
         )
-        words = _cluster_visual_words(sample, rng)
-        looks = np.array(
-            [_compute_vlad(_read_largest_descriptors(database, image_id), words) for image_id in image_ids]
+        visual_words = _cluster_visual_words(sample, rng)
+        vlads = np.array(
+            [_compute_vlad(_read_largest_descriptors(database, image_id), visual_words) for image_id in image_ids]
         )
     pairs: set[tuple[int, int]] = set()
-    for i in sought:
-        alike = looks @ looks[i]
-        alike[i] = -np.inf
-        nearest = np.argsort(-alike, kind="stable")[: min(partners, len(looks) - 1)]
+    for i in queries:
+        similarity = vlads @ vlads[i]
+        similarity[i] = -np.inf
+        nearest = np.argsort(-similarity, kind="stable")[: min(partners, len(vlads) - 1)]
         pairs |= {(min(i, int(j)), max(i, int(j))) for j in nearest}
     return sorted(pairs)
 
 
 def pair_transitively(
-    sought: list[int], pairs: list[tuple[int, int]], partners: int, database_path: Path, image_id_of: dict[int, int]
+    queries: list[int], pairs: list[tuple[int, int]], partners: int, database_path: Path, image_id_of: dict[int, int]
 ) -> list[tuple[int, int]]:
-    """New pairs (i < j) of each photograph in ``sought`` with its verified partners' verified partners.
+    """New pairs (i < j) of photographs with the verified partners of their verified partners.
 
-    At most ``partners`` each, those first to which the weaker links of the chains are strongest together.
+    As COLMAP's transitive matching, limited to ``partners`` for each photograph: those with the largest sum, over the
+    connecting photographs, of the weaker link's inliers.
+
+    Args:
+        queries: indices of the photographs that need partners.
+        pairs: the pairs matched so far.
+        partners: largest number of new partners of each.
+        database_path: COLMAP's database of the job, with verified matches.
+        image_id_of: index in the job -> image id.
+
+    Returns:
+        Pairs not in ``pairs``, sorted.
     """
     with pycolmap.Database.open(database_path) as database:
-        found = dict(zip(*database.read_two_view_geometry_num_inliers(), strict=True))
+        inliers_of_pair = dict(zip(*database.read_two_view_geometry_num_inliers(), strict=True))
     strength: dict[int, dict[int, int]] = {}
     for i, j in pairs:
-        inliers = found.get(pycolmap.image_pair_to_pair_id(image_id_of[i], image_id_of[j]), 0)
+        inliers = inliers_of_pair.get(pycolmap.image_pair_to_pair_id(image_id_of[i], image_id_of[j]), 0)
         if inliers:
             strength.setdefault(i, {})[j] = strength.setdefault(j, {})[i] = inliers
-    compared, new = set(pairs), set()
-    for i in sought:
+    matched, new = set(pairs), set()
+    for i in queries:
         chains: dict[tuple[int, int], int] = {}
-        for j, first in strength.get(i, {}).items():
-            for k, second in strength[j].items():
+        for j, first_link in strength.get(i, {}).items():
+            for k, second_link in strength[j].items():
                 pair = (min(i, k), max(i, k))
-                if k != i and pair not in compared:
-                    chains[pair] = chains.get(pair, 0) + min(first, second)
+                if k != i and pair not in matched:
+                    chains[pair] = chains.get(pair, 0) + min(first_link, second_link)
         new |= set(sorted(chains, key=lambda pair: (-chains[pair], pair))[:partners])
     return sorted(new)
 
 
 def _read_largest_descriptors(database: pycolmap.Database, image_id: int) -> Float32Array:
     """The descriptors of a photograph's largest features."""
-    keypoints = np.asarray(database.read_keypoints(image_id)).reshape(-1, 6)  # x, y and a 2x2 matrix: turn and size
-    found = database.read_descriptors(image_id).data.reshape(-1, 128)
+    keypoints = np.asarray(database.read_keypoints(image_id)).reshape(
+        -1, 6
+    )  # x, y and a 2x2 matrix: rotation and scale
+    descriptors = database.read_descriptors(image_id).data.reshape(-1, 128)
     size = np.hypot(keypoints[:, 2], keypoints[:, 3])
-    return found[np.argsort(-size, kind="stable")[:_MAX_FEATURES]].astype(np.float32)
+    return descriptors[np.argsort(-size, kind="stable")[:_MAX_FEATURES]].astype(np.float32)
 
 
-def _assign_visual_words(found: Float32Array, words: Float32Array) -> Int64Array:
-    nearest: Int64Array = np.argmin(np.sum(words**2, axis=1) - 2 * found @ words.T, axis=1)
+def _assign_visual_words(descriptors: Float32Array, visual_words: Float32Array) -> Int64Array:
+    """The nearest visual word of each descriptor."""
+    nearest: Int64Array = np.argmin(np.sum(visual_words**2, axis=1) - 2 * descriptors @ visual_words.T, axis=1)
     return nearest
 
 
 def _cluster_visual_words(sample: Float32Array, rng: np.random.Generator) -> Float32Array:
     """Centres of the descriptors, by Lloyd's iteration."""
-    words = rng.permutation(sample)[:_VISUAL_WORDS].copy()
+    visual_words = rng.permutation(sample)[:_VISUAL_WORDS].copy()
     for _ in range(_LLOYD_ITERATIONS):
-        nearest = _assign_visual_words(sample, words)
+        nearest = _assign_visual_words(sample, visual_words)
         for word in np.unique(nearest):
-            words[word] = sample[nearest == word].mean(axis=0)
-    return words
+            visual_words[word] = sample[nearest == word].mean(axis=0)
+    return visual_words
 
 
-def _compute_vlad(found: Float32Array, words: Float32Array) -> Float32Array:
-    """The photograph's vector of unit length (zero where it has no features)."""
-    look = np.zeros(words.shape, dtype=np.float32)
-    nearest = _assign_visual_words(found, words)
-    np.add.at(look, nearest, found - words[nearest])
-    look /= np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-9)
-    vector = look.ravel()
+def _compute_vlad(descriptors: Float32Array, visual_words: Float32Array) -> Float32Array:
+    """The VLAD of a photograph, of unit length (zero where it has no features)."""
+    residuals = np.zeros(visual_words.shape, dtype=np.float32)
+    nearest = _assign_visual_words(descriptors, visual_words)
+    np.add.at(residuals, nearest, descriptors - visual_words[nearest])
+    residuals /= np.maximum(np.linalg.norm(residuals, axis=1, keepdims=True), 1e-9)
+    vector = residuals.ravel()
     unit: Float32Array = vector / max(float(np.linalg.norm(vector)), 1e-9)
     return unit

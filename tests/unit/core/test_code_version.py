@@ -27,7 +27,7 @@ PLANTED = [
     ("environment of all", "facadelake/core/environment.py", STAGES),
     ("how the worker is run", "facadelake/sfm/worker_process.py", ["reconstruct"]),
     ("the worker, named by a string", "facadelake/sfm/worker/mapping.py", ["reconstruct"]),
-    ("the worker's folder", "facadelake/sfm/work_folder.py", ["reconstruct"]),
+    ("the job of the worker", "facadelake/sfm/reconstruction_job.py", ["reconstruct"]),
     (
         "deep import",
         "facadelake/building/model_georeference/map_placement.py",

@@ -119,7 +119,7 @@ def test_too_few_or_too_crowded_sightings_are_refused_with_the_reason(tmp_path: 
     together = np.argsort(np.linalg.norm(seen - np.median(seen, axis=0), axis=1))[:18]  # 40 of 1024 px
     keep_matches(tmp_path / "b.db", 3, together)
     reasons = resect_remaining(crowded, job_of(4), tmp_path / "b.db", silent())
-    assert "lie too close together" in reasons[3]
+    assert "are too close together" in reasons[3]
     assert 3 not in crowded.images
 
 
@@ -210,7 +210,7 @@ def test_partners_of_partners_are_compared_the_strongest_first(tmp_path: Path) -
 def test_a_database_is_found_whole_or_made_anew(tmp_path: Path) -> None:
     job = job_of(4)
     path = tmp_path / "features.db"
-    (tmp_path / "features.db.filling").write_bytes(b"of a killed run")
+    (tmp_path / "features.db.partial").write_bytes(b"of a killed run")
     assert open_database(job, path) == {0: 1, 1: 2, 2: 3, 3: 4}
     with pycolmap.Database.open(path) as database:
         assert database.read_camera(1).model == pycolmap.CameraModelId.OPENCV

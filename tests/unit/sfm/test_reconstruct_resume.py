@@ -32,9 +32,9 @@ SETTINGS = ReconstructionSettings(threads=1)
 WORKER = """
 import os, signal, sys, pathlib
 from facadelake.sfm.worker import __main__ as main, features, report
-features._PAIRS_AT_ONCE = 6
+features._PAIRS_PER_BATCH = 6
 label, after = sys.argv[2], int(sys.argv[3])
-step, advance = report.Report.step, report.Report.advance
+step, advance = report.ProgressReport.step, report.ProgressReport.advance
 now, done = [""], [0]
 def watched_step(self, name, total):
     now[0], done[0] = name, 0
@@ -44,7 +44,7 @@ def watched_advance(self, steps=1):
     done[0] += steps
     if now[0] == label and done[0] >= after:
         os.kill(os.getpid(), signal.SIGKILL)
-report.Report.step, report.Report.advance = watched_step, watched_advance
+report.ProgressReport.step, report.ProgressReport.advance = watched_step, watched_advance
 sys.exit(main.main(pathlib.Path(sys.argv[1])))
 """
 
@@ -139,7 +139,7 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
                 shutil.rmtree(part / "sparse", ignore_errors=True)
 
     with pytest.raises(FacadelakeError, match=r"SIGKILL.* a new run resumes where it stopped"):
-        run("Finding features", 4, Heard())
+        run("Extracting features", 4, Heard())
     found = counts(folder, "descriptors")
     assert 4 <= len(found) < PHOTOS
     for image_id in found:  # what is done needs its photographs no more
@@ -147,8 +147,8 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
 
     second = Heard()
     with pytest.raises(FacadelakeError, match="SIGKILL"):
-        run("Comparing photographs", 6, second)
-    assert second.first["Finding features"] == len(found)
+        run("Matching features", 6, second)
+    assert second.first["Extracting features"] == len(found)
     assert len(counts(folder, "descriptors")) == PHOTOS
     compared = counts(folder, "two_view_geometries")
     assert 6 <= len(compared) < PAIRS
@@ -160,7 +160,7 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
         )
 
     with pytest.raises(FacadelakeError, match="SIGKILL"):
-        run("Placing photographs", 7, Heard())
+        run("Mapping photographs", 7, Heard())
     assert len(counts(folder, "two_view_geometries")) == PAIRS
     assert counts(folder, "written") == counts(folder, "two_view_geometries") - compared
 
@@ -168,9 +168,9 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
     (snapshots / "99999999999999").mkdir()  # one that the kill cut off
     heard = Heard()
     run("nothing", 0, heard)
-    assert heard.first["Finding features"] == PHOTOS
-    assert heard.first["Comparing photographs"] == PAIRS
-    assert 3 <= heard.first["Placing photographs"] < PHOTOS
+    assert heard.first["Extracting features"] == PHOTOS
+    assert heard.first["Matching features"] == PAIRS
+    assert 3 <= heard.first["Mapping photographs"] < PHOTOS
     assert [path.name for path in folder.iterdir() if path.is_dir()] == ["part"]
 
     block = read_reconstruction(folder / "part")

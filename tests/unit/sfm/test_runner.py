@@ -55,9 +55,9 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 EVENTS = [
-    {"event": "begin", "label": "Finding features", "total": 4},
+    {"event": "begin", "label": "Extracting features", "total": 4},
     {"event": "advance", "steps": 4},
-    {"event": "begin", "label": "Comparing", "total": 9},
+    {"event": "begin", "label": "Matching features", "total": 9},
     {"event": "advance", "steps": 2},
 ]
 
@@ -68,7 +68,7 @@ def test_progress_reaches_the_listener_and_bars_end(tmp_path: Path) -> None:
     with listen_to_progress(heard):
         runner.run_worker({"events": EVENTS, "end": 0}, tmp_path / "out")
     assert heard.said == [
-        ("Finding features", 4), ("advance", 4), ("end", 1), ("Comparing", 9), ("advance", 2), ("end", 4),
+        ("Extracting features", 4), ("advance", 4), ("end", 1), ("Matching features", 9), ("advance", 2), ("end", 4),
     ]  # fmt: skip
     assert "last words" in (tmp_path / "out" / DIAGNOSTICS / runner.LOG_NAME).read_text()
 
