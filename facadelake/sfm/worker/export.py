@@ -82,7 +82,7 @@ def _explain_unlocalised(result: MappingResult, database: pycolmap.Database, ima
     for number, other in enumerate(result.separate_blocks, start=2):
         if image_id in other.images and other.images[image_id].has_pose:
             return (
-                f"belongs to block {number} of {other.num_reg_images()} photographs, which has too little overlap with the "
+                f"belongs to block {number} of {other.num_reg_images()} photographs, which overlaps too little with the "
                 f"first block of {block_size}; photograph the surfaces between them"
             )
     return (

@@ -48,7 +48,7 @@ def map_photographs(job: dict[str, Any], database_path: Path, report: ProgressRe
             return best
     if not best:
         raise InputDataError(
-            f"none of the {total} photographs could be localised: no pair has enough matches to start a reconstruction; "
+            f"none of the {total} photographs could be localised: no pair has enough matches to start from; "
             "photograph with 70 % overlap or more, and check that all show the same building"
         )
     return best

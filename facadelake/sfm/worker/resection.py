@@ -137,7 +137,8 @@ def _resect_image(
     cam_from_sfm = answer["cam_from_world"]
     inliers = _select_inliers(correspondences, camera, cam_from_sfm, estimation.ransac.max_error)
     if len(inliers) < min_inliers:
-        return f"{len(inliers)} of its {len(correspondences.keypoint)} matches with the block fit one pose; {min_inliers} are needed"
+        total = len(correspondences.keypoint)
+        return f"{len(inliers)} of its {total} matches with the block fit one pose; {min_inliers} are needed"
     depth = float(np.median((cam_from_sfm * correspondences.xyz_sfm[inliers])[:, 2]))
     centre_covariance = pycolmap.get_covariance_for_inverse(cam_from_sfm, answer["covariance"])[3:, 3:]
     relative_sigma = float(np.sqrt(np.linalg.eigvalsh(centre_covariance)[-1])) / depth
