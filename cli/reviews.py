@@ -147,7 +147,7 @@ def training_set(
         registered,
         out,
         lake=lake,
-        form=form,
+        label_format=form,
         pictures=pictures,
         side_px=tile_px,
         splits=tuple(split or ()),

@@ -177,7 +177,7 @@ def create_missed_review(
     )
 
 
-def polygons_from_wkt(mask: str | None) -> list[list[float]]:
+def coco_polygons_from_wkt(mask: str | None) -> list[list[float]]:
     """A mask in WKT as COCO's polygons [x1, y1, x2, y2, ...], px. Holes are filled: COCO's polygons have none."""
     if mask is None:
         return []

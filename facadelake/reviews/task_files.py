@@ -15,7 +15,7 @@ import shapely
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.detection import Box
 from facadelake.reviews.review import box_from_row
-from facadelake.reviews.review_items import ReviewItem, polygons_from_wkt
+from facadelake.reviews.review_items import ReviewItem, coco_polygons_from_wkt
 from schemas.vocabulary import DefectClass, Verdict
 
 COCO_FILE, CSV_FILE, PHOTOGRAPHS_FILE = "detections.coco.json", "defects.csv", "photographs.txt"
@@ -70,7 +70,7 @@ def build_coco_task(task: ReviewTask, sizes: Mapping[str, tuple[int, int]], *, p
                 "bbox": _bbox_from_box(item.box),
                 "area": round(item.box.width_px * item.box.height_px, 2),
                 "iscrowd": 0,
-                "segmentation": polygons_from_wkt(item.mask),
+                "segmentation": coco_polygons_from_wkt(item.mask),
                 "score": round(item.score, 4),
                 "attributes": {
                     "subject": item.subject,

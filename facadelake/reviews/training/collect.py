@@ -1,4 +1,4 @@
-"""Reviewed campaigns of several buildings as one training set."""
+"""Training set from the reviewed campaigns of several buildings."""
 
 from __future__ import annotations
 
@@ -19,29 +19,46 @@ def make_training_set(
     folder: Path,
     *,
     lake: Path,
-    form: TrainingLabelFormat,
+    label_format: TrainingLabelFormat,
     pictures: PictureMode,
     side_px: int,
     splits: tuple[str, ...],
     terms: str | None,
 ) -> tuple[TrainingSet, dict[str, Split]]:
-    """Write every reviewed campaign of ``buildings`` to ``folder``; also returns the split of each building.
+    """Write the reviewed campaigns of ``buildings`` as a training set.
 
-    Raises InputDataError where nothing was reviewed, or ``splits`` (BUILDING=SPLIT) name a building that is not among
-    them.
+    Args:
+        buildings: The registered buildings.
+        folder: Folder to write; it must not exist, or be empty.
+        lake: Folder of the lake.
+        label_format: Format of the label files.
+        pictures: Tiles or whole photographs.
+        side_px: Side of a tile.
+        splits: ``BUILDING=SPLIT`` for buildings whose split is not to be that of their id's hash.
+        terms: Terms of use of the photographs, for the manifest; None: a reminder to state them.
+
+    Returns:
+        The set, and the split of each building.
+
+    Raises:
+        InputDataError: The campaigns have no review, or ``splits`` has another building.
+        StoreError: The set cannot be written.
     """
     chosen = parse_splits(splits)
-    strange = sorted(chosen.keys() - {building.id for building in buildings})
-    if strange:
+    unknown = sorted(chosen.keys() - {building.id for building in buildings})
+    if unknown:
         raise InputDataError(
-            f"--split names {', '.join(strange)}, but the set is of {', '.join(b.id for b in buildings)}"
+            f"--split has the building {', '.join(unknown)}, but the set has {', '.join(b.id for b in buildings)}; "
+            "correct the id"
         )
-    placed = {building.id: choose_split(building.id, chosen) for building in buildings}
-    newest = {(row["building_id"], row["campaign_id"]): row["version"] for row in list_versions(lake).to_pylist()}
+    split_by_building = {building.id: choose_split(building.id, chosen) for building in buildings}
+    version_by_campaign = {
+        (row["building_id"], row["campaign_id"]): row["version"] for row in list_versions(lake).to_pylist()
+    }
     sources = []
     for building in buildings:
-        held = read_table(lake, "reviews", building_id=building.id)
-        for campaign_id in sorted(set(held.column("campaign_id").to_pylist())):
+        reviews = read_table(lake, "reviews", building_id=building.id)
+        for campaign_id in sorted(set(reviews.column("campaign_id").to_pylist())):
             campaign = read_reviewed_campaign(building, campaign_id, lake=lake)
             rows = campaign.tables["detections"].select(["detector", "detector_sha256"]).to_pylist()
             sources.append(
@@ -49,24 +66,24 @@ def make_training_set(
                     building_id=building.id,
                     campaign_id=campaign_id,
                     run_id=campaign.run_id,
-                    version=newest[building.id, campaign_id],
+                    version=version_by_campaign[building.id, campaign_id],
                     root=building.locate_photographs(campaign_id),
-                    split=placed[building.id],
+                    split=split_by_building[building.id],
                     status=campaign.status,
                     detectors={row["detector"]: row["detector_sha256"] for row in rows},
                 )
             )
     if not sources:
         raise InputDataError(
-            f"nothing of {', '.join(placed)} was reviewed; 'facadelake review export-task' begins a review"
+            f"{', '.join(split_by_building)}: no reviews; export a review task with 'facadelake review export-task'"
         )
-    done = write_training_set(
+    training_set = write_training_set(
         sources,
         folder,
-        form=form,
+        label_format=label_format,
         pictures=pictures,
         side_px=side_px,
         terms=terms or TERMS,
         version=version_of("facadelake"),
     )
-    return done, placed
+    return training_set, split_by_building

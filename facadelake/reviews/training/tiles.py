@@ -1,4 +1,4 @@
-"""Tiles about reviewed places: each holds its place whole, and shows nothing that nobody has judged."""
+"""Tiles around the reviewed locations of a photograph; detections without a review are painted over."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from facadelake.detection import Box
 from facadelake.detection.coco import extract_polygons
 from facadelake.reviews.training.reviewed_photographs import ReviewedPhotograph, TrainingBox
 
-_CONTEXT_FACTOR = 1.2  # a tile's side over its place's, so that what surrounds it is seen too
-_SHIFT_SHARE_MAX = (
-    0.7  # how far a place may lie off the tile's centre, of what keeps it whole: models learn where boxes lie
-)
-_VISIBLE_SHARE_MIN = 0.3  # a defect of which less is in the tile is hidden rather than labelled
-_FILL_GREY = 114  # what hides, as detectors' padding
+_CONTEXT_FACTOR = 1.2  # least side of a tile over that of its box, so that the tile shows the surroundings
+# Largest shift of a box from the tile's centre, as a share of what keeps the box inside. Boxes at the centre alone would
+# teach a model their position.
+_SHIFT_SHARE_MAX = 0.7
+_VISIBLE_SHARE_MIN = 0.3  # a defect with a smaller share of its area in the tile is painted over, not labelled
+_FILL_GREY = 114  # the padding of common detectors
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingTile:
-    """A part of a photograph, whole pixels: its left, top, width, height, and what is seen in it.
+    """A part of a photograph in length pixels, with its labels.
 
-    ``defects`` are in the tile's own pixels; ``hidden`` are rectangles (left, top, right, bottom) of the tile to be
-    made grey, ``kept`` those that must not be.
+    ``defects`` are in pixels of the tile, and so are the rectangles (left, top, right, bottom): ``hidden`` are painted
+    grey except where ``kept`` overlap them.
     """
 
     left_px: int
@@ -41,19 +41,26 @@ class TrainingTile:
 
 
 def place_tiles(
-    material: ReviewedPhotograph, *, image_width_px: int, image_height_px: int, side_px: int
+    photograph: ReviewedPhotograph, *, image_width_px: int, image_height_px: int, side_px: int
 ) -> tuple[TrainingTile, ...]:
-    """Tiles of ``side_px`` (larger where a place needs it) that hold every reviewed place of the photograph once."""
-    places = [one.box for one in material.defects] + list(material.rejected)
+    """Place tiles so that each reviewed box of a photograph lies inside at least one.
+
+    Args:
+        photograph: The reviewed photograph.
+        image_width_px: Its width.
+        image_height_px: Its height.
+        side_px: Side of a tile; a larger box gets a larger tile.
+    """
+    boxes = [one.box for one in photograph.defects] + list(photograph.rejected)
     frames: list[tuple[int, int, int, int]] = []
-    for box in sorted(places, key=lambda box: (-box.width_px * box.height_px, box.y_px, box.x_px)):
+    for box in sorted(boxes, key=lambda box: (-box.width_px * box.height_px, box.y_px, box.x_px)):
         if not any(_contains(frame, box) for frame in frames):
-            frames.append(_place_frame(material.photo_id, box, image_width_px, image_height_px, side_px))
-    return tuple(_build_tile(material, frame) for frame in frames)
+            frames.append(_place_frame(photograph.photo_id, box, image_width_px, image_height_px, side_px))
+    return tuple(_build_tile(photograph, frame) for frame in frames)
 
 
 def crop_tile(tile: TrainingTile, image_bgr: UInt8Image) -> UInt8Image:
-    """The tile's pixels, with what nobody has judged in grey."""
+    """The tile's pixels (h, w, 3); rectangles without a review are grey."""
     part = image_bgr[tile.top_px : tile.top_px + tile.height_px, tile.left_px : tile.left_px + tile.width_px].copy()
     cover = np.zeros(part.shape[:2], dtype=bool)
     for value, rectangles in ((True, tile.hidden), (False, tile.kept)):
@@ -64,17 +71,17 @@ def crop_tile(tile: TrainingTile, image_bgr: UInt8Image) -> UInt8Image:
 
 
 def _place_frame(photo_id: str, box: Box, width: int, height: int, side_px: int) -> tuple[int, int, int, int]:
-    """Left, top, width, height of a tile about ``box``; the same place always gets the same tile."""
-    dice = hashlib.sha256(f"{photo_id} {box.x_px:.1f} {box.y_px:.1f}".encode()).digest()
+    """Left, top, width, height of a tile around ``box``. The shift is the same for the same photograph and box."""
+    digest = hashlib.sha256(f"{photo_id} {box.x_px:.1f} {box.y_px:.1f}".encode()).digest()
     side = max(side_px, round(_CONTEXT_FACTOR * max(box.width_px, box.height_px)))
     frame = []
-    for first, extent, whole, byte in (
-        (box.x_px, box.width_px, width, dice[0]),
-        (box.y_px, box.height_px, height, dice[1]),
+    for first, extent, length, byte in (
+        (box.x_px, box.width_px, width, digest[0]),
+        (box.y_px, box.height_px, height, digest[1]),
     ):
-        size = min(side, whole)
-        off = _SHIFT_SHARE_MAX * (byte / 255 - 0.5) * max(0.0, size - extent)
-        frame.append((int(np.clip(round(first + extent / 2 - size / 2 + off), 0, whole - size)), size))
+        size = min(side, length)
+        shift = _SHIFT_SHARE_MAX * (byte / 255 - 0.5) * max(0.0, size - extent)
+        frame.append((int(np.clip(round(first + extent / 2 - size / 2 + shift), 0, length - size)), size))
     (left, tile_width), (top, tile_height) = frame
     return left, top, tile_width, tile_height
 
@@ -85,24 +92,24 @@ def _contains(frame: tuple[int, int, int, int], box: Box) -> bool:
     return across and top <= box.y_px and box.y_px + box.height_px <= top + height
 
 
-def _build_tile(material: ReviewedPhotograph, frame: tuple[int, int, int, int]) -> TrainingTile:
+def _build_tile(photograph: ReviewedPhotograph, frame: tuple[int, int, int, int]) -> TrainingTile:
     left, top, width, height = frame
     window = shapely.box(left, top, left + width, top + height)
     defects, kept, hidden = [], [], []
-    for one in material.defects:
-        seen = _clip_to_frame(one.box, frame)
-        if seen is None:
+    for one in photograph.defects:
+        clipped = _clip_to_frame(one.box, frame)
+        if clipped is None:
             continue
-        if seen.width_px * seen.height_px < _VISIBLE_SHARE_MIN * one.box.width_px * one.box.height_px:
-            hidden.append(_round_outwards(seen))
+        if clipped.width_px * clipped.height_px < _VISIBLE_SHARE_MIN * one.box.width_px * one.box.height_px:
+            hidden.append(_round_outwards(clipped))
             continue
-        kept.append(_round_outwards(seen))
+        kept.append(_round_outwards(clipped))
         if one.mask is None:
-            defects.append(TrainingBox(box=seen, defect_class=one.defect_class))
+            defects.append(TrainingBox(box=clipped, defect_class=one.defect_class))
         elif (mask := extract_polygons(affinity.translate(one.mask.intersection(window), -left, -top))) is not None:
-            defects.append(TrainingBox(box=seen, defect_class=one.defect_class, mask=mask))
-    kept += _clip_boxes(material.rejected, frame)
-    hidden += _clip_boxes(material.unreviewed, frame)
+            defects.append(TrainingBox(box=clipped, defect_class=one.defect_class, mask=mask))
+    kept += _clip_boxes(photograph.rejected, frame)
+    hidden += _clip_boxes(photograph.unreviewed, frame)
     return TrainingTile(
         left_px=left,
         top_px=top,
@@ -115,11 +122,11 @@ def _build_tile(material: ReviewedPhotograph, frame: tuple[int, int, int, int]) 
 
 
 def _clip_boxes(boxes: Sequence[Box], frame: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:
-    return [_round_outwards(seen) for box in boxes if (seen := _clip_to_frame(box, frame)) is not None]
+    return [_round_outwards(clipped) for box in boxes if (clipped := _clip_to_frame(box, frame)) is not None]
 
 
 def _clip_to_frame(box: Box, frame: tuple[int, int, int, int]) -> Box | None:
-    """The box in the tile's pixels, cut to it; None where nothing of a pixel's size is left."""
+    """The box clipped to the tile, in pixels of the tile; None where it is smaller than a pixel."""
     left, top, width, height = frame
     x, y = max(box.x_px - left, 0.0), max(box.y_px - top, 0.0)
     right, bottom = min(box.x_px + box.width_px - left, width), min(box.y_px + box.height_px - top, height)
@@ -129,7 +136,7 @@ def _clip_to_frame(box: Box, frame: tuple[int, int, int, int]) -> Box | None:
 
 
 def _round_outwards(box: Box) -> tuple[int, int, int, int]:
-    """The whole pixels that a box touches."""
+    """The length pixels that a box touches."""
     return (
         int(np.floor(box.x_px)),
         int(np.floor(box.y_px)),

@@ -1,4 +1,4 @@
-"""Reviewed campaigns as a training set: pictures, labels in COCO or YOLO form, and a manifest that says whence."""
+"""Training set of reviewed campaigns: pictures, labels in COCO or YOLO format, and a manifest of their origin."""
 
 from __future__ import annotations
 
@@ -42,9 +42,10 @@ _JPEG_QUALITY = 95
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingSource:
-    """A reviewed campaign: its photographs' folder, its split, what holds of it, and what to say of it in the manifest.
+    """A reviewed campaign of a training set.
 
-    ``detectors``: hash by the name of each model or file whose detections were reviewed.
+    ``version``: version of the lake that committed the campaign. ``root``: folder of its photographs. ``detectors``:
+    SHA-256 by the name of each model or file whose detections were reviewed.
     """
 
     building_id: str
@@ -59,19 +60,19 @@ class TrainingSource:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingSet:
-    """What was written: pictures, and how many photographs were left out, by reason."""
+    """A written training set; ``left_out`` counts the photographs that were left out, by reason."""
 
     folder: Path
     pictures: tuple[TrainingPicture, ...]
     left_out: Mapping[str, int]
 
     def count_by_class(self, split: Split) -> dict[str, int]:
-        """Pictures, those without a defect, and boxes of each class in a split."""
-        ours = [picture for picture in self.pictures if picture.split is split]
-        boxes = Counter(one.defect_class for picture in ours for one in picture.defects)
+        """Numbers of pictures, of pictures without a defect, and of boxes by class in a split."""
+        pictures = [picture for picture in self.pictures if picture.split is split]
+        boxes = Counter(one.defect_class for picture in pictures for one in picture.defects)
         return {
-            "pictures": len(ours),
-            "negatives": sum(not picture.defects for picture in ours),
+            "pictures": len(pictures),
+            "negatives": sum(not picture.defects for picture in pictures),
             **{str(name): boxes[name] for name in CLASSES},
         }
 
@@ -80,20 +81,32 @@ def write_training_set(
     sources: Sequence[TrainingSource],
     folder: Path,
     *,
-    form: TrainingLabelFormat,
+    label_format: TrainingLabelFormat,
     pictures: PictureMode,
     side_px: int,
     terms: str = TERMS,
     version: str = "",
 ) -> TrainingSet:
-    """Write the set to ``folder``, which must not be there or be empty; it appears whole or not at all.
+    """Write a training set; it is complete or not there at all.
 
-    Tiles hide what nobody has judged; a whole photograph is taken only where every detection in it was judged.
-    Raises InputDataError for a folder in use and where there is nothing to learn from, StoreError where the disk fails.
+    Tiles are grey at detections without a review. A whole photograph is taken only where all its detections have one.
+
+    Args:
+        sources: The reviewed campaigns.
+        folder: Folder to write; it must not exist, or be empty.
+        label_format: Format of the label files.
+        pictures: Tiles or whole photographs.
+        side_px: Side of a tile.
+        terms: Terms of use of the photographs, for the manifest.
+        version: Version of Facadelake, for the manifest.
+
+    Raises:
+        InputDataError: The folder is not empty, or no photograph can be used.
+        StoreError: The set cannot be written.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputDataError(
-            f"{folder} is there already and not empty; a training set is not written over: name another"
+            f"{folder} exists and is not empty; a training set is not overwritten: give another folder"
         )
     left_out: Counter[str] = Counter()
     part = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.part"
@@ -101,72 +114,75 @@ def write_training_set(
         part.mkdir(parents=True)
         for split in Split:
             (part / "images" / split).mkdir(parents=True)
-        made = [picture for source in sources for picture in _write_pictures(source, part, pictures, side_px, left_out)]
-        if not made:
-            reasons = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "nothing was reviewed"
+        written = [
+            picture for source in sources for picture in _write_pictures(source, part, pictures, side_px, left_out)
+        ]
+        if not written:
+            reasons = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "no reviews"
             raise InputDataError(
-                f"there is nothing to learn from in {', '.join(f'{s.building_id} {s.campaign_id}' for s in sources)} "
-                f"({reasons}); 'facadelake review export-task' begins a review"
+                f"no training picture in {', '.join(f'{s.building_id} {s.campaign_id}' for s in sources)} "
+                f"({reasons}); export a review task with 'facadelake review export-task'"
             )
-        write_labels(form, part, made)
-        done = TrainingSet(folder=folder, pictures=tuple(made), left_out=dict(left_out))
-        _write_sites(part / SITES, made)
-        manifest = _build_manifest(done, sources, form, pictures, side_px, terms, version)
+        write_labels(label_format, part, written)
+        training_set = TrainingSet(folder=folder, pictures=tuple(written), left_out=dict(left_out))
+        _write_sites(part / SITES, written)
+        manifest = _build_manifest(training_set, sources, label_format, pictures, side_px, terms, version)
         (part / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
         if folder.is_dir():
             folder.rmdir()
         part.rename(folder)
     except OSError as error:
         raise StoreError(
-            f"the training set cannot be written to {folder}: {error}; free some space, or name another folder"
+            f"the training set cannot be written to {folder}: {error}; free disk space, or give another folder"
         ) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    _log.info("%s: %d pictures of %d campaigns", folder, len(made), len(sources))
-    return done
+    _log.info("%s: %d pictures of %d campaigns", folder, len(written), len(sources))
+    return training_set
 
 
 def _write_pictures(
-    source: TrainingSource, folder: Path, kind: PictureMode, side_px: int, left_out: Counter[str]
+    source: TrainingSource, folder: Path, pictures: PictureMode, side_px: int, left_out: Counter[str]
 ) -> Iterator[TrainingPicture]:
     label = f"{source.building_id} {source.campaign_id}"
-    for material in track(collect_reviewed_photographs(source.status), label=label):
-        path = source.root / material.photo_id
-        if kind is not PictureMode.TILES and material.unreviewed:
-            left_out["photographs with detections that nobody has judged"] += 1
+    for photograph in track(collect_reviewed_photographs(source.status), label=label):
+        path = source.root / photograph.photo_id
+        if pictures is not PictureMode.TILES and photograph.unreviewed:
+            left_out["photographs with detections without a review"] += 1
             continue
         image = read_photograph(path)
         if image is None:
             left_out["photographs that cannot be read"] += 1
             continue
-        if kind is not PictureMode.TILES and has_exif_rotation(path):  # most readers would turn it away from its labels
-            left_out["photographs that EXIF turns (tiles can be made of them)"] += 1
+        # Most readers would rotate the photograph, but not its labels.
+        if pictures is not PictureMode.TILES and has_exif_rotation(path):
+            left_out["photographs with an EXIF rotation (use tiles for them)"] += 1
             continue
-        if kind is PictureMode.TILES:
-            yield from _write_tiles(source, material, image, folder, side_px)
+        if pictures is PictureMode.TILES:
+            yield from _write_tiles(source, photograph, image, folder, side_px)
         else:
-            name = f"{source.split}/{_make_stem(source, material)}{path.suffix.lower()}"
-            place = folder / "images" / name
-            if kind is PictureMode.LINK:
-                place.symlink_to(path.resolve())
+            name = f"{source.split}/{_make_stem(source, photograph)}{path.suffix.lower()}"
+            target = folder / "images" / name
+            if pictures is PictureMode.LINK:
+                target.symlink_to(path.resolve())
             else:
-                shutil.copyfile(path, place)
+                shutil.copyfile(path, target)
             height, width = image.shape[:2]
-            yield _create_picture(source, material.photo_id, name, (0, 0, width, height), material.defects)
+            yield _create_picture(source, photograph.photo_id, name, (0, 0, width, height), photograph.defects)
 
 
 def _write_tiles(
-    source: TrainingSource, material: ReviewedPhotograph, image: UInt8Image, folder: Path, side_px: int
+    source: TrainingSource, photograph: ReviewedPhotograph, image: UInt8Image, folder: Path, side_px: int
 ) -> Iterator[TrainingPicture]:
     height, width = image.shape[:2]
-    for tile in place_tiles(material, image_width_px=width, image_height_px=height, side_px=side_px):
+    for tile in place_tiles(photograph, image_width_px=width, image_height_px=height, side_px=side_px):
         frame = (tile.left_px, tile.top_px, tile.width_px, tile.height_px)
-        name = f"{source.split}/{_make_stem(source, material)}_{'_'.join(map(str, frame))}.jpg"
-        done, data = cv2.imencode(".jpg", crop_tile(tile, image), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        if not done:
-            raise OSError(f"no JPEG could be made of {material.photo_id}")
+        name = f"{source.split}/{_make_stem(source, photograph)}_{'_'.join(map(str, frame))}.jpg"
+        encoded, data = cv2.imencode(".jpg", crop_tile(tile, image), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        if not encoded:
+            raise OSError(f"no JPEG can be encoded of {photograph.photo_id}")
         (folder / "images" / name).write_bytes(data.tobytes())
-        yield _create_picture(source, material.photo_id, name, frame, tile.defects)
+        yield _create_picture(source, photograph.photo_id, name, frame, tile.defects)
 
 
 def _create_picture(
@@ -187,14 +203,14 @@ def _create_picture(
     )
 
 
-def _make_stem(source: TrainingSource, material: ReviewedPhotograph) -> str:
-    """A file name of its own for every photograph: two folders may hold one name."""
-    own = hashlib.sha256(material.photo_id.encode()).hexdigest()[:6]
-    return f"{source.building_id}_{source.campaign_id}_{Path(material.photo_id).stem}_{own}"
+def _make_stem(source: TrainingSource, photograph: ReviewedPhotograph) -> str:
+    """The stem of a unique file name: two folders may hold photographs of one name."""
+    digest = hashlib.sha256(photograph.photo_id.encode()).hexdigest()[:6]
+    return f"{source.building_id}_{source.campaign_id}_{Path(photograph.photo_id).stem}_{digest}"
 
 
 def _write_sites(path: Path, pictures: Sequence[TrainingPicture]) -> None:
-    """Which picture shows which building: what 'facadelake evaluate-detector' takes as sites."""
+    """Write the building of each picture as its site, for 'facadelake evaluate-detector --sites'."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(["image", "site", "split"])
@@ -202,9 +218,9 @@ def _write_sites(path: Path, pictures: Sequence[TrainingPicture]) -> None:
 
 
 def _build_manifest(
-    done: TrainingSet,
+    training_set: TrainingSet,
     sources: Sequence[TrainingSource],
-    form: TrainingLabelFormat,
+    label_format: TrainingLabelFormat,
     pictures: PictureMode,
     side_px: int,
     terms: str,
@@ -212,14 +228,14 @@ def _build_manifest(
 ) -> dict[str, Any]:
     return {
         "facadelake": version,
-        "form": str(form),
+        "form": str(label_format),
         "pictures": str(pictures),
         "tile_side_px": side_px if pictures is PictureMode.TILES else None,
         "classes": [str(name) for name in CLASSES],
         "terms": terms,
-        "splits": {str(split): done.count_by_class(split) for split in Split},
-        "split_rule": "by building: chosen, else by the hash of its id",
-        "left_out": dict(done.left_out),
+        "splits": {str(split): training_set.count_by_class(split) for split in Split},
+        "split_rule": "by building: as chosen, else by the hash of its id",
+        "left_out": dict(training_set.left_out),
         "campaigns": [
             {
                 "building_id": source.building_id,
@@ -227,7 +243,7 @@ def _build_manifest(
                 "split": str(source.split),
                 "run_id": source.run_id,
                 "lake_version": source.version,
-                "words": dict(Counter(str(one.review.verdict) for one in source.status.current)),
+                "reviews": dict(Counter(str(one.review.verdict) for one in source.status.current)),
                 "reviewers": sorted({one.review.reviewer for one in source.status.current}),
                 "not_reviewed": len(source.status.unreviewed),
                 "detectors": dict(source.detectors),
