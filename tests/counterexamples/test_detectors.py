@@ -49,7 +49,7 @@ def every(step: int, value: float) -> Spoil:
 @pytest.mark.parametrize("step", [1, 7], ids=["all", "some"])
 def test_a_model_that_gives_no_numbers_is_refused(tmp_path: Path, layout: str, step: int) -> None:
     """NaN compares as below every threshold: such a model would find nothing, and nobody would know why."""
-    assert "are no numbers (NaN)" in refused(tmp_path, every(step, np.nan)(answer(layout, [CRACK])), layout)
+    assert "are not numbers (NaN)" in refused(tmp_path, every(step, np.nan)(answer(layout, [CRACK])), layout)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -95,7 +95,9 @@ def test_a_list_shorter_than_its_classes_fails_with_the_remedy(tmp_path: Path) -
     """A list after suppression does not tell how many classes it has before it names one too many."""
     output = answer("nms6", [(*CRACK[:6], 7)])
     detector = OnnxDetector(save_model(tmp_path / "m.onnx", output), ModelCard.model_validate(card("nms6")))
-    with pytest.raises(ModelError, match=r"gives class 7, its card names 2 classes \(0 to 1\); complete class_names"):
+    with pytest.raises(
+        ModelError, match=r"returned class 7, its card names 2 classes \(0 to 1\); complete class_names"
+    ):
         detector.detect(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8))
 
 
@@ -194,4 +196,4 @@ def test_values_that_overflow_in_one_photograph_are_told_and_the_others_count(
     with caplog.at_level(logging.WARNING):
         rows = detect_photographs(rows_of(folder, ["black.png", "wall.png"]), folder, detector).to_pylist()
     assert {row["photo_id"] for row in rows} == {"wall.png"}
-    assert "no numbers (NaN)" in caplog.text
+    assert "not numbers (NaN)" in caplog.text

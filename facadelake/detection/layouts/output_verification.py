@@ -113,7 +113,7 @@ def _check_values(outputs: Mapping[str, Float32Array], names: Sequence[str], car
     parts = [outputs[name][0] for name in names]
     nans = sum(int(np.isnan(part).sum()) for part in parts)
     if nans:
-        return f"{nans} values of the outputs for a probe image are no numbers (NaN)"
+        return f"{nans} values of the outputs for a probe image are not numbers (NaN)"
     return reader.explain_mismatch(parts, reader.read_candidates(parts, card, NO_THRESHOLD), card)
 
 

@@ -122,7 +122,7 @@ def test_an_input_that_is_not_the_declared_one_is_refused(tmp_path: Path) -> Non
 
 def test_a_class_without_a_name_is_refused(tmp_path: Path) -> None:
     output = answer("nms6", [(*CRACK[:6], 5)])
-    with pytest.raises(ModelError, match=r"gives class 5, its card names 2 classes \(0 to 1\)"):
+    with pytest.raises(ModelError, match=r"returned class 5, its card names 2 classes \(0 to 1\)"):
         detector(tmp_path, "nms6", output).detect(np.zeros((64, 96, 3), dtype=np.uint8))
 
 

@@ -285,7 +285,7 @@ def test_numbers_that_are_none_are_refused_at_load_and_told_later(
     assert detector.detect(IMAGE)
     caplog.clear()
     assert detector.detect(np.full((HEIGHT, WIDTH, 3), 255, dtype=np.uint8)) == ()
-    assert "outputs for an image of 96 x 64 px hold values that are no numbers (NaN)" in caplog.text
+    assert "outputs for an image of 96 x 64 px contain values that are not numbers (NaN)" in caplog.text
 
 
 @pytest.mark.parametrize(
