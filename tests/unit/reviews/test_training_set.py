@@ -23,7 +23,7 @@ from facadelake.reviews.review_matching import match_reviews
 from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat, choose_split, parse_splits
 from facadelake.reviews.training.training_set import TrainingSource, write_training_set
 from schemas.vocabulary import Verdict
-from tests.unit.reviews.reviewed import CRACK, MOISTURE, SAID, box, seen
+from tests.unit.reviews.made_reviews import CRACK, MOISTURE, SAID, box, seen
 
 # Each place is painted in a colour of its own, on grey 200.
 CONFIRMED, REJECTED, CORRECTED, UNKNOWN, MISSED = (

@@ -8,7 +8,7 @@ from facadelake.reviews.review import Review
 from facadelake.reviews.review_items import create_review
 from facadelake.reviews.review_matching import ReviewStatus, match_reviews
 from schemas.vocabulary import Verdict
-from tests.unit.reviews.reviewed import CRACK, NEW_MODEL, SAID, box, seen, unreviewed
+from tests.unit.reviews.made_reviews import CRACK, NEW_MODEL, SAID, box, seen, unreviewed
 
 FOUND = (
     ("p0.jpg", "crack", box(100, 100)),

@@ -29,7 +29,7 @@ from facadelake.reviews.box_matching import corners_from_boxes
 from facadelake.reviews.review_items import create_missed_review, create_review, list_review_items
 from facadelake.reviews.review_matching import match_reviews, select_accepted_detections
 from schemas.vocabulary import Verdict
-from tests.unit.reviews.reviewed import CRACK, NEW_MODEL, OLD_MODEL, SAID, box, rows, seen
+from tests.unit.reviews.made_reviews import CRACK, NEW_MODEL, OLD_MODEL, SAID, box, rows, seen
 
 OLD = rows(
     ("p0.jpg", "crack", box(100, 100)),  # stays, a little aside

@@ -19,7 +19,7 @@ from facadelake.reviews.task_files import ReviewTask, build_coco_task, format_de
 from facadelake.reviews.training.reviewed_photographs import collect_reviewed_photographs
 from facadelake.reviews.training.tiles import place_tiles
 from schemas.vocabulary import Verdict
-from tests.unit.reviews.reviewed import CRACK, MOISTURE, SAID, SIZES, SPALLING, box, seen, unreviewed
+from tests.unit.reviews.made_reviews import CRACK, MOISTURE, SAID, SIZES, SPALLING, box, seen, unreviewed
 
 FOUND = (
     ("p0.jpg", "crack", box(100, 100)),
