@@ -1,4 +1,4 @@
-"""One table to one file for GIS or a spreadsheet; the file's suffix chooses the format."""
+"""Export of one table to one file for GIS or a spreadsheet; the file's suffix selects the format."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from facadelake.publish.geoparquet import CRS_2D, geodataframe_from_table, write
 
 
 def export_table(name: str, table: pa.Table, path: Path) -> Path:
-    """Write the rows of table ``name`` (lake form) to ``path``, which appears whole or not at all, and return it.
+    """Write the rows of table ``name`` (columns as in the lake) to ``path``, atomically, and return the path.
 
-    ``.parquet``: GeoParquet in EPSG:4979, or plain Parquet for a table without geometry. ``.gpkg``: a flat layer, one
-    in 3D, the same of the patches, and for defects the facades' elevations. ``.geojson``: RFC 7946 with heights.
-    ``.csv``: geometry as WKT. In the last three a list of numbers is JSON text.
-    Raises InputDataError for another suffix, a folder that is not there, or GeoJSON of a table without geometry.
+    ``.parquet``: GeoParquet in EPSG:4979, or plain Parquet for a table without geometry. ``.gpkg``: layers in 2D and
+    3D of the points and of the patches; for defects also one layer per facade, in the facade's plane. ``.geojson``:
+    RFC 7946 with heights. ``.csv``: geometry as WKT. In the last three a list of numbers is JSON text.
+    Raises InputDataError for an unsupported suffix, a missing folder, or GeoJSON of a table without geometry.
     """
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise InputDataError(f"cannot write {path.name}: the suffix must be one of {', '.join(FORMATS)}")
     if not path.parent.is_dir():
-        raise InputDataError(f"cannot write {path}: there is no folder {path.parent}; make it first")
-    part = path.parent / f".{uuid.uuid4().hex[:8]}{suffix}"
+        raise InputDataError(f"cannot write {path}: folder {path.parent} does not exist; create it first")
+    temporary = path.parent / f".{uuid.uuid4().hex[:8]}{suffix}"
     try:
-        FORMATS[suffix](name, table, part)
-        part.replace(path)
+        FORMATS[suffix](name, table, temporary)
+        temporary.replace(path)
     except OSError as error:
-        raise InputDataError(f"cannot write {path}: {error}; choose a folder with rights and space") from error
+        raise InputDataError(f"cannot write {path}: {error}; choose a writable folder with free space") from error
     finally:
-        part.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
     return path
 
 
@@ -52,14 +52,16 @@ def _write_geopackage(name: str, table: pa.Table, path: Path) -> None:
     if GEOMETRY not in table.column_names:
         write_attribute_table(table, name, path)
         return
-    elevations = create_facade_layers(table) if name == "defects" else iter(())
-    write_layers((layer for layers in (create_map_layers(table, name), elevations) for layer in layers), path)
+    facades = create_facade_layers(table) if name == "defects" else iter(())
+    write_layers((layer for layers in (create_map_layers(table, name), facades) for layer in layers), path)
 
 
 def _write_geojson(name: str, table: pa.Table, path: Path) -> None:
     if GEOMETRY not in table.column_names:
-        raise InputDataError(f"table {name} has no geometry, so it cannot be GeoJSON; write .csv, .parquet or .gpkg")
-    # RFC 7946 knows one CRS: WGS 84 longitude and latitude, with an ellipsoidal height as a third number.
+        raise InputDataError(
+            f"table {name} has no geometry and cannot be written as GeoJSON; write .csv, .parquet or .gpkg"
+        )
+    # RFC 7946 allows one CRS: WGS 84 longitude and latitude, with the ellipsoidal height as third coordinate.
     rows = flatten_table(table)
     if PATCH in table.column_names:
         rows = rows.append_column(f"{PATCH}_wkt", wkt_from_wkb(table, PATCH))

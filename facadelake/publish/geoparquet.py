@@ -1,4 +1,4 @@
-"""Tables with points or polygons as GeoParquet 1.1, in 3D and as a 2D twin; patches are a second geometry column."""
+"""Tables with points or polygons as GeoParquet 1.1, in 3D and in 2D; patches are a second geometry column."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from facadelake.publish.columns import GEOMETRIES, GEOMETRY, decode_geometries, 
 from schemas.column import GEO_CRS
 
 CRS_3D = GEO_CRS  # longitude, latitude, ellipsoidal height
-CRS_2D = "EPSG:4326"  # the same without the height
+CRS_2D = "EPSG:4326"  # longitude and latitude only
 
 
 def geodataframe_from_table(table: pa.Table) -> gpd.GeoDataFrame:
-    """The rows as points or polygons in EPSG:4979 (WKB column ``geometry``), columns ``order_columns``.
+    """The rows as points or polygons in EPSG:4979 (WKB column ``geometry``), in published column order.
 
-    A column ``patch`` becomes a second geometry. Types stay those of Arrow, so that an empty text or number is null
-    and not "" or NaN.
+    A column ``patch`` becomes a second geometry column. Arrow types are kept, so that a missing text or number stays
+    null and does not become "" or NaN.
     """
     rows = order_columns(table)
-    held = [name for name in GEOMETRIES if name in rows.column_names]
-    values = rows.drop_columns(held).to_pandas(types_mapper=pd.ArrowDtype)
-    for name in held:
+    geometries = [name for name in GEOMETRIES if name in rows.column_names]
+    values = rows.drop_columns(geometries).to_pandas(types_mapper=pd.ArrowDtype)
+    for name in geometries:
         values[name] = gpd.GeoSeries(decode_geometries(rows, name), index=values.index, crs=CRS_3D)
     return gpd.GeoDataFrame(values, geometry=GEOMETRY)
 
 
 def drop_heights(rows: gpd.GeoDataFrame) -> gpd.GeoDataFrame:
-    """The 2D twin in EPSG:4326, for programs that know no heights; the height stays as a column where there is one."""
-    twin = rows.copy()
+    """A copy in EPSG:4326 (2D), for programs without support of 3D CRSs; height columns are kept."""
+    flat = rows.copy()
     for name in GEOMETRIES:
         if name in rows.columns:
-            twin[name] = gpd.GeoSeries(shapely.force_2d(rows[name].values), index=rows.index, crs=CRS_2D)
-    return twin.set_geometry(GEOMETRY)
+            flat[name] = gpd.GeoSeries(shapely.force_2d(rows[name].values), index=rows.index, crs=CRS_2D)
+    return flat.set_geometry(GEOMETRY)
 
 
 def write_geoparquet(rows: gpd.GeoDataFrame, path: Path) -> None:
-    """GeoParquet 1.1 with the CRS as PROJJSON and a bbox column, compressed by Snappy, which every reader knows.
+    """Write GeoParquet 1.1 with the CRS as PROJJSON and a bbox column, compressed with Snappy for compatibility.
 
-    What pandas notes beside the columns is left out: it names Arrow's list types in a way that neither pandas nor
-    GeoPandas can read back (pandas 3.1).
+    The ``pandas`` key of the file's metadata is removed: it names Arrow's list types in a form that pandas 3.1 and
+    GeoPandas cannot read back.
     """
     rows.to_parquet(
         path,
@@ -54,5 +54,5 @@ def write_geoparquet(rows: gpd.GeoDataFrame, path: Path) -> None:
         geometry_encoding="WKB",
     )
     table = pq.ParquetFile(path).read()
-    noted = {key: value for key, value in (table.schema.metadata or {}).items() if key != b"pandas"}
-    pq.write_table(table.replace_schema_metadata(noted), path, compression="snappy")
+    metadata = {key: value for key, value in (table.schema.metadata or {}).items() if key != b"pandas"}
+    pq.write_table(table.replace_schema_metadata(metadata), path, compression="snappy")

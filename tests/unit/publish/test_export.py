@@ -60,7 +60,7 @@ def test_polygons_and_plain_tables(tmp_path: Path) -> None:
         export("photos", TABLES["photos"], tmp_path / f"photos{suffix}")
     assert pyogrio.read_info(tmp_path / "photos.gpkg", layer="photos")["features"] == 3
     assert len(pq.read_table(tmp_path / "photos.parquet")) == 3
-    with pytest.raises(InputDataError, match="table photos has no geometry, so it cannot be GeoJSON"):
+    with pytest.raises(InputDataError, match="table photos has no geometry and cannot be written as GeoJSON"):
         export("photos", TABLES["photos"], tmp_path / "photos.geojson")
 
 
@@ -92,6 +92,6 @@ def test_an_earlier_file_is_replaced_or_left_whole(tmp_path: Path) -> None:
 def test_what_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"defects.shp: the suffix must be one of .parquet, .gpkg, .geojson, .csv"):
         export("defects", TABLES["defects"], tmp_path / "defects.shp")
-    with pytest.raises(InputDataError, match=r"there is no folder .*; make it first"):
+    with pytest.raises(InputDataError, match=r"folder .* does not exist; create it first"):
         export("defects", TABLES["defects"], tmp_path / "no" / "defects.csv")
     assert list(tmp_path.iterdir()) == []
