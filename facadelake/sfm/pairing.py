@@ -25,8 +25,9 @@ _IDENTICAL_POSITION_M = 0.001
 
 
 def direction_from_yaw_pitch(yaw_deg: Float64N, pitch_deg: Float64N) -> Float64Nx3:
-    """Viewing directions (n, 3), unit vectors in site, of yaw (clockwise from north) and pitch (above the horizon); NaN
-    if unknown.
+    """Viewing directions (n, 3), unit vectors in site; NaN where yaw or pitch is.
+
+    Yaw is clockwise from north, pitch above the horizon.
     """
     yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
     return np.column_stack([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])

@@ -85,8 +85,7 @@ def _read_column(rows: list[dict[str, Any]], name: str) -> Float64N:
 
 
 def read_prior_positions(rows: list[dict[str, Any]]) -> tuple[Float64Nx3, Float64Nx3]:
-    """Position priors (n, 3) and their sigmas (n, 3) in metres, in a local east-north-up frame; NaN where there is
-    none.
+    """Position priors (n, 3) and their sigmas (n, 3), metres, in a local east-north-up frame; NaN for none.
 
     The origin is the median of the priors. A missing height is replaced by the median of the others.
     """

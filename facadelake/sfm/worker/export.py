@@ -20,11 +20,11 @@ _DESCRIPTOR_DIMENSIONS = 128
 
 
 def select_descriptors(model: pycolmap.Reconstruction, database_path: Path, row_of_point: dict[int, int]) -> UInt8Array:
-    """SIFT descriptors (m, 128) of the points, in the rows given: for each point that nearest to the mean of its image
-    points.
+    """SIFT descriptors (m, 128) of the points: for each that of the image point nearest to the mean of all.
 
     It is the descriptor of an actual image point, not the mean: a mean of histograms is smoother than each of them, so
-    distances to it are smaller, and a ratio test designed for single descriptors would be biased.
+    distances to it are smaller, and a ratio test designed for single descriptors would be biased. ``row_of_point``
+    gives the row of each point id.
     """
     total = np.zeros((len(row_of_point), _DESCRIPTOR_DIMENSIONS), dtype=np.float32)
     image_point_count = np.zeros(len(row_of_point), dtype=np.float32)
@@ -82,8 +82,8 @@ def _explain_unlocalised(result: MappingResult, database: pycolmap.Database, ima
     for number, other in enumerate(result.separate_blocks, start=2):
         if image_id in other.images and other.images[image_id].has_pose:
             return (
-                f"belongs to block {number} of {other.num_reg_images()} photographs, which overlaps too little with the "
-                f"first block of {block_size}; photograph the surfaces between them"
+                f"belongs to block {number} of {other.num_reg_images()} photographs, which overlaps too little with "
+                f"the first block of {block_size}; photograph the surfaces between them"
             )
     return (
         f"could not be joined to the block of {block_size} photographs: too little overlap with them "
@@ -107,8 +107,9 @@ def export_reconstruction(
     folder: Path,
     report: ProgressReport,
 ) -> None:
-    """Write ``sparse/`` (COLMAP's binary model), ``reconstruction.npz``, ``descriptors.npy`` and
-    ``reconstruction.json``.
+    """Write the result: ``sparse/``, ``reconstruction.npz``, ``reconstruction.json`` and ``descriptors.npy``.
+
+    ``sparse/`` is COLMAP's binary model; the parent reads the other files.
 
     Args:
         result: the block, and the reasons for photographs outside it.

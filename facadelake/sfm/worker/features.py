@@ -36,8 +36,7 @@ def _split_into_batches(items: Sequence[T], size: int) -> Iterator[Sequence[T]]:
 
 
 def open_database(job: dict[str, Any], path: Path) -> dict[int, int]:
-    """The database of the job's photographs, new or as an interrupted run left it; returns index in the job -> image
-    id.
+    """The database of the job's photographs, new or of an interrupted run; returns index in the job -> image id.
 
     The folder of ``path`` belongs to the job: where it has no intact database, all its content is removed. A new
     database is filled under another name and renamed, so that it is never found incomplete; one damaged by a crash of
@@ -132,9 +131,8 @@ def extract_features(
     options.num_threads = limit_threads(job, psutil.virtual_memory().available)
     options.sift.max_num_features = settings["max_features"]
     options.sift.peak_threshold = 0.01 / 3  # half of COLMAP's: plain render has faint features only
-    options.sift.first_octave = (
-        0  # COLMAP enlarges the photograph twofold: twice the time, no gain on sharp photographs
-    )
+    # COLMAP's -1 enlarges the photograph twofold first: twice the time, no gain on sharp photographs.
+    options.sift.first_octave = 0
     with pycolmap.Database.open(database_path) as database:
         missing = [
             photo["photo_id"]

@@ -43,5 +43,5 @@ def run_job(job: dict[str, Any], folder: Path, report: ProgressReport) -> None:
     adjust_block(block, job, report)
     mapped = frozenset(block.reg_image_ids())
     failures = resect_remaining(block, job, database_path, report)
-    outcome = MappingResult(block=block, mapped=mapped, separate_blocks=separate, resection_failures=failures)
-    export_reconstruction(outcome, job, image_id_of, database_path, folder, report)
+    result = MappingResult(block=block, mapped=mapped, separate_blocks=separate, resection_failures=failures)
+    export_reconstruction(result, job, image_id_of, database_path, folder, report)

@@ -22,8 +22,10 @@ _MAX_RELATIVE_SIGMA = 0.01
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Correspondences:
-    """2D-3D correspondences: keypoints (m,) of a photograph, their pixels (m, 2), and candidate points (m,) of the
-    block.
+    """2D-3D correspondences of a photograph with the block.
+
+    ``keypoint`` (m,) and ``xy_img`` (m, 2) are keypoints and their pixels, ``point_id`` (m,) and ``xyz_sfm`` (m, 3) the
+    points that they may show.
     """
 
     keypoint: Int64Array

@@ -15,7 +15,7 @@ from facadelake.core.arrays import Float32Array, Int64Array
 # and 100 % after the partners' partners.
 _VISUAL_WORDS = 64
 _LLOYD_ITERATIONS = 8
-_TRAINING_DESCRIPTORS = 20_000  # descriptors
+_TRAINING_DESCRIPTORS = 20_000  # of all photographs together
 _MAX_FEATURES = 1000  # the largest, which are visible from other viewpoints
 
 
@@ -102,9 +102,8 @@ def pair_transitively(
 
 def _read_largest_descriptors(database: pycolmap.Database, image_id: int) -> Float32Array:
     """The descriptors of a photograph's largest features."""
-    keypoints = np.asarray(database.read_keypoints(image_id)).reshape(
-        -1, 6
-    )  # x, y and a 2x2 matrix: rotation and scale
+    # Columns of a keypoint: x, y and a 2x2 matrix of rotation and scale.
+    keypoints = np.asarray(database.read_keypoints(image_id)).reshape(-1, 6)
     descriptors = database.read_descriptors(image_id).data.reshape(-1, 128)
     size = np.hypot(keypoints[:, 2], keypoints[:, 3])
     return descriptors[np.argsort(-size, kind="stable")[:_MAX_FEATURES]].astype(np.float32)
