@@ -1,4 +1,4 @@
-"""Building models that are no model, are cut off, or do not say where they stand: each with its words."""
+"""Building models that are invalid, truncated or not georeferenced: the whole message of each."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def refused(kind: type[FacadelakeError], path: Path, settings: IfcModelSettings 
 
 @pytest.mark.parametrize("share", [0.3, 0.7, 0.999])
 def test_a_truncated_model_is_refused_before_it_is_parsed(write_ifc: WriteIfc, share: float) -> None:
-    """A cut file parses without an error and lacks elements: half a building would be inspected."""
+    """A truncated file parses without an error and lacks elements: half a building would be inspected."""
     path = write_ifc(PLACED)
     whole = path.read_bytes()
     size = int(share * len(whole))
@@ -89,9 +89,9 @@ def test_a_missing_model_and_one_without_bodies(tmp_path: Path, write_ifc: Write
     )
 
 
-VERTICAL = "give the registry's crs.vertical: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
-GIVE_CRS = "give the registry's crs.map an EPSG code such as EPSG:25832"
-MIXED = "is the CRS the right one, are units mixed, or is the shift in the geometry and in IfcMapConversion too?"
+VERTICAL = "set crs.vertical in the registry: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
+SET_CRS = "set crs.map in the registry to an EPSG code such as EPSG:25832"
+CHECK = "check the CRS and the units, and that the shift to the map is not in both the geometry and IfcMapConversion"
 UNKNOWN_DATUM = "EPSG:99999"
 
 
@@ -102,40 +102,40 @@ UNKNOWN_DATUM = "EPSG:99999"
             Ifc(),
             BY_IFC,
             "the IFC names no projected CRS (it has no IfcSite latitude and longitude either); "
-            "write IfcProjectedCRS into it, or give the registry's crs.map, such as EPSG:25832",
+            "add IfcProjectedCRS to it, or set crs.map in the registry, such as EPSG:25832",
         ),
         (
             Ifc(crs=CRS),
             BY_IFC,
             "the IFC is not georeferenced: it has no IfcMapConversion (it has no IfcSite latitude and longitude "
-            "either); georeference it in the authoring tool, or give the registry's crs.placement "
-            "(east_m, north_m, height_m, rotation_deg)",
+            "either); georeference it in the authoring tool, or set crs.placement "
+            "(east_m, north_m, height_m, rotation_deg) in the registry",
         ),
         (
             Ifc(crs=UTM, conversion=CONVERSION),
             BY_IFC,
-            "neither the IFC nor the registry says what the model's heights refer to (CRS EPSG:25832); "
-            "give the registry's crs.vertical: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)",
+            f"neither the IFC nor the registry states the vertical datum of the model's heights (CRS EPSG:25832); "
+            f"{VERTICAL}",
         ),
         (
             Ifc(crs=UTM | {"VerticalDatum": "castle zero"}, conversion=CONVERSION),
             BY_IFC,
-            f"the vertical datum 'castle zero' is not one that PROJ knows by that name; {VERTICAL}",
+            f"PROJ knows no single vertical CRS named 'castle zero'; {VERTICAL}",
         ),
         (
             Ifc(crs=UTM | {"VerticalDatum": UNKNOWN_DATUM}, conversion=CONVERSION),
             BY_IFC,
-            f"the vertical datum 'EPSG:99999' is not one that PROJ knows by that name; {VERTICAL}",
+            f"PROJ knows no single vertical CRS named 'EPSG:99999'; {VERTICAL}",
         ),
         (
             PLACED,
             IfcModelSettings(vertical_datum=UNKNOWN_DATUM),
-            f"the vertical datum 'EPSG:99999' is not one that PROJ knows by that name; {VERTICAL}",
+            f"PROJ knows no single vertical CRS named 'EPSG:99999'; {VERTICAL}",
         ),
         (
             PLACED,
             IfcModelSettings(vertical_datum="EPSG:25832"),
-            "EPSG:25832 (ETRS89 / UTM zone 32N) is not a vertical CRS; give one such as EPSG:5783 (DHHN92 height)",
+            "EPSG:25832 (ETRS89 / UTM zone 32N) is not a vertical CRS; use one such as EPSG:5783 (DHHN92 height)",
         ),
         (
             PLACED,
@@ -146,33 +146,32 @@ UNKNOWN_DATUM = "EPSG:99999"
         (
             Ifc(crs=CRS | {"Name": "Ettlingen local"}, conversion=CONVERSION),
             BY_IFC,
-            f"CRS 'Ettlingen local' is not known to PROJ; {GIVE_CRS}",
+            f"CRS 'Ettlingen local' is not known to PROJ; {SET_CRS}",
         ),
-        (PLACED, IfcModelSettings(map_crs="EPSG:99999"), f"CRS 'EPSG:99999' is not known to PROJ; {GIVE_CRS}"),
+        (PLACED, IfcModelSettings(map_crs="EPSG:99999"), f"CRS 'EPSG:99999' is not known to PROJ; {SET_CRS}"),
         (
             PLACED,
             IfcModelSettings(map_crs="EPSG:4326"),
-            "CRS 'EPSG:4326' (WGS 84) is not a projected CRS in metres or feet, which a map conversion needs; "
-            f"{GIVE_CRS}",
+            f"CRS 'EPSG:4326' (WGS 84) is not a projected CRS, which a map conversion requires; {SET_CRS}",
         ),
         (
             Ifc(crs=CRS | {"Name": "EPSG:2056"}, conversion=CONVERSION),
             BY_IFC,
-            "the model's middle comes to lie at east, north, height [456641.2, 5421033.6, 179.8] m, outside the area "
-            f"where EPSG:2056 is in use (Liechtenstein; Switzerland.); {MIXED}",
+            "the centre of the model is at east, north, height [456641.2, 5421033.6, 179.8] m, outside the area of use "
+            f"of EPSG:2056 (Liechtenstein; Switzerland.); {CHECK}",
         ),
         (
             Ifc(crs=CRS, conversion=CONVERSION | {"Eastings": 5421033.5, "Northings": 456639.25}),
             BY_IFC,
-            "the model's middle comes to lie at east, north, height [5421035.5, 456639.4, 179.8] m, outside the area "
-            f"where EPSG:25832 is in use (Europe between 6°E and 12°E); {MIXED}",
+            "the centre of the model is at east, north, height [5421035.5, 456639.4, 179.8] m, outside the area of use "
+            f"of EPSG:25832 (Europe between 6°E and 12°E); {CHECK}",
         ),
         (
             Ifc(crs=CRS, conversion=CONVERSION, boxes=[Box(corner_m=(456639.0, 5421033.0, 178.0))]),
             BY_IFC,
-            "the model is shifted to the map twice: its geometry lies at [456641.0, 5421033.2, 179.5] m, which are map "
-            "coordinates of EPSG:25832, and its placement adds east, north [456639.2, 5421033.5] m; export it with the "
-            "shift in one of the two, or, if the geometry is right, give the registry's crs.placement "
+            "the model is shifted to the map twice: its geometry is at [456641.0, 5421033.2, 179.5] m, which are map "
+            "coordinates of EPSG:25832, and its placement adds east, north [456639.2, 5421033.5] m; export it with "
+            "only one of the two shifts, or, if the geometry is right, set crs.placement in the registry to "
             "{east_m: 0, north_m: 0, height_m: 0}",
         ),
     ],
@@ -194,7 +193,7 @@ def test_the_remedies_for_crs_and_datum_help(write_ifc: WriteIfc) -> None:
 
 
 def test_the_remedy_for_a_model_without_map_conversion_helps(write_ifc: WriteIfc) -> None:
-    """The keys that the message names are the registry's, and what they say places the model."""
+    """The keys that the message names are the registry's, and their values place the model."""
     building = Building.model_validate(
         {
             "id": "hall", "name": "Hall", "model": "hall.ifc", "photographs": "photos/{campaign}",

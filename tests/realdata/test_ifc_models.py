@@ -212,7 +212,7 @@ def test_fzk_house_by_latitude_longitude_and_true_north(shared_data):
         load_ifc_building(path, settings=IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal"))
     building = load_ifc_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal", accept_level=20))
     assert (building.georeference_level, building.map_crs) == ("20", "EPSG:32632")
-    assert "good to about 10 m, one sigma" in building.remarks
+    assert "accuracy about 10 m, one sigma" in building.remarks
     zero = building.origin.site_from_geo(np.array([[8 + 26 / 60 + 11.5404 / 3600, 49 + 6 / 60 + 1.566 / 3600, 110.0]]))
     low, high = building.vertices_site_m.min(axis=0), building.vertices_site_m.max(axis=0)
     assert (zero[0, :2] > low[:2] - 1).all()  # m: the house stands at its zero

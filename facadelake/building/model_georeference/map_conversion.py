@@ -1,4 +1,4 @@
-"""LoGeoRef 50: IfcMapConversion (and Scaled, 4.3), IfcRigidOperation (4.3) and their IFC2x3 property sets.
+"""LoGeoRef 50: IfcMapConversion, IfcMapConversionScaled, IfcRigidOperation and the property sets of IFC2x3.
 
 Source: ISO 16739-1 (IFC 4 and 4.3), buildingSMART "User guide for geo-referencing in IFC" (the property sets).
 """
@@ -19,16 +19,17 @@ from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import promote_to_3d
 
-_MAX_SCALE_ERROR = 0.1  # a grid factor beyond 1 +- this is a wrong unit, not a projection
+_MAX_SCALE_ERROR = 0.1  # a grid scale factor outside 1 +- this is a wrong unit, not a projection
 _UNITS_2X3 = {"METRE": 1.0, "METER": 1.0, "METRES": 1.0, "METERS": 1.0, "M": 1.0, "MILLIMETRE": 0.001, "MM": 0.001,
               "FOOT": 0.3048, "FEET": 0.3048, "US SURVEY FOOT": 1200 / 3937}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoordinateOperation:
-    """What the IFC states of the way from its axes to the map, in the units it states it in.
+    """The IFC's operation from its axes to the map, in the IFC's units.
 
-    ``scale`` is None where the operation has none by its kind (IfcRigidOperation) and so keeps lengths.
+    ``kind`` is the IFC class or property set. ``scale`` is None where the kind has none (IfcRigidOperation), so that
+    lengths are kept. ``factors`` are those of IfcMapConversionScaled.
     """
 
     kind: str
@@ -41,7 +42,7 @@ class CoordinateOperation:
 
 
 def read_crs(model: ifcopenshell.file) -> tuple[str | None, str | None]:
-    """Name (or WKT, IFC4.3) of the CRS and what is said of heights, as the IFC states them."""
+    """Read the name (or WKT, IFC4.3) of the CRS and the vertical datum; None where not given."""
     entity = _find_crs(model)
     if entity is None:
         values = read_property_set(model, "ePSet_ProjectedCRS")
@@ -49,9 +50,9 @@ def read_crs(model: ifcopenshell.file) -> tuple[str | None, str | None]:
     else:
         values = entity.get_info(recursive=False)
         name = values.get("Name")
-        known_by_text = getattr(entity, "WellKnownText", None)
-        if known_by_text and not (name and ":" in name):
-            name = known_by_text[0].WellKnownText
+        wkt = getattr(entity, "WellKnownText", None)
+        if wkt and not (name and ":" in name):
+            name = wkt[0].WellKnownText
     vertical = values.get("VerticalDatum")
     if not vertical and "ellipsoid" in str(values.get("Description") or "").lower():
         vertical = ELLIPSOIDAL
@@ -59,7 +60,7 @@ def read_crs(model: ifcopenshell.file) -> tuple[str | None, str | None]:
 
 
 def read_coordinate_operation(model: ifcopenshell.file) -> CoordinateOperation | None:
-    """The operation from the model's axes to the map; None where the IFC states none, or one in degrees."""
+    """Read the operation from the model's axes to the map; None if the IFC has none, or one in degrees."""
     entity = find_operation_entity(model)
     if entity is None:
         values = read_property_set(model, "ePSet_MapConversion")
@@ -72,7 +73,7 @@ def read_coordinate_operation(model: ifcopenshell.file) -> CoordinateOperation |
             kind=entity.is_a(), east=float(east), north=float(north), height=float(entity.Height or 0), scale=None
         )
     scale = float(entity.Scale or 1.0)
-    # IFC4.3 before its second addendum had ScaleY and ScaleZ in IfcMapConversion itself.
+    # IFC4.3 before its second addendum has ScaleY and ScaleZ in IfcMapConversion itself.
     factors = [1.0, float(getattr(entity, "ScaleY", None) or scale) / scale, 1.0]
     factors[2] = float(getattr(entity, "ScaleZ", None) or scale) / scale
     if entity.is_a("IfcMapConversionScaled"):
@@ -89,56 +90,56 @@ def read_coordinate_operation(model: ifcopenshell.file) -> CoordinateOperation |
 
 
 def find_operation_entity(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
-    """The IfcCoordinateOperation of the model's own context, before that of its plans; None where there is none."""
-    found = _list_entities(model, "IfcCoordinateOperation")
-    own = [
+    """Find the IfcCoordinateOperation of the 3D context, else of another context; None if there is none."""
+    operations = _list_entities(model, "IfcCoordinateOperation")
+    of_contexts = [
         operation
-        for operation in found
+        for operation in operations
         if operation.SourceCRS is not None and operation.SourceCRS.is_a("IfcGeometricRepresentationContext")
     ]
-    own.sort(key=lambda operation: operation.SourceCRS.ContextType != "Model")
-    chosen = own or found
-    return chosen[0] if chosen else None
+    of_contexts.sort(key=lambda operation: operation.SourceCRS.ContextType != "Model")
+    preferred = of_contexts or operations
+    return preferred[0] if preferred else None
 
 
 def has_angular_coordinates(rigid: ifcopenshell.entity_instance) -> bool:
-    """Whether an IfcRigidOperation counts in degrees: then its target is a geographic CRS."""
+    """Whether an IfcRigidOperation has coordinates in degrees, so that its target is a geographic CRS."""
     return bool(rigid.FirstCoordinate.is_a() in ("IfcPlaneAngleMeasure", "IfcPositivePlaneAngleMeasure"))
 
 
 def list_placements(
     model: ifcopenshell.file, operation: CoordinateOperation, map_crs: str
 ) -> Iterator[tuple[MapPlacement, str]]:
-    """Readings of the operation, the standard's first; each with what it assumes beyond the standard.
+    """Yield the placements that the operation may mean, the standard's first, each with a remark on its assumptions.
 
-    Exporters differ in what ``Scale`` and an omitted ``MapUnit`` mean, so a reading must give a metre scale near 1.
-    Raises GeoreferenceError where none does.
+    Exporters differ in the meaning of ``Scale`` and of an omitted ``MapUnit``; only interpretations with a metre scale
+    within 10 % of 1 are kept. Raises GeoreferenceError if there is none.
     """
     project_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
-    stated_m = _read_map_unit_m(model)
+    map_unit_m = _read_map_unit_m(model)
     crs_m = float(promote_to_3d(map_crs).axis_info[0].unit_conversion_factor)
-    unit_readings = [(stated_m, "")] if stated_m else [(project_m, "")]
-    if not stated_m and abs(crs_m - project_m) > 1e-9:
-        unit_readings.append((crs_m, f"MapUnit is not given; the unit of {map_crs} was taken"))
+    units = [(map_unit_m, "")] if map_unit_m else [(project_m, "")]
+    if not map_unit_m and abs(crs_m - project_m) > 1e-9:
+        units.append((crs_m, f"MapUnit is not given; the unit of {map_crs} is assumed"))
     none_fits = True
-    for unit_m, said in unit_readings:
-        for metre_scale, scale_said in _list_metre_scales(operation, unit_m / project_m):
+    for unit_m, unit_remark in units:
+        for metre_scale, scale_remark in _list_metre_scales(operation, unit_m / project_m):
             if abs(metre_scale - 1) <= _MAX_SCALE_ERROR:
                 none_fits = False
-                remarks = (said, scale_said, _describe_scale(operation, metre_scale))
+                remarks = (unit_remark, scale_remark, _describe_scale(operation, metre_scale))
                 yield _placement_from_operation(operation, unit_m, metre_scale), "; ".join(filter(None, remarks))
                 break
     if none_fits or any(abs(factor - 1) > _MAX_SCALE_ERROR for factor in operation.factors):
         raise GeoreferenceError(
             f"{operation.kind} has Scale {operation.scale} and factors {operation.factors}, the model's unit is "
-            f"{project_m:g} m and the map's {stated_m or crs_m:g} m: no reading of these gives a map that stretches by "
-            f"less than {_MAX_SCALE_ERROR:.0%}, so a unit is wrong; correct Scale or MapUnit, or give the registry's "
-            "crs.placement"
+            f"{project_m:g} m and the map's {map_unit_m or crs_m:g} m: no interpretation gives a map scale within "
+            f"{_MAX_SCALE_ERROR:.0%} of 1, so a unit is wrong; correct Scale or MapUnit, or set crs.placement in the "
+            "registry"
         )
 
 
 def read_property_set(model: ifcopenshell.file, name: str) -> dict[str, Any]:
-    """A property set of the project or, as the user guide has it, of the site; empty where there is none."""
+    """Read a property set of the project or, as in the user guide, of the site; empty if there is none."""
     for holder in [*model.by_type("IfcProject"), *model.by_type("IfcSite")]:
         for found, values in ifcopenshell.util.element.get_psets(holder, psets_only=True).items():
             if found.lower() == name.lower():  # exporters write ePset and ePSet
@@ -149,15 +150,15 @@ def read_property_set(model: ifcopenshell.file, name: str) -> dict[str, Any]:
 def _list_metre_scales(operation: CoordinateOperation, unit_ratio: float) -> list[tuple[float, str]]:
     if operation.scale is None:
         return [(1.0, "")]
-    said = "Scale was taken as a factor between metres, for it does not hold the units' ratio"
-    return [(operation.scale * unit_ratio, ""), (operation.scale, said)]
+    remark = "Scale is taken as a factor between metres because it does not contain the ratio of the units"
+    return [(operation.scale * unit_ratio, ""), (operation.scale, remark)]
 
 
 def _describe_scale(operation: CoordinateOperation, metre_scale: float) -> str:
     if operation.kind == "IfcMapConversionScaled" and operation.factors != (1.0, 1.0, 1.0):
-        return f"the map's factors along x, y, z are {', '.join(f'{f:.6f}' for f in operation.factors)}"
+        return f"the map's scale factors along x, y, z are {', '.join(f'{f:.6f}' for f in operation.factors)}"
     if abs(metre_scale - 1) > 1e-9:
-        return f"Scale is taken as the map's grid factor {metre_scale:.6f}, of east and north alone"
+        return f"Scale is taken as the grid scale factor {metre_scale:.6f} of east and north only"
     return ""
 
 
@@ -168,13 +169,13 @@ def _placement_from_operation(operation: CoordinateOperation, unit_m: float, met
         north_m=operation.north * unit_m,
         height_m=operation.height * unit_m,
         rotation_deg=float(np.degrees(np.arctan2(operation.x_axis[1], operation.x_axis[0]))),
-        # What is left of Scale once units are taken out is the projection's grid factor: maps stretch, heights do not.
+        # Scale without the ratio of the units is the projection's grid scale factor, which does not apply to heights.
         scale=(metre_scale * x, metre_scale * y, z),
     )
 
 
 def _operation_from_properties(values: dict[str, Any]) -> CoordinateOperation:
-    """ePSet_MapConversion; raises GeoreferenceError where a value is no number."""
+    """The operation of ePSet_MapConversion. Raises GeoreferenceError if a value is not a number or is missing."""
     numbers = {}
     for name in ("Eastings", "Northings", "OrthogonalHeight", "XAxisAbscissa", "XAxisOrdinate", "Scale"):
         value = values.get(name)
@@ -182,12 +183,12 @@ def _operation_from_properties(values: dict[str, Any]) -> CoordinateOperation:
             numbers[name] = None if value is None or value == "" else float(value)
         except (TypeError, ValueError) as error:
             raise GeoreferenceError(
-                f"ePSet_MapConversion.{name} is {value!r}, not a number; correct it with a decimal point and no unit, "
-                "or give the registry's crs.placement"
+                f"ePSet_MapConversion.{name} is {value!r}, not a number; write it with a decimal point and without a "
+                "unit, or set crs.placement in the registry"
             ) from error
     if numbers["Eastings"] is None or numbers["Northings"] is None:
         raise GeoreferenceError(
-            "ePSet_MapConversion has no Eastings or no Northings; complete it, or give the registry's crs.placement"
+            "ePSet_MapConversion has no Eastings or no Northings; add them, or set crs.placement in the registry"
         )
     return CoordinateOperation(
         kind="ePSet_MapConversion",
@@ -214,14 +215,14 @@ def _find_crs(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
 
 
 def _read_map_unit_m(model: ifcopenshell.file) -> float | None:
-    """Metres of IfcProjectedCRS.MapUnit; None where it is not given."""
+    """Read IfcProjectedCRS.MapUnit in metres; None if it is not given."""
     crs = _find_crs(model)
     if crs is None:
         name = str(read_property_set(model, "ePSet_ProjectedCRS").get("MapUnit") or "").strip().upper()
         if name and name not in _UNITS_2X3:
             raise GeoreferenceError(
-                f"ePSet_ProjectedCRS.MapUnit is {name!r}; known are {', '.join(_UNITS_2X3)}; correct it, "
-                "or give the registry's crs.placement"
+                f"ePSet_ProjectedCRS.MapUnit is {name!r}; known units are {', '.join(_UNITS_2X3)}; correct it, or set "
+                "crs.placement in the registry"
             )
         return _UNITS_2X3.get(name)
     unit = getattr(crs, "MapUnit", None)

@@ -1,6 +1,7 @@
-"""What an IFC without a map conversion says of its place: LoGeoRef 10 to 40 (Clemen and Goerne 2019).
+"""Georeference of an IFC without a map conversion: LoGeoRef 10 to 40 (Clemen and Goerne 2019).
 
-10 an address, 20 IfcSite's latitude and longitude, 30 map coordinates in placements, 40 in WorldCoordinateSystem.
+Level 10 is an address, 20 latitude and longitude of IfcSite, 30 map coordinates in placements, 40 map coordinates in
+WorldCoordinateSystem.
 """
 
 from __future__ import annotations
@@ -23,11 +24,11 @@ from facadelake.building.model_georeference.map_placement import (
     geo_from_map,
     place_upright,
 )
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64x3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import GEO, transform
 
-_MIN_SITE_SIGMA_M = 10.0  # authoring tools take the place from a map or an address, whatever digits they write
+_MIN_SITE_SIGMA_M = 10.0  # authoring tools take the position from a map or an address, however many digits they write
 _ARC_SECOND_M = 31.0  # a second of arc on the meridian
 
 
@@ -35,19 +36,20 @@ _ARC_SECOND_M = 31.0  # a second of arc on the meridian
 class GeographicAnchor:
     """A point of the model on the globe, and its height in the model's vertical datum.
 
-    ``sigma_m`` is 0 where a surveyor's word stands behind it.
+    ``anchor_ifc_m`` (3,): the point in the model's axes. ``sigma_m``: standard deviation of the position, 0 for a
+    surveyed point. ``remark`` names the source.
     """
 
     lon_deg: float
     lat_deg: float
     height_m: float
-    anchor_ifc_m: Float64Array
+    anchor_ifc_m: Float64x3
     sigma_m: float
     remark: str
 
 
 def read_site_anchor(model: ifcopenshell.file) -> GeographicAnchor | None:
-    """The place of an IfcSite with RefLatitude and RefLongitude, which are of its placement's origin; None without."""
+    """Read RefLatitude and RefLongitude of IfcSite, which refer to its placement's origin; None if not given."""
     unit_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
     for site in model.by_type("IfcSite"):
         if not site.RefLatitude or not site.RefLongitude:
@@ -64,22 +66,22 @@ def read_site_anchor(model: ifcopenshell.file) -> GeographicAnchor | None:
             _estimate_rounding_m(site.RefLatitude) / np.sqrt(12),
             _estimate_rounding_m(site.RefLongitude) / np.sqrt(12),
         )
-        without = "" if site.RefElevation is not None else ", no RefElevation, so the site's zero is taken at height 0"
+        no_elevation = "" if site.RefElevation is not None else " (no RefElevation, height 0 is assumed)"
         return GeographicAnchor(
             lon_deg=lon,
             lat_deg=lat,
             height_m=elevation,
             anchor_ifc_m=anchor,
             sigma_m=float(sigma),
-            remark=f"placed by IfcSite's latitude {lat:.6f} and longitude {lon:.6f}{without}",
+            remark=f"placed by latitude {lat:.6f} and longitude {lon:.6f} of IfcSite{no_elevation}",
         )
     return None
 
 
 def read_geographic_operation(model: ifcopenshell.file) -> GeographicAnchor | None:
-    """An IfcRigidOperation (IFC4.3) that counts in degrees, as a place; None where there is none.
+    """Read an IfcRigidOperation (IFC4.3) with coordinates in degrees; None if there is none.
 
-    Raises GeoreferenceError where its CRS is not a geographic one that PROJ knows.
+    Raises GeoreferenceError if its target is not a geographic CRS that PROJ knows.
     """
     entity = find_operation_entity(model)
     if entity is None or not entity.is_a("IfcRigidOperation") or not has_angular_coordinates(entity):
@@ -89,18 +91,18 @@ def read_geographic_operation(model: ifcopenshell.file) -> GeographicAnchor | No
         crs = pyproj.CRS.from_user_input(name)
     except pyproj.exceptions.CRSError as error:
         raise GeoreferenceError(
-            f"IfcRigidOperation leads to '{name}', which PROJ does not know; name a geographic CRS such as EPSG:4326, "
-            "or give the registry's crs.map and crs.placement"
+            f"the target CRS of IfcRigidOperation is '{name}', which PROJ does not know; use a geographic CRS such as "
+            "EPSG:4326, or set crs.map and crs.placement in the registry"
         ) from error
     if not crs.is_geographic:
         raise GeoreferenceError(
-            f"IfcRigidOperation counts in degrees, but {name} is not a geographic CRS; correct one of them, or give "
-            "the registry's crs.placement"
+            f"IfcRigidOperation has coordinates in degrees, but {name} is not a geographic CRS; correct one of them, "
+            "or set crs.placement in the registry"
         )
-    to_deg = float(np.degrees(ifcopenshell.util.unit.calculate_unit_scale(model, "PLANEANGLEUNIT")))
-    pair = [entity.FirstCoordinate.wrappedValue * to_deg, entity.SecondCoordinate.wrappedValue * to_deg]
+    unit_deg = float(np.degrees(ifcopenshell.util.unit.calculate_unit_scale(model, "PLANEANGLEUNIT")))
+    coordinates = [entity.FirstCoordinate.wrappedValue * unit_deg, entity.SecondCoordinate.wrappedValue * unit_deg]
     lat_first = crs.axis_info[0].direction in ("north", "south")
-    lon, lat = pair[::-1] if lat_first else pair
+    lon, lat = coordinates[::-1] if lat_first else coordinates
     lon, lat = transform(np.array([[lon, lat, 0.0]]), name, GEO)[0, :2]
     unit_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
     order = "latitude first" if lat_first else "longitude first"
@@ -110,33 +112,40 @@ def read_geographic_operation(model: ifcopenshell.file) -> GeographicAnchor | No
         height_m=float(entity.Height or 0.0) * unit_m,
         anchor_ifc_m=np.zeros(3),
         sigma_m=0.0,
-        remark=f"placed by IfcRigidOperation in {name}, {order} as that CRS orders its axes",
+        remark=f"placed by IfcRigidOperation in {name}, {order} by the axis order of that CRS",
     )
 
 
-def place_on_globe(place: GeographicAnchor, map_crs: str, vertical_datum: str, north_deg: float | None) -> MapPlacement:
-    """The model upright at ``place``, its true north at ``north_deg`` (see ``read_true_north_deg``)."""
-    grid = compute_grid_factors(np.array([place.lon_deg, place.lat_deg, 0.0]), map_crs, vertical_datum)
-    there = np.array([[grid.map_m[0], grid.map_m[1], place.height_m]])
-    at_height = compute_grid_factors(geo_from_map(there, map_crs, vertical_datum)[0], map_crs, vertical_datum)
-    exact = GridFactors(
-        map_m=there[0], true_east_deg=at_height.true_east_deg, combined_factor=at_height.combined_factor
-    )
-    return place_upright(exact, anchor_ifc_m=place.anchor_ifc_m, x_axis_deg=-(north_deg or 0.0))
+def place_on_globe(
+    anchor: GeographicAnchor, map_crs: str, vertical_datum: str, north_deg: float | None
+) -> MapPlacement:
+    """Place the model upright, in metres on the ground, with its anchor at the anchor's position.
+
+    Args:
+        anchor: the point of the model and its position.
+        map_crs: projected CRS of the placement.
+        vertical_datum: "ellipsoidal" or a vertical CRS, of the anchor's height and of the placement.
+        north_deg: direction of true north in the model (see ``read_true_north_deg``); None: its y axis.
+    """
+    ground = compute_grid_factors(np.array([anchor.lon_deg, anchor.lat_deg, 0.0]), map_crs, vertical_datum)
+    map_m = np.array([[ground.map_m[0], ground.map_m[1], anchor.height_m]])
+    at_height = compute_grid_factors(geo_from_map(map_m, map_crs, vertical_datum)[0], map_crs, vertical_datum)
+    grid = GridFactors(map_m=map_m[0], true_east_deg=at_height.true_east_deg, combined_factor=at_height.combined_factor)
+    return place_upright(grid, anchor_ifc_m=anchor.anchor_ifc_m, x_axis_deg=-(north_deg or 0.0))
 
 
 def read_true_north_deg(model: ifcopenshell.file) -> float | None:
-    """Angle from the model's y axis anticlockwise to true north, -180 to 180; None where the IFC does not say."""
+    """Read the angle from the model's y axis anticlockwise to true north, -180 to 180; None if not given."""
     for context in model.by_type("IfcGeometricRepresentationContext", include_subtypes=False):
         if context.ContextType == "Model" and context.TrueNorth is not None:
             x, y = context.TrueNorth.DirectionRatios[:2]
             if x or y:
-                return round(float(np.degrees(np.arctan2(-x, y))), 9) + 0.0  # no minus zero
+                return round(float(np.degrees(np.arctan2(-x, y))), 9) + 0.0  # -0.0 becomes 0.0
     return None
 
 
 def read_world_matrix(model: ifcopenshell.file) -> Float64Array | None:
-    """The model context's WorldCoordinateSystem (4, 4) in metres; None where it is the identity."""
+    """Read WorldCoordinateSystem of the model's context as a matrix (4, 4) in metres; None if it is the identity."""
     world = ifcopenshell.util.geolocation.get_wcs(model)
     if world is None or np.allclose(world, np.eye(4), rtol=0, atol=1e-6):
         return None
@@ -146,25 +155,25 @@ def read_world_matrix(model: ifcopenshell.file) -> Float64Array | None:
 
 
 def has_address(model: ifcopenshell.file) -> bool:
-    """Whether a postal address is given (LoGeoRef 10), which places nothing but names the street."""
+    """Whether the building or the site has a postal address (LoGeoRef 10)."""
     buildings = [building.BuildingAddress for building in model.by_type("IfcBuilding")]
     return any(address is not None for address in buildings + [site.SiteAddress for site in model.by_type("IfcSite")])
 
 
 def utm_from_lon_lat(lon_deg: float, lat_deg: float) -> str:
-    """The UTM zone (WGS 84) of a place."""
+    """EPSG code of the UTM zone (WGS 84) of a point."""
     zone = min(int((lon_deg + 180) // 6) + 1, 60)
     return f"EPSG:{(32600 if lat_deg >= 0 else 32700) + zone}"
 
 
 def _degrees_from_compound(parts: Sequence[int]) -> float:
-    """IfcCompoundPlaneAngleMeasure: degrees, minutes, seconds and millionths of a second, all of one sign."""
+    """Degrees from IfcCompoundPlaneAngleMeasure: degrees, minutes, seconds, millionths of a second, all of one sign."""
     sign = -1.0 if any(part < 0 for part in parts) else 1.0
     return sign * sum(abs(part) / unit for part, unit in zip(parts, (1.0, 60.0, 3600.0, 3.6e9), strict=False))
 
 
 def _estimate_rounding_m(parts: Sequence[int]) -> float:
-    """What the angle seems to be rounded to, metres."""
+    """Rounding step of an angle of degrees, minutes, seconds, millionths of a second, on the ground in metres."""
     if len(parts) > 3 and parts[3]:
         return 0.0
     if len(parts) > 2 and parts[2]:

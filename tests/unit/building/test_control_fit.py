@@ -1,4 +1,4 @@
-"""A model placed by pairs: the true place comes back, noise shows in the residuals, a wrong pair is named."""
+"""A placement fitted to pairs: the true one is recovered, noise shows in the residuals, a wrong pair is named."""
 
 import numpy as np
 import pyproj
@@ -57,7 +57,7 @@ def test_noise_shows_in_the_residuals():
         found.append(
             float(
                 fit_placement(pairs_of(CORNERS, noise), "EPSG:25832", "ellipsoidal")[1]
-                .split("residuals ")[1]
+                .split("residual sigma ")[1]
                 .split()[0]
             )
         )
@@ -69,7 +69,7 @@ def test_a_wrong_pair_is_named(wrong):
     noise = np.random.default_rng(wrong).normal(0.0, 0.01, CORNERS.shape)
     noise[wrong] += [0.5, -0.3, 0.0]
     with pytest.raises(
-        GeoreferenceError, match=rf"pair {wrong + 1} of the registry's crs.control is 0\.[567]\d\d m off"
+        GeoreferenceError, match=rf"pair {wrong + 1} of crs.control in the registry deviates by 0\.[567]\d\d m"
     ):
         fit_placement(pairs_of(CORNERS, noise), "EPSG:25832", "ellipsoidal")
 

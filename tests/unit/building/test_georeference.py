@@ -36,7 +36,7 @@ def test_metres_and_millimetres_land_on_the_same_place(write_ifc, milli, map_uni
     assert_same_places(building, expected_geo(corners_of(Box())))
 
 
-def test_what_had_to_be_assumed_is_said(write_ifc):
+def test_assumptions_are_reported(write_ifc):
     by_the_book = write_ifc(Ifc(milli=True, map_unit_metre=True, conversion=CONVERSION | {"Scale": 0.001}, crs=CRS))
     assert load_ifc_building(by_the_book, settings=IfcModelSettings()).remarks == ""
     loose = write_ifc(Ifc(milli=True, conversion=CONVERSION, crs=CRS))
@@ -47,7 +47,7 @@ def test_a_grid_factor_stretches_the_map_and_not_the_height(write_ifc):
     path = write_ifc(Ifc(conversion=CONVERSION | {"Scale": 0.9996}, crs=CRS, boxes=[Box(size_m=(50.0, 0.3, 80.0))]))
     building = load_ifc_building(path, settings=IfcModelSettings())
     assert_same_places(building, expected_geo(corners_of(Box(size_m=(50.0, 0.3, 80.0))), factor=0.9996))
-    assert "grid factor 0.999600" in building.remarks
+    assert "grid scale factor 0.999600" in building.remarks
 
 
 @pytest.mark.parametrize(("holder", "prefix"), [("IfcSite", "ePSet"), ("IfcProject", "ePset")])
@@ -136,7 +136,7 @@ def test_a_saved_building_reads_back_the_same(write_ifc, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("said", "meant"),
+    ("text", "expected"),
     [
         ("ellipsoidal", "ellipsoidal"),
         ("Ellipsoid GRS80", "ellipsoidal"),
@@ -146,8 +146,8 @@ def test_a_saved_building_reads_back_the_same(write_ifc, tmp_path):
         ("5783", "EPSG:5783"),
     ],
 )
-def test_vertical_datums_by_name_and_code(said, meant):
-    assert parse_vertical_datum(said) == meant
+def test_vertical_datums_by_name_and_code(text, expected):
+    assert parse_vertical_datum(text) == expected
 
 
 def test_a_compound_crs_falls_into_its_parts():

@@ -1,4 +1,4 @@
-"""Every way an IFC says where it stands, its grade, and what is refused: against places computed by hand."""
+"""Every way an IFC states its georeference, its level, and what is refused, against positions computed by hand."""
 
 import ifcopenshell
 import ifcopenshell.api
@@ -176,7 +176,7 @@ def test_level_40_by_the_world_coordinate_system(write_ifc):
 
 
 def test_level_40_turned_by_true_north_is_coarse(write_ifc):
-    """Grid north is 0.45 degrees from true north there, and the IFC does not say which of them it means."""
+    """Grid north is 0.45 degrees from true north there, and the IFC does not state which one TrueNorth is."""
 
     def edit(model):
         context_of(model).WorldCoordinateSystem = axes(model, (EAST, NORTH, HEIGHT))
@@ -208,13 +208,13 @@ def site_at(latitude, longitude, elevation):
 def test_level_20_is_refused_unless_it_is_accepted_by_name(write_ifc, schema):
     here = site_at((48, 56, 25, 800000), (8, 24, 28, 80000), HEIGHT)
     path = edited(write_ifc(Ifc(schema=schema)), here)
-    with pytest.raises(GeoreferenceError, match=r"LoGeoRef 20.*crs.accept_level: 20 would take them.*crs\.map"):
+    with pytest.raises(GeoreferenceError, match=r"LoGeoRef 20.*crs.accept_level: 20 would accept them.*crs\.map"):
         load_ifc_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal"))
-    with pytest.raises(GeoreferenceError, match=r"that is 10 m, and 0.05 m are needed.*crs\.control"):
+    with pytest.raises(GeoreferenceError, match=r"its sigma is 10 m, above the limit of 0.05 m.*crs\.control"):
         load_ifc_building(path, settings=REGISTRY)
     building = load_ifc_building(path, settings=IfcModelSettings(vertical_datum="ellipsoidal", accept_level=20))
     assert (building.georeference_level, building.map_crs) == ("20", "EPSG:32632")
-    assert "good to about 10 m, one sigma" in building.remarks
+    assert "accuracy about 10 m, one sigma" in building.remarks
     lon, lat = 8 + 24 / 60 + 28.08 / 3600, 48 + 56 / 60 + 25.8 / 3600
     # True north is 35 degrees anticlockwise of the model's y axis, so its x axis looks 35 degrees south of east.
     assert_same_places(building, geo_of_east_north_up(lon, lat, HEIGHT, turned_corners(Box(), -35.0)))
@@ -223,8 +223,8 @@ def test_level_20_is_refused_unless_it_is_accepted_by_name(write_ifc, schema):
 @pytest.mark.parametrize(
     ("latitude", "longitude", "lon", "lat", "sigma"),
     [
-        ((-33, -51, -31), (151, 12, 50), 151 + 12 / 60 + 50 / 3600, -(33 + 51 / 60 + 31 / 3600), "good to about 10 m"),
-        ((42, 21, 0), (-71, -3, 0), -(71 + 3 / 60), 42 + 21 / 60, "good to about 537 m"),
+        ((-33, -51, -31), (151, 12, 50), 151 + 12 / 60 + 50 / 3600, -(33 + 51 / 60 + 31 / 3600), "accuracy about 10 m"),
+        ((42, 21, 0), (-71, -3, 0), -(71 + 3 / 60), 42 + 21 / 60, "accuracy about 537 m"),
     ],
 )
 def test_level_20_south_west_and_what_rounding_leaves(write_ifc, latitude, longitude, lon, lat, sigma):
@@ -237,35 +237,35 @@ def test_level_20_south_west_and_what_rounding_leaves(write_ifc, latitude, longi
 def test_a_site_on_another_continent_is_not_forced_into_the_registrys_crs(write_ifc):
     """An authoring tool's own default, Boston, beside a registry that says UTM zone 32."""
     path = edited(write_ifc(Ifc()), site_at((42, 21, 31, 181945), (-71, -3, -24, -263305), 0.0))
-    with pytest.raises(GeoreferenceError, match=r"is not georeferenced.*latitude and longitude alone, LoGeoRef 20"):
+    with pytest.raises(GeoreferenceError, match=r"is not georeferenced.*only IfcSite latitude and longitude, LoGeoRef 20"):
         load_ifc_building(path, settings=REGISTRY)
 
 
-def test_a_world_coordinate_system_beside_the_registrys_placement_is_said(write_ifc):
+def test_a_world_coordinate_system_beside_the_registrys_placement_is_reported(write_ifc):
     def edit(model):
         context_of(model).WorldCoordinateSystem = axes(model, (100.0, 0.0, 0.0))
 
     placement = MapPlacement(east_m=EAST, north_m=NORTH, height_m=HEIGHT, rotation_deg=30.0)
     settings = IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", placement=placement)
     building = load_ifc_building(edited(write_ifc(Ifc()), edit), settings=settings)
-    assert "WorldCoordinateSystem is shifted or turned and was not used" in building.remarks
+    assert "WorldCoordinateSystem is shifted or rotated and was not used" in building.remarks
     assert_same_places(building, expected_geo(corners_of(Box())))
 
 
-def test_an_address_is_no_place(write_ifc):
+def test_an_address_is_not_a_position(write_ifc):
     def edit(model):
         model.by_type("IfcBuilding")[0].BuildingAddress = model.create_entity("IfcPostalAddress", Town="Ettlingen")
 
-    with pytest.raises(GeoreferenceError, match="its address, LoGeoRef 10, is no place"):
+    with pytest.raises(GeoreferenceError, match="its address, LoGeoRef 10, is not a position"):
         load_ifc_building(edited(write_ifc(Ifc()), edit), settings=IfcModelSettings())
 
 
-def test_a_shift_in_geometry_and_conversion_is_seen_where_both_places_are_in_use(write_ifc):
+def test_a_shift_in_geometry_and_conversion_is_detected_where_both_are_in_the_area_of_use(write_ifc):
     """In Luxembourg's small numbers the doubled place is still near the country."""
     conversion = {"Eastings": 76670.0, "Northings": 77179.0, "OrthogonalHeight": 290.0}
     crs = {"Name": "EPSG:2169", "VerticalDatum": "ellipsoidal"}
     path = write_ifc(Ifc(boxes=[Box(corner_m=(76670.0, 77179.0, 290.0))], conversion=conversion, crs=crs))
-    with pytest.raises(GeoreferenceError, match=r"shifted to the map twice.*crs\.placement \{east_m: 0"):
+    with pytest.raises(GeoreferenceError, match=r"shifted to the map twice.*crs\.placement in the registry to \{east_m: 0"):
         load_ifc_building(path, settings=IfcModelSettings())
     zero = MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0)
     remedied = load_ifc_building(path, settings=IfcModelSettings(placement=zero))
@@ -279,10 +279,10 @@ def test_a_shift_in_geometry_and_conversion_is_seen_where_both_places_are_in_use
     [
         (np.sin(np.radians(30)), np.cos(np.radians(30)), ""),  # the conversion's turn: grid north
         (np.sin(np.radians(30.45)), np.cos(np.radians(30.45)), ""),  # true north, 0.45 degrees to the right there
-        (0.0, 1.0, "is 30.45 deg off and was not used"),
+        (0.0, 1.0, "differs by 30.45 deg from true north and was not used"),
     ],
 )
-def test_a_true_north_that_contradicts_the_conversion_is_said(write_ifc, x, y, conflict):
+def test_a_true_north_that_contradicts_the_conversion_is_reported(write_ifc, x, y, conflict):
     path = edited(write_ifc(Ifc(conversion=CONVERSION, crs=CRS)), lambda model: set_north(model, x, y))
     building = load_ifc_building(path, settings=IfcModelSettings())
     assert conflict in building.remarks
@@ -301,7 +301,7 @@ def test_a_scale_that_is_a_wrong_unit_is_refused(write_ifc, schema, scale):
     ("conversion", "crs", "message"),
     [
         ({"Eastings": "456639,25"}, {}, "Eastings is '456639,25', not a number"),
-        ({}, {"MapUnit": "rod"}, "MapUnit is 'ROD'; known are"),
+        ({}, {"MapUnit": "rod"}, "MapUnit is 'ROD'; known units are"),
     ],
 )
 def test_ifc2x3_property_sets_with_bad_values(write_ifc, monkeypatch, conversion, crs, message):

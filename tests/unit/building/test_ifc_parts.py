@@ -283,7 +283,7 @@ def test_several_buildings_in_a_file(house, schema):
     ours = IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", building="building")
     rows = edit.rows(ours)
     assert set(rows) == {"ours"}
-    assert "'building' alone was taken" in edit.building.remarks
+    assert "only 'building' was loaded" in edit.building.remarks
     assert {storey.name for storey in edit.building.storeys} == {"Ground floor", "First floor"}
     with pytest.raises(ModelError, match=r"model_building 'nobody' names 0 .* it has 'building' \(.*'neighbour'"):
         load_ifc_building(
