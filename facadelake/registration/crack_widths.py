@@ -1,8 +1,9 @@
-"""Cracks on the surface: their widths and lengths in the photograph turned to millimetres and metres there.
+"""Widths and lengths of cracks, from pixels to millimetres and metres on the surface.
 
-A pixel covers more of a wall seen aslant, and more along the slant than across it: so a crack's width scales by the
-direction it runs in. Along its line, ``J`` takes a step in the photograph to a step on the surface; a crack that runs
-along ``u`` (unit, pixels) and is w pixels wide has edges ``w |J u x J v| / |J u|`` apart, where ``v`` is across ``u``.
+A pixel covers more of a surface seen obliquely, and more along the slope than across it, so the scale of a crack's
+width depends on the direction of the crack. Along its line, the Jacobian ``J`` takes a step in the photograph to a step
+on the surface; the edges of a crack along ``u`` (unit, pixels) that is w pixels wide are ``w |J u x J v| / |J u|``
+apart, where ``v`` is perpendicular to ``u``.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from facadelake.core.arrays import Float64Array, Int64Array
+from facadelake.core.arrays import Float64Nx3x3, Float64x3x3, RowIndices
 from facadelake.registration.raycast import RaycastBatch
 from facadelake.registration.rays import compute_pixel_rays
 from schemas.vocabulary import CrackWidthOutcome
@@ -27,95 +28,96 @@ CRACK_COLUMNS = (
     "crack_length_m",
     "crack_width_outcome",
 )
-# One sigma of the surface's slope against the model's: plaster, bulges, a pose's attitude.
+# One sigma of the slope between surface and model: plaster, bulges, attitude of the pose.
 _SLOPE_SIGMA_RAD = np.radians(1.0)
-_PIECES_MOST = 400  # of a line: more do not change a mean
+_LINE_PIECES_MAX = 400  # more do not change the mean along a line
 
 
 @dataclass(frozen=True, kw_only=True)
 class _CrackScale:
-    """Metres on the surface across the crack for a pixel across it, and its line's length there (None: no line)."""
+    """Metres on the surface per pixel across the crack, and the length of its line there (None: it has no line)."""
 
     across_m: float
     length_m: float | None
 
 
 def compute_crack_columns(
-    casts: RaycastBatch, kept: Int64Array, covariance_site: Float64Array
+    batch: RaycastBatch, kept: RowIndices, covariance_site: Float64Nx3x3
 ) -> dict[str, Sequence[Any]]:
-    """Columns of table ``observations`` for detections ``kept`` (m,), whose places have ``covariance_site`` (m, 3, 3).
+    """Crack columns of table ``observations`` for detections ``kept`` (m,).
 
-    The error of a width holds that in pixels, that of the distance, and that of the surface's slope. A width that a
-    person stated has no error.
+    ``covariance_site`` (m, 3, 3): covariances of their positions in m2. The error of a width combines those of the
+    width in pixels, of the distance and of the slope of the surface. A width that a person stated has no error.
     """
-    rows = [_compute_row(casts, int(row), covariance) for row, covariance in zip(kept, covariance_site, strict=True)]
+    rows = [_compute_row(batch, int(row), covariance) for row, covariance in zip(kept, covariance_site, strict=True)]
     return {name: [row.get(name) for row in rows] for name in CRACK_COLUMNS}
 
 
-def _compute_row(casts: RaycastBatch, row: int, covariance_site: Float64Array) -> dict[str, Any]:
-    found = casts.detections[row]
-    width_px, line = found.get("crack_width_px"), found.get("crack_line")
-    outcome = found.get("crack_width_outcome")
+def _compute_row(batch: RaycastBatch, row: int, covariance_site: Float64x3x3) -> dict[str, Any]:
+    """Crack columns of one detection; empty where it is no crack."""
+    detection = batch.detections[row]
+    width_px, line = detection.get("crack_width_px"), detection.get("crack_line")
+    outcome = detection.get("crack_width_outcome")
     if width_px is not None and outcome is None:
         outcome = str(CrackWidthOutcome.STATED)
     if outcome is None:
         return {}
-    scale = _measure_scale_along_line(casts, row, line) if line is not None else _measure_scale_at_centre(casts, row)
+    scale = _measure_scale_along_line(batch, row, line) if line is not None else _measure_scale_at_centre(batch, row)
     columns: dict[str, Any] = {"crack_width_outcome": outcome, "crack_length_m": scale.length_m}
     for name in ("", "_max", "_limit"):
-        value = found.get(f"crack_width{name}_px")
+        value = detection.get(f"crack_width{name}_px")
         columns[f"crack_width{name}_mm"] = None if value is None else 1000 * scale.across_m * value
-    sigma_px = found.get("crack_width_sigma_px")
+    sigma_px = detection.get("crack_width_sigma_px")
     if sigma_px is not None and width_px is not None:
-        share = _estimate_scale_sigma(casts, row, covariance_site)
+        share = _estimate_scale_sigma(batch, row, covariance_site)
         columns["crack_width_sigma_mm"] = 1000 * scale.across_m * float(np.hypot(sigma_px, share * width_px))
     return columns
 
 
-def _estimate_scale_sigma(casts: RaycastBatch, row: int, covariance_site: Float64Array) -> float:
-    """One sigma, as a share, of the size of a pixel on the surface: by the distance and by the slope."""
-    patches = casts.patches
+def _estimate_scale_sigma(batch: RaycastBatch, row: int, covariance_site: Float64x3x3) -> float:
+    """Relative one sigma of the size of a pixel on the surface, due to the distance and the slope."""
+    patches = batch.patches
     ray = patches.ray.direction_site[row]
     by_distance = float(np.sqrt(max(float(ray @ covariance_site @ ray), 0.0))) / float(patches.distance_m[row])
     by_slope = float(np.tan(np.radians(min(float(patches.incidence_deg[row]), 85.0)))) * _SLOPE_SIGMA_RAD
     return float(np.hypot(by_distance, by_slope))
 
 
-def _measure_scale_along_line(casts: RaycastBatch, row: int, line: str) -> _CrackScale:
-    """The scale along the crack's line, on the plane of the detection's place."""
-    patches = casts.patches
+def _measure_scale_along_line(batch: RaycastBatch, row: int, line: str) -> _CrackScale:
+    """Scale along the line (WKT, pixels) of a crack, on the tangent plane at the position."""
+    patches = batch.patches
     shape = shapely.from_wkt(line)
-    shape = shapely.segmentize(shape, max(shape.length / _PIECES_MOST, 1.0))
+    shape = shapely.segmentize(shape, max(shape.length / _LINE_PIECES_MAX, 1.0))
     corners = shapely.get_coordinates(shape)
     steps = np.diff(corners, axis=0)
     length = np.linalg.norm(steps, axis=1)
-    kept = length > 0
-    if not kept.any():
-        return _measure_scale_at_centre(casts, row)
-    steps, length, middle = steps[kept], length[kept], ((corners[1:] + corners[:-1]) / 2)[kept]
-    rays = compute_pixel_rays(casts.cameras, np.full(len(middle), casts.camera_index[row]), middle)
+    valid = length > 0
+    if not valid.any():
+        return _measure_scale_at_centre(batch, row)
+    steps, length, midpoint = steps[valid], length[valid], ((corners[1:] + corners[:-1]) / 2)[valid]
+    rays = compute_pixel_rays(batch.cameras, np.full(len(midpoint), batch.camera_index[row]), midpoint)
     normal = patches.normal_site[row]
     facing = rays.direction_site @ normal
     distance = ((patches.xyz_site_m[row] - rays.origin_site_m) @ normal) / facing
-    met = (facing < -0.02) & (distance > 0)
-    if not met.any():
-        return _measure_scale_at_centre(casts, row)
-    onto = (
+    hit = (facing < -0.02) & (distance > 0)
+    if not hit.any():
+        return _measure_scale_at_centre(batch, row)
+    derivative = (
         rays.direction_per_px
         - rays.direction_site[:, :, None] * (normal @ rays.direction_per_px / facing[:, None])[:, None, :]
     )
-    jacobian = distance[:, None, None] * onto
+    jacobian = distance[:, None, None] * derivative
     along = np.einsum("nij,nj->ni", jacobian, steps / length[:, None])
     pixel_m2 = np.linalg.norm(np.cross(jacobian[:, :, 0], jacobian[:, :, 1]), axis=1)
     along_m = np.linalg.norm(along, axis=1)
     pieces_m = along_m * length
-    across = np.average((pixel_m2 / along_m)[met], weights=pieces_m[met])
-    return _CrackScale(across_m=float(across), length_m=float(pieces_m[met].sum()))
+    across = np.average((pixel_m2 / along_m)[hit], weights=pieces_m[hit])
+    return _CrackScale(across_m=float(across), length_m=float(pieces_m[hit].sum()))
 
 
-def _measure_scale_at_centre(casts: RaycastBatch, row: int) -> _CrackScale:
-    """The scale of a crack without a line: across the way its mask runs; of a box, the root of a pixel's area."""
-    patches, outlines = casts.patches, casts.outlines
+def _measure_scale_at_centre(batch: RaycastBatch, row: int) -> _CrackScale:
+    """Scale of a crack without a line: across the main axis of its mask; of a box, the root of a pixel's area."""
+    patches, outlines = batch.patches, batch.outlines
     ray, normal = patches.ray.direction_site[row], patches.normal_site[row]
     step = patches.distance_m[row] * patches.ray.direction_per_px[row]
     step = step - np.outer(ray, normal @ step) / (normal @ ray)

@@ -1,4 +1,4 @@
-"""Detections to observations on the building's surface, those that are not of the building told apart."""
+"""Registration of detections on the surface, and exclusion of those that are not of the building."""
 
 from __future__ import annotations
 
@@ -38,25 +38,26 @@ def register_detections(
         poses: table ``poses``.
         building: the building's surface and elements.
         passport: the campaign's row of table ``georeference``.
-        settings: how boxes are sampled and which of them are refused.
+        settings: sampling of detections and limits of their outcomes.
         masks: exclusion masks by photo_id.
-        block: the reconstruction, whose tie points show what stands before the building; None where there is none
-            (poses were imported, or the campaign is read from the lake), so that masks and geometry alone exclude.
-        exclusion: limits of masks and occluders.
+        block: the reconstruction, whose tie points show occluders; None where there is none (imported poses, or a
+            campaign read from the lake), and then masks and geometry alone exclude.
+        exclusion: limits of masks and occlusion.
     """
     posed, surface = read_posed_cameras(poses), Surface(building)
     table = observe_detections(
         detections, posed, building, surface, settings=settings, covariances=read_pose_covariances(poses)
     )
-    scene = ExclusionEvidence(
+    evidence = ExclusionEvidence(
         tie_points=triangulate_tie_points(_read_image_points(block), posed) if block else None,
         masks=masks,
         placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in ("east", "north", "up")),
     )
-    return exclude_observations(table, detections, posed, building.elements, surface, scene, exclusion)
+    return exclude_observations(table, detections, posed, building.elements, surface, evidence, exclusion)
 
 
 def _read_image_points(block: Reconstruction) -> BlockImagePoints:
+    """The image points of the reconstruction's tie points."""
     return BlockImagePoints(
         photo_ids=[photo.photo_id for photo in block.photos],
         photo=block.image_point_photo,

@@ -1,4 +1,4 @@
-"""Masks that a person drew beside the photographs: black is not to be looked at."""
+"""Exclusion masks: images beside the photographs whose black pixels are excluded."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from facadelake.core.arrays import BoolArray, Float64Array
+from facadelake.core.arrays import BoolArray, Float64N, Float64Nx4
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
 
@@ -17,21 +17,23 @@ _BLACK_BELOW = 128  # masks saved as JPEG are not purely black and white
 def read_mask(mask: Path, camera: Camera) -> BoolArray:
     """Where the mask is black (h, w), in pixels of the photograph.
 
-    Raises InputDataError for a mask that does not decode, or is not of the photograph's size.
+    Raises InputDataError for a mask that cannot be decoded or is not of the photograph's size.
     """
     grey = cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION) if mask.is_file() else None
     if grey is None:
-        raise InputDataError(f"mask {mask} cannot be decoded; save it as PNG, black where nothing is to be looked at")
+        raise InputDataError(
+            f"mask {mask} cannot be decoded; save it as PNG, black where detections are to be excluded"
+        )
     if grey.shape != (camera.height_px, camera.width_px):
         raise InputDataError(
             f"mask {mask} is {grey.shape[1]}x{grey.shape[0]} pixels, its photograph {camera.width_px}x"
-            f"{camera.height_px}; save it at the photograph's own size"
+            f"{camera.height_px}; save it in the size of the photograph"
         )
     return np.asarray(grey < _BLACK_BELOW)
 
 
-def compute_masked_shares(mask: Path, camera: Camera, boxes_px: Float64Array) -> Float64Array:
-    """Share (n,) of each box (n, 4; x, y, width, height) that the mask blackens; 0 for a box outside the photograph.
+def compute_masked_shares(mask: Path, camera: Camera, boxes_px: Float64Nx4) -> Float64N:
+    """Share (n,) of each box (n, 4; x, y, width, height) that is black in the mask; 0 for a box outside the photograph.
 
     Raises InputDataError as ``read_mask`` does.
     """

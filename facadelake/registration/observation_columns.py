@@ -1,4 +1,4 @@
-"""Patches as columns of table ``observations``."""
+"""Positions and patches as columns of table ``observations``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import shapely
 
 from facadelake.building import BuildingModel, find_storeys
 from facadelake.building.facades import collect_facades
-from facadelake.core.arrays import Float64Array, Int64Array
+from facadelake.core.arrays import Float64Array, Float64Nx3x3, RowIndices
 from facadelake.registration.attribution import ElementAttribution
 from facadelake.registration.crack_widths import compute_crack_columns
 from facadelake.registration.patch import convert_patches_to_wkb
@@ -24,7 +24,7 @@ _SIGMA = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
 
 
 class ObservationColumns:
-    """Where patches on ``building`` are: on the globe, on the map, and on which element, storey and facade."""
+    """Builds the columns of positions on ``building``: coordinates, extents, element, storey, facade, crack widths."""
 
     def __init__(self, building: BuildingModel, attribution: ElementAttribution) -> None:
         self._building = building
@@ -35,14 +35,17 @@ class ObservationColumns:
             building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
         )
 
-    def build(self, casts: RaycastBatch, kept: Int64Array, covariance_site: Float64Array) -> dict[str, Sequence[Any]]:
-        """Columns of the detections ``kept`` (m,), all of which met the building; ``covariance_site`` (m, 3, 3)."""
-        patches, building = casts.patches, self._building
+    def build(self, batch: RaycastBatch, kept: RowIndices, covariance_site: Float64Nx3x3) -> dict[str, Sequence[Any]]:
+        """Columns of the detections ``kept`` (m,), all of which hit the building.
+
+        ``covariance_site`` (m, 3, 3): covariances of their positions in m2.
+        """
+        patches, building = batch.patches, self._building
         xyz, normal = patches.xyz_site_m[kept], patches.normal_site[kept]
         geo = building.origin.geo_from_site(xyz)
-        element = self._attribution.attribute_patches(casts.outlines, casts.hits, patches.member)[kept]
+        element = self._attribution.attribute_patches(batch.outlines, batch.hits, patches.member)[kept]
         focal = np.array(
-            [np.sqrt(camera.camera.fx_px * camera.camera.fy_px) for camera in casts.cameras], dtype=np.float64
+            [np.sqrt(camera.camera.fx_px * camera.camera.fy_px) for camera in batch.cameras], dtype=np.float64
         )
         depth = patches.distance_m[kept] * patches.ray.forward_cosine[kept]
         return {
@@ -54,12 +57,12 @@ class ObservationColumns:
             "covariance_site": covariance_site.reshape(-1, 9).tolist(),
             "incidence_deg": patches.incidence_deg[kept].tolist(),
             "distance_m": patches.distance_m[kept].tolist(),
-            "gsd_mm": (1000 * depth / focal[casts.camera_index[kept]]).tolist(),
+            "gsd_mm": (1000 * depth / focal[batch.camera_index[kept]]).tolist(),
             "width_m": patches.width_m[kept].tolist(),
             "height_m": patches.height_m[kept].tolist(),
             "length_m": patches.length_m[kept].tolist(),
             "area_m2": patches.area_m2[kept].tolist(),
-            **compute_crack_columns(casts, kept, covariance_site),
+            **compute_crack_columns(batch, kept, covariance_site),
             "element_guid": [self._guids[row] for row in element],
             "storey": find_storeys(building.storeys, self._storeys, self._extents, element, xyz[:, 2]),
             "facade": [
@@ -72,4 +75,5 @@ class ObservationColumns:
 
 
 def _split_axes(names: Sequence[str], values: Float64Array) -> dict[str, Sequence[Any]]:
+    """The columns of ``values`` (n, k) by their names."""
     return {name: column.tolist() for name, column in zip(names, values.T, strict=True)}

@@ -1,4 +1,4 @@
-"""The outline of a detection on the surface: each vertex in the plane of what is next to it; its extents."""
+"""Patches: outlines of detections on the surface, vertex by vertex on the plane of the nearest sample, and extents."""
 
 from __future__ import annotations
 
@@ -12,163 +12,205 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
 from facadelake.building.surface import Hits
-from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
+from facadelake.core.arrays import BoolArray, Float64Array, Float64Nx2, Float64Nx3, RowIndices
 from facadelake.core.camera import PosedCamera
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.registration.outline import TREE_SEPARATION, Outlines
 from facadelake.registration.rays import compute_pixel_rays
 
 _UP = np.array([0.0, 0.0, 1.0])
-_FLAT_COSINE = np.cos(np.radians(0.2))  # a patch whose normals turn by less is flat: its corners are enough
-COSINE_MIN = 0.02  # a plane seen flatter than this is not prolonged
-_STRETCH_MAX = 2.0  # nor to more than this multiple of the distance at which it was met
-_CORNER_PITCHES = 1.5  # pitches: the cells around one
-_BATCHED_VERTICES_MAX = 8  # vertices: up to so many, as of boxes, patches are measured together
+_FLAT_COSINE = np.cos(np.radians(0.2))  # a patch whose normals vary by less is flat: its corners suffice
+COSINE_MIN = 0.02  # a plane at a larger incidence is not extrapolated
+_STRETCH_MAX = 2.0  # limit of extrapolation, as a ratio of distances from the camera (and its inverse)
+_CORNER_PITCHES = 1.5  # reaches the cells around a sample
+_BATCHED_VERTICES_MAX = 8  # patches of up to this many vertices, such as boxes, are measured together
 
 
-def compute_tangents(normals_site: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Unit horizontal and upward tangents (n, 3) of surfaces with ``normals_site`` (n, 3).
+def compute_tangents(normals_site: Float64Nx3) -> tuple[Float64Nx3, Float64Nx3]:
+    """Unit horizontal and upward tangents (n, 3) of surfaces with unit normals ``normals_site`` (n, 3).
 
-    On a level surface, which has no horizontal tangent of its own, they are east and north.
+    On a horizontal surface, whose horizontal tangent is undefined, they are east and north.
     """
     across = np.cross(_UP, normals_site)
     length = np.linalg.norm(across, axis=-1, keepdims=True)
-    level = length < 0.05
-    across = np.where(level, np.array([1.0, 0.0, 0.0]), across / np.where(level, 1.0, length))
+    horizontal = length < 0.05
+    across = np.where(horizontal, np.array([1.0, 0.0, 0.0]), across / np.where(horizontal, 1.0, length))
     upward = np.cross(normals_site, across)
     return across, upward / np.linalg.norm(upward, axis=-1, keepdims=True)
 
 
 def convert_patches_to_wkb(polygons_site: NDArray[Any], origin: SiteOrigin) -> list[bytes]:
-    """Site polygons (n,) as WKB in EPSG:4979."""
-    placed = shapely.transform(polygons_site, origin.geo_from_site, include_z=True)
-    wkb: list[bytes] = shapely.to_wkb(placed, output_dimension=3).tolist()
+    """Polygons (n,) in site as WKB in EPSG:4979."""
+    polygons_geo = shapely.transform(polygons_site, origin.geo_from_site, include_z=True)
+    wkb: list[bytes] = shapely.to_wkb(polygons_geo, output_dimension=3).tolist()
     return wkb
 
 
-def patches_in_site(patches: list[bytes], origin: SiteOrigin) -> NDArray[Any]:
-    """Column ``patch`` (WKB in EPSG:4979, n) as polygons in site metres."""
-    in_site: NDArray[Any] = shapely.transform(shapely.from_wkb(patches), origin.site_from_geo, include_z=True)
-    return in_site
+def find_nearest_member(outlines: Outlines, member: BoolArray, rows: RowIndices, xy_img: Float64Nx2) -> RowIndices:
+    """The member sample nearest to each pixel, within the pixel's detection.
 
+    Args:
+        outlines: the outlines (n) with their samples (k).
+        member: which samples (k,) belong to their detection's patch.
+        rows: detection (m,) of each pixel.
+        xy_img: pixels (m, 2).
 
-def find_nearest_member(outlines: Outlines, member: BoolArray, rows: Int64Array, xy_img: Float64Array) -> Int64Array:
-    """The member (m,) nearest to each pixel ``xy_img`` (m, 2) of detection ``rows`` (m,); -1 where there is none."""
+    Returns:
+        Samples (m,); -1 where the detection has no member.
+    """
     kept = np.flatnonzero(member)
     if not len(kept):
         return np.full(len(rows), -1, dtype=np.int64)
-    # Distances count in pitches, so that a flat box's rows are as far apart as its columns.
+    # Distances are measured in pitches, so that rows and columns of an elongated box are equally far apart.
     pitch = outlines.pitch_px
     tree = cKDTree(
         np.column_stack(
-            [outlines.xy_img[kept] / pitch[outlines.detection[kept]], TREE_SEPARATION * outlines.detection[kept]]
+            [
+                outlines.xy_img[kept] / pitch[outlines.detection[kept]],
+                TREE_SEPARATION * outlines.detection[kept],
+            ]
         )
     )
     _, nearest = tree.query(np.column_stack([xy_img / pitch[rows], TREE_SEPARATION * rows]))
-    chosen = kept[nearest]
-    return np.where(outlines.detection[chosen] == rows, chosen, -1)
+    found = kept[nearest]
+    return np.where(outlines.detection[found] == rows, found, -1)
 
 
-def intersect_planes(origin: Float64Array, direction: Float64Array, hits: Hits, anchor: Int64Array) -> Float64Array:
-    """Where rays (m, 3) meet the planes of the hits ``anchor`` (m,); the hit itself where the plane is too flat."""
-    normal, at = hits.normal_site[anchor], hits.xyz_site_m[anchor]
+def intersect_planes(origin: Float64Nx3, direction: Float64Nx3, hits: Hits, anchor: RowIndices) -> Float64Nx3:
+    """Intersections of rays with the tangent planes of hits.
+
+    Args:
+        origin: origins (m, 3) in site.
+        direction: unit directions (m, 3) in site.
+        hits: hits of the samples (k).
+        anchor: sample (m,) whose hit gives the plane of each ray.
+
+    Returns:
+        Points (m, 3) in site; the hit itself where the plane would be extrapolated too far.
+    """
+    normal, point = hits.normal_site[anchor], hits.xyz_site_m[anchor]
     cosine = np.einsum("ij,ij->i", normal, direction)
-    height = np.einsum("ij,ij->i", normal, at - origin)
+    height = np.einsum("ij,ij->i", normal, point - origin)
     distance = np.divide(height, cosine, out=np.full(len(height), np.nan), where=np.abs(cosine) > COSINE_MIN)
     ratio = distance / hits.distance_m[anchor]
-    sound = (ratio > 1 / _STRETCH_MAX) & (ratio < _STRETCH_MAX)
-    placed: Float64Array = np.where(sound[:, None], origin + distance[:, None] * direction, at)
-    return placed
+    valid = (ratio > 1 / _STRETCH_MAX) & (ratio < _STRETCH_MAX)
+    intersection: Float64Array = np.where(valid[:, None], origin + distance[:, None] * direction, point)
+    return intersection
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfaceOutlines:
-    """Outlines of the m patches in site, their vertices (c, 3), and which patch a vertex is of (c,), ascending."""
+    """Outlines (m,) of patches in site, their vertices (c, 3), and the patch (c,) of each vertex, ascending."""
 
     polygon_site: NDArray[Any]
-    vertex_site_m: Float64Array
-    patch_of_vertex: Int64Array
+    vertex_site_m: Float64Nx3
+    patch_of_vertex: RowIndices
 
 
 def map_outlines(
     outlines: Outlines,
     hits: Hits,
     member: BoolArray,
-    some_member: Int64Array,
+    first_member: RowIndices,
     cameras: list[PosedCamera],
-    camera_of: Int64Array,
+    camera_index: RowIndices,
 ) -> SurfaceOutlines:
-    """Outlines of the patches that have a member (``some_member`` (n,), else -1), on the surface.
+    """Map the outlines of detections onto the surface.
 
-    Every vertex lies in the plane of the member next to it, so a patch that ends at an edge of the building does not
-    reach over it.
+    Each vertex lies in the plane of the member next to it, so a patch that ends at an edge of the building does not
+    extend beyond it.
+
+    Args:
+        outlines: the outlines (n) with their samples (k).
+        hits: hits of the samples (k).
+        member: which samples (k,) belong to their detection's patch.
+        first_member: a member (n,) of each patch; -1 where it has none, and then it has no outline.
+        cameras: cameras of the photographs.
+        camera_index: the camera (n,) of each detection, in ``cameras``.
+
+    Returns:
+        Outlines of the m patches that have a member, in the order of the detections.
     """
-    owner, rows = outlines.detection, np.flatnonzero(some_member >= 0)
+    owner, rows = outlines.detection, np.flatnonzero(first_member >= 0)
     polygons = outlines.polygon_img.copy()
-    whole = np.bincount(owner, weights=member, minlength=len(outlines)) == np.bincount(owner, minlength=len(outlines))
-    for row in rows[~whole[rows]]:
+    complete = np.bincount(owner, weights=member, minlength=len(outlines)) == np.bincount(
+        owner, minlength=len(outlines)
+    )
+    for row in rows[~complete[rows]]:
         polygons[row] = _clip_to_members(outlines, member, int(row))
-    turned = np.where(member, np.einsum("ij,ij->i", hits.normal_site, hits.normal_site[some_member[owner]]), 1.0)
-    flattest = np.ones(len(outlines))
-    np.minimum.at(flattest, owner, turned)
-    bent = rows[flattest[rows] < _FLAT_COSINE]
-    polygons[bent] = shapely.segmentize(polygons[bent], outlines.pitch_px[bent].max(axis=1))
-    # One kind for all: a mixture with single polygons would be laid out by what else is in the batch.
+    alignment = np.where(member, np.einsum("ij,ij->i", hits.normal_site, hits.normal_site[first_member[owner]]), 1.0)
+    alignment_min = np.ones(len(outlines))
+    np.minimum.at(alignment_min, owner, alignment)
+    curved = rows[alignment_min[rows] < _FLAT_COSINE]
+    polygons[curved] = shapely.segmentize(polygons[curved], outlines.pitch_px[curved].max(axis=1))
+    # All are multipolygons: the layout of a ragged array must not depend on the other patches of the batch.
     parts, part_of = shapely.get_parts(polygons[rows], return_index=True)
-    many = shapely.multipolygons(parts, indices=part_of)
-    _, xy, offsets = shapely.to_ragged_array(many)
-    rings, per_polygon, per_many = (np.asarray(level, dtype=np.int64) for level in offsets)
-    of_vertex = np.searchsorted(rings[per_polygon[per_many]], np.arange(len(xy)), side="right") - 1
-    detection = rows[of_vertex]
+    multipolygons = shapely.multipolygons(parts, indices=part_of)
+    _, xy, offsets = shapely.to_ragged_array(multipolygons)
+    rings, per_polygon, per_multipolygon = (np.asarray(level, dtype=np.int64) for level in offsets)
+    patch_of_vertex = np.searchsorted(rings[per_polygon[per_multipolygon]], np.arange(len(xy)), side="right") - 1
+    detection = rows[patch_of_vertex]
     anchor = find_nearest_member(outlines, member, detection, xy)
-    edge = compute_pixel_rays(cameras, camera_of[detection], xy)
-    vertex = intersect_planes(edge.origin_site_m, edge.direction_site, hits, anchor)
-    placed = shapely.from_ragged_array(shapely.GeometryType.MULTIPOLYGON, vertex, offsets)
-    return SurfaceOutlines(polygon_site=_unwrap_single_parts(placed), vertex_site_m=vertex, patch_of_vertex=of_vertex)
+    rays = compute_pixel_rays(cameras, camera_index[detection], xy)
+    vertex = intersect_planes(rays.origin_site_m, rays.direction_site, hits, anchor)
+    polygon_site = shapely.from_ragged_array(shapely.GeometryType.MULTIPOLYGON, vertex, offsets)
+    return SurfaceOutlines(
+        polygon_site=_unwrap_single_parts(polygon_site), vertex_site_m=vertex, patch_of_vertex=patch_of_vertex
+    )
 
 
 def _clip_to_members(outlines: Outlines, member: BoolArray, row: int) -> Any:
-    """The part of an outline that lies in the cells of its members: its own surface's, to half a pitch.
+    """The part of an outline inside the cells of its member samples, to half a pitch.
 
-    A cell that an outline only cuts a corner off has no pixel of its own; it goes with the pixel next to it.
+    A cell at the outline's border that contains no sample belongs with the sample next to it.
     """
     first, last = np.searchsorted(outlines.detection, (row, row + 1))
     xy, pitch = outlines.xy_img[first:last], outlines.pitch_px[row]
-    # Corners are counted from one place, so that cells side by side share theirs to the last bit.
-    place = np.round((xy - xy[0]) / pitch).astype(np.int64)
-    low, high = place.min(axis=0) - 1, place.max(axis=0) + 1
+    # Cell corners are multiples of the pitch from one sample, so that adjacent cells share them to the last bit.
+    lattice = np.round((xy - xy[0]) / pitch).astype(np.int64)
+    low, high = lattice.min(axis=0) - 1, lattice.max(axis=0) + 1
     grid = np.stack(np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True))), axis=-1)
-    gap, nearest = cKDTree(place).query(grid.reshape(-1, 2))
+    gap, nearest = cKDTree(lattice).query(grid.reshape(-1, 2))
     cell = grid.reshape(-1, 2)[(gap < _CORNER_PITCHES) & member[first:last][nearest]]
     cells = shapely.coverage_union_all(
         shapely.box(*(xy[0] + (cell - 0.5) * pitch).T, *(xy[0] + (cell + 0.5) * pitch).T)
     )
-    cut = shapely.intersection(cells, outlines.polygon_img[row])
-    parts = [part for part in shapely.get_parts(cut) if part.geom_type == "Polygon" and part.area > 0]
+    clipped = shapely.intersection(cells, outlines.polygon_img[row])
+    parts = [part for part in shapely.get_parts(clipped) if part.geom_type == "Polygon" and part.area > 0]
     return shapely.multipolygons(parts) if parts else cells
 
 
 def _unwrap_single_parts(polygons: NDArray[Any]) -> NDArray[Any]:
-    """Multipolygons of one part as polygons."""
+    """Multipolygons (n,); those of one part as polygons."""
     return np.where(shapely.get_num_geometries(polygons) == 1, shapely.get_geometry(polygons, 0), polygons)
 
 
 def measure_extents(
-    coords: Float64Array, of_vertex: Int64Array, xyz: Float64Array, normal: Float64Array
-) -> Float64Array:
-    """Horizontal, upward and longest extent (n, 3) of vertices (c, 3), given in the order of their patches."""
-    across, upward = compute_tangents(normal)
-    starts = np.searchsorted(of_vertex, np.arange(len(xyz)))
-    away = coords - xyz[of_vertex]
-    out = np.empty((len(xyz), 3))
+    vertex_site_m: Float64Nx3, patch_of_vertex: RowIndices, xyz_site_m: Float64Nx3, normal_site: Float64Nx3
+) -> Float64Nx3:
+    """Extents of patches on the surface.
+
+    Args:
+        coords: vertices (c, 3) in site, in the order of their patches.
+        of_vertex: patch (c,) of each vertex, ascending.
+        xyz: positions (n, 3) of the patches in site.
+        normal: unit normals (n, 3) at the positions.
+
+    Returns:
+        Horizontal extent, upward extent and the largest distance of two vertices (n, 3), in m.
+    """
+    across, upward = compute_tangents(normal_site)
+    starts = np.searchsorted(patch_of_vertex, np.arange(len(xyz_site_m)))
+    offset = vertex_site_m - xyz_site_m[patch_of_vertex]
+    out = np.empty((len(xyz_site_m), 3))
     for axis, tangent in enumerate((across, upward)):
-        along = np.einsum("ij,ij->i", away, tangent[of_vertex])
+        along = np.einsum("ij,ij->i", offset, tangent[patch_of_vertex])
         out[:, axis] = np.maximum.reduceat(along, starts) - np.minimum.reduceat(along, starts)
-    counts = np.diff(np.append(starts, len(coords)))
+    counts = np.diff(np.append(starts, len(vertex_site_m)))
     for count in np.unique(counts[counts <= _BATCHED_VERTICES_MAX]):
         rows = np.flatnonzero(counts == count)
-        points = coords[starts[rows, None] + np.arange(count)]
+        points = vertex_site_m[starts[rows, None] + np.arange(count)]
         out[rows, 2] = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1).max(axis=(1, 2))
     for row in np.flatnonzero(counts > _BATCHED_VERTICES_MAX):
-        out[row, 2] = pdist(coords[starts[row] : starts[row] + counts[row]]).max()
+        out[row, 2] = pdist(vertex_site_m[starts[row] : starts[row] + counts[row]]).max()
     return out

@@ -1,4 +1,4 @@
-"""What registration is told; every limit has its reason here."""
+"""Settings of registration; each limit states its reason."""
 
 from __future__ import annotations
 
@@ -8,24 +8,27 @@ from facadelake.core.errors import InputDataError
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
 
-# Beyond this a place on a surface of tie points slides by twice what the surface is off, and bridges over what was not
-# photographed are met: with them as the only surface, a sighting would be metres off.
-TIE_POINTS_GRAZING_DEG = 60.0
+# Beyond this incidence a position on a surface of tie points shifts by more than twice the surface's error, and rays
+# meet triangles that bridge parts which no photograph shows: an observation would be metres off.
+AS_BUILT_GRAZING_DEG = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegistrationSettings:
-    """How detections are put on the surface.
+    """How detections are registered on the surface.
 
-    ``rays_per_side``: each box is sampled by that many rays squared; odd, so that one is the centre.
-    ``grazing_above_deg``: beyond this incidence a pixel smears over the wall and the position with it.
-    ``target_share_min``: a box of which less meets the building is off target. ``step_m``: neighbouring hits whose
-    surfaces lie further apart belong to different surfaces. ``near_m``: a surface nearer to the camera is not what the
-    photograph shows (nobody flies that close): the camera stands beside or, by its pose's error, inside the model.
-    ``pixel_sigma_px``: one sigma of a pixel's own place, each axis. ``box_sigma_share``: one sigma of a box's middle
-    about what it was drawn around, as a share of its size. People agree on boxes to an IoU of about 0.9, which is 3 %;
-    a detector's box counts as right from an IoU of 0.5 up, which, spread evenly up to 1, is 6 %. ``model_sigma_m``: one
-    sigma of how far the building stands off its model.
+    ``rays_per_side``: each box is sampled by the square of this many rays; odd, so that one is the centre.
+    ``grazing_above_deg``: incidence above which an observation is rejected, as a pixel's footprint and the error of
+    the position grow without bound. ``target_share_min``: a detection of which a smaller share of the rays meets the
+    building is off target. ``step_m``: neighbouring hits farther than this from one another's tangent planes belong to
+    different surfaces. ``near_m``: near clipping distance; a surface nearer to the camera is not what the photograph
+    shows, as the camera then is inside or beside the model by the error of its pose.
+
+    ``pixel_sigma_px``: one sigma of a pixel's position, each axis. ``box_sigma_share``: one sigma of a box's centre
+    about the centre of the object, as a share of the box's size. Annotators agree on boxes to an IoU of about 0.9,
+    which is 3 %; a detector's box counts as correct from an IoU of 0.5, which is 6 % if the IoU is uniform between 0.5
+    and 1. ``model_sigma_m``: one sigma of the distance of the real surface from its model.
+    ``detections_per_cast``: detections per batch of ray casting; limits memory.
     """
 
     rays_per_side: int = 11
@@ -51,17 +54,21 @@ class RegistrationSettings:
             and self.model_sigma_m > 0
         ):
             raise InputDataError(
-                f"registration settings {self} are out of range: grazing_above_deg 0..90, target_share_min 0..1, "
-                "step_m, pixel_sigma_px and model_sigma_m above 0, near_m and box_sigma_share not below"
+                f"registration settings are out of range: {self}; required: grazing_above_deg in (0, 90], "
+                "target_share_min in [0, 1], step_m, pixel_sigma_px and model_sigma_m > 0, near_m and "
+                "box_sigma_share >= 0"
             )
 
 
 def resolve_registration_settings(building: Building) -> RegistrationSettings:
-    """The registry's tolerances, as registration takes them."""
+    """The settings for a registered building, from the registry's tolerances.
+
+    A building without a model is registered on its as-built surface, which lowers the limit of the incidence.
+    """
     limits = building.tolerances
-    on_tie_points = building.surface_kind is SurfaceKind.AS_BUILT
+    is_as_built = building.surface_kind is SurfaceKind.AS_BUILT
     return RegistrationSettings(
-        grazing_above_deg=min(limits.grazing_above_deg, TIE_POINTS_GRAZING_DEG if on_tie_points else 90.0),
+        grazing_above_deg=min(limits.grazing_above_deg, AS_BUILT_GRAZING_DEG if is_as_built else 90.0),
         target_share_min=limits.target_share_min,
         model_sigma_m=limits.model_sigma_m,
     )

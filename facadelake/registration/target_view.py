@@ -1,4 +1,4 @@
-"""Where a photograph shows the building, and how fine: what a detector is told before it looks."""
+"""Where a photograph shows the building, and at which GSD: input of the detector."""
 
 from __future__ import annotations
 
@@ -24,17 +24,18 @@ from schemas.vocabulary import SurfaceKind
 
 _log = logging.getLogger(__name__)
 
-WITHOUT_POSE = "the photograph has no pose: it was looked at everywhere, at its own pixels"
-_WIDTH_PX = 480  # of the target image: a tile of the smallest detectors is 20 of its pixels in a photograph of 48 Mpx
-_MARGIN = 0.02  # of the width: how far a building may stand beside its model in the photograph
+WITHOUT_POSE = "the photograph has no pose: the whole photograph was processed, at its own resolution"
+_WIDTH_PX = 480  # of the target image: the smallest tile of a photograph of 48 Mpx is 20 of its pixels
+_MARGIN = 0.02  # of the width: how far the building may be from its model in the photograph
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TargetView:
-    """``target`` (h, w), reduced: true where the photograph shows the building and no mask of the user's is black.
+    """Where a photograph shows the building.
 
-    ``gsd_mm``: the median of what a pixel of the photograph measures across the line of sight, over the building; NaN
-    where the photograph does not show it.
+    ``target`` (h, w), reduced in size: true where the photograph shows the building and its exclusion mask is not
+    black. ``gsd_mm``: median size of a pixel over the building, perpendicular to the line of sight; NaN where the
+    photograph does not show it.
     """
 
     target: BoolArray
@@ -44,17 +45,21 @@ class TargetView:
 def render_target_view(
     posed: PosedCamera, surface: Surface, elements: pa.Table, mask: Path | None = None
 ) -> TargetView:
-    """What a photograph taken at ``posed`` shows of the building, whose ``elements`` the surface's triangles are.
+    """Where a photograph shows the building.
 
-    ``mask`` is the user's own, if there is one; one that cannot be used is left out with a warning.
+    Args:
+        posed: the photograph's camera.
+        surface: the building's surface.
+        elements: table ``elements``, the rows that the surface's triangles refer to.
+        mask: the photograph's exclusion mask, if there is one; an unusable one is logged and not used.
     """
     camera = posed.camera
     depth, element = surface.render_depth(posed, min(1.0, _WIDTH_PX / camera.width_px))
-    shown = np.append(mask_target_elements(elements), False)[element]  # the last answers for a miss
-    gsd_mm = float(np.median(depth[shown])) / camera.fx_px * 1000 if shown.any() else float("nan")
-    reach = max(1, round(_MARGIN * shown.shape[1]))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    target = cv2.dilate(shown.astype(np.uint8), kernel) > 0
+    is_target = np.append(mask_target_elements(elements), False)[element]  # the last entry stands for a miss
+    gsd_mm = float(np.median(depth[is_target])) / camera.fx_px * 1000 if is_target.any() else float("nan")
+    margin_px = max(1, round(_MARGIN * is_target.shape[1]))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin_px + 1, 2 * margin_px + 1))
+    target = cv2.dilate(is_target.astype(np.uint8), kernel) > 0
     if mask is not None:
         try:
             black = read_mask(mask, camera).astype(np.float32)
@@ -67,15 +72,18 @@ def render_target_view(
 def prepare_building_views(
     building: BuildingModel, poses: pa.Table, masks: Mapping[str, Path]
 ) -> Callable[[str], SearchRegion]:
-    """What is known of each photograph, by its photo_id, from table ``poses`` and the user's masks."""
+    """A function that returns the search region of a photograph by its photo_id.
+
+    ``poses`` is table ``poses``; ``masks`` are exclusion masks by photo_id.
+    """
     posed, surface = read_posed_cameras(poses), Surface(building)
 
     def find_region(photo_id: str) -> SearchRegion:
         if photo_id not in posed:
             return SearchRegion(remark=WITHOUT_POSE)
-        seen = render_target_view(posed[photo_id], surface, building.elements, masks.get(photo_id))
-        # A surface made of tie points has holes where a wall is bare.
-        target = None if building.surface_kind is SurfaceKind.AS_BUILT else seen.target
-        return SearchRegion(gsd_mm=None if math.isnan(seen.gsd_mm) else seen.gsd_mm, target=target)
+        view = render_target_view(posed[photo_id], surface, building.elements, masks.get(photo_id))
+        # The as-built surface has holes where a wall has no texture, so it cannot limit the search.
+        target = None if building.surface_kind is SurfaceKind.AS_BUILT else view.target
+        return SearchRegion(gsd_mm=None if math.isnan(view.gsd_mm) else view.gsd_mm, target=target)
 
     return find_region

@@ -103,7 +103,7 @@ def test_what_the_board_hides_is_occluded_and_how_far_it_stands_is_told(wall, de
     rows = excluded(wall, made, scene)
     assert rows["behind"]["observation_outcome"] == "occluded"
     np.testing.assert_allclose(rows["behind"]["occluder_gap_m"], BOARD_M, rtol=0, atol=0.1)  # m
-    assert "before the model" in rows["behind"]["reason"]
+    assert "in front of the model" in rows["behind"]["reason"]
     assert rows["beside"]["observation_outcome"] == rows["over the edge"]["observation_outcome"] == "registered"
     assert rows["beside"]["occluder_gap_m"] is None and rows["beside"]["reason"] is None
 
@@ -252,7 +252,7 @@ def test_on_a_bench_it_is_off_target(wall, detections_of):
     assert {name: row["observation_outcome"] for name, row in found.items()} == {
         "low": "off_target", "high": "registered",
     }  # fmt: skip
-    assert found["low"]["reason"] == "it lies on IfcFurniture 'low wall', which is no part of the building"
+    assert found["low"]["reason"] == "it lies on IfcFurniture 'low wall', which is not part of the building"
 
 
 def test_settings_out_of_range_are_refused():

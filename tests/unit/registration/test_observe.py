@@ -97,9 +97,9 @@ def test_every_accepted_detection_has_a_row_with_an_outcome(wall, detections_of)
     assert [row["reason"] for row in rows] == [
         None,
         "the photograph has no measured pose; see table poses",
-        "its middle at 2040.0, 750.0 px lies outside the photograph of 2000 x 1500 px",
-        "0.0% of its rays meet the building, the limit is 50%",
-        "its ray meets the surface at 84.3 deg, the limit is 80 deg",
+        "the box's centre at (2040.0, 750.0) px is outside the photograph of 2000 x 1500 px",
+        "0.0% of the rays hit the building; the limit is 50%",
+        "the incidence is 84.3 deg; the limit is 80 deg",
     ]
     assert rows[3]["x_site_m"] is None
     assert rows[4]["incidence_deg"] > SETTINGS.grazing_above_deg

@@ -10,7 +10,7 @@ from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.tables import table_from_rows
 from facadelake.registration.observation import observe_detections
-from facadelake.registration.patch import convert_patches_to_wkb, patches_in_site
+from facadelake.registration.patch import convert_patches_to_wkb
 from facadelake.registration.settings import RegistrationSettings
 from tests.unit.registration.wall_scene import looking, sheet
 
@@ -69,6 +69,11 @@ def only(table):
 
 def xyz(row):
     return np.array([row["x_site_m"], row["y_site_m"], row["z_site_m"]])
+
+
+def patches_in_site(patches, origin):
+    """Column ``patch`` (WKB in EPSG:4979) as polygons in site metres."""
+    return shapely.transform(shapely.from_wkb(patches), origin.site_from_geo, include_z=True)
 
 
 def patch_in_site(row, building):
