@@ -6,7 +6,7 @@ from prefect import task
 
 from facadelake.core.tables import read_table
 from facadelake.georeferencing.campaign import REFERENCE_FILE, drop_reference, store_reference
-from facadelake.lake import CommitResult, add_run_keys, commit_campaign
+from facadelake.lake import CommitResult, build_lake_tables, commit_campaign
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import assemble_campaign
 
@@ -21,7 +21,7 @@ def commit(job: InspectionJob, results: StageResults, checks: StageResult) -> Co
         building_id=job.building.id,
         campaign_id=job.campaign_id,
         run_id=job.run_id,
-        tables=add_run_keys(tables, run),
+        tables=build_lake_tables(tables, run),
         inputs_sha256=run.inputs_sha256,
     )
     reference = results.placed.folder / REFERENCE_FILE

@@ -12,7 +12,7 @@ from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.detection import count_threads, detect_photographs, hash_configured_detector, load_configured_detector
 from facadelake.photos import find_masks
-from facadelake.registration import prepare_building_views
+from facadelake.registration import prepare_search_regions
 from facadelake.registry import OnnxDetectorSetting
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -32,7 +32,7 @@ def detect(job: InspectionJob, model: StageResult, photos: StageResult, placed: 
             root,
             load_configured_detector(setting),
             class_names=setting.classes,
-            find_region=prepare_building_views(read_building(model.folder), read_table("poses", placed.folder), masks),
+            find_region=prepare_search_regions(read_building(model.folder), read_table("poses", placed.folder), masks),
             workers=count_threads(setting),
         )
         write_table("detections", table, folder)

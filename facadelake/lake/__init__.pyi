@@ -1,7 +1,7 @@
 from .campaign_tables import BuildingRecord as BuildingRecord
 from .campaign_tables import RunRecord as RunRecord
-from .campaign_tables import add_run_keys as add_run_keys
 from .campaign_tables import build_campaign_tables as build_campaign_tables
+from .campaign_tables import build_lake_tables as build_lake_tables
 from .checks import format_failures as format_failures
 from .checks import select_failures as select_failures
 from .checks import validate as validate

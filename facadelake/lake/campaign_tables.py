@@ -104,7 +104,7 @@ def build_campaign_tables(
     }
 
 
-def add_run_keys(tables: Mapping[str, pa.Table], run: RunRecord) -> dict[str, pa.Table]:
+def build_lake_tables(tables: Mapping[str, pa.Table], run: RunRecord) -> dict[str, pa.Table]:
     """The tables with building_id, campaign_id and run_id as first columns, as in the lake."""
     keys = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
     return {name: add_run_keys(name, table, **keys) for name, table in tables.items()}

@@ -54,8 +54,8 @@ def commit_campaign(
 ) -> CommitResult:
     """Replace the campaign's rows of every table in one transaction.
 
-    Nothing is written where the lake's campaign was made of the same inputs, code and configuration: then ``changed`` is
-    False and ``version`` the one that committed or last regraded it. Earlier versions stay readable.
+    Nothing is written where the lake's campaign was made of the same inputs, code and configuration: then ``changed``
+    is False and ``version`` the one that committed or last regraded it. Earlier versions stay readable.
 
     Args:
         lake: folder of the lake; it is created if it does not exist.

@@ -1,4 +1,4 @@
-"""photos."""
+"""Photographs: their metadata, and priors of position, attitude and focal length with sigma and evidence."""
 
 import lazy_loader
 

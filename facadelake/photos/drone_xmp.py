@@ -1,20 +1,20 @@
-"""What drones write into XMP, maker by maker, in one convention.
+"""XMP metadata of drones, by maker, converted to one convention.
 
-Attitude is the camera's (the gimbal's, never the aircraft's) in north-east-down: yaw clockwise from north, pitch above
-the horizon (-90 looks down), roll clockwise. Which tags exist and what they mean:
+The attitude is that of the camera (the gimbal, not the aircraft) in north-east-down (NED): yaw clockwise from north,
+pitch above the horizon (-90 is nadir), roll clockwise. The tags and their meaning:
 
 - DJI: user manuals of Mavic 3E/3M, Zenmuse P1 and Matrice 4 ("Photo file", XMP fields): Gimbal*Degree are NED, order
   ZYX; RtkFlag 0 none, 16 single, 32 to 49 float, 50 fixed; RtkStd* metres; CalibratedFocalLength is the lens's design
   value, DewarpData the camera's own calibration (fx, fy, cx, cy, k1, k2, p1, p2, k3; cx, cy from the photograph's
-  centre); DewarpFlag 1: already undistorted. Early firmware misspells GpsLongtitude.
-- Autel, newer firmware: DJI's tags in DJI's namespace (prefix ``drone``), misspelling included.
+  centre); DewarpFlag 1: already undistorted. Early firmware writes GpsLongtitude (sic).
+- Autel, newer firmware: DJI's tags in DJI's namespace (prefix ``drone``), with GpsLongtitude.
 - Parrot: developer.parrot.com, "Embedded photo metadata": Camera*Degree are NED; Camera:Pitch follows Pix4D (its
   example has 38.0 beside CameraPitchDegree -52.0); GPSXYAccuracy and GPSZAccuracy are one sigma; the position is in
   the exif schema.
 - Skydio: "Camera and metadata overview": CameraOrientationNED is a structure (Roll, Pitch, Yaw), written as attributes
-  or as elements; CalibratedFocalLengthX is the single drone's factory calibration.
-- Pix4D's Camera schema (Autel's older firmware, senseFly, Sentera, some Parrot): pitch 0 looks down, 90 at the horizon.
-  Autel's XL715 writes DJI's convention into it; the campaign tells (see ``facadelake.photos.attitude_prior``).
+  or as elements; CalibratedFocalLengthX is the factory calibration of the individual drone.
+- Pix4D's Camera schema (Autel's older firmware, senseFly, Sentera, some Parrot): pitch 0 at nadir, 90 at the horizon.
+  Autel's XL715 writes DJI's convention into it; see ``facadelake.photos.attitude_prior.is_dji_pitch``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _XMP_ANGLE = re.compile(r"(\d+),(\d+(?:\.\d+)?)(?:,(\d+(?:\.\d+)?))?([NSEW])")
 
 @dataclass(frozen=True, kw_only=True)
 class DewarpCalibration:
-    """DJI's calibration of the single camera: px of the full photograph, centre from the photograph's centre."""
+    """DJI's calibration of the individual camera, px of the full photograph; the centre is relative to its centre."""
 
     fx_px: float
     fy_px: float
@@ -50,12 +50,12 @@ class DewarpCalibration:
 
 @dataclass(frozen=True, kw_only=True)
 class DroneMetadata:
-    """What a drone's packet says; NaN, empty or None where it says nothing.
+    """XMP metadata of a drone; NaN, empty or None where a value is missing.
 
-    Latitude and longitude in degrees (WGS 84), altitudes in metres (the absolute one's datum depends on the drone: see
-    ``facadelake.photos.position_prior``), attitude of the camera in degrees (north-east-down), ``*_sigma_*`` as stated
-    by the maker. ``camera_pitch_deg`` is Camera:Pitch as written, where the attitude rests on it. ``body`` names the
-    aircraft.
+    Latitude and longitude in degrees (WGS 84), altitudes in metres (the datum of the absolute altitude depends on the
+    drone: see ``facadelake.photos.position_prior``), attitude of the camera in degrees (north-east-down),
+    ``stated_sigma_*`` as stated by the maker. ``camera_pitch_deg`` is Camera:Pitch as written, where the attitude comes
+    from it. ``body`` is the serial number of the aircraft.
     """
 
     maker: str
@@ -90,7 +90,7 @@ class DroneMetadata:
 
 
 def _parse_dewarp(text: str) -> DewarpCalibration | None:
-    """``2022-03-02;fx,fy,cx,cy,k1,k2,p1,p2,k3``; None for anything else, and for the zeros of uncalibrated cameras."""
+    """Parse ``2022-03-02;fx,fy,cx,cy,k1,k2,p1,p2,k3``; None for other texts and for zeros (an uncalibrated camera)."""
     parts = text.rpartition(";")[2].split(",")
     try:
         fx, fy, cx, cy, k1, k2, p1, p2, k3 = (float(part) for part in parts)
@@ -142,14 +142,14 @@ def _read_skydio(xmp: XmpPacket) -> DroneMetadata:
         roll_deg=xmp.get_number(SKYDIO, f"{ned}/Roll"),
         attitude_tags=ned,
         calibrated_focal_px=xmp.get_number(SKYDIO, "CalibratedFocalLengthX"),
-        # Skydio's example centre of a 4056 px wide photograph is 2027.5: it counts pixels' centres from 0.
+        # The documented centre of a 4056 px wide photograph is 2027.5: pixel centres are counted from 0.
         calibrated_width_px=2 * xmp.get_number(SKYDIO, "CalibratedOpticalCenterX") + 1,
         factory_calibrated=True,
     )
 
 
 def _parse_angle(text: str) -> float:
-    """``48,21.1367729N`` (degrees, minutes) or ``48,21,8N`` as signed degrees; NaN for anything else."""
+    """Signed degrees of ``48,21.1367729N`` (degrees, minutes) or ``48,21,8N``; NaN for other texts."""
     found = _XMP_ANGLE.fullmatch(text)
     if found is None:
         return math.nan
@@ -173,7 +173,7 @@ def _read_parrot(xmp: XmpPacket) -> DroneMetadata:
 
 
 def _add_camera_schema(drone: DroneMetadata, xmp: XmpPacket, schema: str) -> DroneMetadata:
-    """What Pix4D's schema adds: accuracies and the flight, and the attitude where the maker's own tags have none."""
+    """Add accuracies and flight of Pix4D's schema, and its attitude where the maker's own tags have none."""
     tilts = [xmp.get_number(schema, f"IMU{angle}Accuracy") for angle in ("Pitch", "Roll")]
     drone = replace(
         drone,
@@ -197,7 +197,7 @@ def _add_camera_schema(drone: DroneMetadata, xmp: XmpPacket, schema: str) -> Dro
 
 
 def parse_drone_metadata(packet: bytes) -> DroneMetadata | None:
-    """Read a drone's packet; None where there is none, it is damaged, or no drone wrote it."""
+    """Parse the XMP packet of a drone; None where it is missing, damaged, or not written by a drone."""
     xmp = parse_packet(packet)
     if xmp is None:
         return None

@@ -1,4 +1,4 @@
-"""EXIF: camera, time, focal length, GPS and what it says of its own accuracy."""
+"""EXIF metadata: camera, time, focal length, GPS position and its stated accuracy."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolution
 
 @dataclass(frozen=True, kw_only=True)
 class ExifMetadata:
-    """What EXIF says; NaN, empty or None where it says nothing.
+    """EXIF metadata of a photograph; NaN, empty or None where a value is missing.
 
-    ``focal_length_35mm_mm`` is FocalLengthIn35mmFilm (by the diagonal, CIPA DCG-001); ``focal_plane_focal_px`` is the
-    focal length over the focal plane's resolution, where that is the stored size's. ``altitude_ref``: 0 and 1 above and
-    below sea level, 2 and 3 above and below the ellipsoid (EXIF 3.0). ``position_error_m`` is GPSHPositioningError,
-    ``position_step_deg`` the step that latitude and longitude are written in. ``gps_time`` is the receiver's.
+    ``focal_length_35mm_mm`` is FocalLengthIn35mmFilm (by the diagonal, CIPA DCG-001). ``focal_plane_focal_px`` is the
+    focal length times the focal plane resolution, where that refers to the stored size. ``altitude_ref``: 0 and 1 above
+    and below sea level, 2 and 3 above and below the ellipsoid (EXIF 3.0). ``position_error_m`` is GPSHPositioningError,
+    ``position_step_deg`` the resolution of latitude and longitude as written. ``gps_time`` is the receiver's time.
+    ``two_dimensional``: the fix has no measured height. ``void``: the receiver had no fix.
     """
 
     make: str = ""
@@ -66,7 +67,7 @@ def _parse_text(value: Any) -> str:
 
 
 def _parse_degrees(value: Any, ref: Any, negative: str) -> float:
-    """Degrees, minutes, seconds as signed degrees; NaN for anything else."""
+    """Signed degrees of degrees, minutes, seconds; NaN for other values."""
     if not isinstance(value, tuple | list) or len(value) != 3:
         return math.nan
     degrees, minutes, seconds = (_parse_number(part) for part in value)
@@ -75,7 +76,7 @@ def _parse_degrees(value: Any, ref: Any, negative: str) -> float:
 
 
 def _find_step(*angles: Any) -> float:
-    """The finest step that degrees, minutes, seconds are written in, by denominators (reading reduces fractions)."""
+    """The resolution of degrees, minutes, seconds in degrees, by the denominators of their (reduced) fractions."""
     steps = [
         1 / (unit * part.denominator)
         for angle in angles
@@ -116,14 +117,14 @@ def _parse_gps_time(gps: dict[int, Any]) -> datetime | None:
 def _compute_focal_plane_px(block: dict[int, Any], width_px: int) -> float:
     per_unit = _parse_positive(block.get(Base.FocalPlaneXResolution))
     mm = _MM_PER_UNIT.get(int(_parse_positive(block.get(Base.FocalPlaneResolutionUnit, 2)) or 2), math.nan)
-    # The resolution is that of the stored size only where EXIF's own size agrees with it (no resizing since).
+    # The resolution refers to the stored size only where EXIF states the same size (not resized since).
     if _parse_number(block.get(Base.ExifImageWidth)) != width_px:
         return math.nan
     return _parse_positive(_parse_positive(block.get(Base.FocalLength)) * per_unit / mm)
 
 
 def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
-    """Read the EXIF block of a photograph of the given stored width; a damaged block says nothing."""
+    """Read the EXIF block of a photograph of the given stored width; a damaged block gives empty values."""
     try:
         block: dict[int, Any] = dict(exif.get_ifd(IFD.Exif))
         gps: dict[int, Any] = dict(exif.get_ifd(IFD.GPSInfo))

@@ -1,10 +1,9 @@
-"""Flights: photographs whose position priors share one receiver's state, and so one common error.
+"""Flights: photographs whose position priors share one GNSS offset.
 
-What a flight is for: GPS and barometer are off by metres, but for one body over some minutes by nearly the same
-metres; the adjustment estimates that offset once a flight. So a flight ends where that sameness does: another body, a
-gap of more than ten minutes (a landing; satellites and pressure change), or a new take-off, which gives
-RelativeAltitude a new zero: AbsoluteAltitude - RelativeAltitude steps. A flight too many costs little, one too few
-bends the block.
+GPS and barometer have errors of metres that are nearly constant for one camera body over some minutes; the adjustment
+estimates one offset per flight. A flight ends where this is no longer valid: at another body, at a gap of more than ten
+minutes (a landing; satellites and air pressure change), or at a new take-off, which resets RelativeAltitude, so that
+AbsoluteAltitude - RelativeAltitude has a step. One flight too many costs little; one too few bends the block.
 """
 
 from __future__ import annotations
@@ -16,16 +15,16 @@ from datetime import datetime
 from statistics import median
 
 LONGEST_GAP_S = 600.0
-# Barometric flights hold the take-off's height to centimetres; fused ones (RTK against barometer) drift by a metre or
-# two, slowly. A new take-off from the same spot resets it by what the pressure has changed, from another by more.
+# With a barometer the height of the take-off is constant to centimetres; where RTK and barometer are combined it drifts
+# slowly by a metre or two. A new take-off shifts it by the change of air pressure, at another place by more.
 TAKE_OFF_STEP_M = 3.0
-# A step must hold for these many photographs on either side; one bad height is no take-off.
+# A step must persist for this number of photographs on either side; a single outlier is no take-off.
 _STEP_PHOTOGRAPHS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
-    """One photograph: the body that took it, when, the maker's own flight id (or empty), and the take-off's height.
+    """Body, time, flight id of the maker (or empty) and take-off height of one photograph.
 
     ``take_off_height_m`` is AbsoluteAltitude - RelativeAltitude, NaN where either is missing.
     """
@@ -37,36 +36,38 @@ class Exposure:
     take_off_height_m: float = math.nan
 
 
-def assign_flights(shots: Sequence[Exposure]) -> list[int]:
-    """The flight of each photograph, numbered from 1 in the order of their first photographs.
+def assign_flights(exposures: Sequence[Exposure]) -> list[int]:
+    """The flight number of each photograph, from 1 in the order of the flights' first photographs.
 
-    Photographs without a time cannot be put in order: those of one body are one flight.
+    Photographs without a time cannot be ordered: those of one body form one flight.
     """
     groups: list[list[int]] = []
-    for body in sorted({(shot.body, shot.flight_id) for shot in shots}):
-        members = [i for i, shot in enumerate(shots) if (shot.body, shot.flight_id) == body]
-        timed = sorted((i for i in members if shots[i].taken_at is not None), key=lambda i: _get_sort_key(shots[i]))
-        groups += _split_at_gaps(timed, shots)
-        untimed = [i for i in members if shots[i].taken_at is None]
+    for body in sorted({(exposure.body, exposure.flight_id) for exposure in exposures}):
+        members = [i for i, e in enumerate(exposures) if (e.body, e.flight_id) == body]
+        timed = sorted(
+            (i for i in members if exposures[i].taken_at is not None), key=lambda i: _get_sort_key(exposures[i])
+        )
+        groups += _split_at_gaps(timed, exposures)
+        untimed = [i for i in members if exposures[i].taken_at is None]
         groups += [untimed] if untimed else []
-    groups.sort(key=lambda group: min(_get_sort_key(shots[i]) for i in group))
-    flights = [0] * len(shots)
+    groups.sort(key=lambda group: min(_get_sort_key(exposures[i]) for i in group))
+    flights = [0] * len(exposures)
     for number, group in enumerate(groups, start=1):
         for i in group:
             flights[i] = number
     return flights
 
 
-def _get_sort_key(shot: Exposure) -> tuple[float, str]:
-    return (shot.taken_at.timestamp() if shot.taken_at else math.inf, shot.photo_id)
+def _get_sort_key(exposure: Exposure) -> tuple[float, str]:
+    return (exposure.taken_at.timestamp() if exposure.taken_at else math.inf, exposure.photo_id)
 
 
-def _split_at_gaps(timed: list[int], shots: Sequence[Exposure]) -> list[list[int]]:
-    """One body's photographs in time order, cut at gaps and at new take-offs."""
+def _split_at_gaps(timed: list[int], exposures: Sequence[Exposure]) -> list[list[int]]:
+    """The photographs of one body in order of time, split at gaps and at new take-offs."""
     groups: list[list[int]] = []
-    heights = [shots[i].take_off_height_m for i in timed]
+    heights = [exposures[i].take_off_height_m for i in timed]
     for k, i in enumerate(timed):
-        gap_s = _get_sort_key(shots[i])[0] - _get_sort_key(shots[timed[k - 1]])[0] if k else math.inf
+        gap_s = _get_sort_key(exposures[i])[0] - _get_sort_key(exposures[timed[k - 1]])[0] if k else math.inf
         if gap_s > LONGEST_GAP_S or _is_new_take_off(heights, k):
             groups.append([])
         groups[-1].append(i)
@@ -78,6 +79,6 @@ def _is_new_take_off(heights: list[float], k: int) -> bool:
     after = [height for height in heights[k : k + _STEP_PHOTOGRAPHS] if math.isfinite(height)]
     if len(before) < 2 or len(after) < 2:
         return False
-    # The step is between these two photographs, and the medians hold it.
-    here = abs(heights[k] - heights[k - 1]) > TAKE_OFF_STEP_M
-    return here and abs(median(after) - median(before)) > TAKE_OFF_STEP_M
+    # The step is between these two photographs, and the medians confirm it.
+    is_step = abs(heights[k] - heights[k - 1]) > TAKE_OFF_STEP_M
+    return is_step and abs(median(after) - median(before)) > TAKE_OFF_STEP_M

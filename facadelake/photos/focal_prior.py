@@ -1,4 +1,4 @@
-"""Focal length priors: the maker's calibration before EXIF's figures, each with its sigma and evidence."""
+"""Focal length priors: the maker's calibration, else the values of EXIF, each with its sigma and evidence."""
 
 from __future__ import annotations
 
@@ -8,24 +8,26 @@ from dataclasses import dataclass
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM, ExifMetadata
 
-# A single camera's calibration; temperature and focus move it by tenths of a percent.
+# Calibration of the individual camera; temperature and focus change it by tenths of a percent.
 SHARE_CALIBRATED = 0.003
-# The lens's design value; copies differ (a P4 Multispectral: 1913 px designed, 1973 and 1956 px calibrated).
+# Design value of the lens; individual lenses differ (a P4 Multispectral: 1913 px by design, 1973 and 1956 px
+# calibrated).
 SHARE_DESIGNED = 0.03
-# Focal length over pixel pitch: the nominal focal length is rounded.
+# Focal length divided by pixel pitch: the nominal focal length is rounded.
 SHARE_FOCAL_PLANE = 0.02
-# The 35 mm equivalent is rounded to millimetres and, where the photograph is cropped (16:9), often the whole sensor's:
-# 26 mm for 28.8 mm on a FC220.
+# The 35 mm equivalent is rounded to millimetres and often refers to the full sensor where the photograph is cropped
+# (16:9): 26 mm instead of 28.8 mm on a FC220.
 SHARE_35MM = 0.06
-# Statements further apart than this cannot both be of this photograph (digital zoom, another lens, resizing).
+# Largest absolute logarithm of the ratio of two values of one photograph; beyond it one of them is wrong (digital zoom,
+# another lens, resizing).
 _MAX_LOG_RATIO = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
 class FocalPrior:
-    """Focal length and one sigma in px of the stored size, NaN where nothing is said.
+    """Focal length and its standard deviation in px of the stored size, NaN where unknown.
 
-    ``calibration`` is the maker's, for the stored size: fx, fy, cx, cy in px, k1, k2, p1, p2, k3 (OpenCV's order);
+    ``calibration`` is that of the maker for the stored size: fx, fy, cx, cy in px, k1, k2, p1, p2, k3 (OpenCV's order);
     empty where there is none.
     """
 
@@ -37,18 +39,28 @@ class FocalPrior:
 
 
 def derive_focal_prior(drone: DroneMetadata | None, exif: ExifMetadata, *, width_px: int, height_px: int) -> FocalPrior:
-    """The best statement about the focal length: calibrated, designed, then EXIF's."""
-    stated = _read_exif_focal(exif, width_px, height_px)
+    """The most accurate focal length of the metadata: by calibration, by design, else by EXIF.
+
+    Args:
+        drone: XMP metadata; None where no drone wrote any.
+        exif: EXIF metadata.
+        width_px: width of the stored photograph.
+        height_px: height of the stored photograph.
+
+    Returns:
+        The prior; its ``px`` is NaN where no focal length is stated.
+    """
+    by_exif = _read_exif_focal(exif, width_px, height_px)
     calibrated = _read_drone_focal(drone, width_px, height_px) if drone is not None else FocalPrior()
     if not math.isfinite(calibrated.px):
-        return stated
-    if math.isfinite(stated.px) and abs(math.log(calibrated.px / stated.px)) > _MAX_LOG_RATIO:
+        return by_exif
+    if math.isfinite(by_exif.px) and abs(math.log(calibrated.px / by_exif.px)) > _MAX_LOG_RATIO:
         return FocalPrior(
-            px=stated.px,
-            sigma_px=stated.sigma_px,
-            evidence=stated.evidence,
-            warning=f"focal length: {calibrated.evidence} says {calibrated.px:.0f} px, {stated.evidence} "
-            f"{stated.px:.0f} px; the former is another zoom's or size's and is not used",
+            px=by_exif.px,
+            sigma_px=by_exif.sigma_px,
+            evidence=by_exif.evidence,
+            warning=f"focal length: {calibrated.evidence} gives {calibrated.px:.0f} px, {by_exif.evidence} "
+            f"{by_exif.px:.0f} px; the former belongs to another zoom or image size and is not used",
         )
     return calibrated
 
@@ -56,9 +68,9 @@ def derive_focal_prior(drone: DroneMetadata | None, exif: ExifMetadata, *, width
 def _read_exif_focal(exif: ExifMetadata, width_px: int, height_px: int) -> FocalPrior:
     by_plane = exif.focal_plane_focal_px
     by_35mm = exif.focal_length_35mm_mm * math.hypot(width_px, height_px) / FULL_FRAME_DIAGONAL_MM
-    # The focal plane's figure has more digits, but some phones write nonsense: it must agree with the equivalent.
-    plane_is_right = math.isnan(by_35mm) or abs(math.log(by_plane / by_35mm)) < _MAX_LOG_RATIO
-    if math.isfinite(by_plane) and plane_is_right:
+    # The focal plane resolution has more digits, but some phones write wrong values: it must agree with the equivalent.
+    plane_is_consistent = math.isnan(by_35mm) or abs(math.log(by_plane / by_35mm)) < _MAX_LOG_RATIO
+    if math.isfinite(by_plane) and plane_is_consistent:
         evidence = "EXIF FocalLength and FocalPlaneXResolution"
         return FocalPrior(px=by_plane, sigma_px=SHARE_FOCAL_PLANE * by_plane, evidence=evidence)
     if math.isnan(by_35mm):
@@ -76,7 +88,7 @@ def _read_exif_focal(exif: ExifMetadata, width_px: int, height_px: int) -> Focal
 
 
 def _read_drone_focal(drone: DroneMetadata, width_px: int, height_px: int) -> FocalPrior:
-    # The stated centre tells which size the figures are for; makers state it for the full photograph.
+    # The stated centre implies the image size of the values; makers state it for the full photograph.
     scale = width_px / drone.calibrated_width_px if drone.calibrated_width_px > 0 else 1.0
     scale = 1.0 if abs(scale - 1) < 0.01 else scale
     resized = "" if scale == 1.0 else f", scaled by {scale:.4f} to the stored size"
@@ -84,7 +96,7 @@ def _read_drone_focal(drone: DroneMetadata, width_px: int, height_px: int) -> Fo
     if dewarp is not None:
         px = scale * (dewarp.fx_px + dewarp.fy_px) / 2
         if drone.dewarped:
-            # Which camera matrix the drone dewarps to is not stated; DJI's guides keep fx and fy.
+            # The camera matrix of the dewarped photograph is not stated; DJI's guides keep fx and fy.
             evidence = f"XMP DewarpData of a photograph dewarped in the camera{resized}"
             return FocalPrior(px=px, sigma_px=SHARE_FOCAL_PLANE * px, evidence=evidence)
         centre = (width_px / 2 + scale * dewarp.centre_x_px, height_px / 2 + scale * dewarp.centre_y_px)

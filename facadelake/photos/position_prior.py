@@ -22,19 +22,20 @@ EGM96 = "EPSG:4326+5773"
 
 @dataclass(frozen=True, kw_only=True)
 class HeightDatumEvidence:
-    """What a height refers to, and how that is known."""
+    """The height datum of a prior and its evidence."""
 
     datum: HeightDatum
     evidence: str
 
 
 def infer_height_datum(drone: DroneMetadata | None, exif: ExifMetadata) -> HeightDatumEvidence:
-    """Ellipsoidal or orthometric only with evidence.
+    """The height datum: ellipsoidal or orthometric where there is evidence, else unknown.
 
-    An RTK fix is ellipsoidal (differential positions are). DJI's AltitudeType says RtkAlt without a fix too, and
-    GpsFusionAlt is barometric on some models: no evidence. Parrot's documentation names the datum by model (ANAFI Ai:
-    ellipsoid; ANAFI 4K, Thermal, USA: EGM96). EXIF 2's reference 0 claims sea level, but Android, Skydio and others put
-    ellipsoidal heights beside it: unknown. EXIF 3.0's references 2 and 3 are the ellipsoid's.
+    The height of an RTK fix is ellipsoidal, as all differential positions are. DJI's AltitudeType is no evidence: it is
+    RtkAlt without a fix, too, and GpsFusionAlt is barometric on some models. Parrot's documentation states the datum by
+    model (ANAFI Ai: ellipsoid; ANAFI 4K, Thermal, USA: EGM96). The altitude reference 0 of EXIF 2 means sea level, but
+    Android, Skydio and others write ellipsoidal heights with it: unknown. References 2 and 3 of EXIF 3.0 mean the
+    ellipsoid.
     """
     if drone is not None and drone.rtk_flag == RTK_FIXED:
         return HeightDatumEvidence(datum=HeightDatum.ELLIPSOIDAL, evidence="ellipsoidal by the RTK fix")
@@ -48,7 +49,7 @@ def infer_height_datum(drone: DroneMetadata | None, exif: ExifMetadata) -> Heigh
 
 
 def ellipsoidal_from_egm96(lon_deg: float, lat_deg: float, height_m: float) -> tuple[float, str] | None:
-    """The ellipsoidal height and the grid it rests on; None where no EGM96 grid is on this machine."""
+    """The ellipsoidal height of a height above EGM96, and the geoid grid used; None where no grid is installed."""
     try:
         geo = transform(np.array([[lon_deg, lat_deg, height_m]]), EGM96, GEO)
     except GeoreferenceError:
@@ -60,43 +61,43 @@ def ellipsoidal_from_egm96(lon_deg: float, lat_deg: float, height_m: float) -> t
     return float(geo[0, 2]), grid[1] if grid else best.description
 
 
-# DJI's manuals: 32 to 49 float, 34 in the older ones.
+# RtkFlag of a float solution: 32 to 49 in DJI's manuals, 34 in the older ones.
 RTK_FLOAT = range(32, 50)
 METRES_PER_DEGREE = 111_320.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class PositionSigma:
-    """One sigma in metres: each horizontal axis, and height."""
+    """Standard deviations in metres: of each horizontal axis, and of the height."""
 
     horizontal_m: float
     vertical_m: float
 
 
-# Carrier phase ambiguities fixed: the makers state 1 cm + 1 ppm and 1.5 cm + 1 ppm rms; doubled, because the antenna's
-# offset from the camera and the shutter's delay come on top.
+# Carrier phase ambiguities fixed: the makers state 1 cm + 1 ppm and 1.5 cm + 1 ppm rms; doubled for the offset between
+# antenna and camera and the delay of the shutter.
 SIGMA_RTK_FIXED = PositionSigma(horizontal_m=0.02, vertical_m=0.04)
 # Ambiguities not fixed: decimetres.
 SIGMA_RTK_FLOAT = PositionSigma(horizontal_m=0.5, vertical_m=1.0)
-# A drone's single-frequency receiver in the open (hover accuracy is stated as 1.5 m); near a facade, signals are
-# shaded and reflected. The height is fused with a barometer that drifts.
+# A drone's single-frequency receiver under open sky has a stated hover accuracy of 1.5 m; near a facade, signals are
+# obstructed and reflected. The height is combined with a drifting barometer.
 SIGMA_DRONE = PositionSigma(horizontal_m=3.0, vertical_m=5.0)
-# A receiver's own estimate leaves out what all its signals share (reflections at the facade).
+# The accuracy estimate of a receiver does not include errors common to its signals (reflections at the facade).
 SIGMA_OWN_ESTIMATE = PositionSigma(horizontal_m=1.0, vertical_m=2.0)
-# A phone or a camera's own receiver between buildings.
+# The receiver of a phone or a camera between buildings.
 SIGMA_HANDHELD = PositionSigma(horizontal_m=5.0, vertical_m=10.0)
-# Range error between buildings that a dilution of precision multiplies.
+# Range error between buildings, multiplied by the dilution of precision.
 _RANGE_ERROR_M = 3.0
-# A two-dimensional fix assumes a height, a void one has lost the satellites.
+# A two-dimensional fix has an assumed height; a void fix has no satellites.
 _SIGMA_NOT_MEASURED_M = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class PositionPrior:
-    """Where the photograph says it was taken (WGS 84 degrees, metres); ``height_m`` is NaN where it says none.
+    """Position of the camera by the metadata (WGS 84 degrees, metres); ``height_m`` is NaN where it is unknown.
 
-    ``evidence`` says what position, height and sigma rest on, ``warnings`` what is odd about them. With ``source``
-    NONE the numbers are NaN and ``reason`` says why.
+    ``evidence`` states the tags that position, height and sigma are taken from, ``warnings`` their inconsistencies.
+    Where ``source`` is NONE the numbers are NaN, and ``reason`` states why.
     """
 
     source: PositionSource
@@ -111,7 +112,7 @@ class PositionPrior:
 
 
 def check_position(lon_deg: float, lat_deg: float) -> str:
-    """Why the coordinates cannot be a place where a photograph was taken; empty where they can."""
+    """Why the coordinates are not a valid position; empty where they are."""
     if math.isnan(lon_deg) or math.isnan(lat_deg):
         return "no position"
     if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
@@ -131,14 +132,15 @@ def _estimate_drone_sigma(drone: DroneMetadata) -> tuple[PositionSigma, str]:
         return SIGMA_RTK_FIXED, "RtkFlag 50 (fixed)"
     if flag in RTK_FLOAT:
         return SIGMA_RTK_FLOAT, f"RtkFlag {flag} (float)"
-    across, up = drone.stated_sigma_horizontal_m, drone.stated_sigma_vertical_m
-    if across > 0 and up > 0:
-        if drone.maker == "Parrot":  # its receivers have no corrections
-            across, up = max(across, SIGMA_OWN_ESTIMATE.horizontal_m), max(up, SIGMA_OWN_ESTIMATE.vertical_m)
+    horizontal, vertical = drone.stated_sigma_horizontal_m, drone.stated_sigma_vertical_m
+    if horizontal > 0 and vertical > 0:
+        if drone.maker == "Parrot":  # its receivers use no corrections
+            horizontal = max(horizontal, SIGMA_OWN_ESTIMATE.horizontal_m)
+            vertical = max(vertical, SIGMA_OWN_ESTIMATE.vertical_m)
         stated = (
             f"GPSXYAccuracy {drone.stated_sigma_horizontal_m:.3g} m, GPSZAccuracy {drone.stated_sigma_vertical_m:.3g} m"
         )
-        return PositionSigma(horizontal_m=across, vertical_m=up), stated
+        return PositionSigma(horizontal_m=horizontal, vertical_m=vertical), stated
     return SIGMA_DRONE, "a drone's receiver without corrections" + ("" if flag is None else f" (RtkFlag {flag})")
 
 
@@ -147,49 +149,51 @@ def _estimate_exif_sigma(exif: ExifMetadata) -> tuple[PositionSigma, str]:
         sigma = PositionSigma(horizontal_m=exif.position_error_m, vertical_m=2 * exif.position_error_m)
         return sigma, f"GPSHPositioningError {exif.position_error_m:g} m"
     if math.isfinite(exif.dop):
-        across = max(SIGMA_HANDHELD.horizontal_m, _RANGE_ERROR_M * exif.dop)
-        return PositionSigma(horizontal_m=across, vertical_m=2 * across), f"GPSDOP {exif.dop:g} of {_RANGE_ERROR_M:g} m"
+        horizontal_m = max(SIGMA_HANDHELD.horizontal_m, _RANGE_ERROR_M * exif.dop)
+        return PositionSigma(
+            horizontal_m=horizontal_m, vertical_m=2 * horizontal_m
+        ), f"GPSDOP {exif.dop:g} of {_RANGE_ERROR_M:g} m"
     return SIGMA_HANDHELD, "a handheld receiver"
 
 
 def _widen_sigma(
     sigma: PositionSigma, exif: ExifMetadata, source: PositionSource
 ) -> tuple[PositionSigma, tuple[str, ...]]:
-    """The sigma with what EXIF says against the fix, and the warnings."""
-    across, up, warnings = sigma.horizontal_m, sigma.vertical_m, []
+    """The sigma, increased where EXIF states a poor fix, and the warnings."""
+    horizontal, vertical, warnings = sigma.horizontal_m, sigma.vertical_m, []
     if source is PositionSource.EXIF:
         step_m = exif.position_step_deg * METRES_PER_DEGREE
-        if step_m / math.sqrt(12) > 0.1 * across:
-            across = math.hypot(across, step_m / math.sqrt(12))  # evenly spread over a step
+        if step_m / math.sqrt(12) > 0.1 * horizontal:
+            horizontal = math.hypot(horizontal, step_m / math.sqrt(12))  # uniform distribution over a step
             warnings.append(f"the position is written in steps of {step_m:.2g} m")
         if exif.void:
-            across, up = max(across, _SIGMA_NOT_MEASURED_M), max(up, _SIGMA_NOT_MEASURED_M)
-            warnings.append("EXIF GPSStatus is V (void): the receiver had lost its fix")
+            horizontal, vertical = max(horizontal, _SIGMA_NOT_MEASURED_M), max(vertical, _SIGMA_NOT_MEASURED_M)
+            warnings.append("EXIF GPSStatus is V (void): the receiver had no fix")
         if exif.two_dimensional:
-            up = max(up, _SIGMA_NOT_MEASURED_M)
+            vertical = max(vertical, _SIGMA_NOT_MEASURED_M)
             warnings.append("EXIF GPSMeasureMode is 2: the height is not measured")
         if exif.map_datum and not exif.map_datum.upper().replace(" ", "").replace("-", "").startswith("WGS84"):
             warnings.append(f"EXIF GPSMapDatum is {exif.map_datum}; taken as WGS 84")
-    return PositionSigma(horizontal_m=across, vertical_m=up), tuple(warnings)
+    return PositionSigma(horizontal_m=horizontal, vertical_m=vertical), tuple(warnings)
 
 
 def _compare_with_exif(drone: DroneMetadata, exif: ExifMetadata) -> tuple[str, ...]:
-    """Where XMP and EXIF of one photograph differ by more than rounding; XMP's is used."""
+    """Warnings where XMP and EXIF of one photograph differ by more than rounding; XMP is used."""
     warnings = []
     north = exif.lat_deg - drone.lat_deg
     east = (exif.lon_deg - drone.lon_deg) * math.cos(math.radians(drone.lat_deg))
     apart_m = math.hypot(north, east) * METRES_PER_DEGREE
     if apart_m > 5.0 and not check_position(exif.lon_deg, exif.lat_deg):
-        warnings.append(f"EXIF's position is {apart_m:.0f} m from XMP's, which is used")
+        warnings.append(f"the position of EXIF is {apart_m:.0f} m from that of XMP, which is used")
     if abs(exif.altitude_m - drone.absolute_altitude_m) > 2.0:
         warnings.append(
-            f"EXIF GPSAltitude {exif.altitude_m:.1f} m is not XMP's {drone.absolute_altitude_m:.1f} m, which is used"
+            f"EXIF GPSAltitude {exif.altitude_m:.1f} m differs from XMP {drone.absolute_altitude_m:.1f} m, which is used"
         )
     return tuple(warnings)
 
 
 def derive_position_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> PositionPrior:
-    """XMP's position if it is a possible one, else EXIF's (some firmware truncates it), else none, with the reason."""
+    """The position of XMP if it is valid, else that of EXIF (some firmware truncates it), else none with the reason."""
     problems: list[str] = []
     if drone is not None:
         problem = check_position(drone.lon_deg, drone.lat_deg)
@@ -216,12 +220,12 @@ def _build_prior(
     if drone is not None and math.isfinite(height_m):
         height_source = f"XMP {drone.altitude_type}".strip()
     height_m = height_m if math.isfinite(height_m) else exif.altitude_m
-    stated = infer_height_datum(drone, exif)
-    datum, height_evidence = stated.datum, f"{height_source} height {stated.evidence}"
+    inferred = infer_height_datum(drone, exif)
+    datum, height_evidence = inferred.datum, f"{height_source} height {inferred.evidence}"
     if datum is HeightDatum.ORTHOMETRIC and math.isfinite(height_m):
         converted = ellipsoidal_from_egm96(lon_deg, lat_deg, height_m)
         if converted is not None:
-            height_evidence += f", {height_m:.2f} m made ellipsoidal by grid {converted[1]}"
+            height_evidence += f", {height_m:.2f} m converted to ellipsoidal by grid {converted[1]}"
             height_m, datum = converted[0], HeightDatum.ELLIPSOIDAL
     return PositionPrior(
         source=source,

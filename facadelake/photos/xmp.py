@@ -1,4 +1,4 @@
-"""XMP packets: properties by namespace and name, in the attribute form, the element form and as structures."""
+"""XMP packets: properties by namespace and name, written as attributes, elements or structures."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _MAX_DEPTH = 12
 class XmpPacket:
     """Properties by ``namespace|Name``, members of a structure by ``namespace|Name/Member``.
 
-    Namespaces are kept without a closing slash, for makers write the same one with and without it.
+    Namespaces are stored without a trailing slash: makers write the same one with and without it.
     """
 
     properties: Mapping[str, str]
 
     def get_text(self, namespace: str, *names: str) -> str:
-        """The first of the named properties that is there; empty where none is."""
+        """The value of the first of the named properties that is not empty; empty where there is none."""
         for name in names:
             value = self.properties.get(f"{namespace}|{name}", "").strip()
             if value:
@@ -35,7 +35,7 @@ class XmpPacket:
         return ""
 
     def get_number(self, namespace: str, *names: str) -> float:
-        """The first of the named properties that is a finite number or a fraction (``527/100``); NaN where none is."""
+        """The first of the named properties that is a finite number or fraction (``527/100``); NaN where none is."""
         for name in names:
             number = _parse_number(self.get_text(namespace, name))
             if math.isfinite(number):
@@ -62,26 +62,26 @@ def _split_tag(tag: str) -> tuple[str, str]:
 
 
 def _collect_properties(element: Element, owner: str, depth: int, properties: dict[str, str]) -> None:
-    def key_of(tag: str) -> str:
+    def make_key(tag: str) -> str:
         namespace, name = _split_tag(tag)
         return f"{owner}/{name}" if owner else f"{namespace}|{name}"
 
     for tag, text in element.attrib.items():
         if _split_tag(tag)[0] != _RDF:
-            properties.setdefault(key_of(tag), text)
+            properties.setdefault(make_key(tag), text)
     if depth == _MAX_DEPTH:
         return
     for child in element:
         inside = owner
         if _split_tag(child.tag)[0] not in (_RDF, "adobe:ns:meta"):
-            inside = key_of(child.tag)
+            inside = make_key(child.tag)
             if child.text and child.text.strip():
                 properties.setdefault(inside, child.text)
         _collect_properties(child, inside, depth + 1, properties)
 
 
 def parse_packet(packet: bytes) -> XmpPacket | None:
-    """Read a packet; None where there is none or it is no well-formed XML (the photograph may still be good)."""
+    """Parse a packet; None where there is none or it is not well-formed XML (the photograph may still be valid)."""
     found = _PACKET.search(packet)
     if found is None:
         return None

@@ -31,7 +31,7 @@ def order_columns(table: pa.Table) -> pa.Table:
 
 
 def flatten_table(table: pa.Table) -> pa.Table:
-    """The table in published column order, without geometries; a list of numbers becomes JSON text, for CSV and GDAL."""
+    """The table in published column order without geometries; lists of numbers become JSON text, for CSV and GDAL."""
     rows = order_columns(table)
     for index, field in enumerate(rows.schema):
         if pa.types.is_list(field.type):

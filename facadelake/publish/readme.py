@@ -1,4 +1,4 @@
-"""The text beside published files: what they are, in which CRS and datum, how well placed, and each column."""
+"""README.txt of a release: files, CRS and vertical datum, accuracy, provenance and the meaning of each column."""
 
 from __future__ import annotations
 
@@ -11,81 +11,81 @@ from facadelake.publish.columns import order_columns
 from schemas.tables import TABLES
 
 _FILES = """defects.parquet       defects as points, GeoParquet 1.1, EPSG:4979 (longitude, latitude, ellipsoidal
-                      height); second geometry column 'patch': the outline on the surface
-defects_2d.parquet    the same without heights in the geometries, EPSG:4326, for programs that know no 3D CRS
-defects.gpkg          GeoPackage: layer 'defects' as defects_2d.parquet, 'defects_3d' as defects.parquet; where outlines
-                      were measured 'defects_patches' and 'defects_patches_3d', joined by defect_id; and for each
-                      facade 'facade_N', 'facade_NE', ...: its defects' outlines (a box where none was measured) in the
-                      facade's plane, u metres to the right as seen from outside, v metres up, from the site's origin
-                      ('facade_level': from above); a list of numbers is JSON text
-observations.parquet  every detection on its way to the surface; its outcome says what became of it, EPSG:4979"""
+                      height); second geometry column 'patch': outline on the surface
+defects_2d.parquet    the same with 2D geometries, EPSG:4326, for programs without support of 3D CRSs
+defects.gpkg          GeoPackage. Layers: 'defects' (as defects_2d.parquet) and 'defects_3d' (as defects.parquet);
+                      'defects_patches' and 'defects_patches_3d' (measured outlines, joined by defect_id);
+                      'facade_N', 'facade_NE', ... (outlines, or boxes where no outline was measured, in the plane of
+                      the facade: u in metres to the right as seen from outside, v in metres up, both from the site's
+                      origin; 'facade_level': plan view). Lists of numbers are JSON text.
+observations.parquet  every detection with the outcome of its registration on the surface, EPSG:4979"""
 
 
 def format_readme(tables: Mapping[str, pa.Table], *, version: int) -> str:
-    """The text for one campaign's tables (buildings, georeference, runs, defects; lake form)."""
-    building, place, run = (_read_first_row(tables[name]) for name in ("buildings", "georeference", "runs"))
+    """The text for one campaign's tables (buildings, georeference, runs, defects; columns as in the lake)."""
+    building, georeference, run = (_read_first_row(tables[name]) for name in ("buildings", "georeference", "runs"))
     return f"""{building["building_name"]} ({building["building_id"]}), campaign {building["campaign_id"]}
 {len(tables["defects"])} defects; version {version} of the lake.
 Run {run["run_id"]}, finished {run["finished_at"]:%Y-%m-%d %H:%M} UTC.
-These files never change: a later run of the same campaign makes another version beside them.
+These files are read-only. A later run of the campaign is published as another version in a folder of its own.
 
 FILES
 {_FILES}
 
-WHERE IT IS
-geometry, lon_deg, lat_deg, height_ellipsoidal_m   EPSG:4979, height above the WGS 84 ellipsoid, not above sea level
+COORDINATES AND ACCURACY
+geometry, lon_deg, lat_deg, height_ellipsoidal_m   EPSG:4979; height above the WGS 84 ellipsoid, not above sea level
 east_map_m, north_map_m, height_map_m              {building["map_crs"]}; heights: {building["vertical_datum"]}
-x_site_m, y_site_m, z_site_m                       metres east, north and up from {building["origin_lon_deg"]:.9f}, \
+x_site_m, y_site_m, z_site_m                       metres east, north and up of {building["origin_lon_deg"]:.9f}, \
 {building["origin_lat_deg"]:.9f}, {building["origin_height_ellipsoidal_m"]:.3f} (EPSG:4979)
-{_format_residuals(place)}
-{_format_uncertainty(place)}
-{place["remarks"]}
+{_format_residuals(georeference)}
+{_format_uncertainty(georeference)}
+{georeference["remarks"]}
 
 COLUMNS of defects
 {_describe_columns(tables["defects"])}
 
-HOW IT WAS MADE
+PROVENANCE
 Facadelake {run["facadelake_version"]}, code {run["code_sha256"]}
 inputs {run["inputs_sha256"]}
 building model {building["model_sha256"]}
 detector or detections {run["detector_sha256"]}
-A severity is a proposal by the rule pack named in severity_rule (data/severity/ of the code), unless graded_by names
-a person. These are graded by: {_list_graders(tables["defects"])}.
+Severities are proposed by the rule pack in severity_rule (data/severity/ of the source code) unless graded_by names a
+person. Graded by: {_list_graders(tables["defects"])}.
 """
 
 
-def _format_residuals(place: Mapping[str, Any]) -> str:
-    """By what the campaign was placed, and what is left there; imported poses leave nothing to be told."""
-    used = f"placed by {place['method']}: {place['points_used']} of {place['points_total']}"
-    if place["residual_mean_m"] is None:
+def _format_residuals(georeference: Mapping[str, Any]) -> str:
+    """Method of the georeferencing and its residuals; imported poses have none."""
+    used = f"georeferenced by {georeference['method']}: {georeference['points_used']} of {georeference['points_total']}"
+    if georeference["residual_mean_m"] is None:
         return f"{used} poses"
     return (
-        f"{used} points, residuals mean {place['residual_mean_m']:.3f} m, RMS {place['residual_rmse_m']:.3f} m, "
-        f"largest {place['residual_max_m']:.3f} m"
+        f"{used} points used, residuals: mean {georeference['residual_mean_m']:.3f} m, "
+        f"RMS {georeference['residual_rmse_m']:.3f} m, maximum {georeference['residual_max_m']:.3f} m"
     )
 
 
-def _format_uncertainty(place: Mapping[str, Any]) -> str:
-    """How well the campaign's place is known: its own sigma, what held-out points say, and the earlier frame."""
+def _format_uncertainty(georeference: Mapping[str, Any]) -> str:
+    """Standard deviation of the campaign's position, errors at independent points, and the reference campaign."""
     lines = [
-        f"known to {place['sigma_east_m']:.3f} m east, "
-        f"{place['sigma_north_m']:.3f} m north, {place['sigma_up_m']:.3f} m up (one sigma)"
+        f"standard deviation of the position: {georeference['sigma_east_m']:.3f} m east, "
+        f"{georeference['sigma_north_m']:.3f} m north, {georeference['sigma_up_m']:.3f} m up"
     ]
-    if place["check_points"]:
+    if georeference["check_points"]:
         lines.append(
-            f"{place['check_points']} held-out points: mean {place['check_residual_mean_m']:.3f} m, "
-            f"largest {place['check_residual_max_m']:.3f} m from their survey"
+            f"{georeference['check_points']} check or held-out points: error mean "
+            f"{georeference['check_residual_mean_m']:.3f} m, maximum {georeference['check_residual_max_m']:.3f} m"
         )
     else:
-        lines.append("no held-out point tested it")
-    if place["reference_campaign"] is not None:
-        lines.append(f"in the frame of campaign {place['reference_campaign']}")
+        lines.append("not tested: no check or held-out points")
+    if georeference["reference_campaign"] is not None:
+        lines.append(f"in the frame of campaign {georeference['reference_campaign']}")
     return "\n".join(lines)
 
 
 def _list_graders(defects: pa.Table) -> str:
-    found = {(row["severity_rule"], row["graded_by"] or "rules") for row in defects.to_pylist()}
-    return ", ".join(f"{rule} ({by})" for rule, by in sorted(found)) or "none"
+    graders = {(row["severity_rule"], row["graded_by"] or "rules") for row in defects.to_pylist()}
+    return ", ".join(f"{rule} ({grader})" for rule, grader in sorted(graders)) or "none"
 
 
 def _read_first_row(table: pa.Table) -> dict[str, Any]:

@@ -1,7 +1,7 @@
-"""A committed campaign's files for GIS and for people: immutable, one folder a version of the lake.
+"""Releases: the files published from a committed campaign, immutable, one folder per version of the lake.
 
-``<lake>/published/<building>/<campaign>/v000012/`` is made beside its place and renamed, its files are read-only;
-``latest`` beside it leads to the highest version.
+``<lake>/published/<building>/<campaign>/v000012/`` is written under a temporary name and renamed; its files are
+read-only. ``latest`` in the same folder points to the highest version.
 """
 
 from __future__ import annotations
@@ -36,9 +36,19 @@ logger = logging.getLogger(__name__)
 
 
 def name_release_folder(lake: Path, *, building_id: str, campaign_id: str, version: int) -> Path:
-    """Where the files of a campaign in a version of the lake are, or would be.
+    """Folder of the release of a campaign in a version of the lake; it need not exist.
 
-    Raises InputDataError for an id that is no plain name, because it becomes a folder.
+    Args:
+        lake: folder of the lake.
+        building_id: building; becomes the name of a folder.
+        campaign_id: campaign; becomes the name of a folder.
+        version: version of the lake.
+
+    Returns:
+        ``<lake>/published/<building_id>/<campaign_id>/v<version>``.
+
+    Raises:
+        InputDataError: an id contains characters other than letters, digits, '.', '_' and '-'.
     """
     for name in (building_id, campaign_id):
         if not _NAME.fullmatch(name):
@@ -49,75 +59,98 @@ def name_release_folder(lake: Path, *, building_id: str, campaign_id: str, versi
 def publish_campaign(
     lake: Path, *, building_id: str, campaign_id: str, version: int, pictures: Path | None = None
 ) -> Path:
-    """Publish the campaign as it is in ``version`` of the lake, with the files of the folder ``pictures``, if given.
+    """Publish a campaign as it is in a version of the lake; a release that exists is left unchanged.
 
-    A version that is there already stays as it is. Raises StoreError where the lake or the disk fails (nothing
-    half-made is left), InputDataError where the lake has no such campaign.
+    Args:
+        lake: folder of the lake.
+        building_id: building.
+        campaign_id: campaign.
+        version: version of the lake to read.
+        pictures: folder whose files are copied into the release, such as the report; None: no pictures.
+
+    Returns:
+        The folder of the release.
+
+    Raises:
+        InputDataError: the lake has no such campaign in that version.
+        StoreError: reading the lake or writing the files failed; no partial release is left.
     """
     folder = name_release_folder(lake, building_id=building_id, campaign_id=campaign_id, version=version)
     if folder.is_dir():
-        logger.info("%s is published already", folder)
+        logger.info("release %s exists already", folder)
         return folder
     tables = read_tables(lake, TABLES, building_id=building_id, campaign_id=campaign_id, as_of=version)
     if not len(tables["campaigns"]):
-        raise InputDataError(f"the lake {lake} has no campaign {campaign_id} of {building_id} in its version {version}")
-    part = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.part"
+        raise InputDataError(f"lake {lake} has no campaign {campaign_id} of {building_id} in version {version}")
+    temporary = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.part"
     try:
-        part.mkdir(parents=True)
-        _write_files(part, tables, version=version, pictures=pictures)
-        for path in part.rglob("*"):
+        temporary.mkdir(parents=True)
+        _write_files(temporary, tables, version=version, pictures=pictures)
+        for path in temporary.rglob("*"):
             if path.is_file():
                 path.chmod(0o444)
-        part.rename(folder)
+        temporary.rename(folder)
         _point_latest(folder.parent)
     except OSError as error:
-        if folder.is_dir():  # another process was quicker with the same version
+        if folder.is_dir():  # another process published the same version meanwhile
             return folder
         raise StoreError(
-            f"publishing {building_id} {campaign_id} to {folder} failed: {error}; the commit is safe in version "
-            f"{version} of the lake: free some space, check rights, and run again"
+            f"publishing {building_id} {campaign_id} to {folder} failed: {error}; the data are committed in version "
+            f"{version} of the lake: check free space and permissions, then run again"
         ) from error
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
     return folder
 
 
 def publish_regraded(lake: Path, *, building_id: str, campaign_id: str, version: int) -> Path:
-    """Publish the campaign as ``version`` graded it, with the pictures of the release before, which show older grades.
+    """Publish a regraded campaign with the pictures of its previous release; the report gets a note that grades differ.
 
-    The report says so. Raises as ``publish_campaign``.
+    Args:
+        lake: folder of the lake.
+        building_id: building.
+        campaign_id: campaign.
+        version: version of the lake with the new grades.
+
+    Returns:
+        The folder of the release.
+
+    Raises:
+        InputDataError: the lake has no such campaign in that version.
+        StoreError: reading the lake or writing the files failed; no partial release is left.
     """
     publish = partial(publish_campaign, lake, building_id=building_id, campaign_id=campaign_id, version=version)
     folder = name_release_folder(lake, building_id=building_id, campaign_id=campaign_id, version=version)
-    before = [number for number in _find_releases(folder.parent) if number < version] if folder.parent.is_dir() else []
-    if folder.is_dir() or not before:
+    releases = _find_releases(folder.parent) if folder.parent.is_dir() else {}
+    earlier = [number for number in releases if number < version]
+    if folder.is_dir() or not earlier:
         return publish()
-    drawn = _find_releases(folder.parent)[max(before)]
+    previous = max(earlier)
     try:
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as scratch:
             pictures = Path(scratch) / "pictures"
-            shutil.copytree(drawn, pictures, ignore=shutil.ignore_patterns(*FILES))
-            _mark_report(pictures / REPORT, max(before))
+            shutil.copytree(releases[previous], pictures, ignore=shutil.ignore_patterns(*FILES))
+            _mark_report(pictures / REPORT, previous)
             return publish(pictures=pictures)
     except OSError as error:
         raise StoreError(
-            f"publishing {building_id} {campaign_id} to {folder} failed: {error}; the grades are safe in version "
-            f"{version} of the lake: free some space, check rights, and run again"
+            f"publishing {building_id} {campaign_id} to {folder} failed: {error}; the grades are committed in version "
+            f"{version} of the lake: check free space and permissions, then run again"
         ) from error
 
 
 def _mark_report(report: Path, version: int) -> None:
-    """Say in a report that its grades are those of ``version``, unless it says of which already."""
+    """Add a note to a report that it shows the grades of ``version``, unless it has such a note already."""
     if not report.is_file():
         return
     text = report.read_text("utf-8")
     if _OLDER_GRADES_ID in text:
         return
     note = (
-        f"<p {_OLDER_GRADES_ID}><b>Drawn for version {version} of the lake; the defects were graded anew since. "
-        "The tables beside this page have the grades that hold.</b></p>"
+        f"<p {_OLDER_GRADES_ID}><b>This report shows version {version} of the lake. The defects were regraded since; "
+        "the current grades are in the tables of this release.</b></p>"
     )
-    report.chmod(0o644)  # the release it comes from is read-only
+    report.chmod(0o644)  # copied from a read-only release
     report.write_text(text.replace("</h1>", f"</h1>{note}", 1), encoding="utf-8")
 
 
@@ -126,29 +159,30 @@ def _write_files(folder: Path, tables: dict[str, pa.Table], *, version: int, pic
         shutil.copytree(pictures, folder, dirs_exist_ok=True)
     defects = tables["defects"]
     points = geodataframe_from_table(defects)
-    in_3d, in_2d, observations, layers, text = (folder / name for name in FILES)
-    write_geoparquet(points, in_3d)
-    write_geoparquet(drop_heights(points), in_2d)
+    defects_3d, defects_2d, observations, layers, text = (folder / name for name in FILES)
+    write_geoparquet(points, defects_3d)
+    write_geoparquet(drop_heights(points), defects_2d)
     write_geoparquet(geodataframe_from_table(tables["observations"]), observations)
     write_layers(chain(create_map_layers(defects, "defects"), create_facade_layers(defects)), layers)
     text.write_text(format_readme(tables, version=version), encoding="utf-8")
 
 
 def _find_releases(campaign: Path) -> dict[int, Path]:
-    return {int(found[1]): path for path in campaign.iterdir() if (found := _VERSION.fullmatch(path.name))}
+    """Folders of the releases of a campaign by version."""
+    return {int(match[1]): path for path in campaign.iterdir() if (match := _VERSION.fullmatch(path.name))}
 
 
 def _point_latest(campaign: Path) -> None:
-    """Let ``latest`` lead to the highest version, at no moment to nothing; a copy where links cannot be made."""
+    """Point ``latest`` to the highest version, atomically; a copy where the file system has no symbolic links."""
     versions = _find_releases(campaign)
     newest = versions[max(versions)]
-    latest, part = campaign / LATEST, campaign / f".{LATEST}.{uuid.uuid4().hex[:8]}"
+    latest, temporary = campaign / LATEST, campaign / f".{LATEST}.{uuid.uuid4().hex[:8]}"
     try:
-        part.symlink_to(newest.name, target_is_directory=True)
+        temporary.symlink_to(newest.name, target_is_directory=True)
     except OSError as error:
-        logger.info("no symbolic links in %s (%s): latest is a copy", campaign, error)
-        shutil.copytree(newest, part)
-    if latest.is_dir() and not latest.is_symlink():  # a copy from before: a folder cannot be replaced in one step
-        latest.rename(part.with_suffix(".old"))
-    part.replace(latest)
-    shutil.rmtree(part.with_suffix(".old"), ignore_errors=True)
+        logger.info("cannot create a symbolic link in %s (%s); latest is a copy", campaign, error)
+        shutil.copytree(newest, temporary)
+    if latest.is_dir() and not latest.is_symlink():  # an earlier copy: a folder cannot be replaced in one step
+        latest.rename(temporary.with_suffix(".old"))
+    temporary.replace(latest)
+    shutil.rmtree(temporary.with_suffix(".old"), ignore_errors=True)

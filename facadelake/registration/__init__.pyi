@@ -1,4 +1,4 @@
 from .detection_registration import register_detections as register_detections
 from .patch import compute_tangents as compute_tangents
 from .settings import resolve_registration_settings as resolve_registration_settings
-from .target_view import prepare_building_views as prepare_building_views
+from .target_view import prepare_search_regions as prepare_search_regions

@@ -69,7 +69,7 @@ def render_target_view(
     return TargetView(target=target, gsd_mm=gsd_mm)
 
 
-def prepare_building_views(
+def prepare_search_regions(
     building: BuildingModel, poses: pa.Table, masks: Mapping[str, Path]
 ) -> Callable[[str], SearchRegion]:
     """A function that returns the search region of a photograph by its photo_id.

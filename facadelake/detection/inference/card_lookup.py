@@ -1,4 +1,4 @@
-"""Where a model's card is found, and the card drafted for a model that has none."""
+"""Lookup of a model's card, and the draft of a card for a model that has none."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ METADATA_KEY = "facadelake.card"
 
 
 def find_card(model: Path, card: Path | None = None) -> ModelCard:
-    """The card at ``card``, or beside ``model`` (``.card.yaml``, ``.card.yml``, ``.card.json``), or in its metadata.
+    """The card at ``card``, else beside ``model`` (``.card.yaml``, ``.card.yml``, ``.card.json``), or in its metadata.
 
-    Raises ModelError where there is none; it prints a draft of one, made from what the file says of itself.
+    Raises ModelError if there is none; the message contains a draft from the file's metadata and a probe image.
     """
     if card is not None:
         return read_card(card)
@@ -60,14 +60,14 @@ _CANDIDATE_PER_CELL = {OutputLayout.YOLOV5, OutputLayout.YOLOV8, OutputLayout.YO
 
 @dataclass(frozen=True, kw_only=True)
 class CardDraft:
-    """A card's text and what it rests on."""
+    """Text of a drafted card, and the evidence it is based on."""
 
     text: str
     remark: str
 
 
 def draft_card(session: ModelSession) -> CardDraft:
-    """The card that ``session``'s model seems to want. Its metadata is read as Ultralytics writes it."""
+    """Draft a card from the outputs for a probe image and from metadata in Ultralytics' form."""
     metadata = session.metadata
     names = _read_class_names(metadata)
     height, width = _read_input_size(session, metadata)
@@ -77,28 +77,30 @@ def draft_card(session: ModelSession) -> CardDraft:
     for layout in _list_possible_layouts(height, width) if outputs else ():
         card = _build_card(session.model.stem, metadata, names, height, width, layout)
         for count in (len(names),) if names else (1, *find_class_counts(outputs, card)):
-            tried = card.model_copy(update={"class_names": names or _number_classes(count)})
-            if layout in find_fitting_layouts(outputs, tried):
-                fitting.append(tried)
+            candidate = card.model_copy(update={"class_names": names or _number_classes(count)})
+            if layout in find_fitting_layouts(outputs, candidate):
+                fitting.append(candidate)
                 break
     if not fitting:
-        found = ", ".join(f"{name} {values.shape}" for name, values in outputs.items()) or "it does not run"
+        shapes = ", ".join(f"{name} {values.shape}" for name, values in outputs.items()) or "the model does not run"
         return CardDraft(
             text=format_card(base if names else base.model_copy(update={"class_names": _number_classes(1)})),
-            remark=f"This draft is a guess: no layout fits the outputs of a probe image ({found}).",
+            remark=f"This draft is a guess: no layout fits the outputs for a probe image ({shapes}).",
         )
-    # Usual names of outputs say more than shapes: RF-DETR and RT-DETR have the same.
+    # Output names are more specific than shapes: RF-DETR and RT-DETR have the same shapes.
     best = max(fitting, key=lambda card: (_count_usual_names(outputs, card), _has_enough_rows(outputs, card)))
     others = [card.output.layout for card in fitting if card is not best]
-    said = "its metadata and a probe image" if names else "a probe image (class names are unknown)"
-    also = f"; {' or '.join(others)} would fit too" if others else ""
-    return CardDraft(text=format_card(best), remark=f"A draft from {said}, layout {best.output.layout}{also}.")
+    evidence = "its metadata and a probe image" if names else "a probe image (class names are unknown)"
+    alternatives = f"; {' or '.join(others)} would fit, too" if others else ""
+    return CardDraft(
+        text=format_card(best), remark=f"A draft from {evidence}, layout {best.output.layout}{alternatives}."
+    )
 
 
 def _build_card(
     stem: str, metadata: Mapping[str, str], names: tuple[str, ...], height: int, width: int, layout: OutputLayout
 ) -> ModelCard:
-    """A card with what models of this layout usually want."""
+    """A card with the usual preprocessing of models of this layout."""
     size = {"width_px": width, "height_px": height}
     match layout:
         case OutputLayout.YOLOX:
@@ -127,7 +129,7 @@ def _build_card(
 
 
 def _list_possible_layouts(height: int, width: int) -> tuple[OutputLayout, ...]:
-    """The layouts that an input of this size can have: YOLOX' grids must fit it."""
+    """The layouts that are possible for an input of this size: YOLOX needs multiples of its strides."""
     stride = max(CardOutput(layout=OutputLayout.YOLOX).strides)
     return tuple(
         layout for layout in OutputLayout if layout is not OutputLayout.YOLOX or not (height % stride or width % stride)
@@ -135,26 +137,26 @@ def _list_possible_layouts(height: int, width: int) -> tuple[OutputLayout, ...]:
 
 
 def _run_probe(session: ModelSession, height: int, width: int) -> dict[str, Float32Array]:
-    """The outputs for noise; none where the model does not run."""
+    """The outputs for an image of noise; empty if the model does not run."""
     noise = np.random.default_rng(0).random((1, 3, height, width), dtype=np.float32)
     try:
         outputs = session.run(noise, session.output_names)
-    except Exception:  # onnxruntime's errors share no base class but this
+    except Exception:  # the only common base class of onnxruntime's errors
         return {}
     return dict(zip(session.output_names, outputs, strict=True))
 
 
 def _count_usual_names(outputs: Mapping[str, Float32Array], card: ModelCard) -> int:
-    """How many outputs of the layout have the names that its exports use; 0 unless all have."""
+    """Number of outputs whose names are usual for the layout; 0 unless all are."""
     names = assign_outputs(outputs, card)
-    for form in READERS[card.output.layout].list_signatures(card):
-        if all(name.casefold() in part.usual_names for name, part in zip(names, form, strict=True)):
+    for signature in READERS[card.output.layout].list_signatures(card):
+        if all(name.casefold() in tensor.usual_names for name, tensor in zip(names, signature, strict=True)):
             return len(names)
     return 0
 
 
 def _has_enough_rows(outputs: Mapping[str, Float32Array], card: ModelCard) -> bool:
-    """Whether a layout with a candidate for every cell has as many as the cells of two coarse grids."""
+    """Whether a layout with one candidate per cell has at least the cells of the grids of stride 16 and 32."""
     if card.output.layout not in _CANDIDATE_PER_CELL:
         return True
     reader, names = READERS[card.output.layout], assign_outputs(outputs, card)
@@ -163,24 +165,26 @@ def _has_enough_rows(outputs: Mapping[str, Float32Array], card: ModelCard) -> bo
 
 
 def _read_input_size(session: ModelSession, metadata: Mapping[str, str]) -> tuple[int, int]:
-    """Height and width: fixed by the graph, else of the metadata's ``imgsz``, else the usual."""
-    said = _parse_literal(metadata.get("imgsz", ""))
-    if isinstance(said, int):
-        said = [said, said]
+    """Height and width: fixed by the graph, else from the metadata's ``imgsz``, else the default."""
+    stated = _parse_literal(metadata.get("imgsz", ""))
+    if isinstance(stated, int):
+        stated = [stated, stated]
     if not (
-        isinstance(said, list | tuple) and len(said) == 2 and all(isinstance(side, int) and side > 0 for side in said)
+        isinstance(stated, list | tuple)
+        and len(stated) == 2
+        and all(isinstance(side, int) and side > 0 for side in stated)
     ):
-        said = [_INPUT_SIZE_DEFAULT_PX, _INPUT_SIZE_DEFAULT_PX]
+        stated = [_INPUT_SIZE_DEFAULT_PX, _INPUT_SIZE_DEFAULT_PX]
     height, width = session.input_shape[2:]
-    return height or said[0], width or said[1]
+    return height or stated[0], width or stated[1]
 
 
 def _read_class_names(metadata: Mapping[str, str]) -> tuple[str, ...]:
-    """Metadata's ``names``: a mapping of numbers to names, or a list; empty where it is neither."""
-    said = _parse_literal(metadata.get("names", ""))
-    if isinstance(said, dict) and all(isinstance(key, int) for key in said):
-        return tuple(str(said[key]) for key in sorted(said))
-    return tuple(str(name) for name in said) if isinstance(said, list | tuple) else ()
+    """The metadata's ``names``: a mapping of numbers to names, or a list; empty if it is neither."""
+    stated = _parse_literal(metadata.get("names", ""))
+    if isinstance(stated, dict) and all(isinstance(key, int) for key in stated):
+        return tuple(str(stated[key]) for key in sorted(stated))
+    return tuple(str(name) for name in stated) if isinstance(stated, list | tuple) else ()
 
 
 def _parse_literal(text: str) -> object:

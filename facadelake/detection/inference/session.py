@@ -1,4 +1,4 @@
-"""An ONNX model in onnxruntime on the CPU: what it takes, what it gives, and how many images at once."""
+"""An ONNX model in onnxruntime on the CPU: its inputs and outputs."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _SIZE_TYPES: Mapping[str, type] = {**_IMAGE_TYPES, "tensor(int64)": np.int64, "t
 
 
 class ModelSession:
-    """A loaded model: one input of images and, where a model wants it, one of sizes (RT-DETR's orig_target_sizes)."""
+    """A loaded model: one input of images and, for some models, one of sizes (RT-DETR's orig_target_sizes)."""
 
     def __init__(self, model: Path, *, threads: int = 0) -> None:
-        """Load ``model``; ``threads`` 0 is one for each core.
+        """Load ``model``; ``threads`` 0: one per core.
 
-        Raises ModelError where the file is no model or takes something else than images (and sizes).
+        Raises ModelError if the file is not a model or has other inputs than images (and sizes).
         """
         self.model = model
         if not model.is_file():
@@ -34,31 +34,31 @@ class ModelSession:
         options.log_severity_level = 3
         try:
             self._session = onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's errors share no base class but this
+        except Exception as error:  # the only common base class of onnxruntime's errors
             raise ModelError(f"model {model} cannot be loaded by onnxruntime: {error}") from error
         inputs = self._session.get_inputs()
         images = [one for one in inputs if one.type in _IMAGE_TYPES and len(one.shape) == 4]
         sizes = [one for one in inputs if one.type in _SIZE_TYPES and len(one.shape) == 2]
         if len(images) != 1 or len(images) + len(sizes) != len(inputs) or len(sizes) > 1:
             raise ModelError(
-                f"model {model} takes {[(i.name, i.type, i.shape) for i in inputs]}; one input of float or float16 "
-                "(N, 3, height, width) is supported, and one of sizes (N, 2) beside it"
+                f"model {model} has the inputs {[(i.name, i.type, i.shape) for i in inputs]}; supported are one "
+                "input of float or float16 (N, 3, height, width) and optionally one of sizes (N, 2)"
             )
         self._images, self._sizes = images[0], sizes[0] if sizes else None
         self.output_names = tuple(str(output.name) for output in self._session.get_outputs())
 
     @property
     def metadata(self) -> Mapping[str, str]:
-        """What the file says of itself, free in form."""
+        """The file's custom metadata, free in form."""
         return dict(self._session.get_modelmeta().custom_metadata_map)
 
     @property
     def input_shape(self) -> tuple[int | None, ...]:
-        """Batch, channels, height, width; None where the size is free."""
+        """Batch, channels, height, width; None where the dimension is symbolic."""
         return tuple(size if isinstance(size, int) and size > 0 else None for size in self._images.shape)
 
     def check_input(self, spec: CardInput) -> None:
-        """Raise ModelError where the model does not take images of the declared size."""
+        """Raise ModelError if the model's input does not have the declared size."""
         declared = (1, 3, spec.height_px, spec.width_px)
         if any(size not in (None, wanted) for size, wanted in zip(self.input_shape, declared, strict=True)):
             raise ModelError(
@@ -67,7 +67,7 @@ class ModelSession:
             )
 
     def run(self, values: Float32Array, names: Sequence[str]) -> tuple[Float32Array, ...]:
-        """The outputs of these names for images (n, 3, height, width). Raises what onnxruntime raises."""
+        """The outputs ``names`` for images (n, 3, height, width). Raises onnxruntime's errors."""
         feed: dict[str, NDArray[Any]] = {self._images.name: values.astype(_IMAGE_TYPES[self._images.type], copy=False)}
         if self._sizes is not None:
             feed[self._sizes.name] = np.ones((len(values), 2), dtype=_SIZE_TYPES[self._sizes.type])

@@ -1,4 +1,4 @@
-"""Lists of boxes from which the model itself has removed what overlaps: (1, N, 6)."""
+"""Layouts of models that include non-maximum suppression: (1, N, 6)."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class Nms6Reader(OutputReader):
     needs_suppression: ClassVar[bool] = False
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """One output."""
+        """A single output."""
         return ((OutputTensor(name="boxes", shape=(1, SymbolicDimension(name="N"), 6)),),)
 
     def read_candidates(
         self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
     ) -> DetectionCandidates:
-        """Rows of enough score."""
+        """Rows with at least the threshold's score."""
         table = outputs[0]
         rows = np.flatnonzero(table[:, 4] >= threshold)
         return DetectionCandidates(
@@ -43,31 +43,33 @@ class Nms6Reader(OutputReader):
             rows=rows,
         )
 
-    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
-        """Scores beyond 0..1, corners that are none, or normalised ones."""
-        # Models pad their list with rows of score 0 or -1, whose corners say nothing.
-        real = _select_positive(found)
-        fault = check_scores(found, lowest=-1.0) or check_corner_order(real)
-        if fault or not len(real.scores):
-            return fault
-        if np.abs(real.corners_input).max() <= 1.5:
+    def explain_mismatch(
+        self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
+    ) -> str:
+        """Scores outside 0..1, invalid corners, or normalised corners."""
+        # Models pad their list with rows of score 0 or -1, whose corners are meaningless.
+        positive = _select_positive(candidates)
+        mismatch = check_scores(candidates, lowest=-1.0) or check_corner_order(positive)
+        if mismatch or not len(positive.scores):
+            return mismatch
+        if np.abs(positive.corners_input).max() <= 1.5:
             return "boxes of a probe image lie within 0 to 1: they are normalised, not pixels of the input"
-        return check_box_centres(real, card, least=0.0, units="pixels of the input")
+        return check_box_centres(positive, card, reach_min=0.0, units="pixels of the input")
 
 
 class RtdetrRowsReader(OutputReader):
-    """(1, N, 6): centre and size normalised to 0..1, score, class, as RT-DETR is exported by Ultralytics since 2026."""
+    """(1, N, 6): centre and size normalised to 0..1, score, class; RT-DETR as exported by Ultralytics since 2026."""
 
     needs_suppression: ClassVar[bool] = False
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """One output."""
+        """A single output."""
         return ((OutputTensor(name="queries", shape=(1, SymbolicDimension(name="N"), 6)),),)
 
     def read_candidates(
         self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
     ) -> DetectionCandidates:
-        """Rows of enough score."""
+        """Rows with at least the threshold's score."""
         table = outputs[0]
         rows = np.flatnonzero(table[:, 4] >= threshold)
         size = np.array([card.input.width_px, card.input.height_px] * 2, dtype=np.float32)
@@ -78,20 +80,22 @@ class RtdetrRowsReader(OutputReader):
             rows=rows,
         )
 
-    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
-        """Scores beyond 0..1, sizes below 0, or boxes in pixels."""
+    def explain_mismatch(
+        self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
+    ) -> str:
+        """Scores outside 0..1, sizes below 0, or boxes in pixels."""
         return (
-            check_scores(found)
-            or check_corner_order(found)
-            or check_box_centres(found, card, least=0.0, units="normalised to 0..1 (pixels?)")
+            check_scores(candidates)
+            or check_corner_order(candidates)
+            or check_box_centres(candidates, card, reach_min=0.0, units="normalised to 0..1 (pixels?)")
         )
 
 
-def _select_positive(found: DetectionCandidates) -> DetectionCandidates:
-    real = found.scores > 0
+def _select_positive(candidates: DetectionCandidates) -> DetectionCandidates:
+    positive = candidates.scores > 0
     return DetectionCandidates(
-        corners_input=found.corners_input[real],
-        scores=found.scores[real],
-        classes=found.classes[real],
-        rows=found.rows[real],
+        corners_input=candidates.corners_input[positive],
+        scores=candidates.scores[positive],
+        classes=candidates.classes[positive],
+        rows=candidates.rows[positive],
     )

@@ -1,4 +1,4 @@
-"""What every layout says of itself: the outputs it is made of and how they become candidates."""
+"""The interface of all output layouts: their output tensors, and how these are read as candidates."""
 
 from __future__ import annotations
 
@@ -9,20 +9,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from facadelake.core.arrays import Float32Array, Int64Array
+from facadelake.core.arrays import Float32Array, Float32Nx4, Int64Array, RowIndices
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import CandidateMasks
 
-NO_THRESHOLD = -np.inf  # the threshold that lets every candidate pass
+NO_THRESHOLD = -np.inf  # every candidate passes
 
 
 @dataclass(frozen=True, kw_only=True)
 class SymbolicDimension:
-    """A size that the model chooses, ``plus`` a known number; the same name is the same size in all outputs."""
+    """A dimension that the model chooses, ``plus`` a known number (ONNX ``dim_param``).
+
+    The same name has the same size in all outputs; ``minimum`` is the smallest size, without ``plus``.
+    """
 
     name: str
     plus: int = 0
-    least: int = 0
+    minimum: int = 0
 
     def __str__(self) -> str:
         return f"{self.plus}+{self.name}" if self.plus else self.name
@@ -30,7 +33,7 @@ class SymbolicDimension:
 
 @dataclass(frozen=True, kw_only=True)
 class OutputTensor:
-    """One output of a layout: what it is called here, by which names exports know it, its shape for one image."""
+    """One output of a layout: its name here, its usual names in exported models, its shape for one image."""
 
     name: str
     usual_names: frozenset[str] = frozenset()
@@ -44,88 +47,103 @@ class OutputTensor:
 class DetectionCandidates:
     """Boxes before suppression: ``corners_input`` (n, 4: left, top, right, bottom) in pixels of the model's input.
 
-    ``rows`` (n) is where each stands in the model's output; ``masks`` are there where the layout has them.
+    ``scores`` (n,) are not calibrated; ``classes`` (n,); ``rows`` (n,) of the model's output; ``masks`` if the layout has
+    them.
     """
 
-    corners_input: Float32Array
+    corners_input: Float32Nx4
     scores: Float32Array
     classes: Int64Array
-    rows: Int64Array
+    rows: RowIndices
     masks: CandidateMasks | None = None
 
 
 class OutputReader(ABC):
-    """How one layout is read. Outputs come in the order of its parts, each without its batch axis."""
+    """Reader of one layout. Outputs are in the order of its signature, each without the batch axis."""
 
-    needs_suppression: ClassVar[bool] = True  # several candidates for one thing: they need suppression
+    needs_suppression: ClassVar[bool] = True  # several candidates per object
 
     @abstractmethod
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """The sets of outputs that will do for ``card``; mostly one."""
+        """The signatures (sets of output tensors) that fit ``card``; usually one."""
 
     @abstractmethod
     def read_candidates(
         self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
     ) -> DetectionCandidates:
-        """The candidates whose score, as the model gives it, reaches ``threshold``."""
+        """The candidates whose uncalibrated score is at least ``threshold``."""
 
     @abstractmethod
-    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
-        """Why the outputs of a probe image, and all candidates of them, cannot be of this layout; empty: they can."""
+    def explain_mismatch(
+        self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
+    ) -> str:
+        """Why outputs of a probe image and their candidates cannot be of this layout; empty if they can."""
 
 
-def match_shapes(shapes: Sequence[tuple[int, ...]], parts: Sequence[OutputTensor]) -> bool:
-    """Whether outputs of ``shapes`` are the parts, in their order."""
-    chosen: dict[str, int] = {}
-    for shape, part in zip(shapes, parts, strict=True):
-        if len(shape) != len(part.shape):
+def match_shapes(shapes: Sequence[tuple[int, ...]], tensors: Sequence[OutputTensor]) -> bool:
+    """Whether ``shapes`` are those of the tensors, in their order."""
+    sizes: dict[str, int] = {}
+    for shape, tensor in zip(shapes, tensors, strict=True):
+        if len(shape) != len(tensor.shape):
             return False
-        for size, wanted in zip(shape, part.shape, strict=True):
-            if isinstance(wanted, int):
-                if size != wanted:
+        for size, expected in zip(shape, tensor.shape, strict=True):
+            if isinstance(expected, int):
+                if size != expected:
                     return False
-            elif size - wanted.plus < wanted.least or chosen.setdefault(wanted.name, size - wanted.plus) != (
-                size - wanted.plus
+            elif size - expected.plus < expected.minimum or sizes.setdefault(expected.name, size - expected.plus) != (
+                size - expected.plus
             ):
                 return False
     return True
 
 
-def check_scores(found: DetectionCandidates, *, lowest: float = 0.0) -> str:
-    """Why scores are no probabilities."""
-    if not len(found.scores):
+def check_scores(candidates: DetectionCandidates, *, lowest: float = 0.0) -> str:
+    """Why scores are not probabilities; empty if they are."""
+    if not len(candidates.scores):
         return ""
-    low, high = float(found.scores.min()), float(found.scores.max())
+    low, high = float(candidates.scores.min()), float(candidates.scores.max())
     if low >= lowest - 1e-3 and high <= 1 + 1e-3:
         return ""
     return (
-        f"scores of a probe image run from {low:.3g} to {high:.3g}, not from 0 to 1; it gives logits, or has not this "
-        "layout: export it with its sigmoid"
+        f"scores of a probe image run from {low:.3g} to {high:.3g}, not from 0 to 1: they are logits, or "
+        "the layout is another one; export the model with its sigmoid"
     )
 
 
-def check_box_centres(found: DetectionCandidates, card: ModelCard, *, least: float, units: str) -> str:
-    """Why the boxes' middles cannot lie in the input: how far they reach, in its sizes, from ``least`` to 2."""
-    if not len(found.scores):
+def check_box_centres(candidates: DetectionCandidates, card: ModelCard, *, reach_min: float, units: str) -> str:
+    """Check that box centres lie within the input.
+
+    The reach is the 95th percentile of their coordinates, as a multiple of the input's size.
+
+    Args:
+        candidates: All candidates of a probe image.
+        card: The model's card.
+        reach_min: Smallest reach on both axes; the largest is 2.
+        units: What the coordinates should be, for the message.
+
+    Returns:
+        The reason why they are not ``units``; empty if they can be.
+    """
+    if not len(candidates.scores):
         return ""
     with np.errstate(over="ignore", invalid="ignore"):
-        middles = (found.corners_input[:, :2] + found.corners_input[:, 2:]) / 2
+        centres = (candidates.corners_input[:, :2] + candidates.corners_input[:, 2:]) / 2
     size = np.array([card.input.width_px, card.input.height_px], dtype=np.float32)
-    reach = np.percentile(np.abs(middles), 95, axis=0) / size
-    if np.isfinite(reach).all() and reach.min() >= least and reach.max() <= 2.0:
+    reach = np.percentile(np.abs(centres), 95, axis=0) / size
+    if np.isfinite(reach).all() and reach.min() >= reach_min and reach.max() <= 2.0:
         return ""
     return (
         f"box centres of a probe image, read as layout {card.output.layout}, reach {reach.max():.3g} times the input's "
-        f"size ({least:g} to 2 expected): they are not {units}"
+        f"size ({reach_min:g} to 2 expected): they are not {units}"
     )
 
 
-def check_corner_order(found: DetectionCandidates) -> str:
-    """Why corners are none: left beyond right or top beyond bottom."""
-    backwards = np.flatnonzero((found.corners_input[:, 2:] < found.corners_input[:, :2]).any(axis=1))
-    if not len(backwards):
+def check_corner_order(candidates: DetectionCandidates) -> str:
+    """Why corners are invalid (left beyond right, or top beyond bottom); empty if they are valid."""
+    inverted = np.flatnonzero((candidates.corners_input[:, 2:] < candidates.corners_input[:, :2]).any(axis=1))
+    if not len(inverted):
         return ""
     return (
-        f"{len(backwards)} of {len(found.scores)} boxes of a probe image have their left beyond their right or "
-        "their top beyond their bottom: they are not corners"
+        f"{len(inverted)} of {len(candidates.scores)} boxes of a probe image have left > right or "
+        "top > bottom: they are not corners"
     )

@@ -1,4 +1,4 @@
-"""The outputs of a probe image against the declared layout: which output is which part, and can its values be."""
+"""Verification of a model's outputs for a probe image against the declared layout, in names, shapes and values."""
 
 from __future__ import annotations
 
@@ -14,79 +14,82 @@ from facadelake.detection.layouts.output_reader import NO_THRESHOLD, OutputTenso
 from facadelake.detection.layouts.readers import READERS
 
 _REMEDY = "correct output.layout or class_names in the card, or export the model again"
-_CLASS_COUNT_MAX = 1000  # of a model whose number of classes is looked for
+_CLASS_COUNT_MAX = 1000  # largest number of classes that is tried
 
 
 def verify_outputs(outputs: Mapping[str, Float32Array], card: ModelCard, model: str) -> tuple[str, ...]:
-    """The names of the outputs that are the declared layout's parts, in their order.
+    """Names of the outputs in the order of the declared layout's signature.
 
-    ``outputs`` are all that the model gave for one probe image, with the batch axis. Raises ModelError where they are
-    not of the layout, in shape or in values; it says what was expected and found, and which layout would fit.
+    ``outputs`` are all outputs of the model for one probe image, with the batch axis. Raises ModelError if their shapes
+    or values are not those of the layout; the message has the expected and actual shapes and the layouts that fit.
     """
     try:
         names = assign_outputs(outputs, card)
     except ModelError as error:
         raise ModelError(f"model {model}: {error}; {_describe_alternatives(outputs, card)}{_REMEDY}") from error
-    fault = _check_values(outputs, names, card)
-    if fault:
-        raise ModelError(f"model {model}: {fault}; {_describe_alternatives(outputs, card)}{_REMEDY}")
+    mismatch = _check_values(outputs, names, card)
+    if mismatch:
+        raise ModelError(f"model {model}: {mismatch}; {_describe_alternatives(outputs, card)}{_REMEDY}")
     return names
 
 
 def assign_outputs(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[str, ...]:
-    """Which outputs are the layout's parts: those that the card names, else by known names, else by their shapes.
+    """Assign outputs to the layout's tensors: by the card's names, else by usual names, else by shapes.
 
-    Raises ModelError where none are, or where shapes alone leave a choice.
+    Raises ModelError if no assignment fits, or if several fit by shape.
     """
     reader = READERS[card.output.layout]
     shapes = {name: values.shape for name, values in outputs.items()}
-    forms = reader.list_signatures(card)
-    _check_names(tuple(shapes), forms[0], card)
-    for form in forms:
-        named = _match_names(shapes, form, card)
-        if named and match_shapes([shapes[name] for name in named], form):
+    signatures = reader.list_signatures(card)
+    _check_names(tuple(shapes), signatures[0], card)
+    for signature in signatures:
+        named = _match_names(shapes, signature, card)
+        if named and match_shapes([shapes[name] for name in named], signature):
             return named
-    if not card.output.output_names and len(forms[0]) > 1:
-        for form in forms:
-            ways = [
-                way for way in permutations(shapes, len(form)) if match_shapes([shapes[name] for name in way], form)
+    if not card.output.output_names and len(signatures[0]) > 1:
+        for signature in signatures:
+            assignments = [
+                names
+                for names in permutations(shapes, len(signature))
+                if match_shapes([shapes[name] for name in names], signature)
             ]
-            if len(ways) == 1:
-                return ways[0]
-            if ways:
+            if len(assignments) == 1:
+                return assignments[0]
+            if assignments:
+                tensors = " and ".join(tensor.name for tensor in signature)
                 raise ModelError(
-                    f"its outputs {_describe_shapes(shapes)} could be {' and '.join(part.name for part in form)} in "
-                    f"{len(ways)} ways; say in the card which is which: output.names in this order"
+                    f"its outputs {_describe_shapes(shapes)} could be {tensors} in {len(assignments)} ways; "
+                    "state which is which in the card: output.names in this order"
                 )
-    expected = " or ".join(_describe_signature(form) for form in forms)
-    one = len(forms[0]) == 1 and (named := _match_names(shapes, forms[0], card))
-    found = f"output has shape {shapes[named[0]]}" if one else f"outputs are {_describe_shapes(shapes)}"
+    expected = " or ".join(_describe_signature(signature) for signature in signatures)
+    single = len(signatures[0]) == 1 and (named := _match_names(shapes, signatures[0], card))
+    actual = f"output has shape {shapes[named[0]]}" if single else f"outputs are {_describe_shapes(shapes)}"
     raise ModelError(
-        f"its {found}, layout {card.output.layout} with {len(card.class_names)} classes at {card.input.width_px} x "
+        f"its {actual}, layout {card.output.layout} with {len(card.class_names)} classes at {card.input.width_px} x "
         f"{card.input.height_px} px has {expected}"
     )
 
 
 def find_fitting_layouts(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[OutputLayout, ...]:
-    """The layouts that would do for ``card``'s class names and input, in shape and in values."""
+    """The layouts that fit the outputs in shape and values, with the card's class names and input."""
     fitting = []
     for layout in OutputLayout:
         try:
-            names = assign_outputs(outputs, (as_declared := _replace_layout(card, layout)))
+            names = assign_outputs(outputs, (candidate := _replace_layout(card, layout)))
         except ModelError:
             continue
-        if not _check_values(outputs, names, as_declared):
+        if not _check_values(outputs, names, candidate):
             fitting.append(layout)
     return tuple(fitting)
 
 
 def find_class_counts(outputs: Mapping[str, Float32Array], card: ModelCard) -> tuple[int, ...]:
-    """How many classes would make the outputs' shapes fit the card's layout; empty where none would, or any."""
-    forms = READERS[card.output.layout].list_signatures
-    if forms(_replace_class_names(card, 1)) == forms(_replace_class_names(card, 2)):
+    """Numbers of classes for which the outputs' shapes fit the card's layout; empty if none fits, or any."""
+    list_signatures = READERS[card.output.layout].list_signatures
+    if list_signatures(_replace_class_names(card, 1)) == list_signatures(_replace_class_names(card, 2)):
         return ()
     sizes = {0, *(size for values in outputs.values() for size in values.shape)}
-    # A row has its classes' scores, up to five numbers of its box, and perhaps as many coefficients as prototypes.
+    # A row holds class scores, up to five numbers of its box, and possibly one coefficient per prototype.
     possible = {size - box - other for size in sizes for box in (0, 1, 4, 5) for other in sizes}
     counts = []
     for count in sorted(possible & set(range(1, _CLASS_COUNT_MAX + 1))):
@@ -103,60 +106,60 @@ def _replace_class_names(card: ModelCard, count: int) -> ModelCard:
 
 
 def _replace_layout(card: ModelCard, layout: OutputLayout) -> ModelCard:
-    """The card with another layout, its outputs to be found."""
+    """The card with another layout and without output names."""
     output = card.output.model_copy(update={"layout": layout, "name": None, "names": ()})
     return card.model_copy(update={"output": output})
 
 
 def _check_values(outputs: Mapping[str, Float32Array], names: Sequence[str], card: ModelCard) -> str:
     reader = READERS[card.output.layout]
-    parts = [outputs[name][0] for name in names]
-    nans = sum(int(np.isnan(part).sum()) for part in parts)
+    tensors = [outputs[name][0] for name in names]
+    nans = sum(int(np.isnan(tensor).sum()) for tensor in tensors)
     if nans:
         return f"{nans} values of the outputs for a probe image are not numbers (NaN)"
-    return reader.explain_mismatch(parts, reader.read_candidates(parts, card, NO_THRESHOLD), card)
+    return reader.explain_mismatch(tensors, reader.read_candidates(tensors, card, NO_THRESHOLD), card)
 
 
 def _describe_alternatives(outputs: Mapping[str, Float32Array], card: ModelCard) -> str:
-    """What would fit instead."""
+    """The layouts or numbers of classes that fit instead, for a message."""
     fitting = [layout for layout in find_fitting_layouts(outputs, card) if layout is not card.output.layout]
     if fitting:
         return f"shape and values fit layout {' or '.join(fitting)}; "
     counts = [count for count in find_class_counts(outputs, card) if count != len(card.class_names)]
     if counts:
-        return f"with {' or '.join(str(count) for count in counts[:3])} class_names its shape would fit; "
+        return f"with {' or '.join(str(count) for count in counts[:3])} class_names its shape fits; "
     return ""
 
 
-def _check_names(given: Sequence[str], form: Sequence[OutputTensor], card: ModelCard) -> None:
-    """Raise ModelError where the card names outputs that the model has not, or too few or many."""
+def _check_names(outputs: Sequence[str], signature: Sequence[OutputTensor], card: ModelCard) -> None:
+    """Raise ModelError if the card names outputs that the model does not have, or too few or too many."""
     named = card.output.output_names
-    missing = [name for name in named if name not in given]
+    missing = [name for name in named if name not in outputs]
     if missing:
-        raise ModelError(f"it has no output '{missing[0]}' (it has {list(given)}), which the card's output names")
-    if named and len(named) != len(form):
+        raise ModelError(f"it has no output '{missing[0]}' (it has {list(outputs)}), which the card names under output")
+    if named and len(named) != len(signature):
         raise ModelError(
             f"the card's output.names are {len(named)} ({', '.join(named)}), layout {card.output.layout} has "
-            f"{len(form)} ({', '.join(part.name for part in form)})"
+            f"{len(signature)} ({', '.join(tensor.name for tensor in signature)})"
         )
 
 
 def _match_names(
-    shapes: Mapping[str, tuple[int, ...]], form: Sequence[OutputTensor], card: ModelCard
+    shapes: Mapping[str, tuple[int, ...]], signature: Sequence[OutputTensor], card: ModelCard
 ) -> tuple[str, ...]:
-    """The outputs that the card names or whose names are known; a layout of one output takes the first."""
+    """Outputs by the card's names or by usual names, empty if not unique; a single-output layout has the first."""
     if card.output.output_names:
         return card.output.output_names
-    if len(form) == 1:
+    if len(signature) == 1:
         return (next(iter(shapes)),)
-    known = [[name for name in shapes if name.casefold() in part.usual_names] for part in form]
+    known = [[name for name in shapes if name.casefold() in tensor.usual_names] for tensor in signature]
     return tuple(names[0] for names in known) if all(len(names) == 1 for names in known) else ()
 
 
-def _describe_signature(form: Sequence[OutputTensor]) -> str:
-    if len(form) == 1:
-        return str(form[0])
-    return " and ".join(f"{part.name} {part}" for part in form)
+def _describe_signature(signature: Sequence[OutputTensor]) -> str:
+    if len(signature) == 1:
+        return str(signature[0])
+    return " and ".join(f"{tensor.name} {tensor}" for tensor in signature)
 
 
 def _describe_shapes(shapes: Mapping[str, tuple[int, ...]]) -> str:

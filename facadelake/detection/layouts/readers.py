@@ -1,4 +1,4 @@
-"""Which reader reads which layout."""
+"""The reader of each layout."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Transformers that give boxes and logits for each query, normalised to the input: RT-DETR, D-FINE, RF-DETR."""
+"""Transformers with boxes and logits for each query, normalised to the input: RT-DETR, D-FINE, RF-DETR."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ class RtdetrReader(OutputReader):
     """Boxes (1, Q, 4: centre and size normalised to 0..1) and logits (1, Q, nc) (RT-DETR, Zhao et al. 2024; D-FINE)."""
 
     needs_suppression: ClassVar[bool] = False
-    boxes_known_as: ClassVar[frozenset[str]] = frozenset({"pred_boxes", "boxes"})
-    logits_known_as: ClassVar[frozenset[str]] = frozenset({"logits", "pred_logits"})
+    boxes_names: ClassVar[frozenset[str]] = frozenset({"pred_boxes", "boxes"})
+    logits_names: ClassVar[frozenset[str]] = frozenset({"logits", "pred_logits"})
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """Two outputs."""
-        return (self._form(len(card.class_names)),)
+        """Boxes and logits."""
+        return (self._make_signature(len(card.class_names)),)
 
     def read_candidates(
         self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
     ) -> DetectionCandidates:
-        """Pairs of a query and a class of enough score: the classes of a query are independent of one another."""
+        """Pairs of query and class with at least the threshold's score; the classes of a query are independent."""
         boxes, logits = outputs[0], outputs[1][:, : len(card.class_names)]
         queries, classes = np.nonzero(logits >= _logit(threshold))
         with np.errstate(over="ignore"):
@@ -48,72 +48,74 @@ class RtdetrReader(OutputReader):
         corners = corners_from_centres(boxes[queries, :2], boxes[queries, 2:]) * size
         return DetectionCandidates(corners_input=corners, scores=scores, classes=classes, rows=queries)
 
-    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
-        """Logits that are probabilities, sizes below 0, or boxes in pixels."""
+    def explain_mismatch(
+        self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
+    ) -> str:
+        """Probabilities instead of logits, sizes below 0, or boxes in pixels."""
         # The sigmoid of a probability lies between 0.5 and 0.731.
-        if len(found.scores) and found.scores.min() >= 0.4999 and found.scores.max() <= 0.7312:
+        if len(candidates.scores) and candidates.scores.min() >= 0.4999 and candidates.scores.max() <= 0.7312:
             return (
                 "logits of a probe image run from 0 to 1: they are probabilities already; export the model without "
                 "its sigmoid"
             )
-        return check_corner_order(found) or check_box_centres(found, card, least=0.0, units=_NORMALISED)
+        return check_corner_order(candidates) or check_box_centres(candidates, card, reach_min=0.0, units=_NORMALISED)
 
-    def _form(self, columns: int) -> tuple[OutputTensor, ...]:
+    def _make_signature(self, columns: int) -> tuple[OutputTensor, ...]:
         return (
-            OutputTensor(name="boxes", usual_names=self.boxes_known_as, shape=(1, _Q, 4)),
-            OutputTensor(name="logits", usual_names=self.logits_known_as, shape=(1, _Q, columns)),
+            OutputTensor(name="boxes", usual_names=self.boxes_names, shape=(1, _Q, 4)),
+            OutputTensor(name="logits", usual_names=self.logits_names, shape=(1, _Q, columns)),
         )
 
 
 class RfdetrReader(RtdetrReader):
-    """The same as ``dets`` and ``labels``; a last column of logits may stand for no object and has no class name."""
+    """The same with outputs ``dets`` and ``labels``; a last column of logits without a class name means no object."""
 
-    boxes_known_as: ClassVar[frozenset[str]] = frozenset({"dets"})
-    logits_known_as: ClassVar[frozenset[str]] = frozenset({"labels"})
+    boxes_names: ClassVar[frozenset[str]] = frozenset({"dets"})
+    logits_names: ClassVar[frozenset[str]] = frozenset({"labels"})
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """Two outputs, with the column of no object or without."""
+        """Boxes and logits, with or without the column for no object."""
         classes = len(card.class_names)
-        return self._form(classes + 1), self._form(classes)
+        return self._make_signature(classes + 1), self._make_signature(classes)
 
 
 class RfdetrSegReader(RfdetrReader):
     """RF-DETR with mask logits (1, Q, h, w) for each query."""
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """Three outputs."""
+        """Boxes, logits and masks."""
         masks = OutputTensor(
             name="masks",
             usual_names=frozenset({"masks"}),
             shape=(1, _Q, SymbolicDimension(name="h"), SymbolicDimension(name="w")),
         )
-        return tuple((*form, masks) for form in super().list_signatures(card))
+        return tuple((*signature, masks) for signature in super().list_signatures(card))
 
     def read_candidates(
         self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
     ) -> DetectionCandidates:
-        """The boxes with their queries' masks."""
-        found = super().read_candidates(outputs, card, threshold)
+        """The boxes with the masks of their queries."""
+        candidates = super().read_candidates(outputs, card, threshold)
         return DetectionCandidates(
-            corners_input=found.corners_input,
-            scores=found.scores,
-            classes=found.classes,
-            rows=found.rows,
-            masks=QueryMasks(all_logits=outputs[2], queries=found.rows),
+            corners_input=candidates.corners_input,
+            scores=candidates.scores,
+            classes=candidates.classes,
+            rows=candidates.rows,
+            masks=QueryMasks(all_logits=outputs[2], queries=candidates.rows),
         )
 
 
 class RtdetrTripleReader(OutputReader):
     """Labels (1, Q), boxes (1, Q, 4: corners) and scores (1, Q), as RT-DETR and D-FINE are exported.
 
-    Their second input, ``orig_target_sizes``, is what the boxes are scaled to. It is given ones, so that boxes come
-    normalised and it does not matter whether the export wants width or height first.
+    Boxes are scaled to their second input, ``orig_target_sizes``. It is set to ones, so boxes are normalised, and the
+    export's order of width and height does not matter.
     """
 
     needs_suppression: ClassVar[bool] = False
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """Three outputs."""
+        """Labels, boxes and scores."""
         return (
             (
                 OutputTensor(name="labels", usual_names=frozenset({"labels"}), shape=(1, _Q)),
@@ -125,7 +127,7 @@ class RtdetrTripleReader(OutputReader):
     def read_candidates(
         self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
     ) -> DetectionCandidates:
-        """Queries of enough score."""
+        """Queries with at least the threshold's score."""
         labels, boxes, scores = outputs
         queries = np.flatnonzero(scores >= threshold)
         size = np.array([card.input.width_px, card.input.height_px] * 2, dtype=np.float32)
@@ -136,12 +138,14 @@ class RtdetrTripleReader(OutputReader):
             rows=queries,
         )
 
-    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
-        """Scores beyond 0..1, corners that are none, or boxes that are not scaled to the second input."""
+    def explain_mismatch(
+        self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
+    ) -> str:
+        """Scores outside 0..1, invalid corners, or boxes that are not scaled to the second input."""
         return (
-            check_scores(found)
-            or check_corner_order(found)
-            or check_box_centres(found, card, least=0.0, units="scaled to the model's second input")
+            check_scores(candidates)
+            or check_corner_order(candidates)
+            or check_box_centres(candidates, card, reach_min=0.0, units="scaled to the model's second input")
         )
 
 

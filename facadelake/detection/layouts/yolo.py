@@ -1,4 +1,4 @@
-"""The YOLO families (YOLOX, YOLOv5, v8 and 11): a candidate for every cell of the input; masks from prototypes."""
+"""The YOLO families (YOLOX, YOLOv5, v8 and 11): one candidate per cell of the input; masks from prototypes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from facadelake.detection.layouts.output_reader import (
 )
 
 _N = SymbolicDimension(name="N")
-# Every cell of the input has its candidate, so the boxes' middles must spread over the input and not beyond.
+# Every cell of the input has a candidate, so the box centres must be spread over the input.
 _REACH_MIN = 0.25
 
 
@@ -29,14 +29,14 @@ class YoloxReader(OutputReader):
     """(1, N, 5+nc): raw offsets in grid cells, log sizes, objectness, class scores (YOLOX, Ge et al. 2021)."""
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """One output; its candidates are the cells of all strides."""
+        """A single output; its candidates are the cells of all strides."""
         count = len(_list_cells(card.input.width_px, card.input.height_px, card.output.strides))
         return ((OutputTensor(name="candidates", shape=(1, count, 5 + len(card.class_names))),),)
 
     def read_candidates(
         self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
     ) -> DetectionCandidates:
-        """Cells whose objectness times best class score is enough."""
+        """Cells whose objectness times best class score is at least the threshold."""
         table = outputs[0]
         rows, scores, classes = _score_candidates(table, threshold)
         cells = _list_cells(card.input.width_px, card.input.height_px, card.output.strides)[rows]
@@ -47,10 +47,12 @@ class YoloxReader(OutputReader):
             corners_input=corners_from_centres(centres, sizes), scores=scores, classes=classes, rows=rows
         )
 
-    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
-        """Scores beyond 0..1, or boxes that are not spread over the input."""
-        return check_scores(found) or check_box_centres(
-            found, card, least=_REACH_MIN, units="offsets in grid cells (decoded boxes are layout yolov5)"
+    def explain_mismatch(
+        self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
+    ) -> str:
+        """Scores outside 0..1, or boxes that are not spread over the input."""
+        return check_scores(candidates) or check_box_centres(
+            candidates, card, reach_min=_REACH_MIN, units="offsets in grid cells (decoded boxes are layout yolov5)"
         )
 
 
@@ -58,22 +60,27 @@ class Yolov5Reader(OutputReader):
     """(1, N, 5+nc): centre and size in pixels of the input, objectness, class scores."""
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """One output."""
+        """A single output."""
         return ((OutputTensor(name="candidates", shape=(1, _N, 5 + len(card.class_names))),),)
 
     def read_candidates(
         self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
     ) -> DetectionCandidates:
-        """Candidates whose objectness times best class score is enough."""
+        """Candidates whose objectness times best class score is at least the threshold."""
         table = outputs[0]
         rows, scores, classes = _score_candidates(table, threshold)
         corners = corners_from_centres(table[rows, :2], table[rows, 2:4])
         return DetectionCandidates(corners_input=corners, scores=scores, classes=classes, rows=rows)
 
-    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
-        """Scores beyond 0..1, or boxes that are not spread over the input."""
-        return check_scores(found) or check_box_centres(
-            found, card, least=_REACH_MIN, units="pixels of the input (normalised to 0..1, or offsets in grid cells?)"
+    def explain_mismatch(
+        self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
+    ) -> str:
+        """Scores outside 0..1, or boxes that are not spread over the input."""
+        return check_scores(candidates) or check_box_centres(
+            candidates,
+            card,
+            reach_min=_REACH_MIN,
+            units="pixels of the input (normalised to 0..1, or offsets in grid cells?)",
         )
 
 
@@ -81,13 +88,13 @@ class Yolov8Reader(OutputReader):
     """(1, 4+nc, N): centre and size in pixels of the input, class scores."""
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """One output."""
+        """A single output."""
         return ((OutputTensor(name="candidates", shape=(1, 4 + len(card.class_names), _N)),),)
 
     def read_candidates(
         self, outputs: Sequence[Float32Array], card: ModelCard, threshold: float
     ) -> DetectionCandidates:
-        """Candidates whose best class score is enough."""
+        """Candidates whose best class score is at least the threshold."""
         table = outputs[0]
         by_class = table[4:]
         rows = np.flatnonzero(by_class.max(axis=0) >= threshold)
@@ -100,28 +107,33 @@ class Yolov8Reader(OutputReader):
             rows=rows,
         )
 
-    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
-        """Scores beyond 0..1, or boxes that are not spread over the input."""
-        return check_scores(found) or check_box_centres(
-            found, card, least=_REACH_MIN, units="pixels of the input (normalised to 0..1?)"
+    def explain_mismatch(
+        self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
+    ) -> str:
+        """Scores outside 0..1, or boxes that are not spread over the input."""
+        return check_scores(candidates) or check_box_centres(
+            candidates, card, reach_min=_REACH_MIN, units="pixels of the input (normalised to 0..1?)"
         )
 
 
 def corners_from_centres(centres: Float32Array, sizes: Float32Array) -> Float32Array:
-    """Left, top, right, bottom (n, 4) of centres (n, 2) and sizes (n, 2)."""
+    """Corners (n, 4: left, top, right, bottom) from centres (n, 2) and sizes (n, 2)."""
     corners: Float32Array = np.concatenate([centres - sizes / 2, centres + sizes / 2], axis=1)
     return corners
 
 
 def _score_candidates(table: Float32Array, threshold: float) -> tuple[Int64Array, Float32Array, Int64Array]:
-    """Rows of enough score, their scores and classes; as class scores are at most 1, objectness rules most out."""
-    # With room for class scores a little above 1 in half precision.
-    hopeful = np.flatnonzero(table[:, 4] >= threshold * 0.999) if threshold > 0 else np.arange(len(table))
-    by_class = table[hopeful, 5:] * table[hopeful, 4:5]
+    """Rows with at least the threshold's score, their scores and classes.
+
+    Class scores are at most 1, so objectness alone rejects most rows.
+    """
+    # The factor allows for class scores slightly above 1 in half precision.
+    rows = np.flatnonzero(table[:, 4] >= threshold * 0.999) if threshold > 0 else np.arange(len(table))
+    by_class = table[rows, 5:] * table[rows, 4:5]
     classes = by_class.argmax(axis=1)
-    scores = by_class[np.arange(len(hopeful)), classes]
-    enough = scores >= threshold
-    return hopeful[enough], scores[enough], classes[enough]
+    scores = by_class[np.arange(len(rows)), classes]
+    kept = scores >= threshold
+    return rows[kept], scores[kept], classes[kept]
 
 
 @lru_cache(maxsize=8)
@@ -137,25 +149,30 @@ def _list_cells(width_px: int, height_px: int, strides: tuple[int, ...]) -> Floa
 
 
 class PrototypeReader(OutputReader):
-    """``boxes``' own layout with k more numbers along its axis of numbers, and prototypes (1, k, h, w)."""
+    """The layout of ``boxes`` with k mask coefficients per candidate, and prototypes (1, k, h, w)."""
 
     def __init__(self, boxes: OutputReader, *, axis: int) -> None:
-        """``axis`` (0 or 1) of ``boxes``' output, without the batch's, is that of a candidate's numbers."""
+        """``axis`` (0 or 1, without the batch axis) of ``boxes``' output holds the numbers of a candidate."""
         self._boxes = boxes
         self._axis = axis
         self.needs_suppression = boxes.needs_suppression  # type: ignore[misc]
 
     def list_signatures(self, card: ModelCard) -> tuple[tuple[OutputTensor, ...], ...]:
-        """Two outputs."""
-        ((part,),) = self._boxes.list_signatures(card)
-        known = part.shape[self._axis + 1]
-        assert isinstance(known, int)
-        shape = list(part.shape)
-        shape[self._axis + 1] = SymbolicDimension(name="k", plus=known, least=1)
-        prototypes = (1, SymbolicDimension(name="k", least=1), SymbolicDimension(name="h"), SymbolicDimension(name="w"))
+        """Boxes with coefficients, and prototypes."""
+        ((tensor,),) = self._boxes.list_signatures(card)
+        count = tensor.shape[self._axis + 1]
+        assert isinstance(count, int)
+        shape = list(tensor.shape)
+        shape[self._axis + 1] = SymbolicDimension(name="k", plus=count, minimum=1)
+        prototypes = (
+            1,
+            SymbolicDimension(name="k", minimum=1),
+            SymbolicDimension(name="h"),
+            SymbolicDimension(name="w"),
+        )
         return (
             (
-                OutputTensor(name=part.name, usual_names=frozenset({"output0"}), shape=tuple(shape)),
+                OutputTensor(name=tensor.name, usual_names=frozenset({"output0"}), shape=tuple(shape)),
                 OutputTensor(name="prototypes", usual_names=frozenset({"output1"}), shape=prototypes),
             ),
         )
@@ -165,13 +182,15 @@ class PrototypeReader(OutputReader):
     ) -> DetectionCandidates:
         """The boxes with their coefficients."""
         table, prototypes = outputs
-        numbers = table.shape[self._axis] - len(prototypes)
-        boxes, coefficients = np.split(table, [numbers], axis=self._axis)
-        found = self._boxes.read_candidates((boxes,), card, threshold)
-        own = coefficients.take(found.rows, axis=1 - self._axis)
-        masks = PrototypeMasks(coefficients=own.T if self._axis == 0 else own, prototypes=prototypes)
-        return replace(found, masks=masks)
+        count = table.shape[self._axis] - len(prototypes)
+        boxes, coefficients = np.split(table, [count], axis=self._axis)
+        candidates = self._boxes.read_candidates((boxes,), card, threshold)
+        selected = coefficients.take(candidates.rows, axis=1 - self._axis)
+        masks = PrototypeMasks(coefficients=selected.T if self._axis == 0 else selected, prototypes=prototypes)
+        return replace(candidates, masks=masks)
 
-    def explain_mismatch(self, outputs: Sequence[Float32Array], found: DetectionCandidates, card: ModelCard) -> str:
-        """What is wrong with the boxes; any number may be a coefficient."""
-        return self._boxes.explain_mismatch(outputs[:1], found, card)
+    def explain_mismatch(
+        self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
+    ) -> str:
+        """Mismatch of the boxes; any number may be a coefficient."""
+        return self._boxes.explain_mismatch(outputs[:1], candidates, card)

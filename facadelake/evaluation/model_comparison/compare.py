@@ -36,7 +36,7 @@ from facadelake.evaluation.model_comparison.report import (
 )
 from facadelake.evaluation.model_comparison.review_comparison import ReviewComparison, compare_with_reviews
 from facadelake.photos import find_masks
-from facadelake.registration import prepare_building_views
+from facadelake.registration import prepare_search_regions
 from facadelake.registry import Building, Portfolio
 from facadelake.reviews import AcceptedDetection, match_reviews, reviews_from_table, select_accepted_detections
 from schemas.vocabulary import PhotoOutcome
@@ -116,7 +116,7 @@ def _compare_on_campaign(
     photos = tables["photos"].filter(pa.compute.is_in(tables["photos"].column("photo_id"), pa.array(chosen)))
     model, remark = _read_committed_model(building, campaign_id, tables)
     masks = find_masks(root)
-    find_region = (lambda _: SearchRegion()) if model is None else prepare_building_views(model, tables["poses"], masks)
+    find_region = (lambda _: SearchRegion()) if model is None else prepare_search_regions(model, tables["poses"], masks)
     run_id = tables["runs"].column("run_id")[0].as_py()
     found = []
     for one in models:

@@ -1,6 +1,6 @@
-"""Two models' boxes registered together: which defects of the wall stay, appear and vanish.
+"""Differences between the defects of two models: their detections are registered and deduplicated together.
 
-A defect seen by both models in different photographs alone is still one defect, which photographs apart cannot tell.
+Where two models find one defect in different photographs alone, the boxes have no counterpart, but the defect stays.
 """
 
 from __future__ import annotations
@@ -21,59 +21,58 @@ _BOTH, _OLD, _NEW = "both:", "old:", "new:"
 
 @dataclass(frozen=True, kw_only=True)
 class DefectChange:
-    """A defect of the wall and what becomes of it; ``sightings`` are (photo_id, detection_id) as the models had it."""
+    """A defect of the joint detections and its change; ``detection_ids`` are those of the models' own tables."""
 
     change: Change
     defect_id: str
     defect_class: DefectClass
-    facade: str
-    storey: str | None
-    sightings: tuple[tuple[str, str], ...]
+    detection_ids: tuple[str, ...]
 
 
 def join_detections(changes: Sequence[BoxChange], old: pa.Table, new: pa.Table) -> pa.Table:
-    """Table ``detections`` of both models, what both found once, to be registered and merged as one.
-
-    A renamed box is two: the old class vanishes, the new one appears.
-    """
+    """Table ``detections`` of both models; a pair of boxes that stays is one row. A renamed box is two rows: the old
+    class vanishes, the new one appears."""
     both = [one.new for one in changes if one.change is Change.STAYS]
-    gone = [one.old for one in changes if one.change is not Change.STAYS]
-    come = [one.new for one in changes if one.change is not Change.STAYS]
+    only_old = [one.old for one in changes if one.change is not Change.STAYS]
+    only_new = [one.new for one in changes if one.change is not Change.STAYS]
     return pa.concat_tables(
-        [_mark_detections(new, both, _BOTH), _mark_detections(old, gone, _OLD), _mark_detections(new, come, _NEW)]
+        [
+            _mark_detections(new, both, _BOTH),
+            _mark_detections(old, only_old, _OLD),
+            _mark_detections(new, only_new, _NEW),
+        ]
     )
 
 
-def _mark_detections(table: pa.Table, boxes: Sequence[AcceptedDetection | None], mark: str) -> pa.Table:
-    """The rows of ``boxes`` with the mark before their ids."""
+def _mark_detections(table: pa.Table, boxes: Sequence[AcceptedDetection | None], prefix: str) -> pa.Table:
+    """The rows of ``boxes``, with a prefix to their ids that names the models."""
     ids = pa.array([one.detection_id for one in boxes if one is not None], pa.string())
     rows = table.take(pc.index_in(ids, table.column("detection_id").combine_chunks()))
-    at = rows.schema.get_field_index("detection_id")
-    return rows.set_column(at, rows.schema.field(at), pa.array([f"{mark}{key.as_py()}" for key in ids], pa.string()))
+    index = rows.schema.get_field_index("detection_id")
+    marked = pa.array([f"{prefix}{detection_id.as_py()}" for detection_id in ids], pa.string())
+    return rows.set_column(index, rows.schema.field(index), marked)
 
 
 def compare_defects(observations: pa.Table, defects: pa.Table) -> tuple[DefectChange, ...]:
-    """What becomes of each merged defect, by the models that saw it."""
-    seen: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    """The change of each defect of the joint detections, by the models whose boxes it has."""
+    members: dict[str, list[tuple[str, str]]] = defaultdict(list)
     for row in observations.select(["defect_id", "photo_id", "detection_id"]).to_pylist():
         if row["defect_id"] is not None:
-            seen[row["defect_id"]].append((row["photo_id"], row["detection_id"]))
-    out = []
+            members[row["defect_id"]].append((row["photo_id"], row["detection_id"]))
+    changes = []
     for row in defects.to_pylist():
-        marks = {key.split(":", 1)[0] + ":" for _, key in seen[row["defect_id"]]}
+        prefixes = {marked.split(":", 1)[0] + ":" for _, marked in members[row["defect_id"]]}
         change = Change.STAYS
-        if marks == {_OLD}:
+        if prefixes == {_OLD}:
             change = Change.VANISHES
-        elif marks == {_NEW}:
+        elif prefixes == {_NEW}:
             change = Change.APPEARS
-        out.append(
+        changes.append(
             DefectChange(
                 change=change,
                 defect_id=row["defect_id"],
                 defect_class=DefectClass(row["defect_class"]),
-                facade=row["facade"],
-                storey=row["storey"],
-                sightings=tuple((photo, key.split(":", 1)[1]) for photo, key in sorted(seen[row["defect_id"]])),
+                detection_ids=tuple(marked.split(":", 1)[1] for _, marked in sorted(members[row["defect_id"]])),
             )
         )
-    return tuple(out)
+    return tuple(changes)

@@ -1,4 +1,5 @@
-"""Two models against what persons said: which confirmed defects the new one loses, which false alarms it drops."""
+"""Detections of two models compared with reviews: which confirmed defects the new model loses, which rejected boxes
+it drops."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ from facadelake.reviews import AcceptedDetection, Review, ReviewStatus
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewedFinding:
-    """A confirmed defect, as a person tells them apart (all its sightings), or a rejected box; who finds it."""
+    """A confirmed defect with the reviews of all its observations, or a rejected box with its review; which models
+    find it."""
 
     reviews: tuple[Review, ...]
     found_by_old: bool
@@ -21,66 +23,79 @@ class ReviewedFinding:
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewComparison:
-    """What persons said of the photographs that both models looked at."""
+    """The reviewed defects and rejected boxes of the photographs that both models processed."""
 
     defects: tuple[ReviewedFinding, ...]
     rejected: tuple[ReviewedFinding, ...]
 
     @property
     def lost(self) -> tuple[ReviewedFinding, ...]:
-        """Confirmed defects that the old model finds in some photograph and the new one in none."""
-        return tuple(place for place in self.defects if place.found_by_old and not place.found_by_new)
+        """Confirmed defects that the old model finds in a photograph and the new one in none."""
+        return tuple(finding for finding in self.defects if finding.found_by_old and not finding.found_by_new)
 
     def count_outcomes(self) -> dict[str, int]:
-        """The table's numbers by name."""
-        out = {}
-        for name, places in (("confirmed", self.defects), ("rejected", self.rejected)):
-            out[name] = len(places)
-            out[f"{name}_by_old"] = sum(place.found_by_old for place in places)
-            out[f"{name}_by_new"] = sum(place.found_by_new for place in places)
-            out[f"{name}_lost"] = sum(place.found_by_old and not place.found_by_new for place in places)
-            out[f"{name}_gained"] = sum(place.found_by_new and not place.found_by_old for place in places)
-        return out
+        """Numbers of ``confirmed`` defects and ``rejected`` boxes: all, ``_by_old``, ``_by_new``, ``_lost``, ``_gained``."""
+        counts = {}
+        for name, findings in (("confirmed", self.defects), ("rejected", self.rejected)):
+            counts[name] = len(findings)
+            counts[f"{name}_by_old"] = sum(finding.found_by_old for finding in findings)
+            counts[f"{name}_by_new"] = sum(finding.found_by_new for finding in findings)
+            counts[f"{name}_lost"] = sum(finding.found_by_old and not finding.found_by_new for finding in findings)
+            counts[f"{name}_gained"] = sum(finding.found_by_new and not finding.found_by_old for finding in findings)
+        return counts
 
 
 def compare_with_reviews(
-    judgement: ReviewStatus,
+    status: ReviewStatus,
     old: Sequence[AcceptedDetection],
     new: Sequence[AcceptedDetection],
     photographs: Collection[str],
 ) -> ReviewComparison:
-    """Meet the words on ``photographs`` with both models' boxes there.
+    """Compare the detections of two models with the current reviews.
 
-    A defect is what a person confirmed, corrected or drew; sightings of one run's defect_id count as one, found where
-    a box of its class tells of any. A rejected box is found where a box of the class rejected tells of it.
+    Args:
+        status: The reviews of a campaign.
+        old: Detections of the old model.
+        new: Detections of the new model.
+        photographs: photo_id of the photographs that both models processed; other reviews are left out.
+
+    Returns:
+        Defects that reviewers confirmed, corrected or added, and rejected boxes. Observations with one ``defect_id`` of
+        one run are one defect, which a model finds by a box of its class at any of them. A rejected box is found by a
+        box of the rejected class.
     """
-    both = [_group_by_photograph(boxes) for boxes in (old, new)]
-    defects: dict[str, list[Review]] = defaultdict(list)
+    boxes_by_model = [_group_by_photograph(boxes) for boxes in (old, new)]
+    reviews_by_defect: dict[str, list[Review]] = defaultdict(list)
     rejected: list[ReviewedFinding] = []
-    for standing in judgement.current:
-        word = standing.review
-        if word.photo_id not in photographs:
+    for matched in status.current:
+        review = matched.review
+        if review.photo_id not in photographs:
             continue
-        if word.box is not None and word.defect_class is not None:
-            # Each run names its defects anew.
-            defects[f"{word.run_id} {word.defect_id}" if word.defect_id else word.subject].append(word)
+        if review.box is not None and review.defect_class is not None:
+            # defect_id is unique within its run only.
+            key = f"{review.run_id} {review.defect_id}" if review.defect_id else review.subject
+            reviews_by_defect[key].append(review)
         else:
             by_old, by_new = (
-                is_found(boxes.get(word.photo_id, ()), word.effective_box, word.reviewed_class) for boxes in both
+                is_found(boxes.get(review.photo_id, ()), review.effective_box, review.reviewed_class)
+                for boxes in boxes_by_model
             )
-            rejected.append(ReviewedFinding(reviews=(word,), found_by_old=by_old, found_by_new=by_new))
-    found = []
-    for words in defects.values():
+            rejected.append(ReviewedFinding(reviews=(review,), found_by_old=by_old, found_by_new=by_new))
+    defects = []
+    for reviews in reviews_by_defect.values():
         by_old, by_new = (
-            any(is_found(boxes.get(word.photo_id, ()), word.effective_box, word.defect_class) for word in words)
-            for boxes in both
+            any(
+                is_found(boxes.get(review.photo_id, ()), review.effective_box, review.defect_class)
+                for review in reviews
+            )
+            for boxes in boxes_by_model
         )
-        found.append(ReviewedFinding(reviews=tuple(words), found_by_old=by_old, found_by_new=by_new))
-    return ReviewComparison(defects=tuple(found), rejected=tuple(rejected))
+        defects.append(ReviewedFinding(reviews=tuple(reviews), found_by_old=by_old, found_by_new=by_new))
+    return ReviewComparison(defects=tuple(defects), rejected=tuple(rejected))
 
 
-def _group_by_photograph(boxes: Sequence[AcceptedDetection]) -> dict[str, list[AcceptedDetection]]:
-    out: dict[str, list[AcceptedDetection]] = defaultdict(list)
-    for one in boxes:
-        out[one.photo_id].append(one)
-    return out
+def _group_by_photograph(detections: Sequence[AcceptedDetection]) -> dict[str, list[AcceptedDetection]]:
+    grouped: dict[str, list[AcceptedDetection]] = defaultdict(list)
+    for detection in detections:
+        grouped[detection.photo_id].append(detection)
+    return grouped

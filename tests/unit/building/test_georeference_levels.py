@@ -237,7 +237,9 @@ def test_level_20_south_west_and_what_rounding_leaves(write_ifc, latitude, longi
 def test_a_site_on_another_continent_is_not_forced_into_the_registrys_crs(write_ifc):
     """An authoring tool's own default, Boston, beside a registry that says UTM zone 32."""
     path = edited(write_ifc(Ifc()), site_at((42, 21, 31, 181945), (-71, -3, -24, -263305), 0.0))
-    with pytest.raises(GeoreferenceError, match=r"is not georeferenced.*only IfcSite latitude and longitude, LoGeoRef 20"):
+    with pytest.raises(
+        GeoreferenceError, match=r"is not georeferenced.*only IfcSite latitude and longitude, LoGeoRef 20"
+    ):
         load_ifc_building(path, settings=REGISTRY)
 
 
@@ -265,7 +267,9 @@ def test_a_shift_in_geometry_and_conversion_is_detected_where_both_are_in_the_ar
     conversion = {"Eastings": 76670.0, "Northings": 77179.0, "OrthogonalHeight": 290.0}
     crs = {"Name": "EPSG:2169", "VerticalDatum": "ellipsoidal"}
     path = write_ifc(Ifc(boxes=[Box(corner_m=(76670.0, 77179.0, 290.0))], conversion=conversion, crs=crs))
-    with pytest.raises(GeoreferenceError, match=r"shifted to the map twice.*crs\.placement in the registry to \{east_m: 0"):
+    with pytest.raises(
+        GeoreferenceError, match=r"shifted to the map twice.*crs\.placement in the registry to \{east_m: 0"
+    ):
         load_ifc_building(path, settings=IfcModelSettings())
     zero = MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0)
     remedied = load_ifc_building(path, settings=IfcModelSettings(placement=zero))

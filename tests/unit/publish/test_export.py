@@ -1,4 +1,4 @@
-"""One table, one file, the format by its suffix."""
+"""Export of one table to one file; the suffix selects the format."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ import pytest
 import shapely
 
 from facadelake.core.errors import InputDataError
-from facadelake.publish.export import export_table as export
+from facadelake.publish.export import export_table
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, lake_tables
 
 TABLES = lake_tables()
@@ -19,7 +19,7 @@ TABLES = lake_tables()
 def test_defects_in_each_format(tmp_path: Path) -> None:
     table = TABLES["defects"]
     for suffix in (".parquet", ".gpkg", ".geojson", ".csv"):
-        assert export("defects", table, tmp_path / f"defects{suffix}").is_file()
+        assert export_table("defects", table, tmp_path / f"defects{suffix}").is_file()
     assert len(pq.read_table(tmp_path / "defects.parquet")) == 3
     layers = [str(name) for name, _ in pyogrio.list_layers(tmp_path / "defects.gpkg")]
     assert layers == ["defects", "defects_3d", "defects_patches", "defects_patches_3d", "facade_S"]
@@ -41,30 +41,30 @@ def test_defects_in_each_format(tmp_path: Path) -> None:
 def test_lists_of_numbers_are_json_text_where_a_format_has_no_lists(tmp_path: Path) -> None:
     wanted = TABLES["defects"]["covariance_site"][0].as_py()
     for suffix in (".gpkg", ".geojson", ".csv"):
-        export("defects", TABLES["defects"], tmp_path / f"d{suffix}")
+        export_table("defects", TABLES["defects"], tmp_path / f"d{suffix}")
     rows = pyogrio.read_dataframe(tmp_path / "d.gpkg", layer="defects")
     assert json.loads(rows["covariance_site"][0]) == wanted
     assert json.loads(csv.read_csv(tmp_path / "d.csv")["covariance_site"][0].as_py()) == wanted
     features = json.loads((tmp_path / "d.geojson").read_text())["features"]
-    found = features[0]["properties"]["covariance_site"]  # GDAL takes JSON text for the JSON it is
+    found = features[0]["properties"]["covariance_site"]  # GDAL writes JSON text as JSON
     assert (json.loads(found) if isinstance(found, str) else found) == wanted
-    export("poses", TABLES["poses"], tmp_path / "poses.csv")
+    export_table("poses", TABLES["poses"], tmp_path / "poses.csv")
     assert len(json.loads(csv.read_csv(tmp_path / "poses.csv")["covariance"][0].as_py())) == 36
 
 
 def test_polygons_and_plain_tables(tmp_path: Path) -> None:
-    export("elements", TABLES["elements"], tmp_path / "elements.gpkg")
+    export_table("elements", TABLES["elements"], tmp_path / "elements.gpkg")
     info = pyogrio.read_info(tmp_path / "elements.gpkg", layer="elements")
     assert (info["features"], info["geometry_type"]) == (1, "Polygon")
     for suffix in (".parquet", ".gpkg", ".csv"):
-        export("photos", TABLES["photos"], tmp_path / f"photos{suffix}")
+        export_table("photos", TABLES["photos"], tmp_path / f"photos{suffix}")
     assert pyogrio.read_info(tmp_path / "photos.gpkg", layer="photos")["features"] == 3
     assert len(pq.read_table(tmp_path / "photos.parquet")) == 3
     with pytest.raises(InputDataError, match="table photos has no geometry and cannot be written as GeoJSON"):
-        export("photos", TABLES["photos"], tmp_path / "photos.geojson")
+        export_table("photos", TABLES["photos"], tmp_path / "photos.geojson")
 
 
-def test_rows_without_a_place_stay_rows(tmp_path: Path) -> None:
+def test_rows_without_a_position_are_kept(tmp_path: Path) -> None:
     table = TABLES["observations"]
     missing = table.set_column(
         table.column_names.index("geometry"),
@@ -74,7 +74,7 @@ def test_rows_without_a_place_stay_rows(tmp_path: Path) -> None:
     no_patch = missing.schema.get_field_index("patch")
     missing = missing.set_column(no_patch, missing.schema.field(no_patch), [[None, *missing["patch"].to_pylist()[1:]]])
     for suffix in (".parquet", ".gpkg", ".geojson", ".csv"):
-        export("observations", missing, tmp_path / f"o{suffix}")
+        export_table("observations", missing, tmp_path / f"o{suffix}")
     assert pq.read_table(tmp_path / "o.parquet")["geometry"].null_count == 1
     assert json.loads((tmp_path / "o.geojson").read_text())["features"][0]["geometry"] is None
     for layer, features in (("observations", len(table)), ("observations_patches", len(table) - 1)):
@@ -82,16 +82,16 @@ def test_rows_without_a_place_stay_rows(tmp_path: Path) -> None:
     assert pq.read_table(tmp_path / "o.parquet")["patch"].null_count == 1
 
 
-def test_an_earlier_file_is_replaced_or_left_whole(tmp_path: Path) -> None:
+def test_an_earlier_file_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "defects.gpkg"
-    export("defects", TABLES["defects"], path)
-    export("defects", TABLES["defects"].slice(0, 1), path)
+    export_table("defects", TABLES["defects"], path)
+    export_table("defects", TABLES["defects"].slice(0, 1), path)
     assert pyogrio.read_info(path, layer="defects")["features"] == 1
 
 
-def test_what_cannot_be_written(tmp_path: Path) -> None:
+def test_unsupported_suffix_and_missing_folder(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"defects.shp: the suffix must be one of .parquet, .gpkg, .geojson, .csv"):
-        export("defects", TABLES["defects"], tmp_path / "defects.shp")
+        export_table("defects", TABLES["defects"], tmp_path / "defects.shp")
     with pytest.raises(InputDataError, match=r"folder .* does not exist; create it first"):
-        export("defects", TABLES["defects"], tmp_path / "no" / "defects.csv")
+        export_table("defects", TABLES["defects"], tmp_path / "no" / "defects.csv")
     assert list(tmp_path.iterdir()) == []

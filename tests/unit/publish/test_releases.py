@@ -1,4 +1,4 @@
-"""Published files: right places and CRS by readers that did not write them; immutable; latest leads to the newest."""
+"""Published files: positions and CRS as independent readers see them; releases are immutable; latest is the newest."""
 
 import json
 import shutil
@@ -34,7 +34,7 @@ def committed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
 
 @pytest.fixture
 def lake(committed: tuple[Path, int], tmp_path: Path) -> tuple[Path, int]:
-    """A copy of the committed lake, so that each test publishes into its own."""
+    """A copy of the committed lake for each test."""
     shutil.copytree(committed[0], tmp_path / "lake")
     return tmp_path / "lake", committed[1]
 
@@ -46,7 +46,7 @@ def release(committed: tuple[Path, int], tmp_path_factory: pytest.TempPathFactor
     return publish_campaign(lake, version=committed[1], **KEYS)
 
 
-def test_geoparquet_says_its_version_crs_types_and_bbox(release: Path) -> None:
+def test_geoparquet_metadata_state_version_crs_types_and_bbox(release: Path) -> None:
     for name, code, kind in (
         ("defects", 4979, "Point Z"),
         ("defects_2d", 4326, "Point"),
@@ -68,8 +68,8 @@ def test_geoparquet_says_its_version_crs_types_and_bbox(release: Path) -> None:
         assert file.metadata.row_group(0).column(0).compression == "SNAPPY"
 
 
-def test_another_reader_finds_the_points_where_they_are(release: Path) -> None:
-    """DuckDB's reader knows nothing of geopandas."""
+def test_duckdb_reads_the_same_positions(release: Path) -> None:
+    """DuckDB's reader is independent of GeoPandas."""
     rows = open_duckdb("spatial").execute(
         f"SELECT ST_X(geometry), ST_Y(geometry), ST_Z(geometry), bbox.xmin, typeof(geometry), east_map_m, material "
         f"FROM read_parquet('{release / 'defects.parquet'}') ORDER BY defect_id"
@@ -100,7 +100,7 @@ def test_pandas_and_geopandas_read_every_file_with_its_lists(release: Path) -> N
     )
 
 
-def test_attribute_table_begins_with_what_it_is_and_keeps_nulls(release: Path) -> None:
+def test_attribute_table_begins_with_class_and_size_and_keeps_nulls(release: Path) -> None:
     table = pq.read_table(release / "defects.parquet")
     assert table.column_names[:4] == ["defect_id", "defect_class", "severity", "width_m"]
     assert table.column_names[-6:] == ["building_id", "campaign_id", "run_id", "patch", "geometry", "bbox"]
@@ -123,7 +123,7 @@ def test_geopackage_layers_as_gdal_sees_them(release: Path) -> None:
         assert set(points.has_z) == {code == 4979}
 
 
-def test_patches_are_a_layer_of_their_own_joined_by_defect_id(release: Path) -> None:
+def test_patches_are_a_separate_layer_joined_by_defect_id(release: Path) -> None:
     path = release / "defects.gpkg"
     for layer, code, kind in (("defects_patches", 4326, "Polygon"), ("defects_patches_3d", 4979, "Polygon Z")):
         info = pyogrio.read_info(path, layer=layer)
@@ -135,7 +135,7 @@ def test_patches_are_a_layer_of_their_own_joined_by_defect_id(release: Path) -> 
     np.testing.assert_allclose([up.min(), up.max()], HEIGHT + 3.25 + np.array([-0.1, 0.1]), rtol=0, atol=1e-9)  # m
 
 
-def _hexagon(u: float, v: float) -> shapely.Polygon:
+def _make_hexagon(u: float, v: float) -> shapely.Polygon:
     """The patch of the small campaign, 40 x 20 cm, about (u, v) in metres."""
     corners = [(-2, 0), (-1, -1), (1, -1), (2, 0), (1, 1), (-1, 1)]
     return shapely.Polygon([(u + 0.1 * a, v + 0.1 * b) for a, b in corners])
@@ -147,7 +147,7 @@ def test_facade_layer_is_an_elevation_in_metres(release: Path) -> None:
     assert pyproj.CRS(info["crs"]).type_name == "Engineering CRS"
     rows = pyogrio.read_dataframe(release / "defects.gpkg", layer="facade_S")
     for index, found in enumerate(rows.geometry):
-        expected = _hexagon(0.5 * index, 3 + 0.25 * index)
+        expected = _make_hexagon(0.5 * index, 3 + 0.25 * index)
         # The campaign's degrees are of a sphere: up to 0.3 % of 20 cm to each side, 0.6 mm.
         np.testing.assert_allclose(
             shapely.get_coordinates(found), shapely.get_coordinates(expected), rtol=0, atol=0.001
@@ -177,12 +177,12 @@ def test_right_as_seen_from_outside_is_the_view_direction_times_up(facade: str) 
     np.testing.assert_allclose([*right_from_facade(facade), 0], right, rtol=0, atol=1e-12)
 
 
-def test_two_facades_of_one_compass_point_are_two_layers_each_seen_from_its_own_side() -> None:
+def test_two_facades_of_one_compass_point_are_two_layers_each_in_its_own_plane() -> None:
     table = lake_tables()["defects"]
     place = table.schema.get_field_index("facade")
     named = table.set_column(place, table.schema.field(place), [["N-350", "N-016", "inside"]])
     assert [layer.name for layer in create_facade_layers(named)] == ["facade_N-016", "facade_N-350"]
-    # Who looks at a facade that faces 16 degrees east of north has west-northwest to the right.
+    # Right of a facade that faces 16 degrees east of north is west-northwest.
     bearing = np.radians(16.0)
     right = np.cross([-np.sin(bearing), -np.cos(bearing), 0], [0, 0, 1])
     np.testing.assert_allclose([*right_from_facade("N-016"), 0], right, rtol=0, atol=1e-12)
@@ -194,11 +194,11 @@ def test_readme_names_crs_datum_version_and_columns(release: Path) -> None:
         "EPSG:4979",
         "EPSG:25832; heights: ellipsoidal",
         f"version {int(release.name[1:])} of the lake",
-        "placed by GPS: 2 of 2 points",
+        "georeferenced by GPS: 2 of 2 points used",
         "severity_rule",
         "Run run-1",
         "width_m                 horizontal extent",
-        "deviation_from_model_m  how far",
+        "deviation_from_model_m  signed distance",
     ):
         assert words in text, words
 
@@ -243,9 +243,7 @@ def test_latest_is_a_copy_where_links_cannot_be_made(lake: tuple[Path, int], mon
     assert len(list(latest.parent.iterdir())) == 3
 
 
-def test_regraded_campaign_keeps_its_pictures_and_says_that_they_are_older(
-    lake: tuple[Path, int], tmp_path: Path
-) -> None:
+def test_regraded_campaign_keeps_its_pictures_with_a_note(lake: tuple[Path, int], tmp_path: Path) -> None:
     (tmp_path / "pictures" / "crops").mkdir(parents=True)
     (tmp_path / "pictures" / "crops" / "1.png").write_bytes(b"picture")
     (tmp_path / "pictures" / "report.html").write_text("<h1>Tower</h1><h1>minor</h1>")
@@ -257,14 +255,14 @@ def test_regraded_campaign_keeps_its_pictures_and_says_that_they_are_older(
         new = publish_regraded(folder, version=version, **KEYS)
         assert (new / "crops" / "1.png").read_bytes() == b"picture"
         report = (new / "report.html").read_text()
-        assert report.count("graded anew") == 1
+        assert report.count("regraded") == 1
         assert report.startswith("<h1>Tower</h1><p ")
-        assert f"Drawn for version {old} of the lake" in report
+        assert f"This report shows version {old} of the lake" in report
         assert set(pq.read_table(new / "defects.parquet")["severity_rule"].to_pylist()) == {pack}
-        assert f"graded by: {pack} (rules)" in (new / "README.txt").read_text()
+        assert f"Graded by: {pack} (rules)" in (new / "README.txt").read_text()
         assert str((new.parent / "latest").readlink()) == new.name
         assert publish_regraded(folder, version=version, **KEYS) == new
-    assert "graded anew" not in (first / "report.html").read_text()
+    assert "regraded" not in (first / "report.html").read_text()
     assert len(list(new.parent.iterdir())) == 4
 
 
@@ -285,14 +283,14 @@ def test_failure_leaves_no_folder(lake: tuple[Path, int], monkeypatch: pytest.Mo
     def full(text: str) -> str:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(releases, "readme", lambda tables, version: full(""))
-    with pytest.raises(StoreError, match=r"No space left .*; the commit is safe in version \d+ of the lake: free some"):
+    monkeypatch.setattr(releases, "format_readme", lambda tables, version: full(""))
+    with pytest.raises(StoreError, match=r"No space left .*; the data are committed in version \d+ of the lake: check"):
         publish_campaign(lake[0], version=lake[1], **KEYS)
     assert list((lake[0] / "published" / BUILDING / CAMPAIGN).iterdir()) == []
 
 
-def test_campaign_that_is_not_there(committed: tuple[Path, int]) -> None:
-    with pytest.raises(InputDataError, match="has no campaign 1999-01 of tower in its version"):
+def test_unknown_campaign(committed: tuple[Path, int]) -> None:
+    with pytest.raises(InputDataError, match="has no campaign 1999-01 of tower in version"):
         publish_campaign(committed[0], building_id=BUILDING, campaign_id="1999-01", version=committed[1])
     with pytest.raises(InputDataError, match=r"the id '\.\./x' cannot name a folder"):
         publish_campaign(committed[0], building_id="../x", campaign_id=CAMPAIGN, version=committed[1])

@@ -1,4 +1,4 @@
-"""Detections and words made by hand."""
+"""Detections and reviews made by hand."""
 
 from datetime import UTC, datetime
 from typing import Any
@@ -17,7 +17,7 @@ from facadelake.reviews.review_matching import (
 from schemas.vocabulary import DefectClass
 
 CRACK, SPALLING, MOISTURE = DefectClass.CRACK, DefectClass.SPALLING, DefectClass.MOISTURE
-SAID = ReviewProvenance(reviewer="A. Mason", reviewed_at=datetime(2026, 5, 1, 9, tzinfo=UTC), run_id="run-1")
+PROVENANCE = ReviewProvenance(reviewer="A. Mason", reviewed_at=datetime(2026, 5, 1, 9, tzinfo=UTC), run_id="run-1")
 OLD_MODEL, NEW_MODEL = "a" * 64, "b" * 64
 SIZES = {"p0.jpg": (1600, 1200), "p1.jpg": (1600, 1200)}
 
@@ -46,5 +46,5 @@ def seen(*found: tuple[str, str, Box], **settings: Any) -> tuple[AcceptedDetecti
 
 
 def unreviewed(*found: tuple[str, str, Box]) -> tuple[ReviewItem, ...]:
-    judgement: ReviewStatus = match_reviews((), seen(*found))
-    return list_review_items(judgement, {one.detection_id: f"D{i}" for i, one in enumerate(seen(*found))})
+    status: ReviewStatus = match_reviews((), seen(*found))
+    return list_review_items(status, {one.detection_id: f"D{i}" for i, one in enumerate(seen(*found))})

@@ -95,7 +95,7 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     assert {one.defect_class for one in campaign.status.unreviewed} == {"moisture"}
 
     made, placed = make_training_set(
-        [building], tmp_path / "set", lake=lake, form=TrainingLabelFormat.YOLO, pictures=PictureMode.TILES, side_px=640,
+        [building], tmp_path / "set", lake=lake, label_format=TrainingLabelFormat.YOLO, pictures=PictureMode.TILES, side_px=640,
         splits=(f"{BUILDING}=test",), terms=None,
     )  # fmt: skip
     assert placed == {BUILDING: Split.TEST}
@@ -169,8 +169,10 @@ def test_refusals_say_what_to_do(tower: tuple[Portfolio, Path], tmp_path: Path) 
         promote_model(one, lake=lake, report=None, by="A", why="b", lost_max=0, confirmed_min=0, models=tmp_path / "no")
     with pytest.raises(InputDataError, match=r"--why is empty"):
         promote_model(one, lake=lake, report=None, by="A", why=" ", lost_max=0, confirmed_min=0)
-    with pytest.raises(InputDataError, match=r"nothing of tower was reviewed; 'facadelake review export-task' begins"):
+    with pytest.raises(
+        InputDataError, match=r"tower: no reviews; export a review task with 'facadelake review export-task'"
+    ):
         make_training_set(
-            [portfolio.get_building(BUILDING)], tmp_path / "set", lake=lake, form=TrainingLabelFormat.COCO, pictures=PictureMode.TILES,
+            [portfolio.get_building(BUILDING)], tmp_path / "set", lake=lake, label_format=TrainingLabelFormat.COCO, pictures=PictureMode.TILES,
             side_px=640, splits=(), terms=None,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a person did to the boxes of a task becomes words, whatever the tool kept of ids and attributes."""
+"""A reviewer's changes to the boxes of a task become reviews, whatever the tool kept of ids and attributes."""
 
 import json
 from collections import Counter
@@ -19,7 +19,7 @@ from facadelake.reviews.task_files import ReviewTask, build_coco_task, format_de
 from facadelake.reviews.training.reviewed_photographs import collect_reviewed_photographs
 from facadelake.reviews.training.tiles import place_tiles
 from schemas.vocabulary import Verdict
-from tests.unit.reviews.made_reviews import CRACK, MOISTURE, SAID, SIZES, SPALLING, box, seen, unreviewed
+from tests.unit.reviews.made_reviews import CRACK, MOISTURE, PROVENANCE, SIZES, SPALLING, box, seen, unreviewed
 
 FOUND = (
     ("p0.jpg", "crack", box(100, 100)),
@@ -68,7 +68,7 @@ def corrected(tmp_path: Path) -> Path:
 
 
 def test_kept_moved_deleted_and_drawn_boxes(corrected: Path) -> None:
-    words = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    words = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
     assert words.remarks == ()
     by_verdict = {word.verdict: word for word in words.reviews}
     assert len(by_verdict) == len(words.reviews) == 4
@@ -84,7 +84,7 @@ def test_kept_moved_deleted_and_drawn_boxes(corrected: Path) -> None:
 
 
 def test_without_the_task_a_missing_box_says_nothing(corrected: Path) -> None:
-    words = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, SAID, deletions_count=False)
+    words = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=False)
     assert Counter(word.verdict for word in words.reviews) == {
         Verdict.CONFIRMED: 1, Verdict.CORRECTED: 1, Verdict.MISSED: 1,
     }  # fmt: skip
@@ -94,10 +94,10 @@ def test_attribute_that_came_back_decides_where_boxes_do_not(tmp_path: Path) -> 
     content = exported()
     one = next(entry for entry in content["annotations"] if entry["bbox"][1] == 500.0)
     one["bbox"] = [1000.0, 500.0, 100.0, 40.0]  # dragged far away
-    kept = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    kept = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
     assert Counter(word.verdict for word in kept.reviews) == {Verdict.CONFIRMED: 3, Verdict.CORRECTED: 1}
     bare = read_coco_reviews(
-        save(tmp_path / "b.json", as_cvat(content)), SHOWN, SIZES, NAMES, SAID, deletions_count=True
+        save(tmp_path / "b.json", as_cvat(content)), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True
     )
     assert Counter(word.verdict for word in bare.reviews) == {
         Verdict.CONFIRMED: 3, Verdict.REJECTED: 1, Verdict.MISSED: 1,
@@ -108,7 +108,7 @@ def test_mask_drawn_into_a_box_is_a_correction_and_comes_back_as_it_was(tmp_path
     content = exported()
     one = next(entry for entry in content["annotations"] if entry["bbox"][0] == 50.0)
     one["segmentation"] = [[50.0, 50.0, 350.0, 50.0, 50.0, 350.0]]
-    words = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    words = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
     (changed,) = [word for word in words.reviews if word.verdict is Verdict.CORRECTED]
     assert changed.mask is not None
     assert changed.mask.startswith("POLYGON")
@@ -118,7 +118,7 @@ def test_mask_drawn_into_a_box_is_a_correction_and_comes_back_as_it_was(tmp_path
     )
     path = save(tmp_path / "b.json", build_coco_task(again, SIZES, photographs_uri="photos"))
     assert read_task(path).items == shown
-    same = read_coco_reviews(path, shown, SIZES, NAMES, SAID, deletions_count=True)
+    same = read_coco_reviews(path, shown, SIZES, NAMES, PROVENANCE, deletions_count=True)
     assert {word.verdict for word in same.reviews} == {Verdict.CONFIRMED}
 
 
@@ -131,7 +131,7 @@ def test_mask_whose_rings_cross_stops_neither_words_nor_tiles(tmp_path: Path) ->
         building_id="tower", campaign_id="2026-04", run_id="run-1", photographs=tuple(SIZES), items=shown
     )
     path = save(tmp_path / "a.json", build_coco_task(given, SIZES, photographs_uri="photos"))
-    words = read_coco_reviews(path, shown, SIZES, NAMES, SAID, deletions_count=True)
+    words = read_coco_reviews(path, shown, SIZES, NAMES, PROVENANCE, deletions_count=True)
     assert {word.verdict for word in words.reviews} == {Verdict.CONFIRMED}
     (material,) = (
         one for one in collect_reviewed_photographs(match_reviews(words.reviews, found)) if one.photo_id == "p1.jpg"
@@ -151,7 +151,7 @@ def test_what_cannot_be_used_is_a_remark_and_the_rest_counts(tmp_path: Path) -> 
         {"id": 93, "image_id": 7, "category_id": 1, "bbox": [1, 1, 5, 5]},
     ]
     content["annotations"] += bad
-    words = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    words = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
     assert Counter(word.verdict for word in words.reviews) == {Verdict.CONFIRMED: 4}
     wanted = ("graffiti", "must be [x, y, width, height]", "outside the photograph", "none of the campaign's")
     assert len(words.remarks) == 4
@@ -161,7 +161,7 @@ def test_what_cannot_be_used_is_a_remark_and_the_rest_counts(tmp_path: Path) -> 
 
 def test_file_of_another_campaign_is_refused(tmp_path: Path, corrected: Path) -> None:
     with pytest.raises(InputDataError, match=r"none of its 1 images is a photograph of this campaign in its size"):
-        read_coco_reviews(corrected, (), {"q.jpg": (10, 10)}, NAMES, SAID, deletions_count=True)
+        read_coco_reviews(corrected, (), {"q.jpg": (10, 10)}, NAMES, PROVENANCE, deletions_count=True)
     with pytest.raises(InputDataError, match=r"is not a task of 'facadelake review export-task'"):
         read_task(corrected)
 
@@ -173,22 +173,22 @@ def test_photograph_of_another_size_was_not_looked_at(tmp_path: Path) -> None:
         if entry["image_id"] == 1:
             entry["bbox"] = [value / 2 for value in entry["bbox"]]
     path = save(tmp_path / "a.json", as_cvat(content))
-    words = read_coco_reviews(path, SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    words = read_coco_reviews(path, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
     assert [word.photo_id for word in words.reviews] == ["p1.jpg"]
     (remark,) = words.remarks
-    assert "says p0.jpg is 800 x 600 px, the photograph is 1600 x 1200 px" in remark
+    assert "p0.jpg is 800 x 600 px in the file, but the photograph is 1600 x 1200 px" in remark
     content["images"].pop()
-    with pytest.raises(InputDataError, match=r"in its size \(the file says p0\.jpg is 800 x 600 px"):
-        read_coco_reviews(save(path, content), SHOWN, SIZES, NAMES, SAID, deletions_count=True)
+    with pytest.raises(InputDataError, match=r"in its size \(p0\.jpg is 800 x 600 px in the file"):
+        read_coco_reviews(save(path, content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
 
 
 def test_rejected_place_drawn_again_is_confirmed_and_left_away_stays(tmp_path: Path) -> None:
-    rejected = [create_review(place, Verdict.REJECTED, SAID) for place in SHOWN]
+    rejected = [create_review(place, Verdict.REJECTED, PROVENANCE) for place in SHOWN]
     places = list_review_items(match_reviews(rejected, seen(*FOUND)), {})
     content = exported()
     content["annotations"] = content["annotations"][:1]
     path = save(tmp_path / "a.json", as_cvat(content))
-    (word,) = read_coco_reviews(path, places, SIZES, NAMES, SAID, deletions_count=True).reviews
+    (word,) = read_coco_reviews(path, places, SIZES, NAMES, PROVENANCE, deletions_count=True).reviews
     assert (word.subject, word.verdict, word.box) == (SHOWN[0].subject, Verdict.CONFIRMED, SHOWN[0].box)
 
 
@@ -214,7 +214,7 @@ def test_filled_in_table(tmp_path: Path) -> None:
     rest.append(["", "run-0", "D3", *[""] * 14, "confirmed", "", ""])
     file = tmp_path / "filled.csv"
     file.write_text("\n".join(";".join(cells) for cells in [head, *rest]), encoding="utf-8-sig")  # Excel, Europe
-    words = read_csv_reviews(file, SHOWN, SIZES, NAMES, SAID)
+    words = read_csv_reviews(file, SHOWN, SIZES, NAMES, PROVENANCE)
     assert {(word.defect_id, word.verdict, word.defect_class) for word in words.reviews} == {
         ("D0", Verdict.CONFIRMED, CRACK),
         ("D1", Verdict.CORRECTED, MOISTURE),
@@ -225,12 +225,12 @@ def test_filled_in_table(tmp_path: Path) -> None:
     assert [remark.split(":")[0] for remark in words.remarks] == ["line 7", "line 8", "line 9"]
     assert "there is no defect 'D9'" in words.remarks[0]
     assert "use confirmed, rejected, corrected, missed" in words.remarks[1]
-    assert "of the run run-0" in words.remarks[2]
+    assert "it reviews the run run-0" in words.remarks[2]
     with pytest.raises(InputDataError, match="holds a task already"):
         write_task(tmp_path / "task", exported(), text, [])
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputDataError, match=r"has the columns a, b; it needs 'verdict'"):
-        read_csv_reviews(tmp_path / "other.csv", SHOWN, SIZES, NAMES, SAID)
+        read_csv_reviews(tmp_path / "other.csv", SHOWN, SIZES, NAMES, PROVENANCE)
 
 
 def test_word_on_a_defect_leaves_its_rejected_sightings_unless_all_are(tmp_path: Path) -> None:
@@ -239,9 +239,11 @@ def test_word_on_a_defect_leaves_its_rejected_sightings_unless_all_are(tmp_path:
     (tmp_path / "a.csv").write_text("defect_id,verdict\nD1,confirmed\n")
 
     def confirmed(*rejected: ReviewItem) -> list[str]:
-        words = [create_review(place, Verdict.REJECTED, SAID) for place in rejected]
+        words = [create_review(place, Verdict.REJECTED, PROVENANCE) for place in rejected]
         places = list_review_items(match_reviews(words, seen(*found)), {"p0.jpg#1": "D1", "p1.jpg#2": "D1"})
-        return [word.photo_id for word in read_csv_reviews(tmp_path / "a.csv", places, SIZES, NAMES, SAID).reviews]
+        return [
+            word.photo_id for word in read_csv_reviews(tmp_path / "a.csv", places, SIZES, NAMES, PROVENANCE).reviews
+        ]
 
     assert confirmed() == ["p0.jpg", "p1.jpg"]
     assert confirmed(first) == ["p1.jpg"]
@@ -252,19 +254,19 @@ def test_missed_defect_that_is_confirmed_stays_missed_and_can_be_taken_back(tmp_
     (tmp_path / "a.csv").write_text(
         "verdict,photo_id,corrected_class,box_x_px,box_y_px,box_width_px,box_height_px\nmissed,p0.jpg,crack,9,9,50,20\n"
     )
-    (missed,) = read_csv_reviews(tmp_path / "a.csv", (), SIZES, NAMES, SAID).reviews
+    (missed,) = read_csv_reviews(tmp_path / "a.csv", (), SIZES, NAMES, PROVENANCE).reviews
     (place,) = list_review_items(match_reviews((missed,), ()), {})
-    assert create_review(place, Verdict.CONFIRMED, SAID).verdict is Verdict.MISSED
-    back = create_review(place, Verdict.REJECTED, SAID)
+    assert create_review(place, Verdict.CONFIRMED, PROVENANCE).verdict is Verdict.MISSED
+    back = create_review(place, Verdict.REJECTED, PROVENANCE)
     assert (back.subject, back.box, back.reviewed_box) == (missed.subject, None, box(9, 9, 50, 20))
     assert select_current_reviews((missed, back)) == (back,)
     (rejected,) = list_review_items(match_reviews((missed, back), ()), {})
     assert not rejected.is_defect
-    assert create_review(rejected, Verdict.CONFIRMED, SAID).box == box(9, 9, 50, 20)
+    assert create_review(rejected, Verdict.CONFIRMED, PROVENANCE).box == box(9, 9, 50, 20)
 
 
 def test_words_survive_the_table(corrected: Path) -> None:
-    words = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, SAID, deletions_count=True).reviews
+    words = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True).reviews
     table = table_from_reviews(words, building_id="tower", campaign_id="2026-04")
     assert sorted(reviews_from_table(table), key=lambda word: word.subject) == sorted(
         words, key=lambda word: word.subject

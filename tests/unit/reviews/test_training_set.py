@@ -1,4 +1,4 @@
-"""A training set reads back with every reader as the words said, pixel by pixel, split by building."""
+"""A training set reads back with every reader as it was reviewed, pixel by pixel, split by building."""
 
 import csv
 import json
@@ -23,7 +23,7 @@ from facadelake.reviews.review_matching import match_reviews
 from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat, choose_split, parse_splits
 from facadelake.reviews.training.training_set import TrainingSource, write_training_set
 from schemas.vocabulary import Verdict
-from tests.unit.reviews.made_reviews import CRACK, MOISTURE, SAID, box, seen
+from tests.unit.reviews.made_reviews import CRACK, MOISTURE, PROVENANCE, box, seen
 
 # Each place is painted in a colour of its own, on grey 200.
 CONFIRMED, REJECTED, CORRECTED, UNKNOWN, MISSED = (
@@ -51,15 +51,17 @@ def source(root: Path, building: str, split: Split, photo: str = "a/p0.png") -> 
         (photo, "crack", CONFIRMED), (photo, "crack", REJECTED), (photo, "crack", moved), (photo, "crack", UNKNOWN)
     )
     places = {place.box: place for place in list_review_items(match_reviews((), found), {})}
-    words = (
-        create_review(places[CONFIRMED], Verdict.CONFIRMED, SAID),
-        create_review(places[REJECTED], Verdict.REJECTED, SAID),
-        create_review(places[moved], Verdict.CORRECTED, SAID, box=CORRECTED, defect_class=MOISTURE),
-        create_missed_review(photo, MISSED, CRACK, SAID, mask="POLYGON ((1500 1100, 1590 1100, 1590 1180, 1500 1100))"),
+    reviews = (
+        create_review(places[CONFIRMED], Verdict.CONFIRMED, PROVENANCE),
+        create_review(places[REJECTED], Verdict.REJECTED, PROVENANCE),
+        create_review(places[moved], Verdict.CORRECTED, PROVENANCE, box=CORRECTED, defect_class=MOISTURE),
+        create_missed_review(
+            photo, MISSED, CRACK, PROVENANCE, mask="POLYGON ((1500 1100, 1590 1100, 1590 1180, 1500 1100))"
+        ),
     )
     return TrainingSource(
         building_id=building, campaign_id="2026-04", run_id="run-1", version=3, root=root, split=split,
-        status=match_reviews(words, found), detectors={"onnx:m": "a" * 64},
+        status=match_reviews(reviews, found), detectors={"onnx:m": "a" * 64},
     )  # fmt: skip
 
 
@@ -68,7 +70,7 @@ def sets(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("sets")
     sources = [source(root / "one", "one", Split.TRAIN), source(root / "two", "two", Split.TEST)]
     for form in TrainingLabelFormat:
-        write_training_set(sources, root / form, form=form, pictures=PictureMode.TILES, side_px=256)
+        write_training_set(sources, root / form, label_format=form, pictures=PictureMode.TILES, side_px=256)
     return root
 
 
@@ -105,7 +107,7 @@ def test_boxes_lie_on_what_was_painted_there(sets: Path) -> None:
     )
 
 
-def test_rejected_place_is_a_picture_without_box_and_the_unjudged_is_grey(sets: Path) -> None:
+def test_rejected_place_is_a_picture_without_box_and_the_unreviewed_is_grey(sets: Path) -> None:
     content = json.loads((sets / "coco" / "annotations" / "instances_train.json").read_text())
     with_boxes = {one["image_id"] for one in content["annotations"]}
     (negative,) = [image for image in content["images"] if image["id"] not in with_boxes]
@@ -116,7 +118,7 @@ def test_rejected_place_is_a_picture_without_box_and_the_unjudged_is_grey(sets: 
     ]
     assert all(not coloured(one, COLOURS[UNKNOWN]) for _, one in everything)
     at, hidden = next((image, one) for image, one in everything if coloured(one, COLOURS[CONFIRMED]))
-    x, y = 394 - at["left_px"], 330 - at["top_px"]  # the unjudged place's middle
+    x, y = 394 - at["left_px"], 330 - at["top_px"]  # the centre of the unreviewed box
     assert 0 < x < at["width"]
     assert hidden[y, x] == pytest.approx(GREY, abs=6)
 
@@ -172,58 +174,62 @@ def test_yolo_lines_by_hand(sets: Path) -> None:
     assert len(list((sets / "yolo" / "labels" / "train").glob("*.txt"))) == 4
 
 
-def test_manifest_says_whence(sets: Path) -> None:
+def test_manifest_states_the_origin(sets: Path) -> None:
     manifest = json.loads((sets / "yolo" / "manifest.json").read_text())
     assert manifest["splits"]["train"] == {"pictures": 4, "negatives": 1, "crack": 2, "spalling": 0, "moisture": 1}
     assert manifest["splits"]["val"]["pictures"] == 0
     assert manifest["campaigns"][0]["detectors"] == {"onnx:m": "a" * 64}
-    assert manifest["campaigns"][0]["words"] == {"confirmed": 1, "rejected": 1, "corrected": 1, "missed": 1}
+    assert manifest["campaigns"][0]["reviews"] == {"confirmed": 1, "rejected": 1, "corrected": 1, "missed": 1}
     assert (manifest["campaigns"][1]["split"], manifest["campaigns"][1]["lake_version"]) == ("test", 3)
     assert "state its terms" in manifest["terms"]
     rows = list(csv.DictReader((sets / "yolo" / "sites.csv").open()))
     assert {(row["site"], row["split"]) for row in rows} == {("one", "train"), ("two", "test")}
 
 
-def test_whole_photographs_only_where_everything_was_judged(tmp_path: Path) -> None:
+def test_whole_photographs_only_where_everything_was_reviewed(tmp_path: Path) -> None:
     half = source(tmp_path / "p", "one", Split.TRAIN)
-    with pytest.raises(InputDataError, match=r"1 photographs with detections that nobody has judged"):
+    with pytest.raises(InputDataError, match=r"1 photographs with detections without a review"):
         write_training_set(
-            [half], tmp_path / "set", form=TrainingLabelFormat.COCO, pictures=PictureMode.COPY, side_px=256
+            [half], tmp_path / "set", label_format=TrainingLabelFormat.COCO, pictures=PictureMode.COPY, side_px=256
         )
     assert not (tmp_path / "set").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["p"]
     found = seen(("a/p0.png", "crack", CONFIRMED))
-    words = [create_review(place, Verdict.CONFIRMED, SAID) for place in list_review_items(match_reviews((), found), {})]
-    whole = TrainingSource(**{**vars(half), "status": match_reviews(words, found)})
+    reviews = [
+        create_review(place, Verdict.CONFIRMED, PROVENANCE) for place in list_review_items(match_reviews((), found), {})
+    ]
+    whole = TrainingSource(**{**vars(half), "status": match_reviews(reviews, found)})
     for kind in (PictureMode.COPY, PictureMode.LINK):
         folder = tmp_path / kind
-        made = write_training_set([whole], folder, form=TrainingLabelFormat.YOLO, pictures=kind, side_px=256)
+        made = write_training_set([whole], folder, label_format=TrainingLabelFormat.YOLO, pictures=kind, side_px=256)
         (picture,) = made.pictures
         path = folder / "images" / picture.name
         assert path.is_symlink() == (kind is PictureMode.LINK)
         assert path.read_bytes() == (tmp_path / "p" / "a" / "p0.png").read_bytes()
-    with pytest.raises(InputDataError, match="is not written over: name another"):
+    with pytest.raises(InputDataError, match="is not overwritten: give another folder"):
         write_training_set(
-            [whole], tmp_path / "copy", form=TrainingLabelFormat.YOLO, pictures=PictureMode.COPY, side_px=256
+            [whole], tmp_path / "copy", label_format=TrainingLabelFormat.YOLO, pictures=PictureMode.COPY, side_px=256
         )
 
 
-def test_whole_photographs_that_readers_would_turn_are_left_out(tmp_path: Path) -> None:
+def test_whole_photographs_that_readers_would_rotate_are_left_out(tmp_path: Path) -> None:
     given = source(tmp_path / "p", "one", Split.TRAIN, photo="p0.jpg")
     found = seen(("p0.jpg", "crack", CONFIRMED))
-    words = [create_review(place, Verdict.CONFIRMED, SAID) for place in list_review_items(match_reviews((), found), {})]
-    whole = TrainingSource(**{**vars(given), "status": match_reviews(words, found)})
+    reviews = [
+        create_review(place, Verdict.CONFIRMED, PROVENANCE) for place in list_review_items(match_reviews((), found), {})
+    ]
+    whole = TrainingSource(**{**vars(given), "status": match_reviews(reviews, found)})
     path = tmp_path / "p" / "p0.jpg"
     exif = Image.Exif()
     exif[0x0112] = 3  # upside down
     with Image.open(path) as image:
         image.save(path, exif=exif)
-    with pytest.raises(InputDataError, match=r"1 photographs that EXIF turns"):
+    with pytest.raises(InputDataError, match=r"1 photographs with an EXIF rotation"):
         write_training_set(
-            [whole], tmp_path / "set", form=TrainingLabelFormat.YOLO, pictures=PictureMode.COPY, side_px=256
+            [whole], tmp_path / "set", label_format=TrainingLabelFormat.YOLO, pictures=PictureMode.COPY, side_px=256
         )
     tiles = write_training_set(
-        [whole], tmp_path / "set", form=TrainingLabelFormat.YOLO, pictures=PictureMode.TILES, side_px=256
+        [whole], tmp_path / "set", label_format=TrainingLabelFormat.YOLO, pictures=PictureMode.TILES, side_px=256
     )
     assert len(tiles.pictures) == 1
 
@@ -236,5 +242,5 @@ def test_splits_are_the_buildings_own_and_near_their_shares() -> None:
     assert choose_split("castle", parse_splits(("castle=test", "demo=val"))) is Split.TEST
     with pytest.raises(InputDataError, match=r"'castle=tset' is not BUILDING=SPLIT with a split of train, val, test"):
         parse_splits(("castle=tset",))
-    with pytest.raises(InputDataError, match=r"puts 'castle' into val and test; choose one"):
+    with pytest.raises(InputDataError, match=r"assigns 'castle' to val and test; choose one"):
         parse_splits(("castle=val", "castle=test"))

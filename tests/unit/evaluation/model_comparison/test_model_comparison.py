@@ -29,7 +29,7 @@ from facadelake.reviews.box_matching import corners_from_boxes
 from facadelake.reviews.review_items import create_missed_review, create_review, list_review_items
 from facadelake.reviews.review_matching import match_reviews, select_accepted_detections
 from schemas.vocabulary import Verdict
-from tests.unit.reviews.made_reviews import CRACK, NEW_MODEL, OLD_MODEL, SAID, box, rows, seen
+from tests.unit.reviews.made_reviews import CRACK, NEW_MODEL, OLD_MODEL, PROVENANCE, box, rows, seen
 
 OLD = rows(
     ("p0.jpg", "crack", box(100, 100)),  # stays, a little aside
@@ -114,10 +114,10 @@ def words(photographs: tuple[str, ...] = ("p0.jpg", "p1.jpg", "p2.jpg")) -> Revi
     )
     by_id = {place.detection_id: place for place in places}
     reviews = (
-        create_review(by_id["p0.jpg#1"], Verdict.CONFIRMED, SAID),
-        create_review(by_id["p1.jpg#4"], Verdict.CONFIRMED, SAID),
-        create_review(by_id["p0.jpg#3"], Verdict.REJECTED, SAID),
-        create_missed_review("p1.jpg", box(400, 405), CRACK, SAID),
+        create_review(by_id["p0.jpg#1"], Verdict.CONFIRMED, PROVENANCE),
+        create_review(by_id["p1.jpg#4"], Verdict.CONFIRMED, PROVENANCE),
+        create_review(by_id["p0.jpg#3"], Verdict.REJECTED, PROVENANCE),
+        create_missed_review("p1.jpg", box(400, 405), CRACK, PROVENANCE),
     )
     return compare_with_reviews(
         match_reviews(reviews, select_accepted_detections(OLD)),
@@ -137,17 +137,19 @@ def test_words_tell_losses_from_gains() -> None:
     assert words(("p0.jpg",)).count_outcomes()["confirmed"] == 1
 
 
-LATER = replace(SAID, run_id="run-2")
+LATER = replace(PROVENANCE, run_id="run-2")
 
 
 def test_a_defect_seen_in_another_of_its_photographs_is_not_lost() -> None:
     found = (("p1.jpg", "crack", box(50, 50)), ("p2.jpg", "crack", box(50, 50)))
     places = list_review_items(match_reviews((), seen(*found)), {"p1.jpg#1": "D1", "p2.jpg#2": "D1"})
-    judgement = match_reviews([create_review(place, Verdict.CONFIRMED, SAID) for place in places], seen(*found))
+    judgement = match_reviews([create_review(place, Verdict.CONFIRMED, PROVENANCE) for place in places], seen(*found))
     one = compare_with_reviews(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
     assert (len(one.defects), one.lost) == (1, ())
     # Another run's D1 is another defect: it does not hide that this one is lost.
-    reviews = [create_review(place, Verdict.CONFIRMED, said) for place, said in zip(places, (SAID, LATER), strict=True)]
+    reviews = [
+        create_review(place, Verdict.CONFIRMED, said) for place, said in zip(places, (PROVENANCE, LATER), strict=True)
+    ]
     judgement = match_reviews(reviews, seen(*found))
     two = compare_with_reviews(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
     assert (len(two.defects), len(two.lost)) == (2, 1)
