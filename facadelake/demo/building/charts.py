@@ -36,7 +36,7 @@ class Chart:
         rows, columns = self.shape_px
         return columns / self.size_m[0], rows / self.size_m[1]
 
-    def normals(self, u_m: Float64Array) -> Float64Array:
+    def compute_normals(self, u_m: Float64Array) -> Float64Array:
         """Outward unit normals (n, 3) at u (n,)."""
         if self.radius_m == 0:
             return np.broadcast_to(np.cross(self.u_axis, self.v_axis), (len(u_m), 3)).copy()
@@ -45,7 +45,7 @@ class Chart:
 
     def points(self, u_m: Float64Array, v_m: Float64Array, out_m: float = 0.0) -> Float64Array:
         """Model points (n, 3) at u, v, ``out_m`` in front of the surface."""
-        u, v, normals = np.asarray(u_m), np.asarray(v_m), self.normals(np.asarray(u_m))
+        u, v, normals = np.asarray(u_m), np.asarray(v_m), self.compute_normals(np.asarray(u_m))
         if self.radius_m == 0:
             return self.origin_m + np.outer(u, self.u_axis) + np.outer(v, self.v_axis) + out_m * normals
         return self.origin_m + np.outer(v, self.v_axis) + (self.radius_m + out_m) * normals
@@ -54,7 +54,7 @@ class Chart:
         """Unit direction of growing u at u."""
         if self.radius_m == 0:
             return self.u_axis
-        return np.cross(self.v_axis, self.normals(np.array([u_m]))[0])
+        return np.cross(self.v_axis, self.compute_normals(np.array([u_m]))[0])
 
     def locate(self, xyz_m: Float64Array) -> tuple[Float64Array, Float64Array]:
         """(u, v) (n, 2) of model points (n, 3) and their signed distance (n,) in front of the surface."""

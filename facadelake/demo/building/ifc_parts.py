@@ -58,7 +58,7 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> list[Point]:
 def facing(chart: Chart, u_m: float, width_m: float, out_from_m: float, out_to_m: float) -> list[Point]:
     """Plan corners of a straight piece tangent to a facade at u, from ``out_from`` to ``out_to`` in front of it."""
     foot, along = chart.points(np.array([u_m]), np.zeros(1))[0], chart.tangent(u_m)
-    out = chart.normals(np.array([u_m]))[0]
+    out = chart.compute_normals(np.array([u_m]))[0]
     corners = [(-0.5, out_from_m), (-0.5, out_to_m), (0.5, out_to_m), (0.5, out_from_m)]
     plan = [foot + a * width_m * along + o * out for a, o in corners]
     return [(float(p[0]), float(p[1])) for p in plan]

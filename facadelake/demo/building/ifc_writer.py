@@ -43,10 +43,10 @@ class _Writer:
         self.charts = {c.name: c for c in building_charts(building, 0.01)}
         self.model = ifcopenshell.api.project.create_file(version="IFC4")
         self.walls: dict[tuple[str, int], Entity] = {}
-        self.storeys = self._spatial_structure(placement)
-        self._materials()
+        self.storeys = self._add_spatial_structure(placement)
+        self._add_materials()
 
-    def _spatial_structure(self, placement: Placement) -> list[Entity]:
+    def _add_spatial_structure(self, placement: Placement) -> list[Entity]:
         m = self.model
         project = ifcopenshell.api.root.create_entity(m, ifc_class="IfcProject", name="Facadelake demo building")
         ifcopenshell.api.unit.assign_unit(m, length={"is_metric": True, "raw": "METERS"})
@@ -85,7 +85,7 @@ class _Writer:
         )
         return storeys
 
-    def _materials(self) -> None:
+    def _add_materials(self) -> None:
         m = self.model
         names = (
             "Lime render",
@@ -116,25 +116,25 @@ class _Writer:
         else:
             ifcopenshell.api.material.assign_material(m, products=[element], material=self.material[material])
 
-    def wall(self, facade: str, storey: int, name: str, solid: Entity) -> None:
+    def add_wall(self, facade: str, storey: int, name: str, solid: Entity) -> None:
         """An external wall of a facade and storey; ``name`` tells it from a parapet there."""
         wall = product(self.model, "IfcWall", name, self.storeys[storey], [solid], predefined_type="SOLIDWALL")
         self.describe(wall, "Pset_WallCommon", None)
         self.walls.setdefault((facade, storey), wall)
 
-    def straight(
+    def add_straight_wall(
         self, facade: str, storey: int, name: str, plan: tuple[float, float, float, float], base: float, height: float
     ) -> None:
         profile = outline(self.model, rectangle(*plan))
-        self.wall(facade, storey, name, extrusion(self.model, profile, base, height))
+        self.add_wall(facade, storey, name, extrusion(self.model, profile, base, height))
 
-    def corner(self, radius_in: float, radius_out: float) -> Entity:
+    def make_corner_profile(self, radius_in: float, radius_out: float) -> Entity:
         """Profile of the round corner between two radii."""
         b = self.b
         centre = (b.length_m - b.corner_radius_m, b.corner_radius_m)
         return outline(self.model, *ring_sector(centre, radius_in, radius_out, -np.pi / 2, 0.0))
 
-    def body_walls(self) -> None:
+    def add_walls(self) -> None:
         """Walls of the lower storeys, their parapets, and of the top storey set back."""
         b, w, r, m = self.b, self.b.wall_m, self.b.corner_radius_m, self.model
         length, depth, s, last = b.length_m, b.depth_m, b.setback_m, len(b.storeys) - 1
@@ -152,7 +152,7 @@ class _Writer:
         }
         for i, storey in enumerate(b.storeys[:-1]):
             for facade, plan in lower.items():
-                self.straight(
+                self.add_straight_wall(
                     facade,
                     i,
                     f"{facade.capitalize()} wall, {storey.name.lower()}",
@@ -160,26 +160,26 @@ class _Writer:
                     storey.floor_m,
                     storey.height_m,
                 )
-            solid = extrusion(m, self.corner(r - w, r), storey.floor_m, storey.height_m)
-            self.wall("corner", i, f"Round corner, {storey.name.lower()}", solid)
+            solid = extrusion(m, self.make_corner_profile(r - w, r), storey.floor_m, storey.height_m)
+            self.add_wall("corner", i, f"Round corner, {storey.name.lower()}", solid)
         for facade, plan in upper.items():
             name = f"{facade.removeprefix('top ').capitalize()} wall, {b.storeys[-1].name.lower()}"
-            self.straight(facade, last, name, plan, b.shoulder_m, b.storeys[-1].height_m)
+            self.add_straight_wall(facade, last, name, plan, b.shoulder_m, b.storeys[-1].height_m)
         parapets = {k: v for k, v in lower.items() if k != "north"}
         parapets |= {
             "north, west end": (0.0, depth - w, s, depth),
             "north, east end": (length - s, depth - w, length, depth),
         }
         for facade, plan in parapets.items():
-            self.straight(f"parapet {facade}", last, f"Parapet, {facade}", plan, b.shoulder_m, b.parapet_m)
-        self.wall(
+            self.add_straight_wall(f"parapet {facade}", last, f"Parapet, {facade}", plan, b.shoulder_m, b.parapet_m)
+        self.add_wall(
             "parapet corner",
             last,
             "Parapet, round corner",
-            extrusion(m, self.corner(r - w, r), b.shoulder_m, b.parapet_m),
+            extrusion(m, self.make_corner_profile(r - w, r), b.shoulder_m, b.parapet_m),
         )
 
-    def slabs(self) -> None:
+    def add_slabs(self) -> None:
         """Floors, the terrace and the roof."""
         b, w, r, m = self.b, self.b.wall_m, self.b.corner_radius_m, self.model
         length, depth, s = b.length_m, b.depth_m, b.setback_m
@@ -203,7 +203,7 @@ class _Writer:
         )
         self.describe(roof, "Pset_SlabCommon", "Reinforced concrete")
 
-    def courses(self) -> None:
+    def add_storey_bands(self) -> None:
         """Storey bands, a hand's breadth proud of the wall, at every floor line but the ground's."""
         b, o, r, m = self.b, COURSE_OUT_M, self.b.corner_radius_m, self.model
         length, depth = b.length_m, b.depth_m
@@ -214,7 +214,9 @@ class _Writer:
             "west": rectangle(-o, 0.0, 0.0, depth),
         }
         for i, storey in enumerate(b.storeys[1:], start=1):
-            profiles = {k: outline(m, p) for k, p in plans.items()} | {"round corner": self.corner(r, r + o)}
+            profiles = {k: outline(m, p) for k, p in plans.items()} | {
+                "round corner": self.make_corner_profile(r, r + o)
+            }
             for facade, profile in profiles.items():
                 solid = extrusion(m, profile, storey.floor_m - COURSE_HEIGHT_M, COURSE_HEIGHT_M)
                 band = product(
@@ -222,7 +224,7 @@ class _Writer:
                 )
                 self.describe(band, "Pset_MemberCommon", "Sandstone")
 
-    def opening(self, row: Openings, u: float) -> None:
+    def add_opening(self, row: Openings, u: float) -> None:
         """A hole in a wall and the window or door that fills it, its pane behind the reveal."""
         b, m, chart = self.b, self.model, self.charts[row.facade]
         wall, storey = self.walls[(row.facade, row.storey)], b.storeys[row.storey]
@@ -247,7 +249,7 @@ class _Writer:
             member = product(m, "IfcMember", f"Sill {place}", self.storeys[row.storey], [ledge])
             self.describe(member, "Pset_MemberCommon", "Sandstone")
 
-    def balconies(self) -> None:
+    def add_balconies(self) -> None:
         """Slabs in front of the facade and their railings of posts and rails."""
         m = self.model
         for balcony in self.b.balconies:
@@ -261,7 +263,7 @@ class _Writer:
             self.describe(slab, "Pset_SlabCommon", "Reinforced concrete")
             bars = []
             for z, thick in ((0.95, 0.06), (0.12, 0.03), (0.40, 0.03), (0.68, 0.03)):
-                for plan in self._rail(chart, u, width, depth, thick):
+                for plan in self._plan_rail(chart, u, width, depth, thick):
                     bars.append(extrusion(m, outline(m, plan), floor + z, thick))
             for at in np.linspace(-width / 2 + 0.05, width / 2 - 0.05, 5):
                 bars.append(
@@ -273,7 +275,7 @@ class _Writer:
             self.describe(railing, "Pset_RailingCommon", "Galvanised steel")
 
     @staticmethod
-    def _rail(chart: Chart, u: float, width: float, depth: float, thick: float) -> list[list[tuple[float, float]]]:
+    def _plan_rail(chart: Chart, u: float, width: float, depth: float, thick: float) -> list[list[tuple[float, float]]]:
         edge = width / 2 - 0.05
         return [
             facing(chart, u, width - 0.1 + thick, depth - 0.05 - thick / 2, depth - 0.05 + thick / 2),
@@ -285,13 +287,13 @@ class _Writer:
 def write_ifc(recipe: DemoRecipe, placement: Placement, path: Path) -> None:
     """Write the demo building to ``path``; the same recipe gives the same GlobalIds."""
     writer = _Writer(recipe.building, placement)
-    writer.body_walls()
-    writer.slabs()
-    writer.courses()
+    writer.add_walls()
+    writer.add_slabs()
+    writer.add_storey_bands()
     for row in recipe.building.openings:
         for u in row.centres_u_m:
-            writer.opening(row, u)
-    writer.balconies()
+            writer.add_opening(row, u)
+    writer.add_balconies()
     settle_guids(writer.model)
     writer.model.header.file_name.time_stamp = f"{recipe.campaigns[0].starts[:10]}T00:00:00"
     writer.model.write(str(path))

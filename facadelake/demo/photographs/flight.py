@@ -43,15 +43,6 @@ def rotation_of(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64Arr
     return np.column_stack([np.cos(r) * right + np.sin(r) * down, np.cos(r) * down - np.sin(r) * right, forward])
 
 
-def attitude_of(rotation: Float64Array) -> Float64Array:
-    """Yaw, pitch and roll (degrees) of a ``site_from_cam`` rotation; the inverse of ``rotation_of``."""
-    right, forward = rotation[:, 0], rotation[:, 2]
-    yaw, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1, 1))
-    level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
-    roll = np.arctan2(right @ np.cross(forward, level), right @ level)
-    return np.degrees([yaw, pitch, roll])
-
-
 def _outline_point(b: Building, distance: float, along_m: float) -> tuple[Float64Array, float]:
     """The plan point (2,) at a length along the outline ``distance`` outside the house, from the south-west corner
     anticlockwise round corners of that radius; and the outline's whole length."""
@@ -103,7 +94,7 @@ def _rows(world: World, campaign: Campaign) -> list[tuple[Float64Array, Float64A
         for u in np.linspace(row.u_from_m, row.u_to_m, row.count):
             at = np.array([float(u)])
             aim = chart.points(at, np.array([row.v_m]))[0]
-            out, along = chart.normals(at)[0], chart.tangent(float(u))
+            out, along = chart.compute_normals(at)[0], chart.tangent(float(u))
             turn = np.radians(row.turn_deg)
             result.append((aim + row.distance_m * (np.cos(turn) * out + np.sin(turn) * along), aim))
     return result

@@ -56,7 +56,7 @@ def spot_of(world: World, defect: Defect, state: DefectState) -> Spot:
     u = defect.u_m + width * np.concatenate([[0.0], du])
     v = defect.v_m + height * np.concatenate([[0.0], dv])
     return Spot(
-        defect=defect, state=state, grid=world.to_site(chart.points(u, v)), normals=world.turn(chart.normals(u))
+        defect=defect, state=state, grid=world.to_site(chart.points(u, v)), normals=world.turn(chart.compute_normals(u))
     )
 
 

@@ -65,7 +65,7 @@ def chart_light(world: World, rays: RayScene, light: Light, chart: Chart) -> Flo
     up = (rows - 0.5 - np.arange(rows)) * chart.size_m[1] / rows
     u, v = np.tile(along, rows), np.repeat(up, columns)
     before = 4.0 if chart.name == "roof" else 0.1
-    normals = world.turn(chart.normals(u))
+    normals = world.turn(chart.compute_normals(u))
     start = world.to_site(chart.points(u, v, before))
     depth, _, _ = rays.hits(start, -normals)
     depth = np.where(depth < before + 0.35, depth, before)

@@ -35,7 +35,7 @@ class Canvas:
         """Paint a rectangle."""
         self.image[self.block(u0, v0, u1, v1)] = colour
 
-    def noise(self, wavelength_m: float, region: tuple[slice, slice] | None = None) -> Float32Array:
+    def sample_noise(self, wavelength_m: float, region: tuple[slice, slice] | None = None) -> Float32Array:
         """Smooth noise of unit strength and the given grain, the size of the texture or of a region of it."""
         rows, columns = self.image[region].shape[:2] if region else self.image.shape[:2]
         step = max(1.0, wavelength_m * self.per_u / 2)

@@ -36,7 +36,7 @@ def paint_facade(chart: Chart, building: Building, rng: np.random.Generator) -> 
         for floor in floors[1:]:
             canvas.fill(0, floor - 0.15, chart.size_m[0], floor, BAND)
             region = canvas.block(0, floor - 0.15, chart.size_m[0], floor)
-            canvas.add(9 * canvas.noise(0.25, region) + 7 * canvas.noise(0.03, region), region)
+            canvas.add(9 * canvas.sample_noise(0.25, region) + 7 * canvas.sample_noise(0.03, region), region)
     rows = [r for r in building.openings if r.facade == chart.name]
     base = building.shoulder_m if top else 0.0
     for row in rows:
@@ -52,14 +52,14 @@ def paint_facade(chart: Chart, building: Building, rng: np.random.Generator) -> 
 def _render(canvas: Canvas) -> None:
     """Troweled render: blotches of all sizes, spots, and patches of other years."""
     tone = (
-        6 * canvas.noise(2.2)
-        + 5 * canvas.noise(0.6)
-        + 4 * canvas.noise(0.15)
-        + 5 * canvas.noise(0.04)
-        + 4 * canvas.noise(0.012)
+        6 * canvas.sample_noise(2.2)
+        + 5 * canvas.sample_noise(0.6)
+        + 4 * canvas.sample_noise(0.15)
+        + 5 * canvas.sample_noise(0.04)
+        + 4 * canvas.sample_noise(0.012)
     )
     canvas.add(tone)
-    canvas.image[..., 2] += 4 * canvas.noise(1.1)
+    canvas.image[..., 2] += 4 * canvas.sample_noise(1.1)
     patches(canvas, 0.10, (0.12, 0.5), 9)
     canvas.speckles(22, (0.006, 0.03), 13)
     canvas.speckles(16, (0.015, 0.06), 15)
@@ -98,13 +98,13 @@ def ashlar(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
             if canvas.image[region].size:
                 tint = rng.normal(scale=10) + rng.normal(scale=(3.0, 1.5, 3.5))
                 canvas.image[region] = np.array(STONE) + tint
-                canvas.add(7 * canvas.noise(0.18, region) + 7 * canvas.noise(0.03, region), region)
+                canvas.add(7 * canvas.sample_noise(0.18, region) + 7 * canvas.sample_noise(0.03, region), region)
                 joint = canvas.image[region]
                 joint[:3], joint[:, :3] = (118, 110, 98), (118, 110, 98)
             u += long
         v += high
     region = canvas.block(u0, v0, u1, v1)
-    canvas.add(5 * canvas.noise(1.4, region) + 4 * canvas.noise(0.012, region), region)
+    canvas.add(5 * canvas.sample_noise(1.4, region) + 4 * canvas.sample_noise(0.012, region), region)
 
 
 def bricks(canvas: Canvas, u0: float, v0: float, u1: float, v1: float, colour: Colour) -> None:
@@ -125,7 +125,7 @@ def bricks(canvas: Canvas, u0: float, v0: float, u1: float, v1: float, colour: C
     joint = ((r / high) % 1 * high < 3) | (shifted % 1 * long < 3)
     brick[joint] = (172, 164, 150)
     canvas.image[region] = brick
-    canvas.add(5 * canvas.noise(0.03, region) + 4 * canvas.noise(0.5, region), region)
+    canvas.add(5 * canvas.sample_noise(0.03, region) + 4 * canvas.sample_noise(0.5, region), region)
 
 
 def _surround(canvas: Canvas, row: Openings, u: float, floor_m: float) -> None:
@@ -133,7 +133,7 @@ def _surround(canvas: Canvas, row: Openings, u: float, floor_m: float) -> None:
     v, w = floor_m + row.sill_m, row.width_m / 2
     region = canvas.block(u - w - 0.12, v - 0.08, u + w + 0.12, v + row.height_m + 0.12)
     canvas.image[region] = (214, 208, 196)
-    canvas.add(4 * canvas.noise(0.2, region) + 5 * canvas.noise(0.02, region), region)
+    canvas.add(4 * canvas.sample_noise(0.2, region) + 5 * canvas.sample_noise(0.02, region), region)
 
 
 def _weather(canvas: Canvas) -> None:
@@ -141,11 +141,11 @@ def _weather(canvas: Canvas) -> None:
     rows, columns = canvas.image.shape[:2]
     streak = cv2.GaussianBlur(canvas.rng.standard_normal((4, columns), dtype=np.float32), (0, 0), sigmaX=6)
     field = np.asarray(cv2.resize(streak, (columns, rows), interpolation=cv2.INTER_CUBIC), dtype=np.float32)
-    runs = -26 * np.clip(field, 0, None) * (0.5 + 0.5 * np.tanh(canvas.noise(1.2)))
+    runs = -26 * np.clip(field, 0, None) * (0.5 + 0.5 * np.tanh(canvas.sample_noise(1.2)))
     canvas.add(np.asarray(runs, dtype=np.float32))
     if not canvas.chart.name.startswith("top"):
         height = (np.arange(rows, 0, -1, dtype=np.float32) / canvas.per_v)[:, None]
-        damp = -30 * np.exp(-height / 0.25) * (1 + 0.5 * np.tanh(canvas.noise(0.5)))
+        damp = -30 * np.exp(-height / 0.25) * (1 + 0.5 * np.tanh(canvas.sample_noise(0.5)))
         canvas.add(np.asarray(damp, dtype=np.float32))
 
 
@@ -171,7 +171,7 @@ def _glazing(canvas: Canvas, row: Openings, u: float, floor_m: float) -> None:
             [0.85, 0.98, 1.12], dtype=np.float32
         )
         canvas.image[region] = depth
-        canvas.add(6 * canvas.noise(0.35, region), region)
+        canvas.add(6 * canvas.sample_noise(0.35, region), region)
         _furniture(canvas, a, v, b, top)
         side = (a, a + curtain * (b - a)) if i == 0 else (b - curtain * (b - a), b)
         _cloth(canvas, side[0], v + 0.08, side[1], top - 0.08, cloth)
@@ -197,7 +197,7 @@ def _cloth(canvas: Canvas, u0: float, v0: float, u1: float, v1: float, colour: S
     if rows and columns:
         folds = cv2.GaussianBlur(canvas.rng.standard_normal((1, columns), dtype=np.float32), (0, 0), sigmaX=5) * 38
         canvas.image[region] = np.array(colour, dtype=np.float32) + folds.reshape(1, columns, 1)
-        canvas.add(4 * canvas.noise(0.05, region), region)
+        canvas.add(4 * canvas.sample_noise(0.05, region), region)
 
 
 def _slats(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
@@ -206,7 +206,7 @@ def _slats(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
     if rows and columns:
         wave = 14 * np.sin(np.arange(rows, dtype=np.float32) * 2 * np.pi / (0.05 * canvas.per_v))
         canvas.image[region] = np.array((188, 186, 178), dtype=np.float32) + wave[:, None, None]
-        canvas.add(4 * canvas.noise(0.2, region), region)
+        canvas.add(4 * canvas.sample_noise(0.2, region), region)
 
 
 def _door(canvas: Canvas, left: float, v: float, right: float, top: float) -> None:

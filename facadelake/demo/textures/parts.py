@@ -82,7 +82,7 @@ def on_chart(chart: Chart, triangles: Float64Array) -> BoolArray:
     uv, distance = chart.locate(triangles.reshape(-1, 3))
     uv, distance = uv.reshape(-1, 3, 2), distance.reshape(-1, 3)
     centre = uv.mean(axis=1)
-    facing = np.einsum("ij,ij->i", face_normals(triangles), chart.normals(centre[:, 0])) > 0.95
+    facing = np.einsum("ij,ij->i", face_normals(triangles), chart.compute_normals(centre[:, 0])) > 0.95
     slack = 0.12
     inside = ((uv > -slack) & (uv < np.array(chart.size_m) + slack)).all(axis=(1, 2))
     near = (distance > BEHIND_M) & (distance < (4.0 if chart.name == "roof" else BEFORE_M))
