@@ -170,7 +170,9 @@ def test_outputs_are_told_apart_by_name_then_shape_then_card(tmp_path: Path) -> 
     named = save_model(tmp_path / "named.onnx", {"labels": logits, "dets": boxes})
     assert OnnxDetector(named, declared("rfdetr", class_names=names)).detect(IMAGE)[0].class_name == "crack"
     unnamed = save_model(tmp_path / "unnamed.onnx", {"first": logits, "second": boxes})
-    with pytest.raises(ModelError, match=r"could be boxes and logits in 2 ways; say in the card .*output.names"):
+    with pytest.raises(
+        ModelError, match=r"could be boxes and logits in 2 ways; state which is which in the card .*output.names"
+    ):
         OnnxDetector(unnamed, declared("rfdetr", class_names=names))
     said = declared("rfdetr", class_names=names, output={"layout": "rfdetr", "names": ["second", "first"]})
     assert OnnxDetector(unnamed, said).detect(IMAGE)[0].class_name == "crack"
