@@ -25,30 +25,36 @@ from facadelake.core.errors import FacadelakeError
 from facadelake.core.hashing import compute_key
 from facadelake.core.progress import report_progress
 from facadelake.demo.building.ifc_writer import write_ifc
-from facadelake.demo.building.placement import Placement, place_model
-from facadelake.demo.building.solids import ifc_solids
-from facadelake.demo.photographs.annotations import FALSE_SHARE, exact_boxes, false_boxes, noisy_boxes, write_coco
-from facadelake.demo.photographs.exif_writer import exif_bytes, xmp_bytes
-from facadelake.demo.photographs.flight import Shot, camera_of, plan_flight
+from facadelake.demo.building.placement import ModelPlacement, place_model
+from facadelake.demo.building.solids import read_ifc_solids
+from facadelake.demo.photographs.annotations import (
+    FALSE_SHARE,
+    make_exact_boxes,
+    make_false_boxes,
+    make_noisy_boxes,
+    write_coco,
+)
+from facadelake.demo.photographs.exif_writer import encode_exif, encode_xmp
+from facadelake.demo.photographs.flight import DemoExposure, camera_from_optics, plan_flight
 from facadelake.demo.photographs.render import PhotoJob, RenderJob
-from facadelake.demo.photographs.visibility import sightings, spot_of
-from facadelake.demo.recipe import Campaign, DemoRecipe
-from facadelake.demo.scene import Scene, build_scene
-from facadelake.demo.textures.light import RayScene
+from facadelake.demo.photographs.visibility import project_defects, sample_defect
+from facadelake.demo.recipe import CampaignRecipe, DemoRecipe
+from facadelake.demo.scene import RenderScene, build_scene
+from facadelake.demo.textures.lighting import RayScene
 from facadelake.demo.truth import (
-    Home,
-    home_of,
+    HostElement,
+    find_host_element,
     write_cameras,
     write_checkpoints,
     write_control_points,
     write_defects,
     write_detections,
 )
-from facadelake.demo.world import World, make_world
+from facadelake.demo.world import DemoWorld, make_world
 
-log = logging.getLogger(__name__)
+logger = logging.getLogger(__name__)
 
-STAMP = "demo.json"
+MANIFEST = "demo.json"
 RENDER_PROCESSES = 2
 
 
@@ -80,43 +86,43 @@ def generate_demo(recipe: DemoRecipe, out: Path) -> DemoFiles:
     out = out.resolve()
     out.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(out.parent / f".{out.name}.lock"):
-        if _is_whole(out, key):
-            return _files(recipe, out, made=False)
+        if _is_complete(out, key):
+            return _list_files(recipe, out, made=False)
         for left in out.parent.glob(f".{out.name}.*.part"):
             shutil.rmtree(left, ignore_errors=True)
         part = out.parent / f".{out.name}.{uuid.uuid4().hex[:8]}.part"
         try:
-            _make(recipe, part)
+            _write_demo(recipe, part)
             names = sorted(str(p.relative_to(part)) for p in part.rglob("*") if p.is_file())
-            (part / STAMP).write_text(json.dumps({"key": key, "files": names}, indent=1))
+            (part / MANIFEST).write_text(json.dumps({"key": key, "files": names}, indent=1))
             shutil.rmtree(out, ignore_errors=True)
             part.rename(out)
         finally:
             shutil.rmtree(part, ignore_errors=True)
-    return _files(recipe, out, made=True)
+    return _list_files(recipe, out, made=True)
 
 
-def _is_whole(out: Path, key: str) -> bool:
+def _is_complete(out: Path, key: str) -> bool:
     try:
-        stamp = json.loads((out / STAMP).read_text())
+        stamp = json.loads((out / MANIFEST).read_text())
     except (OSError, ValueError):
         return False
     return stamp.get("key") == key and all((out / name).is_file() for name in stamp["files"])
 
 
-def _files(recipe: DemoRecipe, out: Path, *, made: bool) -> DemoFiles:
+def _list_files(recipe: DemoRecipe, out: Path, *, made: bool) -> DemoFiles:
     folders = [(c.id, out / "campaigns" / c.id) for c in recipe.campaigns]
     campaigns = tuple(DemoCampaign(campaign_id=i, folder=f, images=f / "images") for i, f in folders)
     return DemoFiles(folder=out, ifc=out / "demo.ifc", campaigns=campaigns, made=made)
 
 
-def _make(recipe: DemoRecipe, out: Path) -> None:
+def _write_demo(recipe: DemoRecipe, out: Path) -> None:
     out.mkdir(parents=True)
     placement = place_model(recipe.place)
     write_ifc(recipe, placement, out / "demo.ifc")
-    world = make_world(recipe, placement.affine(), ifc_solids(out / "demo.ifc"))
-    model_rays = RayScene([world.to_site(s.triangles) for s in world.ifc])
-    homes = {d.id: home_of(world, spot_of(world, d, "present"), model_rays) for d in recipe.defects}
+    world = make_world(recipe, placement.compute_affine(), read_ifc_solids(out / "demo.ifc"))
+    model_rays = RayScene([world.transform_to_site(s.triangles) for s in world.ifc])
+    homes = {d.id: find_host_element(world, sample_defect(world, d, "present"), model_rays) for d in recipe.defects}
     photographs = sum(c.flight.orbit_count + sum(r.count for r in c.flight.close) for c in recipe.campaigns)
     total = photographs + len(recipe.campaigns) * 4
     with report_progress("Demo building: model, light and photographs", total) as step:
@@ -125,15 +131,20 @@ def _make(recipe: DemoRecipe, out: Path) -> None:
             shots = plan_flight(world, campaign, placement.origin.geo_from_site)
             scene = build_scene(world, campaign, index)
             step.advance(4)
-            for _ in _photograph(recipe, campaign, placement, shots, scene, folder / "images"):
+            for _ in _render_campaign(recipe, campaign, placement, shots, scene, folder / "images"):
                 step.advance()
-            _tell_truth(world, campaign, index, placement, shots, scene.rays, homes, folder)
-            log.info("campaign %s: %d photographs", campaign.id, len(shots))
-    _write_changes(recipe, out)
+            _write_truth(world, campaign, index, placement, shots, scene.rays, homes, folder)
+            logger.info("campaign %s: %d photographs", campaign.id, len(shots))
+    _write_state_history(recipe, out)
 
 
-def _photograph(
-    recipe: DemoRecipe, campaign: Campaign, placement: Placement, shots: list[Shot], scene: Scene, images: Path
+def _render_campaign(
+    recipe: DemoRecipe,
+    campaign: CampaignRecipe,
+    placement: ModelPlacement,
+    shots: list[DemoExposure],
+    scene: RenderScene,
+    images: Path,
 ) -> Iterator[str]:
     """Render a campaign's photographs in processes of their own; yields the name of each as it is ready."""
     jobs = []
@@ -144,8 +155,8 @@ def _photograph(
             PhotoJob(
                 path=images / shot.file_name,
                 site_from_cam=pose,
-                exif=exif_bytes(shot, recipe.optics),
-                xmp=xmp_bytes(shot, recipe.place.height_ellipsoidal_m),
+                exif=encode_exif(shot, recipe.optics),
+                xmp=encode_xmp(shot, recipe.place.height_ellipsoidal_m),
                 seed=campaign.seed * 1000 + number,
             )
         )
@@ -158,12 +169,12 @@ def _photograph(
                 np.concatenate([getattr(p, k) for p in drawn]) for k in ("triangles", "uv", "colours")
             )
             np.savez(folder / f"part_{i:02d}.npz", triangles=triangles, uv=uv, colours=colours)
-        job = RenderJob(camera=camera_of(recipe.optics), noise=campaign.light.noise, photographs=jobs)
+        job = RenderJob(camera=camera_from_optics(recipe.optics), noise=campaign.light.noise, photographs=jobs)
         (folder / "job.pickle").write_bytes(pickle.dumps(job))
-        yield from _run_workers(folder, min(RENDER_PROCESSES, len(jobs)))
+        yield from _run_renderers(folder, min(RENDER_PROCESSES, len(jobs)))
 
 
-def _run_workers(folder: Path, count: int) -> Iterator[str]:
+def _run_renderers(folder: Path, count: int) -> Iterator[str]:
     environment = {**os.environ, "PYOPENGL_PLATFORM": "egl"}
     workers = []
     for shard in range(count):
@@ -191,39 +202,39 @@ def _run_workers(folder: Path, count: int) -> Iterator[str]:
             errors.close()
 
 
-def _tell_truth(
-    world: World,
-    campaign: Campaign,
+def _write_truth(
+    world: DemoWorld,
+    campaign: CampaignRecipe,
     index: int,
-    placement: Placement,
-    shots: list[Shot],
+    placement: ModelPlacement,
+    shots: list[DemoExposure],
     rays: RayScene,
-    homes: dict[str, Home],
+    homes: dict[str, HostElement],
     folder: Path,
 ) -> None:
     """Boxes, control points and truth of one campaign."""
     recipe = world.recipe
     rng = np.random.default_rng([recipe.seed, campaign.seed, 7])
     there = {"present", "new", "grown"}
-    spots = [spot_of(world, d, d.states[index]) for d in recipe.defects if d.states[index] in there]
-    foreign = [spot_of(world, d, d.states[index]) for d in recipe.off_target_defects if d.states[index] in there]
-    found = sightings([*spots, *foreign], shots, rays)
-    exact = exact_boxes(found, {d.id for d in recipe.defects}, rng)
-    false = false_boxes(round(FALSE_SHARE * len(exact)), shots, rays, set(range(len(world.ifc))), rng)
-    noisy = noisy_boxes(exact, false, shots, rng)
+    spots = [sample_defect(world, d, d.states[index]) for d in recipe.defects if d.states[index] in there]
+    foreign = [sample_defect(world, d, d.states[index]) for d in recipe.off_target_defects if d.states[index] in there]
+    found = project_defects([*spots, *foreign], shots, rays)
+    exact = make_exact_boxes(found, {d.id for d in recipe.defects}, rng)
+    false = make_false_boxes(round(FALSE_SHARE * len(exact)), shots, rays, set(range(len(world.ifc))), rng)
+    noisy = make_noisy_boxes(exact, false, shots, rng)
     write_coco(folder / "detections.coco.json", exact, shots)
     write_coco(folder / "detections_noisy.coco.json", noisy, shots)
     write_control_points(folder / "gcp_list.txt", world, shots, rays, placement, rng)
     truth = folder / "truth"
     write_cameras(truth / "cameras.csv", shots, placement)
-    write_checkpoints(truth / "checkpoints.csv", spots, homes, Counter(s.spot.defect.id for s in found), placement)
+    write_checkpoints(truth / "checkpoints.csv", spots, homes, Counter(s.grid.defect.id for s in found), placement)
     write_detections(truth / "detections.csv", {"detections.coco.json": exact, "detections_noisy.coco.json": noisy})
-    places = [spot_of(world, d, "present") for d in recipe.defects]
-    imaged = Counter(s.spot.defect.id for s in sightings(places, shots, rays))
+    places = [sample_defect(world, d, "present") for d in recipe.defects]
+    imaged = Counter(s.grid.defect.id for s in project_defects(places, shots, rays))
     write_defects(truth / "defects.csv", world, index, homes, imaged, placement)
 
 
-def _write_changes(recipe: DemoRecipe, out: Path) -> None:
+def _write_state_history(recipe: DemoRecipe, out: Path) -> None:
     """``truth/defects.csv``: one row a defect, one column a campaign, from the campaigns' own truth."""
     states: dict[str, list[str]] = {d.id: [d.kind] for d in recipe.defects}
     for campaign in recipe.campaigns:

@@ -12,16 +12,16 @@ from facadelake.core.errors import InputDataError
 
 DefectClass = Literal["crack", "spalling", "moisture"]
 DefectState = Literal["absent", "present", "new", "grown", "repaired"]
-Triple = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 
 
-class Part(BaseModel):
+class RecipePart(BaseModel):
     """A piece of the recipe: unknown keys are mistakes, nothing changes after reading."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Place(Part):
+class DemoPlace(RecipePart):
     """Where the model's origin lies: EPSG:4979, and the model's x axis turned anticlockwise from grid east."""
 
     lon_deg: float
@@ -31,7 +31,7 @@ class Place(Part):
     crs: str
 
 
-class Storey(Part):
+class DemoStorey(RecipePart):
     """A storey: its floor's height over the model's origin and its height, metres."""
 
     name: str
@@ -39,7 +39,7 @@ class Storey(Part):
     height_m: float
 
 
-class Openings(Part):
+class OpeningRow(RecipePart):
     """A row of equal windows or doors of one facade and storey: centres along u, sill over the floor; metres."""
 
     facade: str
@@ -51,7 +51,7 @@ class Openings(Part):
     height_m: float
 
 
-class Balcony(Part):
+class Balcony(RecipePart):
     """A balcony: slab and railing in front of a facade, centred at u on a storey's floor; metres."""
 
     facade: str
@@ -61,7 +61,7 @@ class Balcony(Part):
     depth_m: float
 
 
-class Building(Part):
+class DemoBuilding(RecipePart):
     """The body: a rectangle of length by depth with one round corner (south-east) and a top storey set back; metres."""
 
     length_m: float
@@ -71,8 +71,8 @@ class Building(Part):
     wall_m: float
     reveal_m: float
     parapet_m: float
-    storeys: list[Storey]
-    openings: list[Openings]
+    storeys: list[DemoStorey]
+    openings: list[OpeningRow]
     balconies: list[Balcony]
 
     @property
@@ -86,7 +86,7 @@ class Building(Part):
         return self.storeys[-1].floor_m
 
 
-class Defect(Part):
+class DemoDefect(RecipePart):
     """A defect of the building (or of the neighbour or the ground): centre and size in its surface's plane, metres."""
 
     id: str
@@ -100,7 +100,7 @@ class Defect(Part):
     growth: float = 1.35
 
 
-class ControlPoint(Part):
+class DemoControlPoint(RecipePart):
     """A target painted on a surface, surveyed to some millimetres."""
 
     id: str
@@ -109,24 +109,24 @@ class ControlPoint(Part):
     v_m: float
 
 
-class Box(Part):
+class BoxVolume(RecipePart):
     """An upright box that is not in the model, metres in the model's frame (a neighbour, a container)."""
 
     name: str
-    origin_m: Triple
-    size_m: Triple
+    origin_m: Vector3
+    size_m: Vector3
     look: Literal["brick", "plaster", "container"]
 
 
-class Tree(Part):
+class Tree(RecipePart):
     """A tree: foot, height and radius of its crown, metres in the model's frame."""
 
-    foot_m: Triple
+    foot_m: Vector3
     height_m: float
     crown_m: float
 
 
-class Optics(Part):
+class Optics(RecipePart):
     """The camera as it is (pixels, Brown's terms) and as its EXIF tells it (nominal focal length and pixel pitch)."""
 
     width_px: int
@@ -143,7 +143,7 @@ class Optics(Part):
     pitch_um: float
 
 
-class Close(Part):
+class CloseRangeRow(RecipePart):
     """A row of close-range photographs: along a surface from u to u at a height and distance, metres."""
 
     surface: str
@@ -155,57 +155,57 @@ class Close(Part):
     turn_deg: float = 0.0
 
 
-class Flight(Part):
+class DemoFlight(RecipePart):
     """The orbit and the close-range rows, and the errors of the aircraft's own positioning."""
 
     orbit_count: int
     orbit_distance_m: float
     orbit_heights_m: list[float]
-    close: list[Close]
+    close: list[CloseRangeRow]
     jitter_m: float
     jitter_deg: float
-    gps_bias_m: Triple
-    gps_noise_m: Triple
-    attitude_bias_deg: Triple
+    gps_bias_m: Vector3
+    gps_noise_m: Vector3
+    attitude_bias_deg: Vector3
     attitude_noise_deg: float
 
 
-class Light(Part):
+class Daylight(RecipePart):
     """Sun and sky of a day; azimuth clockwise from north."""
 
     sun_azimuth_deg: float
     sun_elevation_deg: float
-    sun: Triple
-    sky: Triple
+    sun: Vector3
+    sky: Vector3
     exposure: float
     noise: float
 
 
-class Campaign(Part):
+class CampaignRecipe(RecipePart):
     """One day of photographs."""
 
     id: str
     starts: str
     seed: int
-    flight: Flight
-    light: Light
-    obstacles: list[Box] = []
+    flight: DemoFlight
+    light: Daylight
+    obstacles: list[BoxVolume] = []
 
 
-class DemoRecipe(Part):
+class DemoRecipe(RecipePart):
     """All of it."""
 
     seed: int
     texel_m: float
-    place: Place
-    building: Building
-    neighbours: list[Box]
+    place: DemoPlace
+    building: DemoBuilding
+    neighbours: list[BoxVolume]
     trees: list[Tree]
     optics: Optics
-    control_points: list[ControlPoint]
-    defects: list[Defect]
-    off_target_defects: list[Defect]
-    campaigns: list[Campaign]
+    control_points: list[DemoControlPoint]
+    defects: list[DemoDefect]
+    off_target_defects: list[DemoDefect]
+    campaigns: list[CampaignRecipe]
 
     @model_validator(mode="after")
     def _consistent(self) -> DemoRecipe:
@@ -219,7 +219,7 @@ class DemoRecipe(Part):
                 )
         return self
 
-    def scaled(self, *, width_px: int) -> DemoRecipe:
+    def scale_photographs(self, *, width_px: int) -> DemoRecipe:
         """The same recipe with photographs of another width (for quick tests)."""
         f = width_px / self.optics.width_px
         sizes = {k: getattr(self.optics, k) * f for k in ("fx_px", "fy_px", "cx_px", "cy_px")}

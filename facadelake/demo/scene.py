@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from facadelake.core.arrays import UInt8Array
-from facadelake.demo.building.solids import Solid, box_solid, ground_solid, roof_solid, tree_solids
-from facadelake.demo.recipe import Campaign
-from facadelake.demo.textures.bake import bake_chart, lit_part
-from facadelake.demo.textures.light import RayScene
-from facadelake.demo.textures.parts import DETAIL, RenderPart, dome_part, far_ground_part, split_by_chart
+from facadelake.demo.building.solids import Solid, make_box_solid, make_ground_solid, make_roof_solid, make_tree_solids
+from facadelake.demo.recipe import CampaignRecipe
+from facadelake.demo.textures.bake import bake_chart, make_lit_part
+from facadelake.demo.textures.lighting import RayScene
+from facadelake.demo.textures.render_parts import DETAIL, RenderPart, make_far_ground, make_sky_dome, split_by_chart
 from facadelake.demo.textures.surroundings import has_roof, paint_concrete, paint_sky
-from facadelake.demo.world import GROUND_HALF_M, World, seeded
+from facadelake.demo.world import GROUND_HALF_M, DemoWorld, seed_generator
 
-TILE_PX = 1024
+DETAIL_TEXTURE_PX = 1024
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Scene:
+class RenderScene:
     """Everything a renderer needs, and the same triangles for questions of what is seen."""
 
     parts: list[RenderPart]
@@ -26,29 +26,31 @@ class Scene:
     solids: list[Solid]
 
 
-def foreign_solids(world: World, campaign: Campaign) -> list[Solid]:
+def make_surrounding_solids(world: DemoWorld, campaign: CampaignRecipe) -> list[Solid]:
     """What stands around and is not in the model, on the day of a campaign."""
     recipe = world.recipe
     boxes = [*recipe.neighbours, *campaign.obstacles]
-    solids = [box_solid(box) for box in boxes] + [roof_solid(box) for box in boxes if has_roof(box)]
+    solids = [make_box_solid(box) for box in boxes] + [make_roof_solid(box) for box in boxes if has_roof(box)]
     for i, tree in enumerate(recipe.trees):
-        solids += tree_solids(tree, seeded(recipe, f"tree {i}"))
+        solids += make_tree_solids(tree, seed_generator(recipe, f"tree {i}"))
     b = recipe.building
-    return [*solids, ground_solid(GROUND_HALF_M, (b.length_m / 2, b.depth_m / 2), -0.02)]
+    return [*solids, make_ground_solid(GROUND_HALF_M, (b.length_m / 2, b.depth_m / 2), -0.02)]
 
 
-def build_scene(world: World, campaign: Campaign, index: int) -> Scene:
+def build_scene(world: DemoWorld, campaign: CampaignRecipe, index: int) -> RenderScene:
     """The scene of campaign number ``index``: its defects drawn, its light baked."""
-    solids = [*world.ifc, *foreign_solids(world, campaign)]
-    rays = RayScene([world.to_site(s.triangles) for s in solids])
+    solids = [*world.ifc, *make_surrounding_solids(world, campaign)]
+    rays = RayScene([world.transform_to_site(s.triangles) for s in solids])
     boxes = {box.name: box for box in (*world.recipe.neighbours, *campaign.obstacles)}
     parts, loose = split_by_chart(world, solids, boxes)
     textures = {
         name: bake_chart(world, rays, campaign, index, world.charts[name], boxes)
         for name in sorted({p.texture for p in parts})
     }
-    parts += [lit_part(world, rays, campaign.light, solid, triangles) for solid, triangles in loose if len(triangles)]
-    textures[DETAIL] = paint_concrete(TILE_PX, seeded(world.recipe, DETAIL))
-    textures["sky"] = paint_sky(seeded(world.recipe, f"sky {campaign.id}"))
-    parts += [dome_part(), far_ground_part(campaign.light)]
-    return Scene(parts=parts, textures=textures, rays=rays, solids=solids)
+    parts += [
+        make_lit_part(world, rays, campaign.light, solid, triangles) for solid, triangles in loose if len(triangles)
+    ]
+    textures[DETAIL] = paint_concrete(DETAIL_TEXTURE_PX, seed_generator(world.recipe, DETAIL))
+    textures["sky"] = paint_sky(seed_generator(world.recipe, f"sky {campaign.id}"))
+    parts += [make_sky_dome(), make_far_ground(campaign.light)]
+    return RenderScene(parts=parts, textures=textures, rays=rays, solids=solids)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from facadelake.core.arrays import Float64Array
-from facadelake.demo.building.charts import Chart, box_charts, building_charts, flat_chart
+from facadelake.demo.building.charts import Chart, make_box_charts, make_building_charts, make_flat_chart
 from facadelake.demo.building.solids import Solid
 from facadelake.demo.recipe import DemoRecipe
 
@@ -16,7 +16,7 @@ GROUND_HALF_M = 42.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class World:
+class DemoWorld:
     """What does not change from campaign to campaign: the model's solids, the charts, the frames."""
 
     recipe: DemoRecipe
@@ -24,29 +24,31 @@ class World:
     ifc: list[Solid]
     charts: dict[str, Chart] = field(repr=False)
 
-    def to_site(self, xyz_ifc: Float64Array) -> Float64Array:
+    def transform_to_site(self, xyz_ifc: Float64Array) -> Float64Array:
         """Model points (..., 3) in site metres."""
         return np.asarray(xyz_ifc @ self.site_from_ifc[:3, :3].T + self.site_from_ifc[:3, 3])
 
-    def turn(self, directions_ifc: Float64Array) -> Float64Array:
+    def rotate_to_site(self, directions_ifc: Float64Array) -> Float64Array:
         """Model directions (n, 3) as unit vectors in site."""
         out = directions_ifc @ self.site_from_ifc[:3, :3].T
         return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
 
 
-def make_world(recipe: DemoRecipe, site_from_ifc: Float64Array, ifc: list[Solid]) -> World:
+def make_world(recipe: DemoRecipe, site_from_ifc: Float64Array, ifc: list[Solid]) -> DemoWorld:
     """The world of a recipe around the solids of its written model."""
     b = recipe.building
-    charts = building_charts(b, recipe.texel_m)
+    charts = make_building_charts(b, recipe.texel_m)
     for box in (*recipe.neighbours, *(o for c in recipe.campaigns for o in c.obstacles)):
-        charts += box_charts(box, 3 * recipe.texel_m)
+        charts += make_box_charts(box, 3 * recipe.texel_m)
     mid = (b.length_m / 2, b.depth_m / 2)
     low = (mid[0] - GROUND_HALF_M, mid[1] - GROUND_HALF_M, -0.02)
-    charts.append(flat_chart("ground", low, (2 * GROUND_HALF_M, 2 * GROUND_HALF_M), 6 * recipe.texel_m))
-    charts.append(flat_chart("roof", (-0.5, -0.5, b.shoulder_m), (b.length_m + 1, b.depth_m + 1), 3 * recipe.texel_m))
-    return World(recipe=recipe, site_from_ifc=site_from_ifc, ifc=ifc, charts={c.name: c for c in charts})
+    charts.append(make_flat_chart("ground", low, (2 * GROUND_HALF_M, 2 * GROUND_HALF_M), 6 * recipe.texel_m))
+    charts.append(
+        make_flat_chart("roof", (-0.5, -0.5, b.shoulder_m), (b.length_m + 1, b.depth_m + 1), 3 * recipe.texel_m)
+    )
+    return DemoWorld(recipe=recipe, site_from_ifc=site_from_ifc, ifc=ifc, charts={c.name: c for c in charts})
 
 
-def seeded(recipe: DemoRecipe, name: str) -> np.random.Generator:
+def seed_generator(recipe: DemoRecipe, name: str) -> np.random.Generator:
     """Random numbers of one thing of the recipe, whatever else is drawn."""
     return np.random.default_rng([recipe.seed, zlib.crc32(name.encode())])

@@ -1,4 +1,4 @@
-"""Ingest: every file of a campaign's folder as one row of table `photos`, accepted or refused with the reason."""
+"""Ingest the photographs of a campaign: one row of table `photos` for each file, with its outcome."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -15,7 +14,7 @@ from PIL import Image
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
-from facadelake.core.tables import table_from_rows
+from facadelake.core.tables import Row, table_from_rows
 from facadelake.photos.clock import is_clock_set
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.photos.files import find_photographs
@@ -26,29 +25,29 @@ from schemas.vocabulary import HeightDatum, PhotoOutcome, PhotoRole, PositionSou
 
 def _role_from_folder(photo_id: str) -> PhotoRole | None:
     for part in photo_id.split("/")[:-1]:
-        word = part.lower().replace("-", "").replace("_", "").replace(" ", "")
-        if word in ("multiview", "closerange"):
-            return PhotoRole(word)
+        name = part.lower().replace("-", "").replace("_", "").replace(" ", "")
+        if name in ("multiview", "closerange"):
+            return PhotoRole(name)
     return None
 
 
 def _assign_roles(
     photo_ids: Sequence[str],
-    statements: dict[str, PhotoPriors],
+    priors: dict[str, PhotoPriors],
     distance_to_model_m: Callable[[Float64Array], Float64Array] | None,
     close_range_below_m: float,
 ) -> list[PhotoRole]:
     roles = [_role_from_folder(photo_id) for photo_id in photo_ids]
-    open_ones = [
+    undecided = [
         i
         for i, (photo_id, role) in enumerate(zip(photo_ids, roles, strict=True))
-        if role is None and photo_id in statements
-        if statements[photo_id].position.source is not PositionSource.NONE
+        if role is None and photo_id in priors
+        if priors[photo_id].position.source is not PositionSource.NONE
     ]
-    if open_ones and distance_to_model_m is not None:
-        priors = [statements[photo_ids[i]].position for i in open_ones]
-        lon_lat_deg = np.array([[prior.lon_deg, prior.lat_deg] for prior in priors])
-        for i, distance_m in zip(open_ones, distance_to_model_m(lon_lat_deg), strict=True):
+    if undecided and distance_to_model_m is not None:
+        positions = [priors[photo_ids[i]].position for i in undecided]
+        lon_lat_deg = np.array([[position.lon_deg, position.lat_deg] for position in positions])
+        for i, distance_m in zip(undecided, distance_to_model_m(lon_lat_deg), strict=True):
             roles[i] = PhotoRole.CLOSERANGE if distance_m < close_range_below_m else PhotoRole.MULTIVIEW
     return [role or PhotoRole.MULTIVIEW for role in roles]
 
@@ -56,16 +55,19 @@ def _assign_roles(
 def _derive_priors(
     photos: dict[str, Photo], distance_to_model_m: Callable[[Float64Array], Float64Array] | None
 ) -> tuple[dict[str, PhotoPriors], dict[str, str]]:
-    """What the readable photographs say; a file of the same bytes as another says the same, and no more."""
+    """The priors of the readable photographs by photo_id, and for each duplicate the photo_id of its original.
+
+    A duplicate has the priors of its original and takes no part in the checks between photographs.
+    """
     first_of_hash: dict[str, str] = {}
-    twin_of: dict[str, str] = {}
+    original_of: dict[str, str] = {}
     readable: list[PhotoMetadata] = []
     for photo_id, photo in photos.items():
         if photo.exif is None:
             continue
         first = first_of_hash.setdefault(photo.sha256, photo_id)
         if first != photo_id:
-            twin_of[photo_id] = first
+            original_of[photo_id] = first
             continue
         readable.append(
             PhotoMetadata(
@@ -76,16 +78,17 @@ def _derive_priors(
                 drone=photo.drone,
             )
         )
-    said = {one.photo_id: s for one, s in zip(readable, derive_priors(readable, distance_to_model_m), strict=True)}
-    return said | {twin: said[first] for twin, first in twin_of.items()}, twin_of
+    derived = derive_priors(readable, distance_to_model_m)
+    priors = {photo.photo_id: prior for photo, prior in zip(readable, derived, strict=True)}
+    return priors | {duplicate: priors[first] for duplicate, first in original_of.items()}, original_of
 
 
 def _none_unless_finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _build_row(photo_id: str, photo: Photo, role: PhotoRole, said: PhotoPriors | None) -> dict[str, Any]:
-    row: dict[str, Any] = {
+def _build_row(photo_id: str, photo: Photo, role: PhotoRole, priors: PhotoPriors | None) -> Row:
+    row: Row = {
         "photo_id": photo_id,
         "sha256": photo.sha256,
         "bytes": photo.bytes,
@@ -93,10 +96,10 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, said: PhotoPriors |
         "prior_source": PositionSource.NONE,
         "prior_height_datum": HeightDatum.UNKNOWN,
     }
-    if photo.exif is None or said is None:
+    if photo.exif is None or priors is None:
         return row | {"photo_outcome": PhotoOutcome.UNREADABLE, "reason": photo.problem}
     exif, drone = photo.exif, photo.drone
-    position, attitude, focal = said.position, said.attitude, said.focal
+    position, attitude, focal = priors.position, priors.attitude, priors.focal
     diagonal_px = math.hypot(photo.width_px, photo.height_px)
     located = position.source is not PositionSource.NONE
     return row | {
@@ -106,7 +109,7 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, said: PhotoPriors |
         "image_height_px": photo.height_px,
         "camera_make": exif.make or None,
         "camera_model": exif.model or None,
-        "camera_serial": said.serial or None,
+        "camera_serial": priors.serial or None,
         "lens_model": exif.lens_model or None,
         "focal_length_mm": _none_unless_finite(exif.focal_length_mm),
         "focal_length_35mm_mm": _none_unless_finite(focal.px * FULL_FRAME_DIAGONAL_MM / diagonal_px),
@@ -124,13 +127,13 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, said: PhotoPriors |
         "prior_roll_deg": _none_unless_finite(attitude.roll_deg),
         "prior_sigma_yaw_deg": _none_unless_finite(attitude.sigma_yaw_deg),
         "prior_sigma_tilt_deg": _none_unless_finite(attitude.sigma_tilt_deg),
-        "prior_evidence": said.evidence or None,
+        "prior_evidence": priors.evidence or None,
         "prior_focal_px": _none_unless_finite(focal.px),
         "prior_sigma_focal_px": _none_unless_finite(focal.sigma_px),
         "prior_focal_evidence": focal.evidence or None,
         "prior_calibration": focal.calibration or None,
-        "prior_warnings": "; ".join(said.warnings) or None,
-        "flight": said.flight,
+        "prior_warnings": "; ".join(priors.warnings) or None,
+        "flight": priors.flight,
         "rtk_flag": drone.rtk_flag if drone else None,
     }
 
@@ -138,36 +141,46 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, said: PhotoPriors |
 def ingest_photographs(
     root: Path, *, distance_to_model_m: Callable[[Float64Array], Float64Array] | None, close_range_below_m: float
 ) -> pa.Table:
-    """Table `photos` of all files below ``root``; photo_id is the path below ``root`` with forward slashes.
+    """Table `photos` of all files below ``root``.
 
-    The role is that of a folder ``multiview`` or ``closerange`` on the way; else ``distance_to_model_m``, given
-    lon_deg, lat_deg (n, 2), says how far (m, horizontally) each photograph stood, and nearer than
-    ``close_range_below_m`` is close-range; where that is unknown too, multi-view.
-    Raises InputDataError where there is no photograph or none can be used.
+    The photo_id is the path below ``root`` with forward slashes. The role is given by a folder ``multiview`` or
+    ``closerange`` of that path, else by the distance to the building; without a distance it is multi-view.
+
+    Args:
+        root: folder of the photographs.
+        distance_to_model_m: horizontal distance (n,) in metres of positions (n, 2: lon_deg, lat_deg) to the building;
+            None where it is unknown.
+        close_range_below_m: photographs nearer than this are close-range, metres.
+
+    Returns:
+        One row for each file, also for those that cannot be read and for duplicates.
+
+    Raises:
+        InputDataError: there is no photograph, or none can be used.
     """
     paths = find_photographs(root)
     if not paths:
         raise InputDataError(
-            f"no photograph in {root}: jpg, jpeg, png, tif and tiff were looked for, in all sub-folders"
+            f"no photograph in {root} or its sub-folders; photographs are jpg, jpeg, png, tif and tiff files"
         )
     with warnings.catch_warnings():
-        # Above 89 Mpx Pillow warns; such photographs are meant. Twice that it refuses, and so do we.
+        # Pillow warns above 89 Mpx, which is a valid size here, and raises above twice that.
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         photos = {
             photo.path.relative_to(root).as_posix(): photo
             for photo in track(read_photos(paths), label="Reading photographs", total=len(paths))
         }
-    said, twin_of = _derive_priors(photos, distance_to_model_m)
-    roles = _assign_roles(list(photos), said, distance_to_model_m, close_range_below_m)
+    priors, original_of = _derive_priors(photos, distance_to_model_m)
+    roles = _assign_roles(list(photos), priors, distance_to_model_m, close_range_below_m)
     rows = [
-        _build_row(photo_id, photo, role, said.get(photo_id))
+        _build_row(photo_id, photo, role, priors.get(photo_id))
         for (photo_id, photo), role in zip(photos.items(), roles, strict=True)
     ]
     for row in rows:
-        if row["photo_id"] in twin_of:
-            first = twin_of[row["photo_id"]]
+        if row["photo_id"] in original_of:
+            first = original_of[row["photo_id"]]
             row["photo_outcome"] = PhotoOutcome.DUPLICATE
-            row["reason"] = f"the same bytes as {first}; one of the two is enough, remove the other"
+            row["reason"] = f"same content as {first}; remove one of the two"
     if not any(row["photo_outcome"] == PhotoOutcome.ACCEPTED for row in rows):
         raise InputDataError(
             f"none of the {len(rows)} photographs in {root} can be used; the first, {rows[0]['photo_id']}: "

@@ -132,15 +132,15 @@ def _estimate_drone_sigma(drone: DroneMetadata) -> tuple[PositionSigma, str]:
         return SIGMA_RTK_FIXED, "RtkFlag 50 (fixed)"
     if flag in RTK_FLOAT:
         return SIGMA_RTK_FLOAT, f"RtkFlag {flag} (float)"
-    horizontal, vertical = drone.stated_sigma_horizontal_m, drone.stated_sigma_vertical_m
-    if horizontal > 0 and vertical > 0:
+    horizontal_m, vertical_m = drone.stated_sigma_horizontal_m, drone.stated_sigma_vertical_m
+    if horizontal_m > 0 and vertical_m > 0:
         if drone.maker == "Parrot":  # its receivers use no corrections
-            horizontal = max(horizontal, SIGMA_OWN_ESTIMATE.horizontal_m)
-            vertical = max(vertical, SIGMA_OWN_ESTIMATE.vertical_m)
+            horizontal_m = max(horizontal_m, SIGMA_OWN_ESTIMATE.horizontal_m)
+            vertical_m = max(vertical_m, SIGMA_OWN_ESTIMATE.vertical_m)
         stated = (
             f"GPSXYAccuracy {drone.stated_sigma_horizontal_m:.3g} m, GPSZAccuracy {drone.stated_sigma_vertical_m:.3g} m"
         )
-        return PositionSigma(horizontal_m=horizontal, vertical_m=vertical), stated
+        return PositionSigma(horizontal_m=horizontal_m, vertical_m=vertical_m), stated
     return SIGMA_DRONE, "a drone's receiver without corrections" + ("" if flag is None else f" (RtkFlag {flag})")
 
 
@@ -150,9 +150,8 @@ def _estimate_exif_sigma(exif: ExifMetadata) -> tuple[PositionSigma, str]:
         return sigma, f"GPSHPositioningError {exif.position_error_m:g} m"
     if math.isfinite(exif.dop):
         horizontal_m = max(SIGMA_HANDHELD.horizontal_m, _RANGE_ERROR_M * exif.dop)
-        return PositionSigma(
-            horizontal_m=horizontal_m, vertical_m=2 * horizontal_m
-        ), f"GPSDOP {exif.dop:g} of {_RANGE_ERROR_M:g} m"
+        sigma = PositionSigma(horizontal_m=horizontal_m, vertical_m=2 * horizontal_m)
+        return sigma, f"GPSDOP {exif.dop:g} of {_RANGE_ERROR_M:g} m"
     return SIGMA_HANDHELD, "a handheld receiver"
 
 
@@ -160,21 +159,21 @@ def _widen_sigma(
     sigma: PositionSigma, exif: ExifMetadata, source: PositionSource
 ) -> tuple[PositionSigma, tuple[str, ...]]:
     """The sigma, increased where EXIF states a poor fix, and the warnings."""
-    horizontal, vertical, warnings = sigma.horizontal_m, sigma.vertical_m, []
+    horizontal_m, vertical_m, warnings = sigma.horizontal_m, sigma.vertical_m, []
     if source is PositionSource.EXIF:
         step_m = exif.position_step_deg * METRES_PER_DEGREE
-        if step_m / math.sqrt(12) > 0.1 * horizontal:
-            horizontal = math.hypot(horizontal, step_m / math.sqrt(12))  # uniform distribution over a step
+        if step_m / math.sqrt(12) > 0.1 * horizontal_m:
+            horizontal_m = math.hypot(horizontal_m, step_m / math.sqrt(12))  # uniform distribution over a step
             warnings.append(f"the position is written in steps of {step_m:.2g} m")
         if exif.void:
-            horizontal, vertical = max(horizontal, _SIGMA_NOT_MEASURED_M), max(vertical, _SIGMA_NOT_MEASURED_M)
+            horizontal_m, vertical_m = max(horizontal_m, _SIGMA_NOT_MEASURED_M), max(vertical_m, _SIGMA_NOT_MEASURED_M)
             warnings.append("EXIF GPSStatus is V (void): the receiver had no fix")
         if exif.two_dimensional:
-            vertical = max(vertical, _SIGMA_NOT_MEASURED_M)
+            vertical_m = max(vertical_m, _SIGMA_NOT_MEASURED_M)
             warnings.append("EXIF GPSMeasureMode is 2: the height is not measured")
         if exif.map_datum and not exif.map_datum.upper().replace(" ", "").replace("-", "").startswith("WGS84"):
             warnings.append(f"EXIF GPSMapDatum is {exif.map_datum}; taken as WGS 84")
-    return PositionSigma(horizontal_m=horizontal, vertical_m=vertical), tuple(warnings)
+    return PositionSigma(horizontal_m=horizontal_m, vertical_m=vertical_m), tuple(warnings)
 
 
 def _compare_with_exif(drone: DroneMetadata, exif: ExifMetadata) -> tuple[str, ...]:
@@ -187,7 +186,8 @@ def _compare_with_exif(drone: DroneMetadata, exif: ExifMetadata) -> tuple[str, .
         warnings.append(f"the position of EXIF is {apart_m:.0f} m from that of XMP, which is used")
     if abs(exif.altitude_m - drone.absolute_altitude_m) > 2.0:
         warnings.append(
-            f"EXIF GPSAltitude {exif.altitude_m:.1f} m differs from XMP {drone.absolute_altitude_m:.1f} m, which is used"
+            f"EXIF GPSAltitude {exif.altitude_m:.1f} m differs from {drone.absolute_altitude_m:.1f} m of XMP, "
+            "which is used"
         )
     return tuple(warnings)
 

@@ -1,4 +1,4 @@
-"""What a campaign's photographs say of themselves, each by itself and then checked against the others."""
+"""Priors of the photographs of a campaign, derived from their metadata and checked against one another."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ class PhotoMetadata:
 
     @property
     def serial(self) -> str:
-        """Serial number of the drone or the camera; empty where neither says one."""
+        """Serial number of the drone, else of the camera; empty where neither is known."""
         return (self.drone.body if self.drone else "") or self.exif.body_serial
 
     @property
     def body(self) -> str:
-        """What carries the receiver: the drone or the camera by its serial number, else by maker and model."""
+        """The device with the GNSS receiver: drone or camera by serial number, else by maker and model."""
         return self.serial or self.camera
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhotoPriors:
-    """The priors of one photograph, its body's serial number, its flight (from 1) and all warnings."""
+    """Priors of one photograph, serial number of its body, number of its flight (from 1) and all warnings."""
 
     position: PositionPrior
     attitude: AttitudePrior
@@ -57,34 +57,34 @@ class PhotoPriors:
 
     @property
     def evidence(self) -> str:
-        """What position, height and attitude rest on."""
+        """The tags that position, height and attitude are taken from."""
         return "; ".join(part for part in (self.position.evidence, self.attitude.evidence) if part)
 
 
 def derive_priors(
     photos: Sequence[PhotoMetadata], distance_to_model_m: Callable[[Float64Array], Float64Array] | None = None
 ) -> list[PhotoPriors]:
-    """The statements of a campaign's photographs; ``distance_to_model_m`` as in ``plausibility.check_priors``."""
+    """The priors of all photographs of a campaign; ``distance_to_model_m`` as in ``plausibility.check_priors``."""
     photos = _unify_position_steps(photos)
     drones = _resolve_pitch_convention(photos)
-    clocks = [
+    readings = [
         ClockReading(photo_id=p.photo_id, body=p.body, taken_at=p.exif.taken_at, gps_time=p.exif.gps_time)
         for p in photos
     ]
-    clock = check_clocks(clocks)
+    clock_warnings = check_clocks(readings)
     flights = assign_flights([_build_exposure(photo) for photo in photos])
-    located = [
+    timed = [
         TimedPrior(
             prior=derive_position_prior(drone, photo.exif), flight=flight, time_s=_seconds_from_time(_get_time(photo))
         )
         for photo, drone, flight in zip(photos, drones, flights, strict=True)
     ]
-    positions = check_priors(located, distance_to_model_m)
+    positions = check_priors(timed, distance_to_model_m)
     out = []
     for i, photo in enumerate(photos):
         attitude = derive_attitude_prior(drones[i], photo.exif)
         focal = derive_focal_prior(drones[i], photo.exif, width_px=photo.width_px, height_px=photo.height_px)
-        warnings = (*positions[i].warnings, attitude.warning, focal.warning, clock[i])
+        warnings = (*positions[i].warnings, attitude.warning, focal.warning, clock_warnings[i])
         out.append(
             PhotoPriors(
                 position=positions[i],
@@ -118,7 +118,7 @@ def _build_exposure(photo: PhotoMetadata) -> Exposure:
 
 
 def _unify_position_steps(photos: Sequence[PhotoMetadata]) -> list[PhotoMetadata]:
-    """The step that each camera writes positions in: the finest of its photographs' (fractions are often reduced)."""
+    """Set the resolution of positions to the finest of each camera; fractions of single photographs are often reduced."""
     steps: dict[str, list[float]] = {}
     for photo in photos:
         steps.setdefault(photo.camera, []).append(photo.exif.position_step_deg)
@@ -130,15 +130,15 @@ def _unify_position_steps(photos: Sequence[PhotoMetadata]) -> list[PhotoMetadata
 
 
 def _resolve_pitch_convention(photos: Sequence[PhotoMetadata]) -> list[DroneMetadata | None]:
-    """The drones' metadata, Camera:Pitch in the convention that the photographs of the same camera show."""
-    djis = {
+    """The metadata of the drones, with Camera:Pitch in the convention that all photographs of the camera imply."""
+    dji_cameras = {
         camera
         for camera in {photo.camera for photo in photos}
         if is_dji_pitch(photo.drone.camera_pitch_deg for photo in photos if photo.camera == camera and photo.drone)
     }
     return [
         apply_dji_pitch(photo.drone)
-        if photo.drone and photo.camera in djis and math.isfinite(photo.drone.camera_pitch_deg)
+        if photo.drone and photo.camera in dji_cameras and math.isfinite(photo.drone.camera_pitch_deg)
         else photo.drone
         for photo in photos
     ]

@@ -62,8 +62,8 @@ def decode_photograph(path: Path) -> DecodedImage:
             found = image.format or "unknown"
             if found not in allowed:
                 raise InputDataError(
-                    f"the name ends in {path.suffix} but the content is {found}; such files come from a conversion that often "
-                    "loses metadata: export the original again, or correct the suffix"
+                    f"the name ends in {path.suffix} but the content is {found}; such files come from a conversion "
+                    "that often loses metadata: export the original again, or correct the suffix"
                 )
             image.load()
             width_px, height_px = image.size

@@ -28,7 +28,7 @@ class SmallPortfolio:
 @pytest.fixture(scope="session")
 def small(tmp_path_factory: pytest.TempPathFactory) -> SmallPortfolio:
     """The demo building at half its resolution, photographed from the orbit alone."""
-    recipe = load_recipe(RECIPE).scaled(width_px=800)
+    recipe = load_recipe(RECIPE).scale_photographs(width_px=800)
     first = recipe.campaigns[0]
     flight = first.flight.model_copy(update={"close": []})
     campaign = first.model_copy(update={"id": CAMPAIGN, "flight": flight})

@@ -1,4 +1,4 @@
-"""mesh."""
+"""Buildings without BIM: mesh files, their offsets, and facade planes that stand for elements."""
 
 import lazy_loader
 

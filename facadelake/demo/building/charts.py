@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.arrays import Float64Array
-from facadelake.demo.recipe import Box, Building
+from facadelake.demo.recipe import BoxVolume, DemoBuilding
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +31,7 @@ class Chart:
         """Rows and columns of the texture; columns are a multiple of 4, as OpenGL unpacks rows."""
         return round(self.size_m[1] / self.texel_m / 4) * 4, round(self.size_m[0] / self.texel_m / 4) * 4
 
-    def px_per_m(self) -> tuple[float, float]:
+    def compute_texels_per_m(self) -> tuple[float, float]:
         """Texels a metre along u and along v."""
         rows, columns = self.shape_px
         return columns / self.size_m[0], rows / self.size_m[1]
@@ -43,14 +43,14 @@ class Chart:
         angle = self.start_rad + np.asarray(u_m) / self.radius_m
         return np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
 
-    def points(self, u_m: Float64Array, v_m: Float64Array, out_m: float = 0.0) -> Float64Array:
+    def compute_points(self, u_m: Float64Array, v_m: Float64Array, out_m: float = 0.0) -> Float64Array:
         """Model points (n, 3) at u, v, ``out_m`` in front of the surface."""
         u, v, normals = np.asarray(u_m), np.asarray(v_m), self.compute_normals(np.asarray(u_m))
         if self.radius_m == 0:
             return self.origin_m + np.outer(u, self.u_axis) + np.outer(v, self.v_axis) + out_m * normals
         return self.origin_m + np.outer(v, self.v_axis) + (self.radius_m + out_m) * normals
 
-    def tangent(self, u_m: float) -> Float64Array:
+    def compute_tangent(self, u_m: float) -> Float64Array:
         """Unit direction of growing u at u."""
         if self.radius_m == 0:
             return self.u_axis
@@ -66,7 +66,7 @@ class Chart:
         return np.column_stack([self.radius_m * angle, v]), np.hypot(d[:, 0], d[:, 1]) - self.radius_m
 
 
-def _upright(
+def _make_upright_chart(
     name: str, origin: tuple[float, float, float], normal: tuple[float, float], u: float, v: float, texel: float
 ) -> Chart:
     return Chart(
@@ -79,7 +79,7 @@ def _upright(
     )
 
 
-def building_charts(b: Building, texel_m: float) -> list[Chart]:
+def make_building_charts(b: DemoBuilding, texel_m: float) -> list[Chart]:
     """The facades: south, corner (round), east, north, west, and the set-back top storey's south, east and west."""
     low, top, s, r = b.shoulder_m + b.parapet_m, b.top_m, b.setback_m, b.corner_radius_m
     length, depth = b.length_m, b.depth_m
@@ -95,29 +95,29 @@ def building_charts(b: Building, texel_m: float) -> list[Chart]:
         start_rad=-np.pi / 2,
     )
     return [
-        _upright("south", (0, 0, 0), (0, -1), length - r, low, texel_m),
+        _make_upright_chart("south", (0, 0, 0), (0, -1), length - r, low, texel_m),
         corner,
-        _upright("east", (length, r, 0), (1, 0), depth - r, low, texel_m),
-        _upright("north", (length, depth, 0), (0, 1), length, top, texel_m),
-        _upright("west", (0, depth, 0), (-1, 0), depth, low, texel_m),
-        _upright("top south", (s, s, b.shoulder_m), (0, -1), length - 2 * s, rise, texel_m),
-        _upright("top east", (length - s, s, b.shoulder_m), (1, 0), depth - s, rise, texel_m),
-        _upright("top west", (s, depth, b.shoulder_m), (-1, 0), depth - s, rise, texel_m),
+        _make_upright_chart("east", (length, r, 0), (1, 0), depth - r, low, texel_m),
+        _make_upright_chart("north", (length, depth, 0), (0, 1), length, top, texel_m),
+        _make_upright_chart("west", (0, depth, 0), (-1, 0), depth, low, texel_m),
+        _make_upright_chart("top south", (s, s, b.shoulder_m), (0, -1), length - 2 * s, rise, texel_m),
+        _make_upright_chart("top east", (length - s, s, b.shoulder_m), (1, 0), depth - s, rise, texel_m),
+        _make_upright_chart("top west", (s, depth, b.shoulder_m), (-1, 0), depth - s, rise, texel_m),
     ]
 
 
-def box_charts(box: Box, texel_m: float) -> list[Chart]:
+def make_box_charts(box: BoxVolume, texel_m: float) -> list[Chart]:
     """The four sides of a box beside the building, named ``<box> south`` and so on."""
     (x, y, z), (dx, dy, dz) = box.origin_m, box.size_m
     return [
-        _upright(f"{box.name} south", (x, y, z), (0, -1), dx, dz, texel_m),
-        _upright(f"{box.name} east", (x + dx, y, z), (1, 0), dy, dz, texel_m),
-        _upright(f"{box.name} north", (x + dx, y + dy, z), (0, 1), dx, dz, texel_m),
-        _upright(f"{box.name} west", (x, y + dy, z), (-1, 0), dy, dz, texel_m),
+        _make_upright_chart(f"{box.name} south", (x, y, z), (0, -1), dx, dz, texel_m),
+        _make_upright_chart(f"{box.name} east", (x + dx, y, z), (1, 0), dy, dz, texel_m),
+        _make_upright_chart(f"{box.name} north", (x + dx, y + dy, z), (0, 1), dx, dz, texel_m),
+        _make_upright_chart(f"{box.name} west", (x, y + dy, z), (-1, 0), dy, dz, texel_m),
     ]
 
 
-def flat_chart(name: str, low_m: tuple[float, float, float], size_m: tuple[float, float], texel_m: float) -> Chart:
+def make_flat_chart(name: str, low_m: tuple[float, float, float], size_m: tuple[float, float], texel_m: float) -> Chart:
     """A level surface seen from above: u along x, v along y."""
     return Chart(
         name=name,

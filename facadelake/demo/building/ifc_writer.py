@@ -16,37 +16,37 @@ import ifcopenshell.api.root
 import ifcopenshell.api.unit
 import numpy as np
 
-from facadelake.demo.building.charts import Chart, building_charts
-from facadelake.demo.building.ifc_parts import (
+from facadelake.demo.building.charts import Chart, make_building_charts
+from facadelake.demo.building.ifc_entities import (
     Entity,
-    body,
-    extrusion,
-    facing,
-    outline,
-    product,
-    rectangle,
-    ring_sector,
-    settle_guids,
+    add_product,
+    assign_stable_guids,
+    extrude,
+    make_profile,
+    make_rectangle,
+    make_ring_sector,
+    make_tangent_rectangle,
+    set_body,
 )
-from facadelake.demo.building.placement import Placement
-from facadelake.demo.recipe import Building, DemoRecipe, Openings
+from facadelake.demo.building.placement import ModelPlacement
+from facadelake.demo.recipe import DemoBuilding, DemoRecipe, OpeningRow
 
-COURSE_OUT_M, COURSE_HEIGHT_M = 0.06, 0.15
-SILL_OUT_M, SILL_HEIGHT_M = 0.05, 0.05
+BAND_DEPTH_M, BAND_HEIGHT_M = 0.06, 0.15
+SILL_DEPTH_M, SILL_HEIGHT_M = 0.05, 0.05
 
 
-class _Writer:
+class _BuildingWriter:
     """One model under construction."""
 
-    def __init__(self, building: Building, placement: Placement) -> None:
+    def __init__(self, building: DemoBuilding, placement: ModelPlacement) -> None:
         self.b = building
-        self.charts = {c.name: c for c in building_charts(building, 0.01)}
+        self.charts = {c.name: c for c in make_building_charts(building, 0.01)}
         self.model = ifcopenshell.api.project.create_file(version="IFC4")
         self.walls: dict[tuple[str, int], Entity] = {}
         self.storeys = self._add_spatial_structure(placement)
         self._add_materials()
 
-    def _add_spatial_structure(self, placement: Placement) -> list[Entity]:
+    def _add_spatial_structure(self, placement: ModelPlacement) -> list[Entity]:
         m = self.model
         project = ifcopenshell.api.root.create_entity(m, ifc_class="IfcProject", name="Facadelake demo building")
         ifcopenshell.api.unit.assign_unit(m, length={"is_metric": True, "raw": "METERS"})
@@ -118,21 +118,21 @@ class _Writer:
 
     def add_wall(self, facade: str, storey: int, name: str, solid: Entity) -> None:
         """An external wall of a facade and storey; ``name`` tells it from a parapet there."""
-        wall = product(self.model, "IfcWall", name, self.storeys[storey], [solid], predefined_type="SOLIDWALL")
+        wall = add_product(self.model, "IfcWall", name, self.storeys[storey], [solid], predefined_type="SOLIDWALL")
         self.describe(wall, "Pset_WallCommon", None)
         self.walls.setdefault((facade, storey), wall)
 
     def add_straight_wall(
         self, facade: str, storey: int, name: str, plan: tuple[float, float, float, float], base: float, height: float
     ) -> None:
-        profile = outline(self.model, rectangle(*plan))
-        self.add_wall(facade, storey, name, extrusion(self.model, profile, base, height))
+        profile = make_profile(self.model, make_rectangle(*plan))
+        self.add_wall(facade, storey, name, extrude(self.model, profile, base, height))
 
     def make_corner_profile(self, radius_in: float, radius_out: float) -> Entity:
         """Profile of the round corner between two radii."""
         b = self.b
         centre = (b.length_m - b.corner_radius_m, b.corner_radius_m)
-        return outline(self.model, *ring_sector(centre, radius_in, radius_out, -np.pi / 2, 0.0))
+        return make_profile(self.model, *make_ring_sector(centre, radius_in, radius_out, -np.pi / 2, 0.0))
 
     def add_walls(self) -> None:
         """Walls of the lower storeys, their parapets, and of the top storey set back."""
@@ -160,7 +160,7 @@ class _Writer:
                     storey.floor_m,
                     storey.height_m,
                 )
-            solid = extrusion(m, self.make_corner_profile(r - w, r), storey.floor_m, storey.height_m)
+            solid = extrude(m, self.make_corner_profile(r - w, r), storey.floor_m, storey.height_m)
             self.add_wall("corner", i, f"Round corner, {storey.name.lower()}", solid)
         for facade, plan in upper.items():
             name = f"{facade.removeprefix('top ').capitalize()} wall, {b.storeys[-1].name.lower()}"
@@ -176,7 +176,7 @@ class _Writer:
             "parapet corner",
             last,
             "Parapet, round corner",
-            extrusion(m, self.make_corner_profile(r - w, r), b.shoulder_m, b.parapet_m),
+            extrude(m, self.make_corner_profile(r - w, r), b.shoulder_m, b.parapet_m),
         )
 
     def add_slabs(self) -> None:
@@ -187,44 +187,44 @@ class _Writer:
         cx, cy = length - r, r
         inside = [(w, w), (cx, w), (cx + a, cy - a), (length - w, cy), (length - w, depth - w), (w, depth - w)]
         for i, storey in enumerate(b.storeys):
-            profile = outline(m, inside, [[1, 2], [2, 3, 4], [4, 5], [5, 6], [6, 1]])
+            profile = make_profile(m, inside, [[1, 2], [2, 3, 4], [4, 5], [5, 6], [6, 1]])
             name = "Terrace and floor slab" if i == len(b.storeys) - 1 else f"Floor slab, {storey.name.lower()}"
-            solid = extrusion(m, profile, storey.floor_m - 0.2, 0.2)
-            slab = product(m, "IfcSlab", name, self.storeys[i], [solid], predefined_type="FLOOR")
+            solid = extrude(m, profile, storey.floor_m - 0.2, 0.2)
+            slab = add_product(m, "IfcSlab", name, self.storeys[i], [solid], predefined_type="FLOOR")
             self.describe(slab, "Pset_SlabCommon", "Reinforced concrete", external=i == len(b.storeys) - 1)
-        plan = rectangle(s - 0.3, s - 0.3, length - s + 0.3, depth + 0.3)
-        roof = product(
+        plan = make_rectangle(s - 0.3, s - 0.3, length - s + 0.3, depth + 0.3)
+        roof = add_product(
             m,
             "IfcSlab",
             "Roof slab",
             self.storeys[-1],
-            [extrusion(m, outline(m, plan), b.top_m, 0.2)],
+            [extrude(m, make_profile(m, plan), b.top_m, 0.2)],
             predefined_type="ROOF",
         )
         self.describe(roof, "Pset_SlabCommon", "Reinforced concrete")
 
     def add_storey_bands(self) -> None:
         """Storey bands, a hand's breadth proud of the wall, at every floor line but the ground's."""
-        b, o, r, m = self.b, COURSE_OUT_M, self.b.corner_radius_m, self.model
+        b, o, r, m = self.b, BAND_DEPTH_M, self.b.corner_radius_m, self.model
         length, depth = b.length_m, b.depth_m
         plans = {
-            "south": rectangle(-o, -o, length - r, 0.0),
-            "east": rectangle(length, r, length + o, depth + o),
-            "north": rectangle(-o, depth, length, depth + o),
-            "west": rectangle(-o, 0.0, 0.0, depth),
+            "south": make_rectangle(-o, -o, length - r, 0.0),
+            "east": make_rectangle(length, r, length + o, depth + o),
+            "north": make_rectangle(-o, depth, length, depth + o),
+            "west": make_rectangle(-o, 0.0, 0.0, depth),
         }
         for i, storey in enumerate(b.storeys[1:], start=1):
-            profiles = {k: outline(m, p) for k, p in plans.items()} | {
+            profiles = {k: make_profile(m, p) for k, p in plans.items()} | {
                 "round corner": self.make_corner_profile(r, r + o)
             }
             for facade, profile in profiles.items():
-                solid = extrusion(m, profile, storey.floor_m - COURSE_HEIGHT_M, COURSE_HEIGHT_M)
-                band = product(
+                solid = extrude(m, profile, storey.floor_m - BAND_HEIGHT_M, BAND_HEIGHT_M)
+                band = add_product(
                     m, "IfcMember", f"Storey band, {facade}, {storey.name.lower()}", self.storeys[i], [solid]
                 )
                 self.describe(band, "Pset_MemberCommon", "Sandstone")
 
-    def add_opening(self, row: Openings, u: float) -> None:
+    def add_opening(self, row: OpeningRow, u: float) -> None:
         """A hole in a wall and the window or door that fills it, its pane behind the reveal."""
         b, m, chart = self.b, self.model, self.charts[row.facade]
         wall, storey = self.walls[(row.facade, row.storey)], b.storeys[row.storey]
@@ -232,21 +232,21 @@ class _Writer:
         place = f"{row.facade}, {storey.name.lower()}, {u:.2f} m"
 
         def block(width: float, out: tuple[float, float], z: float, height: float) -> Entity:
-            return extrusion(m, outline(m, facing(chart, u, width, *out)), z, height)
+            return extrude(m, make_profile(m, make_tangent_rectangle(chart, u, width, *out)), z, height)
 
         hole = ifcopenshell.api.root.create_entity(m, ifc_class="IfcOpeningElement", name=f"Opening {place}")
-        body(m, hole, [block(row.width_m, (-b.wall_m - 0.2, 0.2), base, row.height_m)])
+        set_body(m, hole, [block(row.width_m, (-b.wall_m - 0.2, 0.2), base, row.height_m)])
         ifcopenshell.api.feature.add_feature(m, feature=hole, element=wall)
         sill = SILL_HEIGHT_M if row.kind == "window" and chart.radius_m == 0 else 0.0
         kind = "IfcWindow" if row.kind == "window" else "IfcDoor"
         pane = block(row.width_m, (-b.reveal_m - 0.06, -b.reveal_m), base + sill, row.height_m - sill)
-        filling = product(m, kind, f"{row.kind.capitalize()} {place}", self.storeys[row.storey], [pane])
+        filling = add_product(m, kind, f"{row.kind.capitalize()} {place}", self.storeys[row.storey], [pane])
         filling.OverallHeight, filling.OverallWidth = row.height_m, row.width_m
         ifcopenshell.api.feature.add_filling(m, opening=hole, element=filling)
         self.describe(filling, "Pset_WindowCommon" if kind == "IfcWindow" else "Pset_DoorCommon", "Glass")
         if sill:
-            ledge = block(row.width_m, (-b.reveal_m - 0.06, SILL_OUT_M), base, sill)
-            member = product(m, "IfcMember", f"Sill {place}", self.storeys[row.storey], [ledge])
+            ledge = block(row.width_m, (-b.reveal_m - 0.06, SILL_DEPTH_M), base, sill)
+            member = add_product(m, "IfcMember", f"Sill {place}", self.storeys[row.storey], [ledge])
             self.describe(member, "Pset_MemberCommon", "Sandstone")
 
     def add_balconies(self) -> None:
@@ -256,20 +256,27 @@ class _Writer:
             chart, storey = self.charts[balcony.facade], self.b.storeys[balcony.storey]
             u, width, depth, floor = balcony.centre_u_m, balcony.width_m, balcony.depth_m, storey.floor_m
             place = f"{balcony.facade}, {storey.name.lower()}, {u:.2f} m"
-            solid = extrusion(m, outline(m, facing(chart, u, width, COURSE_OUT_M, depth)), floor - 0.18, 0.18)
-            slab = product(
+            solid = extrude(
+                m, make_profile(m, make_tangent_rectangle(chart, u, width, BAND_DEPTH_M, depth)), floor - 0.18, 0.18
+            )
+            slab = add_product(
                 m, "IfcSlab", f"Balcony {place}", self.storeys[balcony.storey], [solid], predefined_type="FLOOR"
             )
             self.describe(slab, "Pset_SlabCommon", "Reinforced concrete")
             bars = []
             for z, thick in ((0.95, 0.06), (0.12, 0.03), (0.40, 0.03), (0.68, 0.03)):
                 for plan in self._plan_rail(chart, u, width, depth, thick):
-                    bars.append(extrusion(m, outline(m, plan), floor + z, thick))
+                    bars.append(extrude(m, make_profile(m, plan), floor + z, thick))
             for at in np.linspace(-width / 2 + 0.05, width / 2 - 0.05, 5):
                 bars.append(
-                    extrusion(m, outline(m, facing(chart, u + at, 0.04, depth - 0.07, depth - 0.03)), floor, 0.95)
+                    extrude(
+                        m,
+                        make_profile(m, make_tangent_rectangle(chart, u + at, 0.04, depth - 0.07, depth - 0.03)),
+                        floor,
+                        0.95,
+                    )
                 )
-            railing = product(
+            railing = add_product(
                 m, "IfcRailing", f"Railing {place}", self.storeys[balcony.storey], bars, predefined_type="BALUSTRADE"
             )
             self.describe(railing, "Pset_RailingCommon", "Galvanised steel")
@@ -278,15 +285,15 @@ class _Writer:
     def _plan_rail(chart: Chart, u: float, width: float, depth: float, thick: float) -> list[list[tuple[float, float]]]:
         edge = width / 2 - 0.05
         return [
-            facing(chart, u, width - 0.1 + thick, depth - 0.05 - thick / 2, depth - 0.05 + thick / 2),
-            facing(chart, u - edge, thick, 0.0, depth - 0.05 - thick / 2),
-            facing(chart, u + edge, thick, 0.0, depth - 0.05 - thick / 2),
+            make_tangent_rectangle(chart, u, width - 0.1 + thick, depth - 0.05 - thick / 2, depth - 0.05 + thick / 2),
+            make_tangent_rectangle(chart, u - edge, thick, 0.0, depth - 0.05 - thick / 2),
+            make_tangent_rectangle(chart, u + edge, thick, 0.0, depth - 0.05 - thick / 2),
         ]
 
 
-def write_ifc(recipe: DemoRecipe, placement: Placement, path: Path) -> None:
+def write_ifc(recipe: DemoRecipe, placement: ModelPlacement, path: Path) -> None:
     """Write the demo building to ``path``; the same recipe gives the same GlobalIds."""
-    writer = _Writer(recipe.building, placement)
+    writer = _BuildingWriter(recipe.building, placement)
     writer.add_walls()
     writer.add_slabs()
     writer.add_storey_bands()
@@ -294,6 +301,6 @@ def write_ifc(recipe: DemoRecipe, placement: Placement, path: Path) -> None:
         for u in row.centres_u_m:
             writer.add_opening(row, u)
     writer.add_balconies()
-    settle_guids(writer.model)
+    assign_stable_guids(writer.model)
     writer.model.header.file_name.time_stamp = f"{recipe.campaigns[0].starts[:10]}T00:00:00"
     writer.model.write(str(path))

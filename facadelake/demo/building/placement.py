@@ -9,11 +9,11 @@ import pyproj
 
 from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import GEO, SiteOrigin, transform
-from facadelake.demo.recipe import Place
+from facadelake.demo.recipe import DemoPlace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Placement:
+class ModelPlacement:
     """IfcMapConversion: ``(east, north) = origin + scale * Rz(rotation) @ xy_ifc``, ``height = origin + z_ifc``.
 
     The scale is that of the grid and of the height above the ellipsoid together, so the model's metres are true ones.
@@ -43,7 +43,7 @@ class Placement:
         geo = transform(self.map_from_ifc(np.atleast_2d(xyz_ifc)), self.crs, GEO)
         return self.origin.site_from_geo(geo)
 
-    def affine(self) -> Float64Array:
+    def compute_affine(self) -> Float64Array:
         """``site_from_ifc`` (4, 4), exact to 0.1 mm over 50 m."""
         arm = 20.0
         tips = self.site_from_ifc(np.vstack([np.zeros(3), arm * np.eye(3), -arm * np.eye(3)]))
@@ -53,13 +53,13 @@ class Placement:
         return out
 
 
-def place_model(place: Place) -> Placement:
+def place_model(place: DemoPlace) -> ModelPlacement:
     """The georeference of a place; its scale is the projection's at the place, reduced from the height."""
     east, north, height = transform(
         np.array([[place.lon_deg, place.lat_deg, place.height_ellipsoidal_m]]), GEO, place.crs
     )[0]
     grid = pyproj.Proj(place.crs).get_factors(place.lon_deg, place.lat_deg).meridional_scale
-    return Placement(
+    return ModelPlacement(
         crs=place.crs,
         origin=SiteOrigin(
             lon_deg=place.lon_deg, lat_deg=place.lat_deg, height_ellipsoidal_m=place.height_ellipsoidal_m

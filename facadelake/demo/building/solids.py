@@ -14,7 +14,7 @@ import trimesh
 
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import ModelError
-from facadelake.demo.recipe import Box, Tree
+from facadelake.demo.recipe import BoxVolume, Tree
 
 # Chord error of the round corner's triangles; the radius is metres, so this is a few degrees a facet.
 DEFLECTION_M = 0.0005
@@ -31,7 +31,7 @@ class Solid:
     triangles: Float64Array
 
 
-def ifc_solids(path: Path) -> list[Solid]:
+def read_ifc_solids(path: Path) -> list[Solid]:
     """Every product of an IFC with a body, as triangles; openings are cut, spaces and openings left out."""
     model = ifcopenshell.open(str(path))
     settings = ifcopenshell.geom.settings()
@@ -42,7 +42,7 @@ def ifc_solids(path: Path) -> list[Solid]:
     if not iterator.initialize():
         raise ModelError(f"{path.name} has no geometry; write it again")
     solids = []
-    for shape in _shapes(iterator):
+    for shape in _read_shapes(iterator):
         element = model.by_guid(shape.guid)
         container = ifcopenshell.util.element.get_container(element)
         vertices = np.asarray(shape.geometry.verts, dtype=np.float64).reshape(-1, 3)
@@ -59,20 +59,20 @@ def ifc_solids(path: Path) -> list[Solid]:
     return sorted(solids, key=lambda s: s.guid)
 
 
-def _shapes(iterator: ifcopenshell.geom.iterator) -> Iterator[ifcopenshell.geom.ShapeElementType]:
+def _read_shapes(iterator: ifcopenshell.geom.iterator) -> Iterator[ifcopenshell.geom.ShapeElementType]:
     while True:
         yield iterator.get()
         if not iterator.next():
             return
 
 
-def box_solid(box: Box) -> Solid:
+def make_box_solid(box: BoxVolume) -> Solid:
     """An upright box that is not in the model."""
     mesh = trimesh.creation.box(bounds=np.array([box.origin_m, np.add(box.origin_m, box.size_m)]))
-    return _foreign(box.name, np.asarray(mesh.triangles))
+    return _make_solid(box.name, np.asarray(mesh.triangles))
 
 
-def roof_solid(box: Box) -> Solid:
+def make_roof_solid(box: BoxVolume) -> Solid:
     """A gable roof over a box, its ridge along the longer side, eaves 0.4 m out."""
     (x, y, z), (dx, dy, dz) = box.origin_m, box.size_m
     e, top, rise = 0.4, z + dz, 0.32 * min(dx, dy)
@@ -82,10 +82,10 @@ def roof_solid(box: Box) -> Solid:
     else:
         ridge = [((x0 + x1) / 2, y0, top + rise), ((x0 + x1) / 2, y1, top + rise)]
     hull = trimesh.convex.convex_hull(np.array([(x0, y0, top), (x1, y0, top), (x1, y1, top), (x0, y1, top), *ridge]))
-    return _foreign(f"{box.name} roof", np.asarray(hull.triangles))
+    return _make_solid(f"{box.name} roof", np.asarray(hull.triangles))
 
 
-def tree_solids(tree: Tree, rng: np.random.Generator) -> list[Solid]:
+def make_tree_solids(tree: Tree, rng: np.random.Generator) -> list[Solid]:
     """A trunk, and a crown of some thousand leaves in clumps; the same generator state gives the same tree."""
     foot = np.array(tree.foot_m)
     trunk = trimesh.creation.cylinder(radius=0.05 * tree.height_m / 2 + 0.03, height=tree.height_m * 0.55, sections=10)
@@ -97,21 +97,21 @@ def tree_solids(tree: Tree, rng: np.random.Generator) -> list[Solid]:
     spread *= (0.42 * tree.crown_m * rng.uniform(0.5, 1.0, 5200) / np.linalg.norm(spread, axis=1))[:, None]
     at = centre + clumps[rng.integers(0, 28, 5200)] + spread
     leaves = at[:, None, :] + rng.normal(scale=0.075, size=(5200, 3, 3))
-    return [_foreign("trunk", np.asarray(trunk.triangles)), _foreign("crown", leaves)]
+    return [_make_solid("trunk", np.asarray(trunk.triangles)), _make_solid("crown", leaves)]
 
 
-def ground_solid(half_m: float, centre: tuple[float, float], level_m: float) -> Solid:
+def make_ground_solid(half_m: float, centre: tuple[float, float], level_m: float) -> Solid:
     """A level square."""
     x, y = centre
     a, b, c, d = ((x + sx * half_m, y + sy * half_m, level_m) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
-    return _foreign("ground", np.array([[a, b, c], [a, c, d]], dtype=np.float64))
+    return _make_solid("ground", np.array([[a, b, c], [a, c, d]], dtype=np.float64))
 
 
-def _foreign(name: str, triangles: Float64Array) -> Solid:
+def _make_solid(name: str, triangles: Float64Array) -> Solid:
     return Solid(guid="", kind="", name=name, storey="", triangles=np.asarray(triangles, dtype=np.float64))
 
 
-def subdivided(triangles: Float64Array, edge_m: float) -> Float64Array:
+def subdivide(triangles: Float64Array, edge_m: float) -> Float64Array:
     """The triangles cut until no edge is longer than ``edge_m`` (light is computed once a triangle)."""
     n = len(triangles)
     vertices, faces = trimesh.remesh.subdivide_to_size(

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from facadelake.core.arrays import Float64Array
-from facadelake.demo.photographs.flight import Shot
-from facadelake.demo.photographs.visibility import Sighting
-from facadelake.demo.textures.light import RayScene
+from facadelake.demo.photographs.flight import DemoExposure
+from facadelake.demo.photographs.visibility import ProjectedDefect
+from facadelake.demo.textures.lighting import RayScene
 
 CATEGORIES = {"crack": 1, "spalling": 2, "moisture": 3}
 OFF_TARGET = "off_target"
-MISSED, WRONG_CLASS, FALSE_SHARE = 0.07, 0.04, 0.03
+MISSED_SHARE, WRONG_CLASS_SHARE, FALSE_SHARE = 0.07, 0.04, 0.03
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Box:
+class BoxAnnotation:
     """A box: its photograph, class, centre and size in pixels, score, and the check point it shows."""
 
     file_name: str
@@ -29,32 +29,37 @@ class Box:
     centre_px: Float64Array
     size_px: Float64Array
     score: float
-    checkpoint: str
+    checkpoint_id: str
 
 
-def exact_boxes(found: Sequence[Sighting], on_target: set[str], rng: np.random.Generator) -> list[Box]:
+def make_exact_boxes(
+    found: Sequence[ProjectedDefect], on_target: set[str], rng: np.random.Generator
+) -> list[BoxAnnotation]:
     """A box about every sighting, as a faultless detector would give it; defects of the neighbour are off target."""
     return [
-        Box(
-            file_name=s.shot.file_name,
-            kind=s.spot.defect.kind,
+        BoxAnnotation(
+            file_name=s.exposure.file_name,
+            kind=s.grid.defect.kind,
             centre_px=s.centre_px,
             size_px=s.size_px,
             score=float(np.round(rng.uniform(0.6, 0.97), 3)),
-            checkpoint=s.spot.defect.id if s.spot.defect.id in on_target else OFF_TARGET,
+            checkpoint_id=s.grid.defect.id if s.grid.defect.id in on_target else OFF_TARGET,
         )
         for s in found
     ]
 
 
-def noisy_boxes(
-    exact: Sequence[Box], false: Sequence[Box], shots: Sequence[Shot], rng: np.random.Generator
-) -> list[Box]:
+def make_noisy_boxes(
+    exact: Sequence[BoxAnnotation],
+    false: Sequence[BoxAnnotation],
+    shots: Sequence[DemoExposure],
+    rng: np.random.Generator,
+) -> list[BoxAnnotation]:
     """Some missed, centres and sizes jittered, some of the wrong class, some false."""
     limits = {s.file_name: (s.posed.camera.width_px, s.posed.camera.height_px) for s in shots}
     out = []
     for box in exact:
-        if rng.uniform() < MISSED:
+        if rng.uniform() < MISSED_SHARE:
             continue
         size = box.size_px * np.exp(rng.normal(scale=0.10, size=2))
         centre = box.centre_px + rng.normal(scale=0.05, size=2) * box.size_px + rng.normal(scale=0.5, size=2)
@@ -63,26 +68,26 @@ def noisy_boxes(
         if (high - low).min() < 2:
             continue
         others = [k for k in CATEGORIES if k != box.kind]
-        kind = str(rng.choice(others)) if rng.uniform() < WRONG_CLASS else box.kind
+        kind = str(rng.choice(others)) if rng.uniform() < WRONG_CLASS_SHARE else box.kind
         score = float(np.round(np.clip(box.score + rng.normal(scale=0.05), 0.3, 0.99), 3))
         out.append(
-            Box(
+            BoxAnnotation(
                 file_name=box.file_name,
                 kind=kind,
                 centre_px=(low + high) / 2,
                 size_px=high - low,
                 score=score,
-                checkpoint=box.checkpoint,
+                checkpoint_id=box.checkpoint_id,
             )
         )
     return [*out, *false]
 
 
-def false_boxes(
-    count: int, shots: Sequence[Shot], rays: RayScene, modelled: set[int], rng: np.random.Generator
-) -> list[Box]:
+def make_false_boxes(
+    count: int, shots: Sequence[DemoExposure], rays: RayScene, modelled: set[int], rng: np.random.Generator
+) -> list[BoxAnnotation]:
     """Boxes on tree, ground, neighbours or obstacles: their centres' rays meet nothing of the model."""
-    out: list[Box] = []
+    out: list[BoxAnnotation] = []
     while len(out) < count:
         shot = shots[int(rng.integers(len(shots)))]
         camera = shot.posed.camera
@@ -90,24 +95,24 @@ def false_boxes(
         centre = rng.uniform(size / 2, np.array([camera.width_px, camera.height_px]) - size / 2)
         # The box's corners too must miss the building.
         corners = np.array([[0, 0], [-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 + centre
-        distance, group, _ = rays.hits(*shot.posed.rays_site_from_img(corners))
+        distance, group, _ = rays.cast(*shot.posed.rays_site_from_img(corners))
         if not np.isfinite(distance).all() or any(int(g) in modelled for g in group):
             continue
         kind = str(rng.choice(list(CATEGORIES)))
         out.append(
-            Box(
+            BoxAnnotation(
                 file_name=shot.file_name,
                 kind=kind,
                 centre_px=centre,
                 size_px=size,
                 score=float(np.round(rng.uniform(0.3, 0.75), 3)),
-                checkpoint=OFF_TARGET,
+                checkpoint_id=OFF_TARGET,
             )
         )
     return out
 
 
-def write_coco(path: Path, boxes: Sequence[Box], shots: Sequence[Shot]) -> None:
+def write_coco(path: Path, boxes: Sequence[BoxAnnotation], shots: Sequence[DemoExposure]) -> None:
     """Write boxes as COCO; annotation ids follow the order given, from 1."""
     ids = {name: i for i, name in enumerate(sorted(s.file_name for s in shots), start=1)}
     camera = shots[0].posed.camera

@@ -11,30 +11,30 @@ import numpy as np
 from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.demo.recipe import Building, Campaign, Optics
-from facadelake.demo.world import World
+from facadelake.demo.recipe import CampaignRecipe, DemoBuilding, Optics
+from facadelake.demo.world import DemoWorld
 
-SECONDS_APART = 4
+EXPOSURE_INTERVAL_S = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shot:
+class DemoExposure:
     """A photograph to be taken: its file, time, true camera, and the tags with the aircraft's errors."""
 
     file_name: str
-    taken: datetime
+    taken_at: datetime
     posed: PosedCamera
     tag_lon_lat_height: Float64Array
     tag_yaw_pitch_roll_deg: Float64Array
 
 
-def camera_of(optics: Optics) -> Camera:
+def camera_from_optics(optics: Optics) -> Camera:
     """The true camera."""
     keys = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2")
     return Camera(**{k: getattr(optics, k) for k in keys})
 
 
-def rotation_of(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64Array:
+def rotation_from_yaw_pitch_roll(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64Array:
     """``site_from_cam`` rotation (3, 3): yaw clockwise from north, pitch up from level, roll right side down."""
     y, p, r = np.radians([yaw_deg, pitch_deg, roll_deg])
     forward = np.array([np.sin(y) * np.cos(p), np.cos(y) * np.cos(p), np.sin(p)])
@@ -43,7 +43,7 @@ def rotation_of(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64Arr
     return np.column_stack([np.cos(r) * right + np.sin(r) * down, np.cos(r) * down - np.sin(r) * right, forward])
 
 
-def _outline_point(b: Building, distance: float, along_m: float) -> tuple[Float64Array, float]:
+def _locate_on_orbit(b: DemoBuilding, distance: float, along_m: float) -> tuple[Float64Array, float]:
     """The plan point (2,) at a length along the outline ``distance`` outside the house, from the south-west corner
     anticlockwise round corners of that radius; and the outline's whole length."""
     corners = np.array([(b.length_m, 0.0), (b.length_m, b.depth_m), (0.0, b.depth_m), (0.0, 0.0)])
@@ -63,14 +63,16 @@ def _outline_point(b: Building, distance: float, along_m: float) -> tuple[Float6
     raise AssertionError("a length within the outline lies on one of its pieces")
 
 
-def _orbit(b: Building, count: int, distance: float, heights: list[float]) -> list[tuple[Float64Array, Float64Array]]:
+def _plan_orbit(
+    b: DemoBuilding, count: int, distance: float, heights: list[float]
+) -> list[tuple[Float64Array, Float64Array]]:
     """Positions and aims (model frame) round the house, twice as dense round its corners as along its sides.
 
     Round a corner the facades turn away fast, and SIFT does not follow a turn of more than 20 degrees. Aims lie on
     a short line through the middle of the house, so that the view turns steadily.
     """
-    _, total = _outline_point(b, distance, 0.0)
-    fine = np.array([_outline_point(b, distance, s)[0] for s in np.linspace(0, total, 2000)])
+    _, total = _locate_on_orbit(b, distance, 0.0)
+    fine = np.array([_locate_on_orbit(b, distance, s)[0] for s in np.linspace(0, total, 2000)])
     plan = np.array([b.length_m, b.depth_m])
     at_corner = np.all((fine < 0) | (fine > plan), axis=1)
     steps = np.linalg.norm(np.diff(fine, axis=0), axis=1) * np.where(at_corner[1:], 2.0, 1.0)
@@ -86,44 +88,46 @@ def _orbit(b: Building, count: int, distance: float, heights: list[float]) -> li
     return result
 
 
-def _rows(world: World, campaign: Campaign) -> list[tuple[Float64Array, Float64Array]]:
+def _plan_close_range_rows(world: DemoWorld, campaign: CampaignRecipe) -> list[tuple[Float64Array, Float64Array]]:
     """Positions and aims (model frame) of the close-range rows."""
     result = []
     for row in campaign.flight.close:
         chart = world.charts[row.surface]
         for u in np.linspace(row.u_from_m, row.u_to_m, row.count):
             at = np.array([float(u)])
-            aim = chart.points(at, np.array([row.v_m]))[0]
-            out, along = chart.compute_normals(at)[0], chart.tangent(float(u))
+            aim = chart.compute_points(at, np.array([row.v_m]))[0]
+            out, along = chart.compute_normals(at)[0], chart.compute_tangent(float(u))
             turn = np.radians(row.turn_deg)
             result.append((aim + row.distance_m * (np.cos(turn) * out + np.sin(turn) * along), aim))
     return result
 
 
-def plan_flight(world: World, campaign: Campaign, geo_from_site: Callable[[Float64Array], Float64Array]) -> list[Shot]:
+def plan_flight(
+    world: DemoWorld, campaign: CampaignRecipe, geo_from_site: Callable[[Float64Array], Float64Array]
+) -> list[DemoExposure]:
     """All photographs of a campaign in the order they were taken, ``multiview/`` first."""
     flight, rng = campaign.flight, np.random.default_rng([world.recipe.seed, campaign.seed])
-    camera = camera_of(world.recipe.optics)
+    camera = camera_from_optics(world.recipe.optics)
     stops = [
         ("multiview", *s)
-        for s in _orbit(world.recipe.building, flight.orbit_count, flight.orbit_distance_m, flight.orbit_heights_m)
+        for s in _plan_orbit(world.recipe.building, flight.orbit_count, flight.orbit_distance_m, flight.orbit_heights_m)
     ]
-    stops += [("closerange", *s) for s in _rows(world, campaign)]
+    stops += [("closerange", *s) for s in _plan_close_range_rows(world, campaign)]
     starts = datetime.fromisoformat(campaign.starts)
     shots = []
     for number, (role, position_ifc, aim_ifc) in enumerate(stops, start=1):
         scale = flight.jitter_m if role == "multiview" else 0.5 * flight.jitter_m
-        centre = world.to_site(position_ifc) + rng.uniform(-scale, scale, 3)
-        d = world.to_site(aim_ifc) - centre
+        centre = world.transform_to_site(position_ifc) + rng.uniform(-scale, scale, 3)
+        d = world.transform_to_site(aim_ifc) - centre
         aimed = np.array([np.degrees(np.arctan2(d[0], d[1])), np.degrees(np.arctan2(d[2], np.hypot(d[0], d[1]))), 0.0])
         true = aimed + rng.uniform(-flight.jitter_deg, flight.jitter_deg, 3) * [1, 1, 0.5]
-        pose = Similarity(rotation=rotation_of(*true.tolist()), translation=centre)
+        pose = Similarity(rotation=rotation_from_yaw_pitch_roll(*true.tolist()), translation=centre)
         believed = centre + flight.gps_bias_m + rng.normal(size=3) * flight.gps_noise_m
         attitude = true + flight.attitude_bias_deg + rng.normal(scale=flight.attitude_noise_deg, size=3)
         shots.append(
-            Shot(
+            DemoExposure(
                 file_name=f"{role}/DJI_{number:04d}.JPG",
-                taken=starts + timedelta(seconds=SECONDS_APART * number),
+                taken_at=starts + timedelta(seconds=EXPOSURE_INTERVAL_S * number),
                 posed=PosedCamera(camera=camera, site_from_cam=pose),
                 tag_lon_lat_height=geo_from_site(believed[None])[0],
                 tag_yaw_pitch_roll_deg=attitude,

@@ -23,7 +23,7 @@ from facadelake.core.arrays import Float32Array, Float64Array, UInt8Array
 from facadelake.core.camera import Camera
 
 # Rendered this much finer and averaged; pyrender's four samples a pixel smooth edges alone, not textures.
-FINE = 1.5
+SUPERSAMPLING = 1.5
 NEAR_M, FAR_M = 0.5, 420.0
 # Half a mipmap level sharper than OpenGL would choose; the averaging of FINE takes the rest.
 LOD_BIAS = -0.5
@@ -51,7 +51,7 @@ class RenderJob:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Lens:
+class LensMap:
     """A pinhole image wide enough, and where each fine pixel of the distorted photograph lies in it."""
 
     width_px: int
@@ -64,7 +64,7 @@ class Lens:
     map_y: Float32Array
 
 
-def lens_of(camera: Camera, fine: float) -> Lens:
+def compute_lens_map(camera: Camera, fine: float) -> LensMap:
     """The pinhole camera and the map that turn its picture into one of ``camera``, both ``fine`` times finer."""
     rows, columns = round(camera.height_px * fine), round(camera.width_px * fine)
     # The undistortion is smooth: it is solved on every 16th pixel and interpolated.
@@ -86,7 +86,7 @@ def lens_of(camera: Camera, fine: float) -> Lens:
         for k in (0, 1)
     ]
     # OpenCV counts from a pixel's centre, the pinhole here from the image's corner.
-    return Lens(
+    return LensMap(
         width_px=int(size[0]),
         height_px=int(size[1]),
         fx_px=fx,
@@ -98,7 +98,7 @@ def lens_of(camera: Camera, fine: float) -> Lens:
     )
 
 
-def develop(pinhole: UInt8Array, lens: Lens, camera: Camera, noise: float, seed: int) -> UInt8Array:
+def develop(pinhole: UInt8Array, lens: LensMap, camera: Camera, noise: float, seed: int) -> UInt8Array:
     """The photograph: lens distortion, averaging, a little vignetting, sensor noise."""
     bent = cv2.remap(pinhole, lens.map_x, lens.map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     small = cv2.resize(bent, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -111,10 +111,10 @@ def develop(pinhole: UInt8Array, lens: Lens, camera: Camera, noise: float, seed:
     return np.asarray(np.clip(noisy + 0.5, 0, 255).astype(np.uint8))
 
 
-class _Stage:
+class _Renderer:
     """pyrender's scene and renderer."""
 
-    def __init__(self, folder: Path, lens: Lens) -> None:
+    def __init__(self, folder: Path, lens: LensMap) -> None:
         os.environ["PYOPENGL_PLATFORM"] = "egl"
         import pyrender  # needs the variable above at import
 
@@ -143,7 +143,7 @@ class _Stage:
         )
         self.scene.add(self.gl.Mesh([primitive]))
 
-    def picture(self, site_from_cam: Float64Array) -> UInt8Array:
+    def render_view(self, site_from_cam: Float64Array) -> UInt8Array:
         """The pinhole image; OpenGL's camera looks along -z with y up."""
         self.scene.set_pose(self.node, site_from_cam @ np.diag([1.0, -1.0, -1.0, 1.0]))
         flags = self.gl.RenderFlags.FLAT | self.gl.RenderFlags.SKIP_CULL_FACES
@@ -167,10 +167,10 @@ class _Stage:
 def render_shard(folder: Path, shard: int, shards: int) -> None:
     """Make the photographs ``shard``, ``shard + shards``, ... of a job folder that are not there yet."""
     job: RenderJob = pickle.loads((folder / "job.pickle").read_bytes())
-    lens = lens_of(job.camera, FINE)
-    stage = _Stage(folder, lens)
+    lens = compute_lens_map(job.camera, SUPERSAMPLING)
+    stage = _Renderer(folder, lens)
     for photo in job.photographs[shard::shards]:
-        image = develop(stage.picture(photo.site_from_cam), lens, job.camera, job.noise, photo.seed)
+        image = develop(stage.render_view(photo.site_from_cam), lens, job.camera, job.noise, photo.seed)
         photo.path.parent.mkdir(parents=True, exist_ok=True)
         Image.fromarray(image).save(
             photo.path, format="JPEG", quality=JPEG_QUALITY, subsampling=0, exif=photo.exif, xmp=photo.xmp

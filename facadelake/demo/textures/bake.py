@@ -7,15 +7,15 @@ import numpy as np
 
 from facadelake.core.arrays import Float32Array, Float64Array, UInt8Array
 from facadelake.demo.building.charts import Chart
-from facadelake.demo.building.solids import Solid, subdivided
-from facadelake.demo.recipe import Box, Campaign, Light
-from facadelake.demo.textures.canvas import Canvas
+from facadelake.demo.building.solids import Solid, subdivide
+from facadelake.demo.recipe import BoxVolume, CampaignRecipe, Daylight
+from facadelake.demo.textures.canvas import TextureCanvas
 from facadelake.demo.textures.defects import draw_defect, draw_target
 from facadelake.demo.textures.facades import paint_facade
-from facadelake.demo.textures.light import RayScene, shade, sky_open, sunlit
-from facadelake.demo.textures.parts import DETAIL, RenderPart, face_normals
-from facadelake.demo.textures.surroundings import paint_box, paint_ground, paint_roof
-from facadelake.demo.world import World, seeded
+from facadelake.demo.textures.lighting import RayScene, compute_direct_light, compute_sky_openness, shade
+from facadelake.demo.textures.render_parts import DETAIL, RenderPart, compute_face_normals
+from facadelake.demo.textures.surroundings import paint_box_side, paint_ground, paint_roof
+from facadelake.demo.world import DemoWorld, seed_generator
 
 TILE_M = 4.0
 LIGHT_GRID_M = 0.012
@@ -25,26 +25,28 @@ TINT = {
     "IfcRailing": (96, 100, 104),
     "IfcMember": (182, 158, 132),
 }
-FOREIGN_TINT = {"trunk": (84, 66, 48), "house roof": (128, 66, 50), "workshop roof": (92, 90, 92)}
+SURROUNDINGS_TINT = {"trunk": (84, 66, 48), "house roof": (128, 66, 50), "workshop roof": (92, 90, 92)}
 
 
-def _paint(world: World, campaign: Campaign, chart: Chart, boxes: dict[str, Box]) -> Canvas:
-    recipe, rng = world.recipe, seeded(world.recipe, chart.name)
+def _paint_chart(
+    world: DemoWorld, campaign: CampaignRecipe, chart: Chart, boxes: dict[str, BoxVolume]
+) -> TextureCanvas:
+    recipe, rng = world.recipe, seed_generator(world.recipe, chart.name)
     b = recipe.building
     if chart.name == "ground":
         return paint_ground(chart, (0.0, 0.0, b.length_m, b.depth_m), rng)
     if chart.name == "roof":
         return paint_roof(chart, rng)
     owner = next((box for name, box in boxes.items() if chart.name.startswith(f"{name} ")), None)
-    return paint_box(chart, owner.look, rng) if owner else paint_facade(chart, b, rng)
+    return paint_box_side(chart, owner.look, rng) if owner else paint_facade(chart, b, rng)
 
 
 def bake_chart(
-    world: World, rays: RayScene, campaign: Campaign, index: int, chart: Chart, boxes: dict[str, Box]
+    world: DemoWorld, rays: RayScene, campaign: CampaignRecipe, index: int, chart: Chart, boxes: dict[str, BoxVolume]
 ) -> UInt8Array:
     """A chart's texture with defects and targets drawn and the light of the day on it."""
     recipe = world.recipe
-    canvas = _paint(world, campaign, chart, boxes)
+    canvas = _paint_chart(world, campaign, chart, boxes)
     for defect in (*recipe.defects, *recipe.off_target_defects):
         if defect.surface == chart.name:
             draw_defect(canvas, defect, defect.states[index])
@@ -52,12 +54,12 @@ def bake_chart(
         if point.surface == chart.name:
             draw_target(canvas, point)
     rows, columns = canvas.image.shape[:2]
-    multiplier = chart_light(world, rays, campaign.light, chart)
+    multiplier = compute_chart_light(world, rays, campaign.light, chart)
     canvas.image *= cv2.resize(multiplier, (columns, rows), interpolation=cv2.INTER_LINEAR)
-    return canvas.result()
+    return canvas.encode_uint8()
 
 
-def chart_light(world: World, rays: RayScene, light: Light, chart: Chart) -> Float32Array:
+def compute_chart_light(world: DemoWorld, rays: RayScene, light: Daylight, chart: Chart) -> Float32Array:
     """Light multiplier (rows, columns, 3) over a chart, first row at the top, on a coarser grid than its texture."""
     step = max(LIGHT_GRID_M, 5 * chart.texel_m if chart.name in ("ground", "roof") else 3 * chart.texel_m)
     rows, columns = int(np.ceil(chart.size_m[1] / step)), int(np.ceil(chart.size_m[0] / step))
@@ -65,38 +67,44 @@ def chart_light(world: World, rays: RayScene, light: Light, chart: Chart) -> Flo
     up = (rows - 0.5 - np.arange(rows)) * chart.size_m[1] / rows
     u, v = np.tile(along, rows), np.repeat(up, columns)
     before = 4.0 if chart.name == "roof" else 0.1
-    normals = world.turn(chart.compute_normals(u))
-    start = world.to_site(chart.points(u, v, before))
-    depth, _, _ = rays.hits(start, -normals)
+    normals = world.rotate_to_site(chart.compute_normals(u))
+    start = world.transform_to_site(chart.compute_points(u, v, before))
+    depth, _, _ = rays.cast(start, -normals)
     depth = np.where(depth < before + 0.35, depth, before)
     points = start - depth[:, None] * normals
-    sun = sunlit(rays, points, normals, light, 3, seeded(world.recipe, f"sun {chart.name}"))
-    sky = _sky_coarse(rays, points.reshape(rows, columns, 3), normals.reshape(rows, columns, 3))
+    sun = compute_direct_light(rays, points, normals, light, 3, seed_generator(world.recipe, f"sun {chart.name}"))
+    sky = _compute_sky_openness(rays, points.reshape(rows, columns, 3), normals.reshape(rows, columns, 3))
     return np.asarray(shade(sun.reshape(rows, columns), sky, light), dtype=np.float32)
 
 
-def _sky_coarse(rays: RayScene, points: Float64Array, normals: Float64Array) -> Float64Array:
+def _compute_sky_openness(rays: RayScene, points: Float64Array, normals: Float64Array) -> Float64Array:
     """Sky openness (rows, columns), asked at every fifth point, for it changes slowly."""
     some = (slice(None, None, 5), slice(None, None, 5))
     shape = points[some].shape[:2]
-    values = sky_open(rays, points[some].reshape(-1, 3), normals[some].reshape(-1, 3)).reshape(shape)
+    values = compute_sky_openness(rays, points[some].reshape(-1, 3), normals[some].reshape(-1, 3)).reshape(shape)
     return np.asarray(cv2.resize(values, points.shape[1::-1], interpolation=cv2.INTER_LINEAR))
 
 
-def lit_part(world: World, rays: RayScene, light: Light, solid: Solid, triangles: Float64Array) -> RenderPart:
+def make_lit_part(
+    world: DemoWorld, rays: RayScene, light: Daylight, solid: Solid, triangles: Float64Array
+) -> RenderPart:
     """Triangles off the charts: one colour each, of their material and the light at their centre."""
-    small = triangles if solid.name == "crown" else subdivided(triangles, 0.4)
-    site = world.to_site(small)
-    normals, centres = face_normals(site), site.mean(axis=1)
-    rng = seeded(world.recipe, f"lit {solid.name}")
-    tint = np.array(TINT.get(solid.kind) or FOREIGN_TINT.get(solid.name, (224, 220, 210)), dtype=np.float64) / 225
+    small = triangles if solid.name == "crown" else subdivide(triangles, 0.4)
+    site = world.transform_to_site(small)
+    normals, centres = compute_face_normals(site), site.mean(axis=1)
+    rng = seed_generator(world.recipe, f"lit {solid.name}")
+    tint = np.array(TINT.get(solid.kind) or SURROUNDINGS_TINT.get(solid.name, (224, 220, 210)), dtype=np.float64) / 225
     colours = np.broadcast_to(tint, (len(small), 3)).copy()
     if solid.name == "crown":
         normals = np.where((normals @ [0.0, 0.0, 1.0])[:, None] < 0, -normals, normals)
         colours = np.array([0.30, 0.42, 0.16]) * rng.uniform(0.7, 1.35, (len(small), 1)) + rng.normal(
             scale=0.02, size=(len(small), 3)
         )
-    multiplier = shade(sunlit(rays, centres, normals, light, 3, rng), sky_open(rays, centres, normals, 16), light)
+    multiplier = shade(
+        compute_direct_light(rays, centres, normals, light, 3, rng),
+        compute_sky_openness(rays, centres, normals, 16),
+        light,
+    )
     dominant = np.abs(normals).argmax(axis=1)
     axes = np.array([[1, 2], [0, 2], [0, 1]])[dominant]
     uv = np.take_along_axis(small, np.repeat(axes[:, None, :], 3, axis=1), axis=2) / TILE_M

@@ -11,7 +11,7 @@ from facadelake.demo.building.charts import Chart
 Colour = tuple[float, float, float]
 
 
-class Canvas:
+class TextureCanvas:
     """A chart's colour image, gamma-coded 0 to 255, float32, first row at the top (largest v)."""
 
     def __init__(self, chart: Chart, rng: np.random.Generator, colour: Colour) -> None:
@@ -19,21 +19,21 @@ class Canvas:
         rows, columns = chart.shape_px
         self.image: Float32Array = np.empty((rows, columns, 3), dtype=np.float32)
         self.image[:] = colour
-        self.per_u, self.per_v = chart.px_per_m()
+        self.per_u, self.per_v = chart.compute_texels_per_m()
 
-    def texel(self, u_m: float, v_m: float) -> tuple[float, float]:
+    def texel_from_uv(self, u_m: float, v_m: float) -> tuple[float, float]:
         """Column and row of a point, 0 being the outer edge of the first texel."""
         return u_m * self.per_u, self.image.shape[0] - v_m * self.per_v
 
-    def block(self, u0: float, v0: float, u1: float, v1: float) -> tuple[slice, slice]:
+    def find_region(self, u0: float, v0: float, u1: float, v1: float) -> tuple[slice, slice]:
         """Rows and columns of an upright rectangle, cut at the texture's edge."""
-        (c0, r1), (c1, r0) = self.texel(u0, v0), self.texel(u1, v1)
+        (c0, r1), (c1, r0) = self.texel_from_uv(u0, v0), self.texel_from_uv(u1, v1)
         rows, columns = self.image.shape[:2]
         return slice(max(0, round(r0)), min(rows, round(r1))), slice(max(0, round(c0)), min(columns, round(c1)))
 
     def fill(self, u0: float, v0: float, u1: float, v1: float, colour: Colour) -> None:
         """Paint a rectangle."""
-        self.image[self.block(u0, v0, u1, v1)] = colour
+        self.image[self.find_region(u0, v0, u1, v1)] = colour
 
     def sample_noise(self, wavelength_m: float, region: tuple[slice, slice] | None = None) -> Float32Array:
         """Smooth noise of unit strength and the given grain, the size of the texture or of a region of it."""
@@ -54,7 +54,7 @@ class Canvas:
         under = self.image[region]
         self.image[region] = under + alpha[..., None] * (np.asarray(colour, dtype=np.float32) - under)
 
-    def speckles(self, per_m2: float, radius_m: tuple[float, float], strength: float) -> None:
+    def add_speckles(self, per_m2: float, radius_m: tuple[float, float], strength: float) -> None:
         """Spots of random size and tone, sharp enough to be found again in another photograph."""
         rows, columns = self.image.shape[:2]
         count = int(per_m2 * self.chart.size_m[0] * self.chart.size_m[1])
@@ -68,6 +68,6 @@ class Canvas:
             cv2.ellipse(tone, c, a, angle, 0, 360, value, -1)
         self.add(tone)
 
-    def result(self) -> UInt8Array:
+    def encode_uint8(self) -> UInt8Array:
         """The texture as it stands, 8 bit."""
         return np.clip(self.image, 0, 255).astype(np.uint8)

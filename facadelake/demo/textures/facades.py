@@ -12,8 +12,8 @@ import numpy as np
 
 from facadelake.core.arrays import Float32Array
 from facadelake.demo.building.charts import Chart
-from facadelake.demo.recipe import Building, Openings
-from facadelake.demo.textures.canvas import Canvas, Colour
+from facadelake.demo.recipe import DemoBuilding, OpeningRow
+from facadelake.demo.textures.canvas import Colour, TextureCanvas
 
 RENDER: Colour = (203, 184, 146)
 TOP_RENDER: Colour = (196, 198, 194)
@@ -22,34 +22,34 @@ BRICK: Colour = (150, 82, 60)
 BAND: Colour = (176, 148, 120)
 
 
-def paint_facade(chart: Chart, building: Building, rng: np.random.Generator) -> Canvas:
+def paint_facade(chart: Chart, building: DemoBuilding, rng: np.random.Generator) -> TextureCanvas:
     """The texture of one of the building's facades, sound and without defects."""
     top = chart.name.startswith("top")
-    canvas = Canvas(chart, rng, TOP_RENDER if top else RENDER)
-    _render(canvas)
+    canvas = TextureCanvas(chart, rng, TOP_RENDER if top else RENDER)
+    _paint_render(canvas)
     if not top:
         floors = [s.floor_m for s in building.storeys]
-        ashlar(canvas, 0.0, 0.0, chart.size_m[0], floors[1] - 0.15)
-        bricks(canvas, 0.0, floors[2], chart.size_m[0], floors[2] + 0.55, BRICK)
+        paint_ashlar(canvas, 0.0, 0.0, chart.size_m[0], floors[1] - 0.15)
+        paint_bricks(canvas, 0.0, floors[2], chart.size_m[0], floors[2] + 0.55, BRICK)
         for u0 in (0.0, chart.size_m[0] - 0.45):
-            bricks(canvas, u0, floors[1], u0 + 0.45, chart.size_m[1], BRICK)
+            paint_bricks(canvas, u0, floors[1], u0 + 0.45, chart.size_m[1], BRICK)
         for floor in floors[1:]:
             canvas.fill(0, floor - 0.15, chart.size_m[0], floor, BAND)
-            region = canvas.block(0, floor - 0.15, chart.size_m[0], floor)
+            region = canvas.find_region(0, floor - 0.15, chart.size_m[0], floor)
             canvas.add(9 * canvas.sample_noise(0.25, region) + 7 * canvas.sample_noise(0.03, region), region)
     rows = [r for r in building.openings if r.facade == chart.name]
     base = building.shoulder_m if top else 0.0
     for row in rows:
         for u in row.centres_u_m:
-            _surround(canvas, row, u, building.storeys[row.storey].floor_m - base)
-    _weather(canvas)
+            _paint_architrave(canvas, row, u, building.storeys[row.storey].floor_m - base)
+    _add_weathering(canvas)
     for row in rows:
         for u in row.centres_u_m:
-            _glazing(canvas, row, u, building.storeys[row.storey].floor_m - base)
+            _paint_window(canvas, row, u, building.storeys[row.storey].floor_m - base)
     return canvas
 
 
-def _render(canvas: Canvas) -> None:
+def _paint_render(canvas: TextureCanvas) -> None:
     """Troweled render: blotches of all sizes, spots, and patches of other years."""
     tone = (
         6 * canvas.sample_noise(2.2)
@@ -60,33 +60,33 @@ def _render(canvas: Canvas) -> None:
     )
     canvas.add(tone)
     canvas.image[..., 2] += 4 * canvas.sample_noise(1.1)
-    patches(canvas, 0.10, (0.12, 0.5), 9)
-    canvas.speckles(22, (0.006, 0.03), 13)
-    canvas.speckles(16, (0.015, 0.06), 15)
+    add_patches(canvas, 0.10, (0.12, 0.5), 9)
+    canvas.add_speckles(22, (0.006, 0.03), 13)
+    canvas.add_speckles(16, (0.015, 0.06), 15)
 
 
-def patches(canvas: Canvas, per_m2: float, radius_m: tuple[float, float], strength: float) -> None:
+def add_patches(canvas: TextureCanvas, per_m2: float, radius_m: tuple[float, float], strength: float) -> None:
     """Irregular fields of slightly other tone, with a faint rim, as mended render shows."""
     rng = canvas.rng
     tone: Float32Array = np.zeros(canvas.image.shape[:2], dtype=np.float32)
     width, height = canvas.chart.size_m
     for _ in range(int(per_m2 * width * height)):
         u, v, r = rng.uniform(0, width), rng.uniform(0, height), rng.uniform(*radius_m)
-        ring = [canvas.texel(u + x * r, v + y * r) for x, y in blob(rng, 18, 0.35)]
+        ring = [canvas.texel_from_uv(u + x * r, v + y * r) for x, y in sample_blob(rng, 18, 0.35)]
         points = np.round(ring).astype(np.int32)
         cv2.fillPoly(tone, [points], float(rng.normal(scale=strength)))
         cv2.polylines(tone, [points], True, float(-strength * 0.7), 2)
     canvas.add(tone)
 
 
-def blob(rng: np.random.Generator, corners: int, rough: float) -> list[tuple[float, float]]:
+def sample_blob(rng: np.random.Generator, corners: int, rough: float) -> list[tuple[float, float]]:
     """Corners of an irregular closed outline inside about the unit circle."""
     angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)
     radius = 1 - rough * rng.uniform(0, 1, corners)
     return [(float(r * np.cos(a)), float(r * np.sin(a))) for r, a in zip(radius, angle, strict=True)]
 
 
-def ashlar(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
+def paint_ashlar(canvas: TextureCanvas, u0: float, v0: float, u1: float, v1: float) -> None:
     """Courses of stone blocks with open joints, each block of its own tone and length."""
     rng, v = canvas.rng, v0
     while v < v1 - 0.05:
@@ -94,7 +94,7 @@ def ashlar(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
         u = u0 - float(rng.uniform(0, 0.6))
         while u < u1:
             long = float(rng.uniform(0.45, 0.95))
-            region = canvas.block(max(u, u0), v, min(u + long, u1), v + high)
+            region = canvas.find_region(max(u, u0), v, min(u + long, u1), v + high)
             if canvas.image[region].size:
                 tint = rng.normal(scale=10) + rng.normal(scale=(3.0, 1.5, 3.5))
                 canvas.image[region] = np.array(STONE) + tint
@@ -103,14 +103,14 @@ def ashlar(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
                 joint[:3], joint[:, :3] = (118, 110, 98), (118, 110, 98)
             u += long
         v += high
-    region = canvas.block(u0, v0, u1, v1)
+    region = canvas.find_region(u0, v0, u1, v1)
     canvas.add(5 * canvas.sample_noise(1.4, region) + 4 * canvas.sample_noise(0.012, region), region)
 
 
-def bricks(canvas: Canvas, u0: float, v0: float, u1: float, v1: float, colour: Colour) -> None:
+def paint_bricks(canvas: TextureCanvas, u0: float, v0: float, u1: float, v1: float, colour: Colour) -> None:
     """Running bond, 0.25 by 0.075 m, every brick burnt a little differently."""
     rng = canvas.rng
-    region = canvas.block(u0, v0, u1, v1)
+    region = canvas.find_region(u0, v0, u1, v1)
     rows, columns = canvas.image[region].shape[:2]
     if rows == 0 or columns == 0:
         return
@@ -128,15 +128,15 @@ def bricks(canvas: Canvas, u0: float, v0: float, u1: float, v1: float, colour: C
     canvas.add(5 * canvas.sample_noise(0.03, region) + 4 * canvas.sample_noise(0.5, region), region)
 
 
-def _surround(canvas: Canvas, row: Openings, u: float, floor_m: float) -> None:
+def _paint_architrave(canvas: TextureCanvas, row: OpeningRow, u: float, floor_m: float) -> None:
     """A painted architrave round an opening."""
     v, w = floor_m + row.sill_m, row.width_m / 2
-    region = canvas.block(u - w - 0.12, v - 0.08, u + w + 0.12, v + row.height_m + 0.12)
+    region = canvas.find_region(u - w - 0.12, v - 0.08, u + w + 0.12, v + row.height_m + 0.12)
     canvas.image[region] = (214, 208, 196)
     canvas.add(4 * canvas.sample_noise(0.2, region) + 5 * canvas.sample_noise(0.02, region), region)
 
 
-def _weather(canvas: Canvas) -> None:
+def _add_weathering(canvas: TextureCanvas) -> None:
     """Dirt that runs down in streaks and rises from the ground."""
     rows, columns = canvas.image.shape[:2]
     streak = cv2.GaussianBlur(canvas.rng.standard_normal((4, columns), dtype=np.float32), (0, 0), sigmaX=6)
@@ -149,13 +149,13 @@ def _weather(canvas: Canvas) -> None:
         canvas.add(np.asarray(damp, dtype=np.float32))
 
 
-def _glazing(canvas: Canvas, row: Openings, u: float, floor_m: float) -> None:
+def _paint_window(canvas: TextureCanvas, row: OpeningRow, u: float, floor_m: float) -> None:
     """Frame, panes and what hangs behind them; no two windows alike."""
     rng = canvas.rng
     v, w, h = floor_m + row.sill_m, row.width_m, row.height_m
     left, right, top = u - w / 2, u + w / 2, v + h
     if row.kind == "door":
-        _door(canvas, left, v, right, top)
+        _paint_door(canvas, left, v, right, top)
         return
     frame = (226, 224, 218)
     canvas.fill(left, v, right, top, frame)
@@ -165,23 +165,23 @@ def _glazing(canvas: Canvas, row: Openings, u: float, floor_m: float) -> None:
     cloth = tuple(float(x) for x in rng.uniform(150, 215) + rng.uniform((-5, -12, -25), (15, 5, 5)))
     for i in range(sashes):
         a, b = left + i * step + 0.07, left + (i + 1) * step - 0.07
-        region = canvas.block(a, v + 0.08, b, top - 0.08)
+        region = canvas.find_region(a, v + 0.08, b, top - 0.08)
         rows = canvas.image[region].shape[0]
         depth = np.linspace(70, 34, rows, dtype=np.float32)[:, None, None] * np.array(
             [0.85, 0.98, 1.12], dtype=np.float32
         )
         canvas.image[region] = depth
         canvas.add(6 * canvas.sample_noise(0.35, region), region)
-        _furniture(canvas, a, v, b, top)
+        _paint_interior(canvas, a, v, b, top)
         side = (a, a + curtain * (b - a)) if i == 0 else (b - curtain * (b - a), b)
-        _cloth(canvas, side[0], v + 0.08, side[1], top - 0.08, cloth)
+        _paint_curtain(canvas, side[0], v + 0.08, side[1], top - 0.08, cloth)
         if blind > 0:
-            _slats(canvas, a, top - 0.08 - blind * h, b, top - 0.08)
+            _paint_blind(canvas, a, top - 0.08 - blind * h, b, top - 0.08)
     if sashes == 2:
         canvas.fill(right - 0.012 - step + 0.05, v + h * 0.45, right - step + 0.06, v + h * 0.53, (90, 90, 90))
 
 
-def _furniture(canvas: Canvas, a: float, v: float, b: float, top: float) -> None:
+def _paint_interior(canvas: TextureCanvas, a: float, v: float, b: float, top: float) -> None:
     """Dim shapes behind the glass: a lamp, a shelf, a plant."""
     rng = canvas.rng
     for _ in range(int(rng.integers(1, 5))):
@@ -191,8 +191,8 @@ def _furniture(canvas: Canvas, a: float, v: float, b: float, top: float) -> None
         canvas.fill(max(a, u - size), low, min(b, u + size), min(low + 1.6 * size, top - 0.1), (r, g, b_))
 
 
-def _cloth(canvas: Canvas, u0: float, v0: float, u1: float, v1: float, colour: Sequence[float]) -> None:
-    region = canvas.block(u0, v0, u1, v1)
+def _paint_curtain(canvas: TextureCanvas, u0: float, v0: float, u1: float, v1: float, colour: Sequence[float]) -> None:
+    region = canvas.find_region(u0, v0, u1, v1)
     rows, columns = canvas.image[region].shape[:2]
     if rows and columns:
         folds = cv2.GaussianBlur(canvas.rng.standard_normal((1, columns), dtype=np.float32), (0, 0), sigmaX=5) * 38
@@ -200,8 +200,8 @@ def _cloth(canvas: Canvas, u0: float, v0: float, u1: float, v1: float, colour: S
         canvas.add(4 * canvas.sample_noise(0.05, region), region)
 
 
-def _slats(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
-    region = canvas.block(u0, v0, u1, v1)
+def _paint_blind(canvas: TextureCanvas, u0: float, v0: float, u1: float, v1: float) -> None:
+    region = canvas.find_region(u0, v0, u1, v1)
     rows, columns = canvas.image[region].shape[:2]
     if rows and columns:
         wave = 14 * np.sin(np.arange(rows, dtype=np.float32) * 2 * np.pi / (0.05 * canvas.per_v))
@@ -209,9 +209,9 @@ def _slats(canvas: Canvas, u0: float, v0: float, u1: float, v1: float) -> None:
         canvas.add(4 * canvas.sample_noise(0.2, region), region)
 
 
-def _door(canvas: Canvas, left: float, v: float, right: float, top: float) -> None:
+def _paint_door(canvas: TextureCanvas, left: float, v: float, right: float, top: float) -> None:
     canvas.fill(left, v, right, top, (70, 48, 36))
-    region = canvas.block(left + 0.07, v, right - 0.07, top - 0.07)
+    region = canvas.find_region(left + 0.07, v, right - 0.07, top - 0.07)
     canvas.image[region] = (112, 68, 44)
     grain = cv2.resize(
         canvas.rng.standard_normal((3, canvas.image[region].shape[1]), dtype=np.float32),

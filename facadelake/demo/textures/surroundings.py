@@ -7,48 +7,50 @@ import numpy as np
 
 from facadelake.core.arrays import UInt8Array
 from facadelake.demo.building.charts import Chart
-from facadelake.demo.recipe import Box
-from facadelake.demo.textures.canvas import Canvas
-from facadelake.demo.textures.facades import bricks, patches
+from facadelake.demo.recipe import BoxVolume
+from facadelake.demo.textures.canvas import TextureCanvas
+from facadelake.demo.textures.facades import add_patches, paint_bricks
 
 
-def paint_box(chart: Chart, look: str, rng: np.random.Generator) -> Canvas:
+def paint_box_side(chart: Chart, look: str, rng: np.random.Generator) -> TextureCanvas:
     """One side of a neighbour or of an obstacle."""
     if look == "container":
-        return _container(chart, rng)
-    canvas = Canvas(chart, rng, (190, 170, 150))
+        return _paint_container(chart, rng)
+    canvas = TextureCanvas(chart, rng, (190, 170, 150))
     width, height = chart.size_m
     if look == "brick":
-        bricks(canvas, 0, 0, width, height, (128, 74, 58))
+        paint_bricks(canvas, 0, 0, width, height, (128, 74, 58))
     else:
         canvas.add(6 * canvas.sample_noise(1.5) + 5 * canvas.sample_noise(0.3) + 4 * canvas.sample_noise(0.05))
-        patches(canvas, 0.1, (0.2, 0.6), 10)
-    canvas.speckles(4, (0.02, 0.08), 11)
+        add_patches(canvas, 0.1, (0.2, 0.6), 10)
+    canvas.add_speckles(4, (0.02, 0.08), 11)
     for v in np.arange(1.0, height - 1.6, 2.8):
         for u in np.arange(1.4, width - 1.2, 2.6):
             canvas.fill(u - 0.6, v - 0.06, u + 0.6, v + 1.46, (222, 218, 208))
-            region = canvas.block(u - 0.5, v, u + 0.5, v + 1.4)
+            region = canvas.find_region(u - 0.5, v, u + 0.5, v + 1.4)
             canvas.image[region] = rng.uniform(45, 95)
             canvas.add(9 * canvas.sample_noise(0.4, region), region)
             canvas.fill(u - 0.03, v, u + 0.03, v + 1.4, (222, 218, 208))
     return canvas
 
 
-def _container(chart: Chart, rng: np.random.Generator) -> Canvas:
-    canvas = Canvas(chart, rng, (44, 92, 128))
+def _paint_container(chart: Chart, rng: np.random.Generator) -> TextureCanvas:
+    canvas = TextureCanvas(chart, rng, (44, 92, 128))
     columns = canvas.image.shape[1]
     wave = 20 * np.sign(np.sin(np.arange(columns, dtype=np.float32) * 2 * np.pi / (0.28 * canvas.per_u)))
     canvas.image += cv2.GaussianBlur(wave.reshape(1, -1), (0, 0), sigmaX=3).reshape(1, -1, 1)
     canvas.add(5 * canvas.sample_noise(0.8) + 4 * canvas.sample_noise(0.05))
-    canvas.speckles(6, (0.01, 0.06), 20)
+    canvas.add_speckles(6, (0.01, 0.06), 20)
     width, height = chart.size_m
     canvas.fill(0.3, height - 0.75, min(1.9, width - 0.2), height - 0.35, (226, 226, 220))
     return canvas
 
 
-def paint_ground(chart: Chart, keep_out_m: tuple[float, float, float, float], rng: np.random.Generator) -> Canvas:
+def paint_ground(
+    chart: Chart, keep_out_m: tuple[float, float, float, float], rng: np.random.Generator
+) -> TextureCanvas:
     """Lawn, with slabs round the building (its plan: x0, y0, x1, y1) and a gravel drive to the south."""
-    canvas = Canvas(chart, rng, (88, 104, 62))
+    canvas = TextureCanvas(chart, rng, (88, 104, 62))
     canvas.add(
         11 * canvas.sample_noise(5.0)
         + 9 * canvas.sample_noise(1.0)
@@ -57,7 +59,7 @@ def paint_ground(chart: Chart, keep_out_m: tuple[float, float, float, float], rn
     )
     ox, oy = float(chart.origin_m[0]), float(chart.origin_m[1])
     x0, y0, x1, y1 = keep_out_m
-    drive = canvas.block(x0 + 7 - ox, -20 - oy, x0 + 11 - ox, y0 - oy)
+    drive = canvas.find_region(x0 + 7 - ox, -20 - oy, x0 + 11 - ox, y0 - oy)
     canvas.image[drive] = (150, 142, 128)
     canvas.add(
         9 * canvas.sample_noise(0.08, drive)
@@ -68,20 +70,20 @@ def paint_ground(chart: Chart, keep_out_m: tuple[float, float, float, float], rn
     slab, margin = 0.6, 1.8
     for x in np.arange(x0 - margin, x1 + margin, slab):
         for y in np.arange(y0 - margin, y1 + margin, slab):
-            region = canvas.block(x - ox, y - oy, x + slab - ox, y + slab - oy)
+            region = canvas.find_region(x - ox, y - oy, x + slab - ox, y + slab - oy)
             canvas.image[region] = 150 + rng.normal(scale=9)
             canvas.add(7 * canvas.sample_noise(0.1, region) + 5 * canvas.sample_noise(0.05, region), region)
             canvas.image[region][:1], canvas.image[region][:, :1] = 96, 96
-    canvas.speckles(3, (0.03, 0.15), 16)
+    canvas.add_speckles(3, (0.03, 0.15), 16)
     return canvas
 
 
-def paint_roof(chart: Chart, rng: np.random.Generator) -> Canvas:
+def paint_roof(chart: Chart, rng: np.random.Generator) -> TextureCanvas:
     """Gravel on the terrace and roof."""
-    canvas = Canvas(chart, rng, (142, 138, 130))
+    canvas = TextureCanvas(chart, rng, (142, 138, 130))
     canvas.add(7 * canvas.sample_noise(2.0) + 12 * canvas.sample_noise(0.06) + 8 * canvas.sample_noise(0.03))
-    canvas.speckles(10, (0.02, 0.06), 18)
-    patches(canvas, 0.08, (0.2, 0.8), 10)
+    canvas.add_speckles(10, (0.02, 0.06), 18)
+    add_patches(canvas, 0.08, (0.2, 0.8), 10)
     return canvas
 
 
@@ -113,6 +115,6 @@ def paint_sky(rng: np.random.Generator) -> UInt8Array:
     return np.asarray(np.clip(sky, 0, 255).astype(np.uint8))
 
 
-def has_roof(box: Box) -> bool:
+def has_roof(box: BoxVolume) -> bool:
     """Whether a box carries a gable roof (houses do, containers do not)."""
     return box.look != "container"

@@ -1,4 +1,4 @@
-"""Two models on stored campaigns: what appears, what vanishes, what persons said of it."""
+"""Comparison of two models on committed campaigns: boxes, defects, and what reviewers confirmed or rejected."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ from schemas.vocabulary import PhotoOutcome
 _log = logging.getLogger("facadelake.flows")
 
 _TABLES = ("runs", "photos", "poses", "georeference", "detections", "observations", "reviews")
-_CROPS_MAX = 48  # a sheet
+_CROPS_MAX = 48  # of a sheet
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelComparisonResult:
-    """A comparison, its folder, and the sheets drawn there."""
+    """A comparison, its folder, and the paths of its contact sheets."""
 
     comparison: ModelComparison
     folder: Path
@@ -66,34 +66,50 @@ def compare_models(
     sample: int | None,
     folder: Path | None,
 ) -> ModelComparisonResult:
-    """Run both models on the photographs of ``campaigns`` (building/campaign) and write what differs.
+    """Run two models on photographs of committed campaigns and write a report with contact sheets.
 
-    ``sample``: at most so many photographs of each campaign, those that persons spoke of first. What a model found in a
-    photograph is kept in the lake's cache. Raises InputDataError for the same model twice or an unknown campaign.
+    The lake's tables are not changed; the detections of a model are kept in the lake's cache.
+
+    Args:
+        portfolio: The registered buildings.
+        old: The ONNX file of the model in use.
+        new: The ONNX file of the model that may replace it.
+        campaigns: ``BUILDING/CAMPAIGN`` each.
+        lake: Folder of the lake.
+        sample: Largest number of photographs of a campaign, those with a review first; None: all.
+        folder: Folder of the report; None: the default one below the lake.
+
+    Raises:
+        InputDataError: Both models are the same file, or a campaign is unknown.
+        ModelError: A model cannot be loaded.
+        StoreError: The lake does not hold a campaign, or the report cannot be written.
     """
-    chosen = [_parse_campaign(portfolio, word) for word in dict.fromkeys(campaigns)]
+    chosen = [_parse_campaign(portfolio, text) for text in dict.fromkeys(campaigns)]
     models = [load_detector(path, threads=1) for path in (old, new)]
     if models[0].sha256 == models[1].sha256:
         raise InputDataError(
-            f"{old} and {new} are the same file; give two models (a card alone is tried with evaluate-detector)"
+            f"{old} and {new} are the same file; give two models (compare cards of one model with "
+            "'facadelake evaluate-detector')"
         )
-    place = folder or locate_comparison(lake, models[0].sha256, models[1].sha256)
-    done = [_compare_on_campaign(building, campaign_id, models, lake, sample) for building, campaign_id in chosen]
+    report_folder = folder or locate_comparison(lake, models[0].sha256, models[1].sha256)
+    results = [_compare_on_campaign(building, campaign_id, models, lake, sample) for building, campaign_id in chosen]
     comparison = ModelComparison(
         old=ComparedModel(name=models[0].name, sha256=models[0].sha256),
         new=ComparedModel(name=models[1].name, sha256=models[1].sha256),
         made_at=datetime.now(UTC).replace(microsecond=0),
         facadelake=version_of("facadelake"),
-        campaigns=tuple(one.report for one in done),
+        campaigns=tuple(result.report for result in results),
     )
-    write_comparison(comparison, place)
-    return ModelComparisonResult(comparison=comparison, folder=place, sheets=_draw_sheets(place, done, comparison))
+    write_comparison(comparison, report_folder)
+    return ModelComparisonResult(
+        comparison=comparison, folder=report_folder, sheets=_draw_sheets(report_folder, results, comparison)
+    )
 
 
-def _parse_campaign(portfolio: Portfolio, word: str) -> tuple[Building, str]:
-    building, slash, campaign_id = word.partition("/")
+def _parse_campaign(portfolio: Portfolio, text: str) -> tuple[Building, str]:
+    building, slash, campaign_id = text.partition("/")
     if not slash or not building or not campaign_id:
-        raise InputDataError(f"--campaign '{word}' is not BUILDING/CAMPAIGN, such as demo/2026-04")
+        raise InputDataError(f"--campaign '{text}' is not BUILDING/CAMPAIGN, such as demo/2026-04")
     return portfolio.get_building(building), campaign_id
 
 
@@ -101,9 +117,9 @@ def _parse_campaign(portfolio: Portfolio, word: str) -> tuple[Building, str]:
 class _CampaignResult:
     report: CampaignComparison
     root: Path
-    changes: tuple[BoxChange, ...]
-    wall: tuple[DefectChange, ...]
-    words: ReviewComparison
+    box_changes: tuple[BoxChange, ...]
+    defect_changes: tuple[DefectChange, ...]
+    reviews: ReviewComparison
 
 
 def _compare_on_campaign(
@@ -112,66 +128,68 @@ def _compare_on_campaign(
     tables = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
     root = building.locate_photographs(campaign_id)
     reviews = reviews_from_table(tables["reviews"])
-    chosen, total = _select_photographs(tables["photos"], {word.photo_id for word in reviews}, sample)
+    chosen, total = _select_photographs(tables["photos"], {review.photo_id for review in reviews}, sample)
     photos = tables["photos"].filter(pa.compute.is_in(tables["photos"].column("photo_id"), pa.array(chosen)))
-    model, remark = _read_committed_model(building, campaign_id, tables)
+    building_model, remark = _read_committed_model(building, campaign_id, tables)
     masks = find_masks(root)
     find_region = (lambda _: SearchRegion()) if model is None else prepare_search_regions(model, tables["poses"], masks)
     run_id = tables["runs"].column("run_id")[0].as_py()
-    found = []
-    for one in models:
+    detections = []
+    for model in models:
         parts = {
-            "model": one.sha256,
-            "card": one.card.model_dump(mode="json", exclude={"metrics"}),
+            "model": model.sha256,
+            "card": model.card.model_dump(mode="json", exclude={"metrics"}),
             "classes": dict(building.detector.classes),
             "photographs": sorted(photos.column("sha256").to_pylist()),
             "run": run_id,
-            "views": model is not None,
+            "views": building_model is not None,
             "masks": {photo_id: hash_file(mask) for photo_id, mask in masks.items()},
             "code": compute_code_version(__name__).sha256,
         }
-        found.append(
-            _detect_cached(lake, compute_key(parts), photos, root, one, building.detector.classes, find_region)
+        detections.append(
+            _detect_cached(lake, compute_key(parts), photos, root, model, building.detector.classes, find_region)
         )
-    old, new = (select_accepted_detections(table) for table in found)
-    changes = compare_boxes(old, new)
-    wall: tuple[DefectChange, ...] = ()
-    if model is not None and changes:
-        merged = register_on_committed_poses(building, campaign_id, model, join_detections(changes, *found), tables)
-        wall = compare_defects(merged.observations, merged.defects)
-    words = compare_with_reviews(
-        match_reviews(reviews, select_accepted_detections(tables["detections"])), old, new, set(chosen)
-    )
+    old, new = (select_accepted_detections(table) for table in detections)
+    box_changes = compare_boxes(old, new)
+    defect_changes: tuple[DefectChange, ...] = ()
+    if building_model is not None and box_changes:
+        joint = join_detections(box_changes, *detections)
+        registered = register_on_committed_poses(building, campaign_id, building_model, joint, tables)
+        defect_changes = compare_defects(registered.observations, registered.defects)
+    status = match_reviews(reviews, select_accepted_detections(tables["detections"]))
+    review_comparison = compare_with_reviews(status, old, new, set(chosen))
     report = CampaignComparison(
         building_id=building.id,
         campaign_id=campaign_id,
         run_id=run_id,
         photographs_total=total,
         photographs=tuple(chosen),
-        boxes=count_changes(changes),
-        wall=None if model is None else count_changes(wall),
+        boxes=count_changes(box_changes),
+        wall=None if building_model is None else count_changes(defect_changes),
         wall_remark=remark,
-        words=words.count_outcomes(),
-        lost=list_lost_defects(words),
+        reviews=review_comparison.count_outcomes(),
+        lost=list_lost_defects(review_comparison),
     )
-    return _CampaignResult(report=report, root=root, changes=changes, wall=wall, words=words)
+    return _CampaignResult(
+        report=report, root=root, box_changes=box_changes, defect_changes=defect_changes, reviews=review_comparison
+    )
 
 
-def _select_photographs(photos: pa.Table, spoken_of: Collection[str], sample: int | None) -> tuple[list[str], int]:
-    """The photographs to look at and how many there are: those spoken of first, then by the hash of their names."""
+def _select_photographs(photos: pa.Table, reviewed: Collection[str], sample: int | None) -> tuple[list[str], int]:
+    """A sample of the accepted photographs, reviewed ones first, then by the hash of their ids; and the number of all."""
     accepted = [row["photo_id"] for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
-    order = sorted(accepted, key=lambda one: (one not in spoken_of, hashlib.sha256(one.encode()).hexdigest()))
+    order = sorted(accepted, key=lambda one: (one not in reviewed, hashlib.sha256(one.encode()).hexdigest()))
     return sorted(order[:sample]), len(accepted)
 
 
 def _read_committed_model(
     building: Building, campaign_id: str, tables: Mapping[str, pa.Table]
 ) -> tuple[BuildingModel | None, str]:
-    """The building's model as it stood, else why there is none: then boxes are compared in photographs alone."""
+    """The building model as committed, or the reason why it cannot be read; then only boxes are compared."""
     try:
         return read_committed_model(building, campaign_id, tables["buildings"].to_pylist()[0]), ""
     except FacadelakeError as error:
-        _log.warning("%s %s is compared in photographs alone: %s", building.id, campaign_id, error)
+        _log.warning("%s %s: only boxes are compared, not defects: %s", building.id, campaign_id, error)
         return None, str(error)
 
 
@@ -184,7 +202,7 @@ def _detect_cached(
     classes: Mapping[str, str],
     find_region: Callable[[str], SearchRegion],
 ) -> pa.Table:
-    """What a model finds, from the cache where it has looked at these photographs before."""
+    """Table ``detections`` of a model, from the cache where it has processed these photographs before."""
 
     def make(folder: Path) -> None:
         workers = len(os.sched_getaffinity(0))
@@ -194,48 +212,49 @@ def _detect_cached(
     return read_table("detections", open_stage_cache(lake).get_or_make("compare", key, make).folder)
 
 
-def _draw_sheets(folder: Path, done: Sequence[_CampaignResult], comparison: ModelComparison) -> tuple[Path, ...]:
-    """Pictures of what vanishes, appears and is lost, best scores first; a defect of the wall once."""
+def _draw_sheets(folder: Path, results: Sequence[_CampaignResult], comparison: ModelComparison) -> tuple[Path, ...]:
+    """Contact sheets of vanishing, appearing and lost defects, the highest scores first."""
     names = f"{comparison.old.name} {comparison.old.sha256[:8]} -> {comparison.new.name} {comparison.new.sha256[:8]}"
-    drawn = []
+    sheets = []
     for change in (Change.VANISHES, Change.APPEARS):
-        shown = [pair for one in done for pair in _select_boxes(one, change)]
-        shown.sort(key=lambda pair: -pair[1].score)
-        crops = [_crop_box(one, box) for one, box in shown[:_CROPS_MAX]]
-        title = f"{change}: {len(shown)}, the {len(crops)} of the highest scores   {names}"
-        drawn.append(write_sheet(folder / f"{change}.png", crops, title=title))
-    lost = [(one, word) for one in done for place in one.words.lost for word in place.words[:1]]
+        selected = [pair for result in results for pair in _select_boxes(result, change)]
+        selected.sort(key=lambda pair: -pair[1].score)
+        crops = [_crop_box(result, box) for result, box in selected[:_CROPS_MAX]]
+        title = f"{change}: {len(selected)}, the {len(crops)} of the highest scores   {names}"
+        sheets.append(write_sheet(folder / f"{change}.png", crops, title=title))
+    lost = [(result, review) for result in results for finding in result.reviews.lost for review in finding.reviews[:1]]
     crops = [
         Crop(
-            photograph=one.root / word.photo_id,
-            box=word.effective_box,
-            title=f"{word.defect_class} by {word.reviewer}",
-            below=f"{one.report.building_id} {Path(word.photo_id).name}",
+            photograph=result.root / review.photo_id,
+            box=review.effective_box,
+            title=f"{review.defect_class} by {review.reviewer}",
+            below=f"{result.report.building_id} {Path(review.photo_id).name}",
         )
-        for one, word in lost[:_CROPS_MAX]
+        for result, review in lost[:_CROPS_MAX]
     ]
-    drawn.append(write_sheet(folder / "lost.png", crops, title=f"confirmed and lost: {len(lost)}   {names}"))
-    return tuple(path for path in drawn if path is not None)
+    sheets.append(write_sheet(folder / "lost.png", crops, title=f"confirmed and lost: {len(lost)}   {names}"))
+    return tuple(path for path in sheets if path is not None)
 
 
-def _select_boxes(one: _CampaignResult, wanted: Change) -> list[tuple[_CampaignResult, AcceptedDetection]]:
-    """The boxes that a sheet shows: one for each defect of the wall, else each box of the photographs."""
-    boxes = [changed.representative for changed in one.changes if changed.change is wanted]
-    if one.report.wall is None:
-        return [(one, box) for box in boxes]
+def _select_boxes(result: _CampaignResult, change: Change) -> list[tuple[_CampaignResult, AcceptedDetection]]:
+    """The boxes of a sheet: the best one of each changed defect, or all changed boxes where there is no building
+    model."""
+    boxes = [one.representative for one in result.box_changes if one.change is change]
+    if result.report.wall is None:
+        return [(result, box) for box in boxes]
     by_id = {box.detection_id: box for box in boxes}
     best = []
-    for defect in one.wall:
-        ours = [by_id[key] for _, key in defect.sightings if key in by_id]
-        if defect.change is wanted and ours:
-            best.append(max(ours, key=lambda box: box.score))
-    return [(one, box) for box in best]
+    for defect in result.defect_changes:
+        of_defect = [by_id[detection_id] for detection_id in defect.detection_ids if detection_id in by_id]
+        if defect.change is change and of_defect:
+            best.append(max(of_defect, key=lambda box: box.score))
+    return [(result, box) for box in best]
 
 
-def _crop_box(one: _CampaignResult, box: AcceptedDetection) -> Crop:
+def _crop_box(result: _CampaignResult, box: AcceptedDetection) -> Crop:
     return Crop(
-        photograph=one.root / box.photo_id,
+        photograph=result.root / box.photo_id,
         box=box.box,
         title=f"{box.defect_class} {box.score:.2f}",
-        below=f"{one.report.building_id} {Path(box.photo_id).name}",
+        below=f"{result.report.building_id} {Path(box.photo_id).name}",
     )

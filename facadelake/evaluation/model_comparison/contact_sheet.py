@@ -1,4 +1,4 @@
-"""Contact sheets: what appears and what vanishes under a new model, as pictures to judge at a glance."""
+"""Contact sheets: crops of photographs around boxes, with captions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from facadelake.detection import Box
 from facadelake.detection.inference import read_photograph
 
 _CELL_PX, _CAPTION_PX, _COLUMNS = 220, 34, 6
-_CONTEXT_FACTOR = 2.2  # side of a crop over its box's longer side: a person needs to see where it is
+_CONTEXT_FACTOR = 2.2  # side of a crop over the longer side of its box
 _SIDE_MIN_PX = 96
 _BACKGROUND, _INK, _TITLE_SIZE = 255, (40, 40, 40), 0.6
 _FRAME_BGR = (30, 30, 220)
@@ -25,7 +25,7 @@ _FRAME_BGR = (30, 30, 220)
 
 @dataclass(frozen=True, kw_only=True)
 class Crop:
-    """A place of a photograph with two lines of text."""
+    """A box in a photograph (px) and its two lines of caption."""
 
     photograph: Path
     box: Box
@@ -34,11 +34,9 @@ class Crop:
 
 
 def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None:
-    """Draw ``crops`` in their order on one PNG; None where there are none, and no sheet of before is left.
+    """Write ``crops`` in their order as one PNG. Without crops an earlier sheet is removed and None returned.
 
-    Each photograph is read once.
-
-    A photograph that cannot be read leaves its cells grey. Raises StoreError where the file cannot be written.
+    The cells of a photograph that cannot be read are grey. Raises StoreError where the file cannot be written.
     """
     path.unlink(missing_ok=True)
     if not crops:
@@ -47,19 +45,19 @@ def write_sheet(path: Path, crops: Sequence[Crop], *, title: str) -> Path | None
     for i, crop in enumerate(crops):
         by_photograph[crop.photograph].append(i)
     cells: dict[int, UInt8Image] = {}
-    for photograph, places in track(by_photograph.items(), label="Drawing"):
+    for photograph, indices in track(by_photograph.items(), label="Drawing"):
         image = read_photograph(photograph)
-        for i in places:
+        for i in indices:
             cells[i] = _draw_cell(image, crops[i])
     sheet = _arrange_cells(cells, crops, title)
-    done, data = cv2.imencode(".png", sheet)
+    encoded, data = cv2.imencode(".png", sheet)
     try:
-        if not done:
-            raise OSError("no PNG could be made")
+        if not encoded:
+            raise OSError("the PNG cannot be encoded")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data.tobytes())
     except OSError as error:
-        raise StoreError(f"the sheet {path} cannot be written: {error}; check rights and free space") from error
+        raise StoreError(f"the sheet {path} cannot be written: {error}; check permissions and free space") from error
     return path
 
 

@@ -28,7 +28,7 @@ def small_recipe(recipe: DemoRecipe) -> DemoRecipe:
         first.model_copy(update={"id": name, "flight": flight, "light": light}) for name in ("before", "after")
     )
     defects = [d.model_copy(update={"states": ["absent", "present"]}) for d in recipe.defects]
-    return recipe.scaled(width_px=900).model_copy(
+    return recipe.scale_photographs(width_px=900).model_copy(
         update={
             "campaigns": [before, after],
             "defects": defects,

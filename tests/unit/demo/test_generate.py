@@ -20,7 +20,7 @@ def _pretend(recipe: DemoRecipe, out: Path) -> None:
 
 
 def test_a_second_call_finds_the_demo(recipe: DemoRecipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generate, "_make", _pretend)
+    monkeypatch.setattr(generate, "_write_demo", _pretend)
     assert generate_demo(recipe, tmp_path / "out").made
     assert not generate_demo(recipe, tmp_path / "out").made
     (tmp_path / "out" / "demo.ifc").unlink()
@@ -31,7 +31,7 @@ def test_a_second_call_finds_the_demo(recipe: DemoRecipe, tmp_path: Path, monkey
 def test_a_failed_run_leaves_the_old_demo_and_no_rubbish(
     recipe: DemoRecipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(generate, "_make", _pretend)
+    monkeypatch.setattr(generate, "_write_demo", _pretend)
     generate_demo(recipe, tmp_path / "out")
     (tmp_path / ".out.12345678.part").mkdir()
 
@@ -39,7 +39,7 @@ def test_a_failed_run_leaves_the_old_demo_and_no_rubbish(
         _pretend(recipe, out)
         raise ModelError("stopped half-way")
 
-    monkeypatch.setattr(generate, "_make", fail)
+    monkeypatch.setattr(generate, "_write_demo", fail)
     with pytest.raises(ModelError, match="half-way"):
         generate_demo(recipe.model_copy(update={"seed": 2}), tmp_path / "out")
     assert (tmp_path / "out" / "demo.ifc").is_file()

@@ -195,7 +195,7 @@ def test_promotion_is_refused_for_each_reason_and_for_no_other() -> None:
     (other,) = list_objections(made, **{**good, "old_sha256": "c" * 64})
     assert "the comparison is of aaaaaaaaaaaa with bbbbbbbbbbbb, not of the default cccccccccccc" in other
     (bare,) = list_objections(made, **{**good, "evaluations": [{"model_sha256": OLD_MODEL}]})
-    assert "its card holds no evaluation of this file (it has 1 of another file's hash)" in bare
+    assert "its card holds no evaluation of this file (it has 1 of files with another hash)" in bare
     assert list_objections(made, **{**good, "old_sha256": None}) == ()
     assert len(list_objections(made, **{**good, "old_sha256": "c" * 64, "lost_max": 0, "confirmed_min": 9})) == 3
 

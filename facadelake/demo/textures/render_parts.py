@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Array
-from facadelake.demo.building.charts import Chart, building_charts
-from facadelake.demo.building.solids import Solid, ground_solid
-from facadelake.demo.recipe import Box, Light
-from facadelake.demo.textures.light import shade
-from facadelake.demo.world import World
+from facadelake.demo.building.charts import Chart, make_building_charts
+from facadelake.demo.building.solids import Solid, make_ground_solid
+from facadelake.demo.recipe import BoxVolume, Daylight
+from facadelake.demo.textures.lighting import shade
+from facadelake.demo.world import DemoWorld
 
 # The texture of everything that no chart draws.
 DETAIL = "detail"
 FAR_M = 170.0
 # A triangle belongs to a facade's drawing if it lies this near to its surface: panes behind, bands and sills in front.
-BEHIND_M, BEFORE_M = -0.30, 0.09
+MIN_OFFSET_M, MAX_OFFSET_M = -0.30, 0.09
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,10 +32,10 @@ class RenderPart:
 
 
 def split_by_chart(
-    world: World, solids: Sequence[Solid], boxes: dict[str, Box]
+    world: DemoWorld, solids: Sequence[Solid], boxes: dict[str, BoxVolume]
 ) -> tuple[list[RenderPart], list[tuple[Solid, Float64Array]]]:
     """Triangles that lie on a chart, as parts of that chart; and the rest, solid by solid."""
-    facades = [c.name for c in building_charts(world.recipe.building, 1.0)]
+    facades = [c.name for c in make_building_charts(world.recipe.building, 1.0)]
     collected: dict[str, list[Float64Array]] = {}
     loose: list[tuple[Solid, Float64Array]] = []
     for solid in solids:
@@ -49,7 +49,7 @@ def split_by_chart(
             )
         rest = solid.triangles
         for name in names:
-            mine = on_chart(world.charts[name], rest)
+            mine = find_on_chart(world.charts[name], rest)
             if mine.any():
                 collected.setdefault(name, []).append(rest[mine])
                 rest = rest[~mine]
@@ -62,7 +62,7 @@ def split_by_chart(
         parts.append(
             RenderPart(
                 texture=name,
-                triangles=world.to_site(triangles),
+                triangles=world.transform_to_site(triangles),
                 uv=np.clip(uv, 0.0, 1.0).reshape(-1, 3, 2),
                 colours=np.ones((len(triangles), 3)),
             )
@@ -70,26 +70,26 @@ def split_by_chart(
     return parts, loose
 
 
-def face_normals(triangles: Float64Array) -> Float64Array:
+def compute_face_normals(triangles: Float64Array) -> Float64Array:
     n = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-15))
 
 
-def on_chart(chart: Chart, triangles: Float64Array) -> BoolArray:
+def find_on_chart(chart: Chart, triangles: Float64Array) -> BoolArray:
     """Which triangles (n,) are drawn by a chart: near its surface, facing as it faces, inside its bounds."""
     if len(triangles) == 0:
         return np.zeros(0, dtype=bool)
     uv, distance = chart.locate(triangles.reshape(-1, 3))
     uv, distance = uv.reshape(-1, 3, 2), distance.reshape(-1, 3)
     centre = uv.mean(axis=1)
-    facing = np.einsum("ij,ij->i", face_normals(triangles), chart.compute_normals(centre[:, 0])) > 0.95
+    facing = np.einsum("ij,ij->i", compute_face_normals(triangles), chart.compute_normals(centre[:, 0])) > 0.95
     slack = 0.12
     inside = ((uv > -slack) & (uv < np.array(chart.size_m) + slack)).all(axis=(1, 2))
-    near = (distance > BEHIND_M) & (distance < (4.0 if chart.name == "roof" else BEFORE_M))
+    near = (distance > MIN_OFFSET_M) & (distance < (4.0 if chart.name == "roof" else MAX_OFFSET_M))
     return np.asarray(facing & inside & near.all(axis=1))
 
 
-def dome_part() -> RenderPart:
+def make_sky_dome() -> RenderPart:
     """The sky, far away, with its texture's rows from the zenith to a little below the horizon."""
     columns, rows = 96, 40
     azimuth = np.linspace(0, 2 * np.pi, columns + 1)
@@ -113,10 +113,10 @@ def dome_part() -> RenderPart:
     return RenderPart(texture="sky", triangles=triangles, uv=cut(uv), colours=np.ones((len(triangles), 3)))
 
 
-def far_ground_part(light: Light) -> RenderPart:
+def make_far_ground(light: Daylight) -> RenderPart:
     """Plain green out to the dome, a little lower than the near ground."""
     half = 0.99 * FAR_M
-    triangles = ground_solid(half, (0.0, 0.0), -0.15).triangles
+    triangles = make_ground_solid(half, (0.0, 0.0), -0.15).triangles
     sun = np.array([np.sin(np.radians(light.sun_elevation_deg))])
     colour = np.array([92, 108, 66]) / 225 * shade(sun, np.ones(1), light)[0]
     return RenderPart(

@@ -21,11 +21,11 @@ NAMESPACE = uuid.UUID("6f6b2f0e-3f0c-5c0b-9f6d-0d6f6c616b65")
 Point = tuple[float, float]
 
 
-def _numbers(values: Sequence[float]) -> list[float]:
+def _convert_to_floats(values: Sequence[float]) -> list[float]:
     return [float(v) for v in values]
 
 
-def outline(
+def make_profile(
     model: ifcopenshell.file, points: Sequence[Point], segments: Sequence[Sequence[int]] | None = None
 ) -> Entity:
     """A closed area profile (IfcArbitraryClosedProfileDef); segments of three indices (from 1) are arcs."""
@@ -34,12 +34,12 @@ def outline(
         model.create_entity("IfcArcIndex", list(s)) if len(s) == 3 else model.create_entity("IfcLineIndex", list(s))
         for s in segments
     ]
-    coordinates = model.create_entity("IfcCartesianPointList2D", CoordList=[_numbers(p) for p in points])
+    coordinates = model.create_entity("IfcCartesianPointList2D", CoordList=[_convert_to_floats(p) for p in points])
     curve = model.create_entity("IfcIndexedPolyCurve", Points=coordinates, Segments=kinds)
     return model.create_entity("IfcArbitraryClosedProfileDef", ProfileType="AREA", OuterCurve=curve)
 
 
-def extrusion(model: ifcopenshell.file, profile: Entity, base_m: float, height_m: float) -> Entity:
+def extrude(model: ifcopenshell.file, profile: Entity, base_m: float, height_m: float) -> Entity:
     """The profile, drawn in the model's xy plane, lifted to ``base_m`` and extruded upwards."""
     placement = model.create_entity(
         "IfcAxis2Placement3D", Location=model.create_entity("IfcCartesianPoint", Coordinates=(0.0, 0.0, float(base_m)))
@@ -50,21 +50,21 @@ def extrusion(model: ifcopenshell.file, profile: Entity, base_m: float, height_m
     )
 
 
-def rectangle(x0: float, y0: float, x1: float, y1: float) -> list[Point]:
+def make_rectangle(x0: float, y0: float, x1: float, y1: float) -> list[Point]:
     """Corners of an upright rectangle in plan, anticlockwise."""
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
-def facing(chart: Chart, u_m: float, width_m: float, out_from_m: float, out_to_m: float) -> list[Point]:
+def make_tangent_rectangle(chart: Chart, u_m: float, width_m: float, out_from_m: float, out_to_m: float) -> list[Point]:
     """Plan corners of a straight piece tangent to a facade at u, from ``out_from`` to ``out_to`` in front of it."""
-    foot, along = chart.points(np.array([u_m]), np.zeros(1))[0], chart.tangent(u_m)
+    foot, along = chart.compute_points(np.array([u_m]), np.zeros(1))[0], chart.compute_tangent(u_m)
     out = chart.compute_normals(np.array([u_m]))[0]
     corners = [(-0.5, out_from_m), (-0.5, out_to_m), (0.5, out_to_m), (0.5, out_from_m)]
     plan = [foot + a * width_m * along + o * out for a, o in corners]
     return [(float(p[0]), float(p[1])) for p in plan]
 
 
-def ring_sector(
+def make_ring_sector(
     centre: Point, radius_in: float, radius_out: float, start_rad: float, end_rad: float
 ) -> tuple[list[Point], list[list[int]]]:
     """Points and segments of a sector of a ring in plan, its two arcs true arcs."""
@@ -74,17 +74,17 @@ def ring_sector(
     return points, [[1, 2, 3], [3, 4], [4, 5, 6], [6, 1]]
 
 
-def product(
+def add_product(
     model: ifcopenshell.file, kind: str, name: str, storey: Entity, solids: Sequence[Entity], **attributes: Any
 ) -> Entity:
     """A product of the given class with a body, placed at the model's origin and contained in a storey."""
     element = ifcopenshell.api.root.create_entity(model, ifc_class=kind, name=name, **attributes)
-    body(model, element, solids)
+    set_body(model, element, solids)
     ifcopenshell.api.spatial.assign_container(model, products=[element], relating_structure=storey)
     return element
 
 
-def body(model: ifcopenshell.file, element: Entity, solids: Sequence[Entity]) -> None:
+def set_body(model: ifcopenshell.file, element: Entity, solids: Sequence[Entity]) -> None:
     """Give an element its solids as 'Body' and a placement at the model's origin."""
     context = next(c for c in model.by_type("IfcGeometricRepresentationSubContext") if c.ContextIdentifier == "Body")
     shape = model.create_entity(
@@ -101,7 +101,7 @@ def body(model: ifcopenshell.file, element: Entity, solids: Sequence[Entity]) ->
     )
 
 
-def settle_guids(model: ifcopenshell.file) -> None:
+def assign_stable_guids(model: ifcopenshell.file) -> None:
     """Replace random GlobalIds by ones that depend on class and name alone, so that a rebuilt model has the same."""
     seen: dict[str, int] = {}
     for entity in model.by_type("IfcRoot"):
