@@ -20,7 +20,7 @@ from facadelake.reporting.distribution import (
     format_distribution_title,
     write_distribution,
 )
-from facadelake.reporting.drawing.palette import label_ids
+from facadelake.reporting.drawing.labels import label_ids
 from facadelake.reporting.elevations.elevation import (
     draw_elevations,
     find_drawn_facades,

@@ -14,7 +14,8 @@ from facadelake.core.arrays import Float64Array, UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.reporting.cards.observations import DefectObservation, DetectionOutline, group_observations
-from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour, label_ids
+from facadelake.reporting.drawing.labels import label_ids
+from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
 from facadelake.reporting.inspection import Inspection, PictureSettings
 

@@ -1,4 +1,4 @@
-"""Words on pictures that OpenCV draws: labels on a dark ground, and a strip above with a legend."""
+"""Text in pictures drawn with OpenCV: labels on a dark background, and a strip with title and legend."""
 
 from __future__ import annotations
 
@@ -19,49 +19,57 @@ _PAPER, _INK = (250, 250, 250), (30, 30, 30)
 
 @dataclass(frozen=True, kw_only=True)
 class LegendEntry:
-    """A colour and what it means."""
+    """A colour and its meaning."""
 
     colour_bgr: Bgr
     text: str
 
 
 def add_legend(picture: UInt8Image, title: str, entries: Sequence[LegendEntry]) -> UInt8Image:
-    """The picture (BGR) under a light strip with ``title`` and ``entries``, in as many lines as they need."""
+    """The picture (BGR) below a light strip with title and legend, which has as many lines as they need."""
     width = picture.shape[1]
     title = _encode_ascii(title)
     x = 8 + _measure_width(title, _TITLE_SIZE) + _GAP_PX
-    places: list[tuple[int, int, LegendEntry]] = []
+    layout: list[tuple[int, int, LegendEntry]] = []
     line = 0
     for entry in entries:
         needed = _SWATCH_PX + 6 + _measure_width(_encode_ascii(entry.text), _SIZE)
         if x + needed > width - 8 and x > 8:
             x, line = 8, line + 1
-        places.append((x, line, entry))
+        layout.append((x, line, entry))
         x += needed + _GAP_PX
     strip = np.full((_LINE_PX * (line + 1), width, 3), _PAPER, dtype=np.uint8)
     cv2.putText(strip, title, (8, 17), _FONT, _TITLE_SIZE, _INK, 1, cv2.LINE_AA)
-    for left, row, entry in places:
+    for left, row, entry in layout:
         top = row * _LINE_PX + 6
         corner = (left + _SWATCH_PX, top + _SWATCH_PX - 3)
         cv2.rectangle(strip, (left, top), corner, entry.colour_bgr, cv2.FILLED)
         cv2.rectangle(strip, (left, top), corner, _INK, 1)
-        at = (left + _SWATCH_PX + 6, top + 11)
-        cv2.putText(strip, _encode_ascii(entry.text), at, _FONT, _SIZE, _INK, 1, cv2.LINE_AA)
+        baseline = (left + _SWATCH_PX + 6, top + 11)
+        cv2.putText(strip, _encode_ascii(entry.text), baseline, _FONT, _SIZE, _INK, 1, cv2.LINE_AA)
     return np.vstack([strip, picture])
 
 
-def write_text(picture: UInt8Image, text: str, at: Float64Array, colour: Bgr, size: float) -> None:
-    """Write ``text`` on a dark ground from ``at`` (2,), its lower left."""
-    place = np.round(at).astype(int).tolist()
+def write_text(picture: UInt8Image, text: str, lower_left_px: Float64Array, colour: Bgr, size: float) -> None:
+    """Write a text on a darkened background into a picture.
+
+    Args:
+        picture: picture (h, w, 3), BGR; changed in place.
+        text: text; characters outside ASCII become question marks.
+        lower_left_px: lower left corner (2,) of the text, pixels.
+        colour: colour of the text, BGR.
+        size: scale of OpenCV's font.
+    """
+    corner = np.round(lower_left_px).astype(int).tolist()
     (width, height), below = cv2.getTextSize(_encode_ascii(text), _FONT, size, 1)
-    left, top = max(0, place[0] - 2), max(0, place[1] - height - 2)
-    ground = picture[top : max(0, place[1] + below), left : max(0, place[0] + width + 2)]
-    ground[:] = (0.3 * ground).astype(np.uint8)
-    cv2.putText(picture, _encode_ascii(text), place, _FONT, size, colour, 1, cv2.LINE_AA)
+    left, top = max(0, corner[0] - 2), max(0, corner[1] - height - 2)
+    background = picture[top : max(0, corner[1] + below), left : max(0, corner[0] + width + 2)]
+    background[:] = (0.3 * background).astype(np.uint8)
+    cv2.putText(picture, _encode_ascii(text), corner, _FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def _encode_ascii(text: str) -> str:
-    """OpenCV's letters are ASCII alone."""
+    """The text in ASCII, the only characters of OpenCV's fonts."""
     return text.encode("ascii", "replace").decode()
 
 

@@ -11,7 +11,6 @@ from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.reporting.drawing.palette import name_direction
 from facadelake.reporting.elevations.wall_directions import (
     ModelTriangles,
     azimuth_of,
@@ -21,6 +20,7 @@ from facadelake.reporting.elevations.wall_directions import (
 )
 from facadelake.reporting.inspection import PictureSettings
 
+_COMPASS = ("North", "North-east", "East", "South-east", "South", "South-west", "West", "North-west")
 _WINDOW_DEG = 25.0  # elements that look within this angle of one another make one facade
 _FULL_HEIGHT_SHARE = 0.6  # of the tallest facade's height
 _MIN_VISIBLE_SHARE = 0.3  # of an element's area, to count as shown in an elevation
@@ -164,10 +164,15 @@ def _align_heights(facades: list[Facade]) -> list[Facade]:
 
 def _name_facades(facades: list[Facade]) -> list[Facade]:
     """Each facade with the words of its direction; a number where two share them."""
-    words = [name_direction(f.azimuth_deg) for f in facades]
+    words = [_name_direction(f.azimuth_deg) for f in facades]
     named = []
     for i, facade in enumerate(facades):
         number = words[: i + 1].count(words[i])
         name = words[i] if words.count(words[i]) == 1 else f"{words[i]} {number}"
         named.append(replace(facade, name=name))
     return named
+
+
+def _name_direction(azimuth_deg: float) -> str:
+    """The nearest of the eight compass directions."""
+    return _COMPASS[round(azimuth_deg / 45.0) % 8]

@@ -12,7 +12,7 @@ import shapely
 from facadelake.building import BuildingModel
 from facadelake.core.arrays import Float64Array
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.reporting.drawing.palette import label_ids
+from facadelake.reporting.drawing.labels import label_ids
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.relief import FacadeRelief
 

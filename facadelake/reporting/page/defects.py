@@ -10,7 +10,8 @@ import pyarrow as pa
 
 from facadelake.reporting.cards.facts import format_crack_width
 from facadelake.reporting.distribution import Distribution
-from facadelake.reporting.drawing.palette import get_class_colour, label_ids
+from facadelake.reporting.drawing.labels import label_ids
+from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.elevations.elevation import Elevation
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.html import Html, html_from_value, link_file, render_paragraph, render_table

@@ -13,7 +13,8 @@ import pytest
 
 from facadelake.core.tables import table_from_rows
 from facadelake.reporting.cards.crops import write_crops
-from facadelake.reporting.drawing.palette import bgr_from_hex, get_outcome_colour, label_ids
+from facadelake.reporting.drawing.labels import label_ids
+from facadelake.reporting.drawing.palette import bgr_from_hex, get_outcome_colour
 from facadelake.reporting.inspection import PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
 from facadelake.reporting.page.defects import sort_by_severity
