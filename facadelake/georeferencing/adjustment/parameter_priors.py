@@ -1,24 +1,30 @@
-"""Observations of the kept unknowns alone: GPS, attitudes, and what is known of lenses, offsets and walls."""
+"""Observations of the reduced system's parameters alone: GPS, attitudes, and priors of lenses, offsets and walls."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.core.arrays import BoolArray, Float64Array
-from facadelake.georeferencing.adjustment.linearise import (
-    PRIOR_LOSS_SCALE,
-    AdjustmentState,
-    ParameterIndex,
-    compute_cauchy_loss,
-)
+from facadelake.core.arrays import BoolArray, Float64Array, Float64N
+from facadelake.georeferencing.adjustment.linearise import PRIOR_LOSS_SCALE, compute_cauchy_loss
+from facadelake.georeferencing.adjustment.parameters import AdjustmentState, ParameterIndex
 from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
 
 
 def add_parameter_priors(
-    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
+    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64N
 ) -> float:
-    """Add their normal equations to ``matrix`` (g, g) and ``gradient`` (g,) in place; returns their cost."""
+    """Add the normal equations of GPS, attitudes and priors in place.
+
+    Args:
+        problem: The adjustment.
+        state: The state to linearise about.
+        matrix: Normal matrix (g, g), added to in place.
+        gradient: Gradient (g,), added to in place.
+
+    Returns:
+        The robust cost of these observations.
+    """
     return (
         _add_positions(problem, state, matrix, gradient)
         + _add_attitudes(problem, state, matrix, gradient)
@@ -27,55 +33,55 @@ def add_parameter_priors(
 
 
 def _add_positions(
-    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
+    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64N
 ) -> float:
-    terms, layout = problem.positions, ParameterIndex.build(problem)
+    terms, index = problem.positions, ParameterIndex.build(problem)
     if not len(terms.photo):
         return 0.0
-    away = state.centre_site_m[terms.photo] + state.gps_offset_m[terms.flight] - terms.xyz_site_m
-    whitened = away / terms.sigma_m
+    residual = state.centre_site_m[terms.photo] + state.gps_offset_m[terms.flight] - terms.xyz_site_m
+    whitened = residual / terms.sigma_m
     loss, weight = compute_cauchy_loss((whitened**2).sum(axis=1) / 3.0, PRIOR_LOSS_SCALE)
     information = weight[:, None] / terms.sigma_m**2
     for axis in range(3):
-        at = 6 * terms.photo + axis
-        common = layout.gps_offset + 3 * terms.flight + axis
-        for first, second in ((at, at), (at, common), (common, at), (common, common)):
-            np.add.at(matrix, (first, second), information[:, axis])
-        for place in (at, common):
-            np.add.at(gradient, place, information[:, axis] * away[:, axis])
+        centre = 6 * terms.photo + axis
+        offset = index.gps_offset + 3 * terms.flight + axis
+        for row, column in ((centre, centre), (centre, offset), (offset, centre), (offset, offset)):
+            np.add.at(matrix, (row, column), information[:, axis])
+        for row in (centre, offset):
+            np.add.at(gradient, row, information[:, axis] * residual[:, axis])
     return float(3.0 * loss.sum())
 
 
 def _add_attitudes(
-    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
+    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64N
 ) -> float:
-    terms, layout = problem.attitudes, ParameterIndex.build(problem)
+    terms, index = problem.attitudes, ParameterIndex.build(problem)
     if not len(terms.photo):
         return 0.0
-    now = state.site_from_cam[terms.photo]
-    away = Rotation.from_matrix(now @ terms.site_from_cam.transpose(0, 2, 1)).as_rotvec()
-    away[:, 2] -= state.yaw_offset_rad[terms.flight]  # counter-clockwise about up
-    whitened = away / terms.sigma_rad
+    site_from_cam = state.site_from_cam[terms.photo]
+    angle = Rotation.from_matrix(site_from_cam @ terms.site_from_cam.transpose(0, 2, 1)).as_rotvec()
+    angle[:, 2] -= state.yaw_offset_rad[terms.flight]  # counter-clockwise about up
+    whitened = angle / terms.sigma_rad
     loss, weight = compute_cauchy_loss((whitened**2).sum(axis=1) / 3.0, PRIOR_LOSS_SCALE)
     root = np.sqrt(weight)[:, None] / terms.sigma_rad
-    rows = np.zeros((len(terms.photo), 3, 7))
-    rows[:, :, :6][:, :, 3:] = now * root[:, :, None]
-    rows[:, 2, 6] = -root[:, 2]
-    residual = away * root
+    jacobian = np.zeros((len(terms.photo), 3, 7))
+    jacobian[:, :, :6][:, :, 3:] = site_from_cam * root[:, :, None]
+    jacobian[:, 2, 6] = -root[:, 2]
+    residual = angle * root
     for k, (photo, flight) in enumerate(zip(terms.photo, terms.flight, strict=True)):
-        at = np.append(6 * photo + np.arange(6), layout.yaw + flight)
-        matrix[np.ix_(at, at)] += rows[k].T @ rows[k]
-        gradient[at] += rows[k].T @ residual[k]
+        rows = np.append(6 * photo + np.arange(6), index.yaw + flight)
+        matrix[np.ix_(rows, rows)] += jacobian[k].T @ jacobian[k]
+        gradient[rows] += jacobian[k].T @ residual[k]
     return float(3.0 * loss.sum())
 
 
 def _add_gaussian_priors(
-    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64Array
+    problem: AdjustmentProblem, state: AdjustmentState, matrix: Float64Array, gradient: Float64N
 ) -> float:
-    layout = ParameterIndex.build(problem)
+    index = ParameterIndex.build(problem)
     lens_sigma = problem.lens_prior_sigma.ravel()
     free = lens_sigma > 0
-    away = np.concatenate(
+    residual = np.concatenate(
         [
             (state.lens - problem.lens_prior_mean).ravel(),
             state.gps_offset_m.ravel(),
@@ -91,16 +97,16 @@ def _add_gaussian_priors(
             problem.point_to_plane.wall_sigma_m,
         ]
     )
-    known = np.concatenate([free, np.ones(len(away) - len(free), dtype=bool)])
-    place = np.arange(layout.lens, layout.size)[known]
-    matrix[place, place] += 1.0 / sigma[known] ** 2
-    gradient[place] += (away / sigma**2)[known]
-    return float(((away / sigma)[known] ** 2).sum())
+    used = np.concatenate([free, np.ones(len(residual) - len(free), dtype=bool)])
+    rows = np.arange(index.lens, index.size)[used]
+    matrix[rows, rows] += 1.0 / sigma[used] ** 2
+    gradient[rows] += (residual / sigma**2)[used]
+    return float(((residual / sigma)[used] ** 2).sum())
 
 
 def mask_fixed_parameters(problem: AdjustmentProblem) -> BoolArray:
-    """Which kept unknowns (g,) are held at their start: lens terms of sigma 0."""
-    layout = ParameterIndex.build(problem)
-    out = np.zeros(layout.size, dtype=bool)
-    out[layout.lens : layout.gps_offset] = problem.lens_prior_sigma.ravel() == 0
+    """Which parameters (g,) of the reduced system are fixed: lens parameters with a prior sigma of 0."""
+    index = ParameterIndex.build(problem)
+    out = np.zeros(index.size, dtype=bool)
+    out[index.lens : index.gps_offset] = problem.lens_prior_sigma.ravel() == 0
     return out

@@ -1,4 +1,4 @@
-"""Gauss-Newton with robust reweighting on the reduced normal equations."""
+"""Gauss-Newton iterations with robust reweighting on the reduced camera system, and its covariance."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from facadelake.core.arrays import Float64Array, RowIndices
+from facadelake.core.arrays import Float64Array, Float64N, RowIndices
 from facadelake.core.errors import GeoreferenceError
-from facadelake.georeferencing.adjustment.linearise import (
+from facadelake.georeferencing.adjustment.linearise import compute_reprojection_residuals
+from facadelake.georeferencing.adjustment.parameter_priors import mask_fixed_parameters
+from facadelake.georeferencing.adjustment.parameters import (
     AdjustmentState,
     ParameterIndex,
     apply_step,
-    compute_reprojection_residuals,
     initialise_state,
 )
-from facadelake.georeferencing.adjustment.parameter_priors import mask_fixed_parameters
 from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
 from facadelake.georeferencing.adjustment.reduced_system import ReducedCameraSystem, build_reduced_system, compute_cost
 
 logger = logging.getLogger(__name__)
 
 _MAX_ITERATIONS = 40
-CONVERGED_M = 2e-4  # no camera moves more: far below any camera's sigma
+CONVERGED_M = 2e-4  # largest camera step at convergence: far below any camera's sigma
 _MAX_HALVINGS = 6
-# Half of normal residuals in two dimensions lie within this many sigmas (Rayleigh's median).
+# Half of normal residuals in two dimensions lie within this many sigmas (median of the Rayleigh distribution).
 _RAYLEIGH_MEDIAN = 1.1774
 _MIN_SIGMA_PX = 0.05
-_MIN_REDUNDANCY = 0.1  # a photograph with a handful of points tells nothing of their sigma
+_MIN_REDUNDANCY = 0.1  # the residuals of a photograph with few points do not determine their sigma
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
-    """The adjusted state, the tie points' sigma (px, each axis), how many steps it took and whether it settled."""
+    """The adjusted state, the tie points' sigma (px, each axis), the number of iterations, and whether they converged."""
 
     state: AdjustmentState
     tie_sigma_px: float
@@ -43,43 +43,50 @@ class Solution:
 
 
 def estimate_tie_sigma(problem: AdjustmentProblem, state: AdjustmentState) -> float:
-    """One sigma (px) of a tie point's coordinate, from the median residual, so that outliers have no say.
+    """One sigma (px) of a tie point's image coordinate, from the median residual, which outliers do not affect.
 
-    A point seen n times gives 2n coordinates and takes three unknowns, a photograph takes six of its own: residuals
-    are smaller than errors by the root of that redundancy (by half where tracks have two photographs).
+    Residuals are smaller than errors by the root of their redundancy number (Foerstner and Wrobel 2016, section 4.2):
+    a tie point with n image points gives 2n coordinates and takes three unknowns, a photograph takes six. With two
+    image points per tie point residuals are half the errors.
     """
     tie = problem.image_points.is_tie_point
     if not tie.any():
         return 1.0
-    node, photo = problem.image_points.point[tie], problem.image_points.photo[tie]
-    redundancy = 1.0 - 1.5 / np.bincount(node)[node] - 3.0 / np.bincount(photo)[photo]
+    point, photo = problem.image_points.point[tie], problem.image_points.photo[tie]
+    redundancy = 1.0 - 1.5 / np.bincount(point)[point] - 3.0 / np.bincount(photo)[photo]
     length = np.linalg.norm(compute_reprojection_residuals(problem, state, 1.0)[tie], axis=1)
     error = length / np.sqrt(np.maximum(redundancy, _MIN_REDUNDANCY))
     return max(float(np.median(error)) / _RAYLEIGH_MEDIAN, _MIN_SIGMA_PX)
 
 
 def solve_adjustment(
-    problem: AdjustmentProblem, start: AdjustmentState | None = None, *, settled_m: float = CONVERGED_M
+    problem: AdjustmentProblem, start: AdjustmentState | None = None, *, converged_m: float = CONVERGED_M
 ) -> Solution:
-    """Adjust from ``start`` (or the problem's own) until no camera moves by more than ``settled_m``.
+    """Iterate from ``start`` (else the problem's initial values) until no camera moves by more than ``converged_m``.
 
-    Raises GeoreferenceError where the observations leave an unknown open (the matrix is singular).
+    Raises GeoreferenceError where the observations leave a parameter undetermined (the normal matrix is singular).
     """
     state = initialise_state(problem) if start is None else start
     sigma = estimate_tie_sigma(problem, state)
-    for count in range(1, _MAX_ITERATIONS + 1):
+    for iteration in range(1, _MAX_ITERATIONS + 1):
         system = build_reduced_system(problem, state, sigma)
         step = solve_step(problem, system)
         state, length_m, lowered = _take_step(problem, state, system, step, sigma)
         sigma = estimate_tie_sigma(problem, state)
-        logger.debug("step %d: cost %.1f, tie sigma %.3f px, largest move %.5f m", count, system.cost, sigma, length_m)
-        if length_m < settled_m:
-            return Solution(state=state, tie_sigma_px=sigma, iterations=count, converged=lowered)
+        logger.debug(
+            "iteration %d: cost %.1f, tie sigma %.3f px, largest camera step %.5f m",
+            iteration,
+            system.cost,
+            sigma,
+            length_m,
+        )
+        if length_m < converged_m:
+            return Solution(state=state, tie_sigma_px=sigma, iterations=iteration, converged=lowered)
     return Solution(state=state, tie_sigma_px=sigma, iterations=_MAX_ITERATIONS, converged=False)
 
 
-def _scale_to_unit_diagonal(system: ReducedCameraSystem, free: RowIndices) -> tuple[Float64Array, Float64Array]:
-    """The free part of the matrix with a unit diagonal, and the scale that made it so."""
+def _scale_to_unit_diagonal(system: ReducedCameraSystem, free: RowIndices) -> tuple[Float64Array, Float64N]:
+    """The free part of the matrix scaled to a unit diagonal, and the scale."""
     matrix = system.matrix[np.ix_(free, free)]
     diagonal = np.diag(matrix).copy()
     if not (np.isfinite(diagonal).all() and diagonal.min() > 0):
@@ -92,13 +99,13 @@ def _scale_to_unit_diagonal(system: ReducedCameraSystem, free: RowIndices) -> tu
 
 def _build_singularity_error() -> GeoreferenceError:
     return GeoreferenceError(
-        "the adjustment leaves a photograph or a lens undetermined: too few tie points hold it, or GPS, control and "
-        "model together do not fix the block; give control points or photograph with more overlap"
+        "the adjustment leaves a photograph or a lens undetermined (its normal matrix is singular): too few tie points, "
+        "or GPS, control and model together do not fix the block; give control points, or photograph with more overlap"
     )
 
 
-def solve_step(problem: AdjustmentProblem, system: ReducedCameraSystem) -> Float64Array:
-    """The step (g,) of the kept unknowns that solves a reduced system; zero for those held."""
+def solve_step(problem: AdjustmentProblem, system: ReducedCameraSystem) -> Float64N:
+    """The step (g,) that solves the reduced system; zero for fixed parameters."""
     free = np.flatnonzero(~mask_fixed_parameters(problem))
     step = np.zeros(ParameterIndex.build(problem).size)
     matrix, scale = _scale_to_unit_diagonal(system, free)
@@ -111,16 +118,31 @@ def solve_step(problem: AdjustmentProblem, system: ReducedCameraSystem) -> Float
 
 
 def _take_step(
-    problem: AdjustmentProblem, state: AdjustmentState, system: ReducedCameraSystem, step: Float64Array, sigma: float
+    problem: AdjustmentProblem,
+    state: AdjustmentState,
+    system: ReducedCameraSystem,
+    step: Float64N,
+    tie_sigma_px: float,
 ) -> tuple[AdjustmentState, float, bool]:
-    """The state after the step, halved until the cost no longer rises, the farthest that a camera moved (m), and
-    whether any such step was found (one too short to matter counts: the state is as good as it gets)."""
-    nodes = system.compute_point_step(step)
+    """Take a step, halved until the cost does not rise.
+
+    Args:
+        problem: The adjustment.
+        state: The state that ``system`` is linearised about.
+        system: The reduced system.
+        step: Its solution (g,).
+        tie_sigma_px: One sigma of a tie point's image coordinate.
+
+    Returns:
+        The new state; the largest step of a camera in metres; and whether the cost was lowered. A step below
+        ``CONVERGED_M`` that does not lower it counts as lowered: the state is at the minimum.
+    """
+    point_step = system.compute_point_step(step)
     share = 1.0
     for _ in range(_MAX_HALVINGS):
-        # The nodes' step is affine in the kept unknowns'; a shortened step shortens both.
-        after = apply_step(state, problem, share * step, share * nodes)
-        if compute_cost(problem, after, sigma) <= system.cost * (1 + 1e-9) + 1e-9:
+        # The points' step is affine in the parameters' step, so one factor shortens both.
+        after = apply_step(state, problem, share * step, share * point_step)
+        if compute_cost(problem, after, tie_sigma_px) <= system.cost * (1 + 1e-9) + 1e-9:
             break
         share /= 2
     else:
@@ -132,8 +154,10 @@ def _take_step(
 def compute_covariance(
     problem: AdjustmentProblem, solution: Solution, tie_variance_factor: float
 ) -> tuple[ReducedCameraSystem, Float64Array]:
-    """Covariance (g, g) of the kept unknowns, zero for those held; ``tie_variance_factor`` multiplies the tie points'
-    variance. Also the reduced system it is the inverse of."""
+    """The reduced system at the solution and its inverse: the covariance (g, g), zero for fixed parameters.
+
+    ``tie_variance_factor`` multiplies the variance of the tie points' image coordinates.
+    """
     system = build_reduced_system(problem, solution.state, solution.tie_sigma_px * float(np.sqrt(tie_variance_factor)))
     free = np.flatnonzero(~mask_fixed_parameters(problem))
     matrix, scale = _scale_to_unit_diagonal(system, free)
