@@ -64,13 +64,14 @@ def _find_out_of_order(members: list[int], readings: Sequence[ClockReading]) -> 
     for folder in sorted({readings[i].photo_id.rpartition("/")[0] for i in members}):
         names = [i for i in members if readings[i].photo_id.rpartition("/")[0] == folder]
         names.sort(key=lambda i: _split_digits(readings[i].photo_id))
-        kept = _find_longest_nondecreasing([_seconds_from_time(readings[i].taken_at) for i in names])
+        kept = _find_longest_nondecreasing([seconds_from_time(readings[i].taken_at) for i in names])
         if len(kept) >= _IN_ORDER_SHARE * len(names):
             out += [i for k, i in enumerate(names) if k not in kept]
     return out
 
 
-def _seconds_from_time(time: datetime | None) -> float:
+def seconds_from_time(time: datetime | None) -> float:
+    """Seconds since 1970; NaN where the time is unknown."""
     return time.timestamp() if time is not None else float("nan")
 
 
@@ -97,6 +98,6 @@ def _find_gps_time_offsets(members: list[int], readings: Sequence[ClockReading])
     both = [i for i in members if readings[i].gps_time is not None]
     if len(both) < 3:
         return []
-    offsets = {i: _seconds_from_time(readings[i].taken_at) - _seconds_from_time(readings[i].gps_time) for i in both}
+    offsets = {i: seconds_from_time(readings[i].taken_at) - seconds_from_time(readings[i].gps_time) for i in both}
     typical = median(offsets.values())
     return [(i, offset - typical) for i, offset in offsets.items() if abs(offset - typical) > _LARGEST_CLOCK_STEP_S]

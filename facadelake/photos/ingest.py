@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from PIL import Image
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64N, Float64Nx2
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.core.tables import Row, table_from_rows
@@ -34,7 +34,7 @@ def _role_from_folder(photo_id: str) -> PhotoRole | None:
 def _assign_roles(
     photo_ids: Sequence[str],
     priors: dict[str, PhotoPriors],
-    distance_to_model_m: Callable[[Float64Array], Float64Array] | None,
+    distance_to_model_m: Callable[[Float64Nx2], Float64N] | None,
     close_range_below_m: float,
 ) -> list[PhotoRole]:
     roles = [_role_from_folder(photo_id) for photo_id in photo_ids]
@@ -53,7 +53,7 @@ def _assign_roles(
 
 
 def _derive_priors(
-    photos: dict[str, Photo], distance_to_model_m: Callable[[Float64Array], Float64Array] | None
+    photos: dict[str, Photo], distance_to_model_m: Callable[[Float64Nx2], Float64N] | None
 ) -> tuple[dict[str, PhotoPriors], dict[str, str]]:
     """The priors of the readable photographs by photo_id, and for each duplicate the photo_id of its original.
 
@@ -139,7 +139,7 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, priors: PhotoPriors
 
 
 def ingest_photographs(
-    root: Path, *, distance_to_model_m: Callable[[Float64Array], Float64Array] | None, close_range_below_m: float
+    root: Path, *, distance_to_model_m: Callable[[Float64Nx2], Float64N] | None, close_range_below_m: float
 ) -> pa.Table:
     """Table `photos` of all files below ``root``.
 

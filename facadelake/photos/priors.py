@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64N, Float64Nx2
 from facadelake.photos.attitude_prior import AttitudePrior, apply_dji_pitch, derive_attitude_prior, is_dji_pitch
-from facadelake.photos.clock import ClockReading, check_clocks, is_clock_set
+from facadelake.photos.clock import ClockReading, check_clocks, is_clock_set, seconds_from_time
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
 from facadelake.photos.flights import Exposure, assign_flights
@@ -62,7 +62,7 @@ class PhotoPriors:
 
 
 def derive_priors(
-    photos: Sequence[PhotoMetadata], distance_to_model_m: Callable[[Float64Array], Float64Array] | None = None
+    photos: Sequence[PhotoMetadata], distance_to_model_m: Callable[[Float64Nx2], Float64N] | None = None
 ) -> list[PhotoPriors]:
     """The priors of all photographs of a campaign; ``distance_to_model_m`` as in ``plausibility.check_priors``."""
     photos = _unify_position_steps(photos)
@@ -75,7 +75,7 @@ def derive_priors(
     flights = assign_flights([_build_exposure(photo) for photo in photos])
     timed = [
         TimedPrior(
-            prior=derive_position_prior(drone, photo.exif), flight=flight, time_s=_seconds_from_time(_get_time(photo))
+            prior=derive_position_prior(drone, photo.exif), flight=flight, time_s=seconds_from_time(_get_time(photo))
         )
         for photo, drone, flight in zip(photos, drones, flights, strict=True)
     ]
@@ -102,10 +102,6 @@ def _get_time(photo: PhotoMetadata) -> datetime | None:
     return photo.exif.taken_at if is_clock_set(photo.exif.taken_at) else None
 
 
-def _seconds_from_time(time: datetime | None) -> float:
-    return time.timestamp() if time is not None else math.nan
-
-
 def _build_exposure(photo: PhotoMetadata) -> Exposure:
     drone = photo.drone
     return Exposure(
@@ -118,7 +114,7 @@ def _build_exposure(photo: PhotoMetadata) -> Exposure:
 
 
 def _unify_position_steps(photos: Sequence[PhotoMetadata]) -> list[PhotoMetadata]:
-    """Set the resolution of positions to the finest of each camera; fractions of single photographs are often reduced."""
+    """Set each camera's resolution of positions to the finest found: fractions of a photograph may be reduced."""
     steps: dict[str, list[float]] = {}
     for photo in photos:
         steps.setdefault(photo.camera, []).append(photo.exif.position_step_deg)

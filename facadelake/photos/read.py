@@ -53,7 +53,7 @@ def decode_photograph(path: Path) -> DecodedImage:
     Raises InputDataError where the file cannot be decoded.
     """
     if path.suffix.lower() in RAW_SUFFIXES:
-        raise InputDataError("raw photographs are not supported; export it as JPEG or TIFF")
+        raise InputDataError("raw photographs are not supported; export this one as JPEG or TIFF")
     if path.stat().st_size == 0:
         raise InputDataError("the file is empty (0 bytes); copy it again from the camera's card")
     allowed = FORMATS_BY_SUFFIX[path.suffix.lower()]

@@ -23,14 +23,15 @@ INVALID = 'drone-dji:GpsStatus="Invalid" drone-dji:GpsLatitude="48.9" drone-dji:
 NO_PRIOR = "the photograph is used without one"
 
 REFUSED = {
-    "text.jpg": "no image format is recognised in the file; copy it again from the card",
-    "truncated.jpg": "the photograph does not decode to its end (image file is truncated (… bytes not processed)); "
+    "text.jpg": "the file has no known image format; copy it again from the card",
+    "truncated.jpg": "the photograph cannot be decoded completely (image file is truncated (… bytes not processed)); "
     "copy it again from the card",
-    "header-alone.jpg": "the photograph does not decode to its end (Truncated File Read); copy it again from the card",
+    "header-alone.jpg": "the photograph cannot be decoded completely (Truncated File Read); "
+    "copy it again from the card",
     "zero.jpg": "the file is empty (0 bytes); copy it again from the camera's card",
     "png.JPG": "the name ends in .JPG but the content is PNG; such files come from a conversion that often loses "
-    "metadata: export the original again, or give the file its true name",
-    "raw.DNG": "raw photograph: it must be developed first; export it as JPEG or TIFF",
+    "metadata: export the original again, or correct the suffix",
+    "raw.DNG": "raw photographs are not supported; export this one as JPEG or TIFF",
 }
 WITHOUT_PRIOR = {
     "no-exif.jpg": f"no position prior (EXIF: no position); {NO_PRIOR}",
@@ -85,7 +86,7 @@ def test_every_bad_file_is_a_row_and_the_good_ones_go_on(photos: pa.Table) -> No
         **dict.fromkeys(GOOD, ("accepted", "")),
         **{name: ("unreadable", reason) for name, reason in REFUSED.items()},
         **{name: ("accepted", reason) for name, reason in WITHOUT_PRIOR.items()},
-        "twin-of-1.jpg": ("duplicate", "the same bytes as good-1.jpg; one of the two is enough, remove the other"),
+        "twin-of-1.jpg": ("duplicate", "same content as good-1.jpg; remove one of the two"),
     }
     assert [rows[name]["prior_source"] for name in GOOD] == ["exif"] * 3
     for name in WITHOUT_PRIOR:
@@ -94,7 +95,7 @@ def test_every_bad_file_is_a_row_and_the_good_ones_go_on(photos: pa.Table) -> No
         assert {rows[name][f"prior_{column}"] for column in said} == {None}, name
 
 
-def test_a_position_off_the_globe_in_xmp_leaves_that_of_exif(tmp_path: Path) -> None:
+def test_a_position_out_of_range_in_xmp_leaves_that_of_exif(tmp_path: Path) -> None:
     (tmp_path / "both.jpg").write_bytes(photograph(lat=LAT, xmp=XMP_91))
     (row,) = ingest_photographs(tmp_path, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
     assert (row["photo_outcome"], row["reason"], row["prior_source"]) == ("accepted", None, "exif")
@@ -103,17 +104,17 @@ def test_a_position_off_the_globe_in_xmp_leaves_that_of_exif(tmp_path: Path) -> 
 
 # One flight, a photograph every 5 m and 2 s; what those get that have something wrong with them.
 DROPPED = {
-    "DJI_0002.jpg": "the position lies … km from the other photographs; with latitude and longitude swapped back it "
-    "would lie … m from there: correct the metadata",
-    "DJI_0003.jpg": "the position lies … km from the other photographs; with the longitude's sign (E/W) changed it "
-    "would lie … m from there: correct the metadata",
-    "DJI_0004.jpg": "the position lies … m from that of the photograph … s before, faster than 30 m/s; its neighbours "
-    "agree without it",
+    "DJI_0002.jpg": "the position is … km from the other photographs; with latitude and longitude swapped it would be "
+    "… m away: correct the metadata",
+    "DJI_0003.jpg": "the position is … km from the other photographs; with the sign of the longitude (E/W) changed it "
+    "would be … m away: correct the metadata",
+    "DJI_0004.jpg": "the position is … m from that of the photograph … s before, faster than 30 m/s; the positions "
+    "before and after are consistent",
 }
 WARNED = {
-    "DJI_0005.jpg": "height 12000 m is no height of a photograph (-500 to 9000 m); left out",
-    "DJI_0006.jpg": "height 655.0 m does not go with its neighbours' in time; left out",
-    "DJI_0008.jpg": "its time does not fit its place in the order of file names: the clock was set, or files renamed",
+    "DJI_0005.jpg": "height 12000 m is out of range (-500 to 9000 m); not used",
+    "DJI_0006.jpg": "height 655.0 m is inconsistent with those before and after; not used",
+    "DJI_0008.jpg": "the time contradicts the order of the file names: the clock was changed, or files were renamed",
     "DJI_0010.jpg": "taken at 1980-01-06: the camera's clock was not set; the time is not used",
 }
 
@@ -140,7 +141,7 @@ def test_what_only_the_other_photographs_show_to_be_wrong(tmp_path: Path) -> Non
     rows = {row["photo_id"]: row for row in table.to_pylist()}
 
     def plain(text: str | None) -> str:
-        return re.sub(r"\d+(?= (km from|m from|s before))", "…", text or "")
+        return re.sub(r"\d+(?= (km from|m from|m away|s before))", "…", text or "")
 
     assert set(table.column("photo_outcome").to_pylist()) == {"accepted"}
     assert {
@@ -161,7 +162,7 @@ def test_a_receiver_that_froze(tmp_path: Path) -> None:
         lon = 8.4 + max(0, k - 3) * 50 / 73_000
         (tmp_path / f"{k}.jpg").write_bytes(photograph(lat=LAT, lon=lon, seed=k, taken=f"2026:04:14 10:00:{5 * k:02d}"))
     rows = ingest_photographs(tmp_path, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
-    assert [row["prior_warnings"] for row in rows] == ["4 photographs in a row have this very position"] * 4 + [
+    assert [row["prior_warnings"] for row in rows] == ["4 consecutive photographs have the same position"] * 4 + [
         None
     ] * 4
     assert [row["prior_sigma_horizontal_m"] for row in rows[3:5]] == pytest.approx([50.0, 5.0], rel=0, abs=0.5)  # m
@@ -171,7 +172,7 @@ def test_a_receiver_that_froze(tmp_path: Path) -> None:
         (frozen / f"{k}.jpg").write_bytes(photograph(lat=48.94001, seed=k, taken=f"2026:04:14 10:00:{5 * k:02d}"))
     rows = ingest_photographs(frozen, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
     assert {(row["prior_source"], row["prior_warnings"]) for row in rows} == {
-        ("none", "all 4 photographs have the same position: no receiver's, or cut-off digits")
+        ("none", "all 4 photographs have the same position: it was not measured, or is truncated")
     }
 
 
@@ -203,10 +204,10 @@ def refusal(root: Path) -> str:
 
 def test_a_folder_with_nothing_to_work_with(tmp_path: Path) -> None:
     nowhere = tmp_path / "nowhere"
-    assert refusal(nowhere) == f"photographs' folder {nowhere} does not exist; check the path in the portfolio"
+    assert refusal(nowhere) == f"the photographs' folder {nowhere} does not exist; check the path in the portfolio"
     (tmp_path / "readme.txt").write_text("no photograph")
     assert refusal(tmp_path) == (
-        f"no photograph in {tmp_path}: jpg, jpeg, png, tif and tiff were looked for, in all sub-folders"
+        f"no photograph in {tmp_path} or its sub-folders; photographs are jpg, jpeg, png, tif and tiff files"
     )
     (tmp_path / "a.jpg").write_bytes(b"")
     (tmp_path / "b.jpg").write_bytes(b"")

@@ -38,7 +38,7 @@ def test_yaw_is_brought_into_one_turn(yaw: float, same: float) -> None:
     [
         ({"yaw_deg": 0.0, "pitch_deg": 0.0}, "Gimbal*Degree are all 0"),
         ({"upside_down": True}, "upside down"),
-        ({"pitch_deg": 700.0}, "off their ranges"),
+        ({"pitch_deg": 700.0}, "out of range"),
         ({"roll_deg": math.nan}, ""),
     ],
 )
@@ -108,8 +108,8 @@ def test_a_calibration_of_another_zoom_is_not_used() -> None:
     prior = derive_focal_prior(drone, ExifMetadata(focal_length_35mm_mm=96.0), width_px=5472, height_px=3648)
     assert prior.evidence == "EXIF FocalLengthIn35mmFilm 96 mm"
     assert prior.warning == (
-        "focal length: XMP CalibratedFocalLength says 3666 px, EXIF FocalLengthIn35mmFilm 96 mm 14592 px; "
-        "the former is another zoom's or size's and is not used"
+        "focal length: XMP CalibratedFocalLength gives 3666 px, EXIF FocalLengthIn35mmFilm 96 mm 14592 px; "
+        "the former belongs to another zoom or image size and is not used"
     )
 
 

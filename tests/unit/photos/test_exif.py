@@ -130,8 +130,8 @@ def test_xmp_goes_first_and_what_exif_says_otherwise_is_told() -> None:
     prior = derive_position_prior(drone, ExifMetadata(lat_deg=-33.8567, lon_deg=-70.66, altitude_m=30.04))
     assert (prior.source, prior.lon_deg, prior.height_m) == ("xmp", -70.6627, -30.04)
     assert prior.warnings == (
-        "EXIF's position is 250 m from XMP's, which is used",
-        "EXIF GPSAltitude 30.0 m is not XMP's -30.0 m, which is used",
+        "the position of EXIF is 250 m from that of XMP, which is used",
+        "EXIF GPSAltitude 30.0 m differs from -30.0 m of XMP, which is used",
     )
 
 

@@ -98,4 +98,4 @@ def test_a_clock_that_jumps_against_gps_time_is_marked_and_a_zone_is_not() -> No
     assert marked(0, 2, 4, 6, 8, gps_off={}) == []
     assert marked(0, 2, 4, 6, 8, gps_off={3: 75.0}) == [3]
     (warning,) = {text for text in check_clocks(ticks(0, 2, 4, 6, 8, gps_off={3: 75.0})) if text}
-    assert warning == "the camera's clock is +75 s off GPS time, against the other photographs'"
+    assert warning == "the camera's clock differs from GPS time by +75 s relative to the other photographs"

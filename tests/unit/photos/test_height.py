@@ -1,4 +1,4 @@
-"""Which datum a height has, and sea level made ellipsoidal where a grid is at hand."""
+"""The datum of heights, and orthometric heights converted to ellipsoidal where a grid is installed."""
 
 import struct
 import subprocess
@@ -53,7 +53,7 @@ def test_with_a_grid_it_is_made_ellipsoidal_and_the_grid_is_named(tmp_path: Path
         [sys.executable, "-c", code, str(tmp_path)],
         cwd=root,
         capture_output=True,
-        get_text=True,
+        text=True,
         timeout=60,
         check=True,
     )
@@ -61,5 +61,6 @@ def test_with_a_grid_it_is_made_ellipsoidal_and_the_grid_is_named(tmp_path: Path
     assert float(height) == pytest.approx(167.25, rel=0, abs=1e-4)  # m
     assert datum == "ellipsoidal"
     assert evidence.endswith(
-        "XMP height above EGM96 by Parrot's documentation, 120.00 m made ellipsoidal by grid us_nga_egm96_15.tif"
+        "XMP height above EGM96 by Parrot's documentation, "
+        "120.00 m converted to ellipsoidal by grid us_nga_egm96_15.tif"
     )
