@@ -156,7 +156,7 @@ def evaluate_boxes(
         judged=EvaluatedDetector(name=looker.name, sha256=looker.sha256, threshold=looker.threshold),
         data=EvaluationData(
             name=labelled.name,
-            form=labelled.form,
+            form=labelled.label_format,
             sha256=labelled.sha256,
             split=split,
             photographs=len(images),

@@ -72,7 +72,7 @@ def is_found(boxes: Sequence[AcceptedDetection], box: Box, defect_class: DefectC
 
 
 def compute_covered_share(corners: Float64Array, others: Float64Array) -> float:
-    """Share of the area of a box (4,) that the boxes ``others`` (n, 4) cover together, exact on the grid of all edges."""
+    """Share of the area of a box (4,) that the boxes ``others`` (n, 4) cover together, by the grid of all edges."""
     low = np.clip(others[:, :2], corners[:2], corners[2:])
     high = np.clip(others[:, 2:], corners[:2], corners[2:])
     overlapping = (high > low).all(axis=1)

@@ -132,7 +132,11 @@ def _compare_on_campaign(
     photos = tables["photos"].filter(pa.compute.is_in(tables["photos"].column("photo_id"), pa.array(chosen)))
     building_model, remark = _read_committed_model(building, campaign_id, tables)
     masks = find_masks(root)
-    find_region = (lambda _: SearchRegion()) if model is None else prepare_search_regions(model, tables["poses"], masks)
+    find_region = (
+        (lambda _: SearchRegion())
+        if building_model is None
+        else prepare_search_regions(building_model, tables["poses"], masks)
+    )
     run_id = tables["runs"].column("run_id")[0].as_py()
     detections = []
     for model in models:
@@ -176,7 +180,7 @@ def _compare_on_campaign(
 
 
 def _select_photographs(photos: pa.Table, reviewed: Collection[str], sample: int | None) -> tuple[list[str], int]:
-    """A sample of the accepted photographs, reviewed ones first, then by the hash of their ids; and the number of all."""
+    """A sample of the accepted photographs (reviewed ones first, then by the hash of the id) and the number of all."""
     accepted = [row["photo_id"] for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
     order = sorted(accepted, key=lambda one: (one not in reviewed, hashlib.sha256(one.encode()).hexdigest()))
     return sorted(order[:sample]), len(accepted)

@@ -54,16 +54,16 @@ def list_objections(
     confirmed = counts.get("confirmed", 0)
     if confirmed < confirmed_min:
         objections.append(
-            f"the compared photographs show {confirmed} confirmed defects, at least {confirmed_min} are needed to decide "
-            "whether any is lost; review detections ('facadelake review export-task') or compare more campaigns"
+            f"the compared photographs show {confirmed} confirmed defects, at least {confirmed_min} are needed to "
+            "decide whether any is lost; review detections ('facadelake review export-task') or compare more campaigns"
         )
     if len(comparison.lost) > lost_max:
         named = ", ".join(f"{one.defect} ({one.defect_class})" for one in comparison.lost[:5])
         more = f" and {len(comparison.lost) - 5} more" if len(comparison.lost) > 5 else ""
         objections.append(
-            f"it loses {len(comparison.lost)} of the {counts.get('confirmed_by_old', 0)} confirmed defects that the old "
-            f"one finds, at most {lost_max} allowed: {named}{more}; train it on them ('facadelake training-set'), or "
-            "raise --max-lost"
+            f"it loses {len(comparison.lost)} of the {counts.get('confirmed_by_old', 0)} confirmed defects that the "
+            f"old one finds, at most {lost_max} allowed: {named}{more}; train it on them ('facadelake training-set'), "
+            "or raise --max-lost"
         )
     of_model = [one for one in evaluations if one.get("model_sha256") == new_sha256]
     if not of_model:
@@ -81,9 +81,9 @@ def describe_evidence(comparison: ModelComparison, *, lost_max: int) -> str:
     campaigns = ", ".join(f"{one.building_id}/{one.campaign_id}" for one in comparison.campaigns)
     return (
         f"compared with {comparison.old.sha256[:12]} on {photographs} photographs of {campaigns}: "
-        f"{counts.get('confirmed_lost', 0)} of {counts.get('confirmed', 0)} confirmed defects lost (allowed {lost_max}), "
-        f"{counts.get('confirmed_gained', 0)} gained, {counts.get('rejected_lost', 0)} of {counts.get('rejected', 0)} "
-        "rejected ones gone"
+        f"{counts.get('confirmed_lost', 0)} of {counts.get('confirmed', 0)} confirmed defects lost "
+        f"(allowed {lost_max}), {counts.get('confirmed_gained', 0)} gained, "
+        f"{counts.get('rejected_lost', 0)} of {counts.get('rejected', 0)} rejected ones gone"
     )
 
 

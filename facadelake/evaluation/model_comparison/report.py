@@ -34,8 +34,8 @@ class ComparedModel(_ReportPart):
 class LostDefect(_ReportPart):
     """A confirmed defect that the old model finds and the new one does not.
 
-    ``photo_id`` and ``box_px`` (left, top, width, height) are those of its largest reviewed box, ``observations`` is the
-    number of its reviewed boxes. The second name of a field is the one of earlier reports.
+    ``photo_id`` and ``box_px`` (left, top, width, height) are those of its largest reviewed box, ``observations`` is
+    the number of its reviewed boxes. The second name of a field is that of earlier reports.
     """
 
     defect: str

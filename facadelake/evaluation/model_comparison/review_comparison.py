@@ -34,7 +34,11 @@ class ReviewComparison:
         return tuple(finding for finding in self.defects if finding.found_by_old and not finding.found_by_new)
 
     def count_outcomes(self) -> dict[str, int]:
-        """Numbers of ``confirmed`` defects and ``rejected`` boxes: all, ``_by_old``, ``_by_new``, ``_lost``, ``_gained``."""
+        """Numbers of ``confirmed`` defects and ``rejected`` boxes.
+
+        Suffixes ``_by_old`` and ``_by_new``: those that a model finds; ``_lost``: only the old one finds them;
+        ``_gained``: only the new one does.
+        """
         counts = {}
         for name, findings in (("confirmed", self.defects), ("rejected", self.rejected)):
             counts[name] = len(findings)

@@ -36,7 +36,7 @@ class Split(StrEnum):
 
 
 def choose_split(building_id: str, chosen: Mapping[str, Split]) -> Split:
-    """The building's split: as ``chosen``, else by the hash of its id, which does not change when buildings are added."""
+    """The building's split: as ``chosen``, else by the hash of its id. Further buildings do not change it."""
     if building_id in chosen:
         return chosen[building_id]
     position = int.from_bytes(hashlib.sha256(building_id.encode()).digest()[:8], "big") / 2**64

@@ -16,8 +16,8 @@ from facadelake.detection.coco import extract_polygons
 from facadelake.reviews.training.reviewed_photographs import ReviewedPhotograph, TrainingBox
 
 _CONTEXT_FACTOR = 1.2  # least side of a tile over that of its box, so that the tile shows the surroundings
-# Largest shift of a box from the tile's centre, as a share of what keeps the box inside the tile. If all boxes were at the
-# centre, a model would learn that position.
+# Largest shift of a box from the tile's centre, as a share of what keeps the box inside the tile. If all boxes were at
+# the centre, a model would learn that position.
 _SHIFT_SHARE_MAX = 0.7
 _VISIBLE_SHARE_MIN = 0.3  # a defect with a smaller share of its area in the tile is painted over, not labelled
 _FILL_GREY = 114  # the padding of common detectors

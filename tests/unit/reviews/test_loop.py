@@ -107,7 +107,7 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     assert report.boxes == {"crack": {"stays": 0, "renamed": 0, "appears": 2, "vanishes": 2}}
     assert (report.wall, report.photographs_total) == (None, 2)
     assert "lost.ifc" in report.wall_remark
-    assert (report.review_counts["confirmed"], report.review_counts["confirmed_lost"]) == (1, 1)
+    assert (report.reviews["confirmed"], report.reviews["confirmed_lost"]) == (1, 1)
     assert [one.defect for one in report.lost] == ["defect-0000"]
     assert [path.name for path in worse.sheets] == ["vanishes.png", "appears.png", "lost.png"]
     better = compare_models(portfolio, blind, finds, [HERE], lake=lake, sample=1, folder=None)
@@ -161,7 +161,7 @@ def test_command_line_exports_imports_and_lists(tower: tuple[Portfolio, Path], t
 def test_refusals_say_what_to_do(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:
     portfolio, lake = tower
     one = model(tmp_path, "one", AT_THE_BOX)
-    with pytest.raises(InputDataError, match=r"are the same file; give two models \(a card"):
+    with pytest.raises(InputDataError, match=r"are the same file; give two models \(compare cards"):
         compare_models(portfolio, one, one, [HERE], lake=lake, sample=None, folder=None)
     with pytest.raises(InputDataError, match=r"--campaign 'tower' is not BUILDING/CAMPAIGN, such as demo/2026-04"):
         compare_models(portfolio, one, one, ["tower"], lake=lake, sample=None, folder=None)

@@ -1,4 +1,4 @@
-"""Labelled photographs of whatever form, opened by what lies there."""
+"""Labelled photographs of whatever label_format, opened by what lies there."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def open_labels(
     data: Path,
     crosswalk: Crosswalk,
     *,
-    form: LabelFormat = LabelFormat.AUTO,
+    label_format: LabelFormat = LabelFormat.AUTO,
     class_names: Sequence[str] = (),
     split: str | None = None,
     sited: bool = False,
@@ -29,11 +29,11 @@ def open_labels(
 
     ``class_names`` name YOLO's numbers; ``split`` (train, val, test) chooses among a folder's parts, unless a file of
     sites does so later (``sited``).
-    Raises InputDataError where there is nothing of the form, or labels of several forms and nobody chose.
+    Raises InputDataError where there is nothing of the label_format, or labels of several forms and nobody chose.
     """
     if not data.exists():
         raise InputDataError(f"labelled data {data} does not exist; give a COCO file or a folder of labels")
-    labelled = _read_labels(data, crosswalk, form, class_names, split)
+    labelled = _read_labels(data, crosswalk, label_format, class_names, split)
     if split is not None and not sited and not _is_of_split(labelled, data, split):
         raise InputDataError(
             f"nothing in {data} says which photographs are of split '{split}': neither its folders nor a COCO file are "
@@ -53,20 +53,20 @@ def _split_stem(path: Path) -> list[str]:
 
 
 def _read_labels(
-    data: Path, crosswalk: Crosswalk, form: LabelFormat, class_names: Sequence[str], split: str | None
+    data: Path, crosswalk: Crosswalk, label_format: LabelFormat, class_names: Sequence[str], split: str | None
 ) -> LabelledSet:
     if data.is_file():
-        if data.suffix.lower() != ".json" or form not in (LabelFormat.AUTO, LabelFormat.COCO):
+        if data.suffix.lower() != ".json" or label_format not in (LabelFormat.AUTO, LabelFormat.COCO):
             raise InputDataError(
                 f"{data} is a file, which only COCO labels (.json) are; give the folder of YOLO or VOC"
             )
         return read_coco_labels(data, crosswalk)
-    coco_files = _find_coco_files(data) if form in (LabelFormat.AUTO, LabelFormat.COCO) else []
-    if form is LabelFormat.AUTO:
-        form = _detect_format(data, coco_files)
-    if form is LabelFormat.COCO:
+    coco_files = _find_coco_files(data) if label_format in (LabelFormat.AUTO, LabelFormat.COCO) else []
+    if label_format is LabelFormat.AUTO:
+        label_format = _detect_format(data, coco_files)
+    if label_format is LabelFormat.COCO:
         return read_coco_labels(_choose_coco_file(data, coco_files, split), crosswalk)
-    if form is LabelFormat.VOC:
+    if label_format is LabelFormat.VOC:
         return read_voc_labels(data, crosswalk)
     return read_yolo_labels(data, crosswalk, class_names, split)
 

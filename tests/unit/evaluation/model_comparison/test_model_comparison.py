@@ -49,7 +49,7 @@ NEW = rows(
 CHANGES = compare_boxes(select_accepted_detections(OLD), select_accepted_detections(NEW))
 
 
-def test_every_box_is_told_once() -> None:
+def test_every_box_is_counted_once() -> None:
     assert Counter(one.change for one in CHANGES) == {
         Change.STAYS: 3, Change.RENAMED: 1, Change.VANISHES: 1, Change.APPEARS: 2,
     }  # fmt: skip
@@ -80,7 +80,7 @@ def test_share_that_others_cover_together_is_exact() -> None:
     assert compute_covered_share(place, others) == pytest.approx(counted.mean(), abs=1e-12)
 
 
-def test_both_models_are_merged_as_one_and_told_apart_by_sightings() -> None:
+def test_both_models_are_merged_as_one_and_separated_by_observations() -> None:
     joint = join_detections(CHANGES, OLD, NEW)
     assert joint.schema.equals(OLD.schema)
     ids = joint.column("detection_id").to_pylist()
@@ -106,7 +106,7 @@ def test_both_models_are_merged_as_one_and_told_apart_by_sightings() -> None:
     assert fates == {"D1": Change.STAYS, "D2": Change.APPEARS, "D3": Change.VANISHES, "D4": Change.STAYS}
 
 
-def words(photographs: tuple[str, ...] = ("p0.jpg", "p1.jpg", "p2.jpg")) -> ReviewComparison:
+def compared(photographs: tuple[str, ...] = ("p0.jpg", "p1.jpg", "p2.jpg")) -> ReviewComparison:
     """Both confirmed cracks are defects D1 and D4, the spalling is rejected, and one in p1 had been missed."""
     places = list_review_items(
         match_reviews((), select_accepted_detections(OLD)),
@@ -127,14 +127,14 @@ def words(photographs: tuple[str, ...] = ("p0.jpg", "p1.jpg", "p2.jpg")) -> Revi
     )
 
 
-def test_words_tell_losses_from_gains() -> None:
-    assert words().count_outcomes() == {
+def test_reviews_distinguish_losses_from_gains() -> None:
+    assert compared().count_outcomes() == {
         "confirmed": 3, "confirmed_by_old": 2, "confirmed_by_new": 2, "confirmed_lost": 1, "confirmed_gained": 1,
         "rejected": 1, "rejected_by_old": 1, "rejected_by_new": 0, "rejected_lost": 1, "rejected_gained": 0,
     }  # fmt: skip
-    (lost,) = list_lost_defects(words())
+    (lost,) = list_lost_defects(compared())
     assert (lost.defect, lost.photo_id, lost.box_px) == ("D4", "p1.jpg", (50.0, 50.0, 100.0, 40.0))
-    assert words(("p0.jpg",)).count_outcomes()["confirmed"] == 1
+    assert compared(("p0.jpg",)).count_outcomes()["confirmed"] == 1
 
 
 LATER = replace(PROVENANCE, run_id="run-2")
@@ -155,7 +155,7 @@ def test_a_defect_seen_in_another_of_its_photographs_is_not_lost() -> None:
     assert (len(two.defects), len(two.lost)) == (2, 1)
 
 
-def report(on_words: ReviewComparison) -> ModelComparison:
+def report(compared: ReviewComparison) -> ModelComparison:
     return ModelComparison(
         old=ComparedModel(name="old", sha256=OLD_MODEL),
         new=ComparedModel(name="new", sha256=NEW_MODEL),
@@ -165,19 +165,22 @@ def report(on_words: ReviewComparison) -> ModelComparison:
             CampaignComparison(
                 building_id="tower", campaign_id="2026-04", run_id="run-1", photographs_total=5,
                 photographs=("p0.jpg", "p1.jpg", "p2.jpg"), boxes=count_changes(CHANGES), wall=None, wall_remark="no model",
-                words=on_words.count_outcomes(), lost=list_lost_defects(on_words),
+                reviews=compared.count_outcomes(), lost=list_lost_defects(compared),
             ),
         ),
     )  # fmt: skip
 
 
 def test_report_reads_back(tmp_path: Path) -> None:
-    made = report(words())
+    made = report(compared())
     assert read_comparison(write_comparison(made, tmp_path / "a")) == made
+    earlier = made.model_dump_json().replace('"reviews"', '"words"').replace('"observations"', '"sightings"')
+    (tmp_path / "earlier.json").write_text(earlier)
+    assert read_comparison(tmp_path / "earlier.json") == made
     (tmp_path / "b.json").write_text("{}")
-    with pytest.raises(InputDataError, match="is no comparison of two models"):
+    with pytest.raises(InputDataError, match="is not a comparison of two models"):
         read_comparison(tmp_path / "b.json")
-    with pytest.raises(InputDataError, match="'facadelake compare-models' makes it"):
+    with pytest.raises(InputDataError, match="does not exist; run 'facadelake compare-models'"):
         read_comparison(tmp_path / "c.json")
 
 
@@ -185,11 +188,11 @@ JUDGED = [{"model_sha256": NEW_MODEL, "ap50": 0.8}]
 
 
 def test_promotion_is_refused_for_each_reason_and_for_no_other() -> None:
-    made = report(words())
+    made = report(compared())
     good = {"old_sha256": OLD_MODEL, "new_sha256": NEW_MODEL, "evaluations": JUDGED, "lost_max": 1, "confirmed_min": 3}
     assert list_objections(made, **good) == ()
     (lost,) = list_objections(made, **{**good, "lost_max": 0})
-    assert "it loses 1 of the 2 confirmed defects that the old one finds, allowed are 0: D4 (crack)" in lost
+    assert "it loses 1 of the 2 confirmed defects that the old one finds, at most 0 allowed: D4 (crack)" in lost
     (few,) = list_objections(made, **{**good, "confirmed_min": 4})
     assert "show 3 confirmed defects, at least 4 are needed" in few
     (other,) = list_objections(made, **{**good, "old_sha256": "c" * 64})
@@ -201,7 +204,7 @@ def test_promotion_is_refused_for_each_reason_and_for_no_other() -> None:
 
 
 def test_what_a_promotion_rests_on() -> None:
-    assert describe_evidence(report(words()), lost_max=1) == (
+    assert describe_evidence(report(compared()), lost_max=1) == (
         "compared with aaaaaaaaaaaa on 3 photographs of tower/2026-04: 1 of 3 confirmed defects lost (allowed 1), "
         "1 gained, 1 of 1 rejected ones gone"
     )
