@@ -44,8 +44,8 @@ def test_with_a_grid_it_is_made_ellipsoidal_and_the_grid_is_named(tmp_path: Path
     (tmp_path / "egm96_15.gtx").write_bytes(header + np.full((19, 37), 47.25, dtype=">f4").tobytes())
     code = (
         "import sys; from pyproj import datadir; datadir.append_data_dir(sys.argv[1])\n"
-        "from tests.unit.photos.test_height import PARROT, ExifMetadata, position_prior\n"
-        "prior = position_prior(PARROT, ExifMetadata(model='ANAFI'))\n"
+        "from tests.unit.photos.test_height import PARROT, ExifMetadata, derive_position_prior\n"
+        "prior = derive_position_prior(PARROT, ExifMetadata(model='ANAFI'))\n"
         "print(prior.height_m, prior.height_datum, prior.evidence, sep='|')"
     )
     root = Path(__file__).parents[3]
