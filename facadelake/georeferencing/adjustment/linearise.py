@@ -15,7 +15,7 @@ from facadelake.georeferencing.adjustment.parameters import AdjustmentState
 from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
 from facadelake.georeferencing.adjustment.projection import project
 
-# Scales of the loss in sigmas, beyond which an observation is down-weighted; 2.4 keeps 95 % efficiency on normal errors.
+# Scales of the loss in sigmas, beyond which observations are down-weighted; 2.4 keeps 95 % efficiency on normal errors.
 REPROJECTION_LOSS_SCALE = 2.4
 POINT_TO_PLANE_LOSS_SCALE = 2.0
 PRIOR_LOSS_SCALE = 4.0
@@ -41,7 +41,7 @@ def build_skew_matrices(vectors: Float64Nx3) -> Float64Nx3x3:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearisedReprojection:
-    """Weighted reprojection residuals (k, 2) with Jacobians by photograph (k, 2, 6), lens (k, 2, 8), point (k, 2, 3)."""
+    """Weighted reprojection residuals (k, 2), Jacobians by photograph (k, 2, 6), lens (k, 2, 8) and point (k, 2, 3)."""
 
     residual: Float64Nx2
     jacobian_photo: Float64Array
@@ -53,7 +53,7 @@ class LinearisedReprojection:
 def compute_reprojection_residuals(
     problem: AdjustmentProblem, state: AdjustmentState, tie_sigma_px: float
 ) -> Float64Nx2:
-    """Whitened residuals (k, 2) of the image points, without robust weights; tie points have ``tie_sigma_px`` per axis."""
+    """Whitened residuals (k, 2) of the image points, not weighted; tie points have ``tie_sigma_px`` per axis."""
     image_points, block = problem.image_points, problem.block
     xyz_cam = _transform_to_camera(problem, state)
     projected = project(xyz_cam, state.lens[block.camera_of_photo[image_points.photo]])

@@ -34,7 +34,7 @@ _MIN_REDUNDANCY = 0.1  # the residuals of a photograph with few points do not de
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
-    """The adjusted state, the tie points' sigma (px, each axis), the number of iterations, and whether they converged."""
+    """The adjusted state, the tie points' sigma (px, each axis), the number of iterations and their convergence."""
 
     state: AdjustmentState
     tie_sigma_px: float
@@ -99,8 +99,8 @@ def _scale_to_unit_diagonal(system: ReducedCameraSystem, free: RowIndices) -> tu
 
 def _build_singularity_error() -> GeoreferenceError:
     return GeoreferenceError(
-        "the adjustment leaves a photograph or a lens undetermined (its normal matrix is singular): too few tie points, "
-        "or GPS, control and model together do not fix the block; give control points, or photograph with more overlap"
+        "the adjustment leaves a photograph or a lens undetermined (singular normal matrix): too few tie points, or "
+        "GPS, control and model together do not fix the block; give control points, or photograph with more overlap"
     )
 
 

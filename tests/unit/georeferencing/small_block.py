@@ -13,7 +13,7 @@ from facadelake.core.arrays import Float64Array, RowIndices
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.control_observations import MarkedPoints
-from facadelake.georeferencing.adjustment.linearise import AdjustmentState
+from facadelake.georeferencing.adjustment.parameters import AdjustmentState
 from facadelake.georeferencing.adjustment.point_to_plane import build_empty_terms
 from facadelake.georeferencing.adjustment.problem import (
     AdjustmentProblem,
@@ -207,7 +207,6 @@ def ties_problem(
         image_points=ImagePoints(
             photo=block.photo,
             point=block.point,
-            offset_site_m=np.zeros((k, 3)),
             xy_img=block.xy_img + rng.normal(0, tie_px, (k, 2)),
             whitening=np.broadcast_to(np.eye(2), (k, 2, 2)).copy(),
             is_tie_point=np.ones(k, dtype=bool),

@@ -1,4 +1,4 @@
-"""The reduced normal equations against the whole dense problem, written out with OpenCV and difference quotients."""
+"""The reduced camera system against the complete dense normal equations, by OpenCV and difference quotients."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from facadelake.georeferencing.adjustment.linearise import AdjustmentState, ParameterIndex, apply_step, initialise_state
+from facadelake.georeferencing.adjustment.parameters import (
+    AdjustmentState,
+    ParameterIndex,
+    apply_step,
+    initialise_state,
+)
 from facadelake.georeferencing.adjustment.problem import AdjustmentProblem, AttitudeTerms, PointPriors
 from facadelake.georeferencing.adjustment.reduced_system import build_reduced_system, compute_cost
 from facadelake.georeferencing.adjustment.solve import Solution, compute_covariance, solve_adjustment
@@ -26,7 +31,7 @@ SIGMA_PX = 0.6
 
 
 def every_kind_of_term() -> AdjustmentProblem:
-    """Five photographs, two lenses, ties, lines of an edge, surveyed nodes, walls, GPS of two flights, attitudes."""
+    """Six photographs, two lenses, tie points, lines, surveyed points, walls, GPS of two flights, attitudes."""
     rng = np.random.default_rng(4)
     block = small_block(photographs=6, points=30)
     problem = ties_problem(block, rng, tie_px=0.7, start_m=0.01, start_deg=0.05)
@@ -44,27 +49,26 @@ def every_kind_of_term() -> AdjustmentProblem:
     problem = replace(
         problem, point_to_plane=replace(walls, wall=np.where(np.arange(len(walls.wall)) % 4, walls.wall, -1))
     )
-    # An edge of the model: a node of its own, seen as lines at two samples in three photographs.
+    # Two points of an edge that three photographs show as a line: whitening of rank one.
     edge = len(problem.initial_xyz_m)
-    samples = np.array([[5.0, -4.0, 2.0], [5.0, -4.0, 5.0]])
-    seen = problem.image_points
+    on_edge = np.array([[5.0, -4.0, 2.0], [5.0, -4.0, 5.0]])
+    image_points = problem.image_points
     photos = np.array([0, 4, 5, 0, 4, 5])
-    at = samples[[0, 0, 0, 1, 1, 1]]
-    xy = np.array([block.cameras[p].project_site(x[None])[0] for p, x in zip(photos, at, strict=True)])
-    turn = rng.uniform(0, 2 * np.pi, 6)
+    number = np.array([0, 0, 0, 1, 1, 1])
+    xy = np.array([block.cameras[p].project_site(x[None])[0] for p, x in zip(photos, on_edge[number], strict=True)])
+    angle = rng.uniform(0, 2 * np.pi, 6)
     line = np.zeros((6, 2, 2))
-    line[:, 0] = np.column_stack([np.cos(turn), np.sin(turn)]) / 1.5
-    sightings = replace(
-        seen,
-        photo=np.concatenate([seen.photo, photos]),
-        point=np.concatenate([seen.point, np.full(6, edge)]),
-        offset_site_m=np.vstack([seen.offset_site_m, at]),
-        xy_img=np.vstack([seen.xy_img, xy + rng.normal(0, 1.5, xy.shape)]),
-        whitening=np.concatenate([seen.whitening, line]),
-        is_tie_point=np.concatenate([seen.is_tie_point, np.zeros(6, dtype=bool)]),
+    line[:, 0] = np.column_stack([np.cos(angle), np.sin(angle)]) / 1.5
+    image_points = replace(
+        image_points,
+        photo=np.concatenate([image_points.photo, photos]),
+        point=np.concatenate([image_points.point, edge + number]),
+        xy_img=np.vstack([image_points.xy_img, xy + rng.normal(0, 1.5, xy.shape)]),
+        whitening=np.concatenate([image_points.whitening, line]),
+        is_tie_point=np.concatenate([image_points.is_tie_point, np.zeros(6, dtype=bool)]),
     )
     priors = problem.point_priors
-    factor = rng.normal(size=(1, 3, 3))
+    factor = rng.normal(size=(2, 3, 3))
     return holding_lens(
         replace(
             problem,
@@ -75,15 +79,15 @@ def every_kind_of_term() -> AdjustmentProblem:
             ),
             lens_prior_mean=np.vstack([problem.lens_prior_mean, problem.lens_prior_mean + 0.001]),
             lens_prior_sigma=np.vstack([problem.lens_prior_sigma, problem.lens_prior_sigma]),
-            initial_xyz_m=np.vstack([problem.initial_xyz_m, [[0.01, -0.02, 0.0]]]),
-            image_points=sightings,
+            initial_xyz_m=np.vstack([problem.initial_xyz_m, on_edge + np.array([0.01, -0.02, 0.0])]),
+            image_points=image_points,
             point_priors=PointPriors(
-                point=np.append(priors.point, edge),
-                xyz_m=np.vstack([priors.xyz_m, np.zeros((1, 3))]),
+                point=np.append(priors.point, [edge, edge + 1]),
+                xyz_m=np.vstack([priors.xyz_m, on_edge]),
                 information=np.concatenate([priors.information, 900 * (np.eye(3) + factor @ factor.mT)]),
-                loss_scale=np.append(priors.loss_scale, 2.5),
+                loss_scale=np.append(priors.loss_scale, [2.5, 2.5]),
             ),
-            # Gauss-Newton takes an attitude's derivative at a residual of nought, so they are small here.
+            # Gauss-Newton takes an attitude's derivative at a residual of zero, so residuals are small here.
             attitudes=AttitudeTerms(
                 photo=np.array([0, 2, 3]),
                 flight=np.array([0, 0, 1]),
@@ -99,7 +103,7 @@ def every_kind_of_term() -> AdjustmentProblem:
 
 @dataclass(frozen=True)
 class Group:
-    """Residuals (k, d) whitened, and Cauchy's limit (None: not robust); ``share`` divides their square within it."""
+    """Whitened residuals (k, d), scale of Cauchy's loss (None: not robust); ``share`` divides their square within it."""
 
     residual: np.ndarray
     loss_scale: np.ndarray | float | None
@@ -115,7 +119,7 @@ def groups_of(problem: AdjustmentProblem, state: AdjustmentState) -> list[Group]
         focal, aspect, cx, cy, *distortion = state.lens[block.camera_of_photo[photo]]
         cam_from_site = state.site_from_cam[photo].T
         xy[own] = cv2.projectPoints(
-            seen.offset_site_m[own] + state.xyz_site_m[seen.point[own]],
+            state.xyz_site_m[seen.point[own]],
             cv2.Rodrigues(cam_from_site)[0],
             -cam_from_site @ state.centre_site_m[photo],
             np.array([[focal, 0, cx], [0, focal * aspect, cy], [0, 0, 1.0]]),
