@@ -1,4 +1,4 @@
-"""Mesh files and offsets that cannot be a building: the whole message of each."""
+"""Mesh files and offset files that are not usable as a building: the whole message of each."""
 
 from __future__ import annotations
 
@@ -22,34 +22,35 @@ def refused(kind: type[FacadelakeError], path: Path, settings: MeshModelSettings
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         (
             "v 0 0 0\nv 1 0 0\nv 0 9 0\n",
-            "hall.obj holds no triangles (a point cloud?); export a mesh with faces",
+            "hall.obj has no triangles (a point cloud?); export a mesh with faces",
         ),
         (
             "v 0 0 0\nv nan 0 0\nv 0 9 0\nf 1 2 3\n",
-            "hall.obj: 1 of 3 vertices are not numbers (NaN or infinite); repair the mesh, or export it anew",
+            "hall.obj: 1 of 3 vertices are not finite (NaN or infinite); repair the mesh, or export it again",
         ),
         (
             "v 0 0 0\nv 20000 0 0\nv 0 0 9000\nf 1 2 3\n",
-            "hall.obj is 20,000 m across (a building is 1 to 5,000 m) when its unit is taken as 1.0 m; give the "
-            "registry's crs.unit (metre, millimetre, foot, us_survey_foot), or cut the mesh down to the building",
+            "hall.obj is 20,000 m across with a unit of 1.0 m (a building has 1 to 5,000 m); set crs.unit in the "
+            "registry (metre, millimetre, foot, us_survey_foot), or crop the mesh to the building",
         ),
         (
             WALL,
-            "the middle of hall.obj comes to lie at east, north, height [4.5, 0.0, 4.5] m, outside the area where "
-            "EPSG:25832 is in use (Europe between 6°E and 12°E); is the CRS the right one? A mesh that photogrammetry "
-            "exported stands near its own zero: give the offset file it came with (crs.offset_file), or crs.placement",
+            "the centre of hall.obj is at east, north, height [4.5, 0.0, 4.5] m, outside the area of use of EPSG:25832 "
+            "(Europe between 6°E and 12°E); check crs.map in the registry. If a photogrammetry program exported the "
+            "mesh with coordinates near zero, set crs.offset_file to the offset file that it wrote, or set "
+            "crs.placement",
         ),
     ],
     ids=["points alone", "NaN", "millimetres", "no offset"],
 )
-def test_what_is_no_building(tmp_path: Path, content: str, told: str) -> None:
+def test_a_mesh_that_is_not_a_building(tmp_path: Path, content: str, message: str) -> None:
     path = tmp_path / "hall.obj"
     path.write_text(content)
-    assert refused(FacadelakeError, path) == told
+    assert refused(FacadelakeError, path) == message
 
 
 def test_map_coordinates_in_32_bits(tmp_path: Path) -> None:
@@ -57,9 +58,9 @@ def test_map_coordinates_in_32_bits(tmp_path: Path) -> None:
     wall = np.array([[456600, 5421000, 170], [456620, 5421000, 170], [456620, 5421000, 180]], dtype="<f4")
     path.write_bytes(bytes(80) + struct.pack("<I", 1) + bytes(12) + wall.tobytes() + bytes(2))
     assert refused(ModelError, path) == (
-        "hall.stl keeps its coordinates as 32-bit numbers, which at 5,421,000 m come in steps of 500 mm (limit 1 mm): "
-        "the mesh's detail is gone; export it with an offset (coordinates near zero) and give that as the registry's "
-        "crs.offset_file or crs.placement, or as OBJ or double-precision PLY with all digits"
+        "hall.stl stores its coordinates as 32-bit numbers, whose spacing at 5,421,000 m is 500 mm (limit 1 mm), so "
+        "the mesh's detail is lost; export it with an offset (coordinates near zero) and set crs.offset_file or "
+        "crs.placement in the registry, or export OBJ or double-precision PLY with all digits"
     )
 
 
@@ -69,8 +70,8 @@ def test_an_offset_file_without_an_offset(tmp_path: Path) -> None:
     offset.write_text("WGS84 UTM 32N\n")
     settings = MeshModelSettings(vertical_datum="ellipsoidal", offset_file=offset)
     assert refused(GeoreferenceError, path, settings) == (
-        "coords.txt says no offset: a line with east and north (and height) is wanted, such as '432000 5422000', "
-        "below at most one line with the CRS; give the registry's crs.placement (east_m, north_m, height_m) instead"
+        "coords.txt has no offset; expected is a line with east and north (and height), such as '432000 5422000', "
+        "after at most one line with the CRS; set crs.placement (east_m, north_m, height_m) in the registry instead"
     )
 
 
@@ -78,6 +79,6 @@ def test_neither_model_nor_gps() -> None:
     with pytest.raises(GeoreferenceError) as caught:
         place_building_without_model(np.full((3, 2), np.nan), settings=MeshModelSettings(vertical_datum="ellipsoidal"))
     assert str(caught.value) == (
-        "none of the 3 photographs says where it was taken and there is no model, so the building has no place; give "
-        "the registry's crs.origin (lon_deg, lat_deg, height_ellipsoidal_m)"
+        "none of the 3 photographs has a GPS position and there is no model, so the building's position is unknown; "
+        "set crs.origin (lon_deg, lat_deg, height_ellipsoidal_m) in the registry"
     )

@@ -1,8 +1,8 @@
-"""A bare mesh cut into facade planes: what stands for elements where no IFC says what the parts are.
+"""Segment a mesh into facade planes, which stand for elements where there is no IFC.
 
-A plane is what looks one way at one distance: all walls of one outward direction that lie within a metre of one
-another, wherever they stand along the facade. Reveals, sills and cornices so count with their wall, a setback is a
-plane of its own, and neither the mesh's connectivity nor the fineness of its triangles matters.
+A plane consists of all walls with one outward direction whose offsets along it differ by less than a metre, wherever
+they are along the facade. Reveals, sills and cornices therefore belong to their wall, and a setback is a plane of its
+own. The result depends neither on the mesh's connectivity nor on the size of its triangles.
 """
 
 from __future__ import annotations
@@ -21,85 +21,96 @@ from facadelake.building.facades.openness import INSIDE, LEVEL, compass_from_dir
 from facadelake.building.storeys import StoreyLevel, find_storey
 from facadelake.building.surface.footprint import compute_outline, lon_lat_from_site
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
+from facadelake.core.arrays import BoolArray, Float64N, Float64Nx3, Float64x3, Int64Array, RowIndices
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 
-SURFACE_CLASS = "Surface"  # stands where an IFC's class would: such an element is a part of a surface, no component
+_SURFACE_CLASS = "Surface"  # replaces the IFC class: a facade plane is not a component
 _NEIGHBOURS = 16
-_NEIGHBOURHOOD_M = 1.0  # a wall's roughness (stones, noise of tie points) is finer than this
+_NEIGHBOURHOOD_M = 1.0  # larger than a wall's roughness (stones, noise of tie points)
 _SMOOTHING_ROUNDS = 2
-_SAME_SIDE_COSINE = 0.5  # cosine between faces that look the same way
-_DIRECTION_DEG = 25.0  # walls that turn by more than this from one another are two facades
-_MIN_DIRECTION_SHARE = 0.02  # of all walls: less makes no facade of its own
-_WALL_VARIANCE_RATIO = 0.01  # of variances: a wall is at least ten times as wide as deep
-_PLANE_DEPTH_M = 1.0  # reveals and cornices stand off their wall by less, setbacks by more
+_SAME_SIDE_COSINE = 0.5  # minimum cosine between normals that face the same side
+_DIRECTION_DEG = 25.0  # walls whose directions differ by more are two facades
+_MIN_DIRECTION_SHARE = 0.02  # minimum share of the wall area for a facade of its own
+_WALL_VARIANCE_RATIO = 0.01  # depth over width variance: a wall is at least ten times as wide as deep
+_PLANE_DEPTH_M = 1.0  # reveals and cornices are nearer to their wall than this, setbacks are not
 _GRID_M = 0.1
-_MIN_PLANE_SHARE = 0.01  # of all walls, within the bounds below: less is reveals, furniture or noise
+_MIN_PLANE_SHARE = 0.01  # minimum share of the wall area, within the bounds below; less is reveals, furniture or noise
 _MIN_PLANE_BOUNDS_M2 = (4.0, 10.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FacadePlanes:
-    """The planes, and which of them each triangle (m,) belongs to.
+    """The p planes of a mesh of m triangles.
 
-    ``names`` such as "facade-S-1" (the largest plane that looks south), "level-1" (roofs, ground) or "inside-1";
-    ``facades`` and ``azimuth_deg`` (NaN for level and inside) one a plane.
+    ``names`` (p) such as "facade-S-1" (the largest plane that faces south), "level-1" (roofs, ground) or "inside-1".
+    ``facades`` (p): compass name, "level" or "inside". ``azimuth_deg`` (p,): NaN for level and inside.
+    ``plane_of_triangle`` (m,): number of the plane of each triangle.
     """
 
     names: tuple[str, ...]
     facades: tuple[str, ...]
-    azimuth_deg: Float64Array
+    azimuth_deg: Float64N
     plane_of_triangle: Int64Array
 
 
 def segment_facade_planes(surface: Surface) -> FacadePlanes:
-    """Cut ``surface`` into facade planes; a triangle faces where it lies open to the sky, however it is wound."""
+    """Segment ``surface`` into facade planes; a triangle faces its side open to the sky, whatever its winding."""
     centres = surface.vertices_site_m[surface.triangles].mean(axis=1)
     outward, is_open = _orient_normals(surface, centres)
     smooth = _smooth_normals(centres, outward, surface.areas_m2, is_open)
-    flat = np.hypot(smooth[:, 0], smooth[:, 1])
-    level = np.abs(smooth[:, 2]) > flat  # undersides too, though they see no sky
+    horizontal = np.hypot(smooth[:, 0], smooth[:, 1])
+    level = np.abs(smooth[:, 2]) > horizontal  # also undersides, although they see no sky
     wall = is_open & ~level
-    keys: list[tuple[str, float, Int64Array]] = []
+    planes: list[tuple[str, float, RowIndices]] = []  # facade, azimuth, triangles
     rows = np.flatnonzero(wall)
     directions = _cluster_normals(smooth[rows], surface.areas_m2[rows])
-    least_m2 = float(np.clip(_MIN_PLANE_SHARE * surface.areas_m2[rows].sum(), *_MIN_PLANE_BOUNDS_M2))
+    min_area_m2 = float(np.clip(_MIN_PLANE_SHARE * surface.areas_m2[rows].sum(), *_MIN_PLANE_BOUNDS_M2))
     nearest = np.argmax(smooth[rows] @ directions.T, axis=1) if len(directions) else np.zeros(0, dtype=np.int64)
     for number, direction in enumerate(directions):
         own = rows[nearest == number]
         if len(own) == 0:
             continue
-        plane = _label_planes(centres[own] @ direction, surface.areas_m2[own], least_m2)
+        plane = _label_planes(centres[own] @ direction, surface.areas_m2[own], min_area_m2)
         largest = own[plane == np.argmax(np.bincount(plane, weights=surface.areas_m2[own]))]
-        fitted = _fit_wall_normal(direction, centres[largest], surface.areas_m2[largest])
-        azimuth = float(np.degrees(np.arctan2(fitted[0], fitted[1])) % 360.0)
-        keys += [(compass_from_direction(fitted), azimuth, own[plane == k]) for k in np.unique(plane)]
+        normal = _fit_wall_normal(direction, centres[largest], surface.areas_m2[largest])
+        azimuth = float(np.degrees(np.arctan2(normal[0], normal[1])) % 360.0)
+        planes += [(compass_from_direction(normal), azimuth, own[plane == k]) for k in np.unique(plane)]
     if level.any():
-        keys.append((LEVEL, np.nan, np.flatnonzero(level)))
+        planes.append((LEVEL, np.nan, np.flatnonzero(level)))
     inside = ~is_open & ~level
     if inside.any():
-        keys.append((INSIDE, np.nan, np.flatnonzero(inside)))
-    # The largest first, so that what noise adds or takes away at the small end leaves the others' names alone.
-    keys.sort(key=lambda key: (key[0], -float(surface.areas_m2[key[2]].sum())))
-    owner = np.full(len(surface.triangles), -1, dtype=np.int64)
+        planes.append((INSIDE, np.nan, np.flatnonzero(inside)))
+    # Largest first: small planes that noise adds or removes do not change the names of the others.
+    planes.sort(key=lambda plane: (plane[0], -float(surface.areas_m2[plane[2]].sum())))
+    plane_of_triangle = np.full(len(surface.triangles), -1, dtype=np.int64)
     names: list[str] = []
-    for number, (facade, _, triangles) in enumerate(keys):
-        owner[triangles] = number
-        count = sum(key[0] == facade for key in keys[: number + 1])
+    for number, (facade, _, triangles) in enumerate(planes):
+        plane_of_triangle[triangles] = number
+        count = sum(plane[0] == facade for plane in planes[: number + 1])
         names.append(f"{facade}-{count}" if facade in (LEVEL, INSIDE) else f"facade-{facade}-{count}")
     return FacadePlanes(
         names=tuple(names),
-        facades=tuple(key[0] for key in keys),
-        azimuth_deg=np.array([key[1] for key in keys]),
-        plane_of_triangle=owner,
+        facades=tuple(plane[0] for plane in planes),
+        azimuth_deg=np.array([plane[1] for plane in planes]),
+        plane_of_triangle=plane_of_triangle,
     )
 
 
 def build_plane_elements(
     planes: FacadePlanes, surface: Surface, origin: SiteOrigin, storeys: Sequence[StoreyLevel]
 ) -> pa.Table:
-    """Table ``elements``, one row a plane; a plane over several storeys has the one it begins in."""
+    """Build table ``elements`` with one row per plane.
+
+    Args:
+        planes: the planes of ``surface``.
+        surface: the mesh in site.
+        origin: origin of the site frame.
+        storeys: levels of the storeys, sorted; a plane over several storeys gets the lowest.
+
+    Returns:
+        A table of kind ``elements``.
+    """
     rows: list[dict[str, Any]] = []
     for number, (name, facade) in enumerate(zip(planes.names, planes.facades, strict=True)):
         own = planes.plane_of_triangle == number
@@ -110,7 +121,7 @@ def build_plane_elements(
         rows.append(
             {
                 "element_guid": name,
-                "ifc_class": SURFACE_CLASS,
+                "ifc_class": _SURFACE_CLASS,
                 "element_name": name.replace("-", " "),
                 "storey": storey or None,
                 "storey_source": "elevation" if storey else None,
@@ -125,11 +136,11 @@ def build_plane_elements(
     return table_from_rows("elements", rows)
 
 
-def _orient_normals(surface: Surface, centres: Float64Array) -> tuple[Float64Array, BoolArray]:
-    """Normals (m, 3) turned to the open side, and which triangles have one (m,).
+def _orient_normals(surface: Surface, centres: Float64Nx3) -> tuple[Float64Nx3, BoolArray]:
+    """Normals (m, 3) oriented to the open side, and a mask (m,) of the triangles that have one.
 
-    The winding is kept where the side it names is open: the back of a sheet, such as a campaign's own surface, is open
-    too. A closed triangle beside an open one that faces alike is the bottom of a dent.
+    The winding is kept where its side is open, because the back of an open sheet, such as an as-built surface, is open
+    too. A closed triangle next to an open one with the same orientation is the bottom of a dent.
     """
     normals = surface.normals_site
     is_open = compute_openness(surface, centres, normals) > 0
@@ -139,10 +150,10 @@ def _orient_normals(surface: Surface, centres: Float64Array) -> tuple[Float64Arr
     back = compute_openness(surface, centres[closed], -normals[closed]) > 0
     if is_open.any():
         opened = np.flatnonzero(is_open)
-        apart, near = cKDTree(centres[opened]).query(centres[closed], distance_upper_bound=_NEIGHBOURHOOD_M)
-        beside = opened[np.where(np.isfinite(apart), near, 0)]
-        alike = np.einsum("ij,ij->i", normals[closed], normals[beside]) > _SAME_SIDE_COSINE
-        dent = np.isfinite(apart) & alike
+        distance, nearest = cKDTree(centres[opened]).query(centres[closed], distance_upper_bound=_NEIGHBOURHOOD_M)
+        neighbour = opened[np.where(np.isfinite(distance), nearest, 0)]
+        same_side = np.einsum("ij,ij->i", normals[closed], normals[neighbour]) > _SAME_SIDE_COSINE
+        dent = np.isfinite(distance) & same_side
     else:
         dent = np.zeros(len(closed), dtype=bool)
     outward = normals.copy()
@@ -151,52 +162,52 @@ def _orient_normals(surface: Surface, centres: Float64Array) -> tuple[Float64Arr
     return outward, is_open
 
 
-def _smooth_normals(centres: Float64Array, normals: Float64Array, areas: Float64Array, used: BoolArray) -> Float64Array:
-    """Normals (m, 3) averaged with those around, half its own: noise goes, corners of clean walls stay."""
+def _smooth_normals(centres: Float64Nx3, normals: Float64Nx3, areas: Float64N, used: BoolArray) -> Float64Nx3:
+    """Average normals (m, 3) with their neighbours', half weight each: removes noise, keeps corners of smooth walls."""
     rows = np.flatnonzero(used)
     smooth = normals.copy()
     count = min(_NEIGHBOURS, len(rows))
     if count < 2:
         return smooth
-    apart, near = cKDTree(centres[rows]).query(centres[rows], k=count, distance_upper_bound=_NEIGHBOURHOOD_M)
-    there = np.isfinite(apart)
-    near = np.where(there, near, 0)
-    weight = np.where(there, areas[rows][near], 0.0)
+    distance, near = cKDTree(centres[rows]).query(centres[rows], k=count, distance_upper_bound=_NEIGHBOURHOOD_M)
+    found = np.isfinite(distance)
+    near = np.where(found, near, 0)
+    weight = np.where(found, areas[rows][near], 0.0)
     weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-300)
     own = normals[rows]
     for _ in range(_SMOOTHING_ROUNDS):
-        mixed = own + np.einsum("ij,ijk->ik", weight, own[near])
-        own = mixed / np.maximum(np.linalg.norm(mixed, axis=1, keepdims=True), 1e-12)
+        total = own + np.einsum("ij,ijk->ik", weight, own[near])
+        own = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
     smooth[rows] = own
     return smooth
 
 
-def _cluster_normals(normals: Float64Array, areas: Float64Array) -> Float64Array:
-    """Main horizontal directions (d, 3) of walls, that with most area first, each with what lies within 25 degrees."""
+def _cluster_normals(normals: Float64Nx3, areas: Float64N) -> Float64Nx3:
+    """Main horizontal directions (d, 3) of walls, largest area first, at least 25 degrees apart."""
     azimuth = np.degrees(np.arctan2(normals[:, 0], normals[:, 1])) % 360.0
     weight = np.bincount(np.floor(azimuth).astype(np.int64) % 360, weights=areas, minlength=360)
     turn = np.abs((np.arange(360)[:, None] - np.arange(360)[None] + 180) % 360 - 180)
     core = turn <= _DIRECTION_DEG / 2
-    found: list[Float64Array] = []
+    found: list[Float64x3] = []
     total = weight.sum()
     while weight.sum() > _MIN_DIRECTION_SHARE * total:
         best = int(np.argmax(core @ weight))
-        middles = np.radians(np.arange(360) + 0.5)
+        bin_centres = np.radians(np.arange(360) + 0.5)
         share = weight * core[best]
-        mean = np.array([share @ np.sin(middles), share @ np.cos(middles), 0.0])
+        mean = np.array([share @ np.sin(bin_centres), share @ np.cos(bin_centres), 0.0])
         if share.sum() > _MIN_DIRECTION_SHARE * total:
             found.append(mean / np.linalg.norm(mean))
         weight = np.where(turn[best] <= _DIRECTION_DEG, 0.0, weight)
     return np.array(found).reshape(-1, 3)
 
 
-def _fit_wall_normal(direction: Float64Array, places: Float64Array, areas: Float64Array) -> Float64Array:
-    """The horizontal normal (3,) of the wall through ``places`` (n, 3), which rough normals tell to degrees alone.
+def _fit_wall_normal(direction: Float64x3, points: Float64Nx3, areas: Float64N) -> Float64x3:
+    """Fit the horizontal normal (3,) of the wall through ``points`` (n, 3); rough normals give it to degrees only.
 
-    ``direction`` stays where the places make no wall: few of them, or as deep as wide.
+    ``direction`` (3,) is returned where the points do not form a wall: too few of them, or as deep as wide.
     """
-    flat = places[:, :2] - np.average(places[:, :2], axis=0, weights=areas)
-    values, vectors = np.linalg.eigh((flat * areas[:, None]).T @ flat)
+    plan = points[:, :2] - np.average(points[:, :2], axis=0, weights=areas)
+    values, vectors = np.linalg.eigh((plan * areas[:, None]).T @ plan)
     normal = np.append(vectors[:, 0], 0.0)
     normal = normal if normal @ direction > 0 else -normal
     if values[0] > _WALL_VARIANCE_RATIO * values[1] or normal @ direction < np.cos(np.radians(_DIRECTION_DEG)):
@@ -204,20 +215,20 @@ def _fit_wall_normal(direction: Float64Array, places: Float64Array, areas: Float
     return normal
 
 
-def _label_planes(offset_m: Float64Array, areas: Float64Array, least_m2: float) -> Int64Array:
+def _label_planes(offset_m: Float64N, areas: Float64N, min_area_m2: float) -> Int64Array:
     """Number (n,) of the plane nearest to each triangle of one direction, by its offset along that direction.
 
-    A plane is a peak of the area within half a metre, of ``least_m2`` or more (the largest peak of any), that falls to
-    half of it before the next: the offsets of a curved wall have none but one.
+    A plane is a peak of the area within half a metre of an offset. The peak has at least ``min_area_m2`` and a
+    prominence of half its height, or is the largest; a curved wall therefore has one.
     """
     order = np.argsort(offset_m, kind="stable")
-    offset, summed = offset_m[order], np.concatenate([[0.0], np.cumsum(areas[order])])
-    places = np.arange(offset[0] - _PLANE_DEPTH_M, offset[-1] + _PLANE_DEPTH_M + _GRID_M, _GRID_M)
-    low = np.searchsorted(offset, places - _PLANE_DEPTH_M / 2)
-    high = np.searchsorted(offset, places + _PLANE_DEPTH_M / 2, side="right")
-    area = summed[high] - summed[low]
+    offset, cumulative = offset_m[order], np.concatenate([[0.0], np.cumsum(areas[order])])
+    grid = np.arange(offset[0] - _PLANE_DEPTH_M, offset[-1] + _PLANE_DEPTH_M + _GRID_M, _GRID_M)
+    low = np.searchsorted(offset, grid - _PLANE_DEPTH_M / 2)
+    high = np.searchsorted(offset, grid + _PLANE_DEPTH_M / 2, side="right")
+    area = cumulative[high] - cumulative[low]
     peaks, _ = find_peaks(area)
-    depth = peak_prominences(area, peaks)[0]
-    kept = ((area[peaks] >= least_m2) & (depth >= 0.5 * area[peaks])) | (area[peaks] == area.max())
-    middles = places[peaks[kept]]
-    return np.searchsorted((middles[1:] + middles[:-1]) / 2, offset_m).astype(np.int64)
+    prominence = peak_prominences(area, peaks)[0]
+    kept = ((area[peaks] >= min_area_m2) & (prominence >= 0.5 * area[peaks])) | (area[peaks] == area.max())
+    plane_offsets = grid[peaks[kept]]
+    return np.searchsorted((plane_offsets[1:] + plane_offsets[:-1]) / 2, offset_m).astype(np.int64)

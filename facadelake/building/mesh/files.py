@@ -74,9 +74,9 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
     if spacing_m > _MAX_SPACING_M:
         raise ModelError(
             f"{path.name} stores its coordinates as 32-bit numbers, whose spacing at {np.abs(vertices).max():,.0f} m "
-            f"is {1000 * spacing_m:.0f} mm (limit {1000 * _MAX_SPACING_M:.0f} mm), so the mesh's detail is lost; export "
-            "it with an offset (coordinates near zero) and set crs.offset_file or crs.placement in the registry, or "
-            "export OBJ or double-precision PLY with all digits"
+            f"is {1000 * spacing_m:.0f} mm (limit {1000 * _MAX_SPACING_M:.0f} mm), so the mesh's detail is lost; "
+            "export it with an offset (coordinates near zero) and set crs.offset_file or crs.placement in the "
+            "registry, or export OBJ or double-precision PLY with all digits"
         )
     axes = axes or (MeshAxes.Y_UP if path.suffix.lower() in (".glb", ".gltf") else MeshAxes.Z_UP)
     if axes is MeshAxes.Y_UP:  # x right, y up, z towards the viewer

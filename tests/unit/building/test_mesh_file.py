@@ -140,12 +140,14 @@ def test_a_box_stands_where_its_file_says(tmp_path: Path, name: str) -> None:
 
 def test_an_offset_file_beside_the_mesh_places_it_and_can_name_the_crs(tmp_path: Path) -> None:
     mesh = obj(tmp_path / "a.obj", box(corner=(0, 0, CORNER[2])))
-    said = tmp_path / "odm_georeferencing_model_geo.txt"
-    said.write_text(OFFSET_TEXT)
-    by_registry = load_mesh_building(mesh, settings=replace(SETTINGS, offset_file=said))
+    offset_file = tmp_path / "odm_georeferencing_model_geo.txt"
+    offset_file.write_text(OFFSET_TEXT)
+    by_registry = load_mesh_building(mesh, settings=replace(SETTINGS, offset_file=offset_file))
     np.testing.assert_allclose(in_order(corners_on_the_map(by_registry)), in_order(box()), rtol=0, atol=0.001)  # m
     assert "EPSG:32632" in by_registry.remarks and "EPSG:25832" in by_registry.remarks
-    by_file = load_mesh_building(mesh, settings=MeshModelSettings(vertical_datum="ellipsoidal", offset_file=said))
+    by_file = load_mesh_building(
+        mesh, settings=MeshModelSettings(vertical_datum="ellipsoidal", offset_file=offset_file)
+    )
     assert by_file.map_crs == "EPSG:32632"
 
 
@@ -173,11 +175,11 @@ def test_offset_files_of_the_programs(tmp_path: Path, text: str, expected: tuple
 def test_an_offset_file_without_an_offset_is_an_error(tmp_path: Path, text: str) -> None:
     path = tmp_path / "offset.txt"
     path.write_text(text)
-    with pytest.raises(GeoreferenceError, match=r"offset.txt says no offset.*crs.placement"):
+    with pytest.raises(GeoreferenceError, match=r"offset.txt has no offset.*crs.placement"):
         read_mesh_offset(path)
 
 
-def test_units_and_axes_are_what_the_registry_says(tmp_path: Path) -> None:
+def test_units_and_axes_are_those_of_the_registry(tmp_path: Path) -> None:
     feet = read_mesh_file(obj(tmp_path / "a.obj", box(corner=(0, 0, 0)) / 0.3048), unit_m=0.3048)
     np.testing.assert_allclose(feet.vertices_m.max(axis=0), SIZE, rtol=0, atol=0.0001)  # m
     raw = glb(tmp_path / "a.glb", box(corner=(0, 0, 0)))  # some programs write glTF with z up
@@ -196,41 +198,41 @@ def test_a_quad_is_two_triangles_and_parts_are_one_mesh(tmp_path: Path) -> None:
 
 
 def test_map_coordinates_in_32_bits_are_refused(tmp_path: Path) -> None:
-    told = r"32-bit numbers, which at 5,421,.* steps of 500 mm \(limit 1 mm\).*crs.offset_file"
+    message = r"32-bit numbers, whose spacing at 5,421,.* is 500 mm \(limit 1 mm\).*crs.offset_file"
     for path in (
         ply(tmp_path / "a.ply", box(), "float"),
         stl(tmp_path / "a.stl", box()),
         glb(tmp_path / "a.glb", y_up(box())),
     ):
-        with pytest.raises(ModelError, match=told):
+        with pytest.raises(ModelError, match=message):
             read_mesh_file(path)
     rng = np.random.default_rng(5)
     lost = rng.uniform(CORNER, CORNER + SIZE, (200, 3)).astype(np.float32).astype(float)  # 32 bits on the way
-    with pytest.raises(ModelError, match=told):
+    with pytest.raises(ModelError, match=message):
         read_mesh_file(obj(tmp_path / "b.obj", lost, np.arange(198).reshape(-1, 3)))
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
-        (b"", "cannot be read as a mesh|holds no triangles"),
-        (b"v 0 0 0\nv 1 0 0\nv 0 9 0\n", "holds no triangles"),
-        (b"v 0 0 0\nv nan 0 0\nv 0 9 0\nf 1 2 3\n", "1 of 3 vertices are not numbers"),
+        (b"", "cannot be read as a mesh|has no triangles"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 9 0\n", "has no triangles"),
+        (b"v 0 0 0\nv nan 0 0\nv 0 9 0\nf 1 2 3\n", "1 of 3 vertices are not finite"),
         (b"v 0 0 0\nv 1e5 0 0\nv 0 1e5 9\nf 1 2 3\n", r"100,000 m across .* crs.unit"),
         (b"v 0 0 0\nv 0.2 0 0\nv 0 0.1 0.3\nf 1 2 3\n", "0.3 m across"),
-        (b"v 0 0 0\nv 5 0 0\nv 9 0 0\nf 1 2 3\n", "without area"),
+        (b"v 0 0 0\nv 5 0 0\nv 9 0 0\nf 1 2 3\n", "have zero area"),
     ],
     ids=["empty", "points alone", "NaN", "millimetres", "a model of a model", "flat"],
 )
-def test_what_is_no_building(tmp_path: Path, content: bytes, told: str) -> None:
+def test_a_mesh_that_is_not_a_building(tmp_path: Path, content: bytes, message: str) -> None:
     path = tmp_path / "a.obj"
     path.write_bytes(content)
-    with pytest.raises(ModelError, match=told):
+    with pytest.raises(ModelError, match=message):
         read_mesh_file(path)
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb", "gltf"])
-def test_strangers_bytes_are_a_message(tmp_path: Path, suffix: str) -> None:
+def test_malformed_files_give_a_message(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a.{suffix}"
     path.write_bytes(bytes(range(256)) * 4)
     with pytest.raises(ModelError, match=rf"a\.{suffix}"):
@@ -239,9 +241,9 @@ def test_strangers_bytes_are_a_message(tmp_path: Path, suffix: str) -> None:
         read_mesh_file(tmp_path / f"none.{suffix}")
 
 
-def test_a_place_that_is_not_said_or_impossible(tmp_path: Path) -> None:
+def test_a_position_that_is_not_stated_or_impossible(tmp_path: Path) -> None:
     local = obj(tmp_path / "a.obj", box(corner=(0, 0, 0)))
-    with pytest.raises(GeoreferenceError, match=r"outside the area where EPSG:25832 is in use .*crs.offset_file"):
+    with pytest.raises(GeoreferenceError, match=r"outside the area of use of EPSG:25832 .*crs.offset_file"):
         load_mesh_building(local, settings=SETTINGS)
     with pytest.raises(GeoreferenceError, match=r"crs.map"):
         load_mesh_building(local, settings=replace(LOCAL, map_crs=None))
