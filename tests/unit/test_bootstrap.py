@@ -91,9 +91,9 @@ def test_old_python_is_named_with_what_is_wanted(
     monkeypatch.setattr(bootstrap.platform, "python_version", lambda: "3.10.12")
     with pytest.raises(SystemExit):
         bootstrap.check_python()
-    said = capsys.readouterr().err
-    assert "python3 is 3.10.12" in said
-    assert "3.11, 3.12 or 3.13" in said
+    printed = capsys.readouterr().err
+    assert "python3 is 3.10.12" in printed
+    assert "3.11, 3.12 or 3.13" in printed
 
 
 def test_libraries_are_read_before_anything_is_installed() -> None:

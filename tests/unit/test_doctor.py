@@ -1,4 +1,4 @@
-"""The doctor finds what is lacking, says how to get it, and survives what crashes."""
+"""The doctor finds what is missing, names the remedy, and is not stopped by a probe that crashes."""
 
 from pathlib import Path
 

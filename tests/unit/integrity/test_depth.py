@@ -61,7 +61,7 @@ def test_an_image_is_like_itself_and_a_shuffled_one_is_not(depths):
 
 
 def test_holes_neither_count_nor_leak(depths):
-    """Whatever stands where a surface is missing, the windows beside it give the same value."""
+    """Values where a surface is missing have no influence on the windows beside it."""
     model, as_built = (image.copy() for image in depths)
     as_built[:, 30:] = np.inf
     model[:5] = np.inf
@@ -87,7 +87,7 @@ def wall(y_m, half_m=8.0):
 
 @pytest.fixture
 def posed():
-    """Two cameras 10 m before the wall y = 0: one looks at it, one away."""
+    """Two cameras 10 m in front of the wall y = 0: one faces it, one faces away."""
     camera = Camera(width_px=640, height_px=480, fx_px=480, fy_px=480, cx_px=320, cy_px=240)
     at = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     away = np.array([[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]])
@@ -109,7 +109,7 @@ def test_a_wall_built_20_cm_too_far_back(posed):
     assert "the model fills 0.0%" in rows["away"]["reason"]
 
 
-def test_a_view_with_little_as_built_surface_says_so(posed):
+def test_a_view_with_little_as_built_surface_has_that_reason(posed):
     row = compare_views({"at": posed["at"]}, wall(0.0), wall(0.0, half_m=0.5)).to_pylist()[0]
     assert row["integrity_outcome"] == "too_little_surface"
     assert row["ssim"] is None

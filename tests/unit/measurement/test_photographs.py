@@ -66,7 +66,7 @@ def test_each_accepted_crack_has_an_outcome_and_no_other_row_has(tmp_path: Path)
     line = shapely.from_wkt(rows[0]["crack_line"])
     assert line.length == pytest.approx(rows[0]["crack_length_px"], rel=0.03)
     assert line.within(shapely.box(0, 0, 400, 400))
-    assert rows[1]["crack_width_px"] == 3.5  # a person's word is kept
+    assert rows[1]["crack_width_px"] == 3.5  # a stated width is kept
     assert rows[1]["crack_width_sigma_px"] is None
     assert rows[1]["crack_length_px"] == pytest.approx(rows[0]["crack_length_px"], rel=0, abs=1e-9)
     assert all(row[name] is None for row in rows[2:6] for name in NUMBERS)

@@ -1,4 +1,4 @@
-"""Attitudes near nadir, compasses; and which statement about the focal length wins."""
+"""Attitudes near nadir, compasses; and the order of sources of the focal length."""
 
 import math
 from dataclasses import replace
@@ -18,7 +18,7 @@ DEWARP = DewarpCalibration(
 
 
 @pytest.mark.parametrize(("pitch", "sigma"), [(0.0, 5.0), (-60.0, 10.0), (60.0, 10.0), (-89.0, 180.0), (-90.0, 180.0)])
-def test_yaw_is_less_sure_the_steeper_the_view_and_the_plumb_line_is_not(pitch: float, sigma: float) -> None:
+def test_sigma_of_yaw_grows_towards_nadir_and_sigma_of_tilt_does_not(pitch: float, sigma: float) -> None:
     prior = derive_attitude_prior(replace(GIMBAL, pitch_deg=pitch), NOTHING)
     assert prior.sigma_yaw_deg == pytest.approx(sigma, rel=0, abs=1e-6)  # deg
     assert prior.sigma_tilt_deg == 1.0
@@ -42,7 +42,7 @@ def test_yaw_is_brought_into_one_turn(yaw: float, same: float) -> None:
         ({"roll_deg": math.nan}, ""),
     ],
 )
-def test_an_attitude_that_cannot_be_used_is_none_and_says_why(changed: dict[str, float], warning: str) -> None:
+def test_an_unusable_attitude_is_none_with_a_warning(changed: dict[str, float], warning: str) -> None:
     prior = derive_attitude_prior(replace(GIMBAL, **changed), NOTHING)
     assert math.isnan(prior.yaw_deg)
     assert math.isnan(prior.sigma_yaw_deg)

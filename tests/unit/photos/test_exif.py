@@ -95,7 +95,7 @@ def test_dilution_of_precision_widens_and_never_narrows() -> None:
         ("t18", "TOKYO", PositionSigma(horizontal_m=5.0, vertical_m=10.0), "GPSMapDatum is TOKYO; taken as WGS 84"),
     ],
 )
-def test_what_speaks_against_the_fix_widens_and_is_told(
+def test_a_poor_fix_increases_sigma_and_is_warned_about(
     tag: str, value: str, sigma: PositionSigma, warning: str
 ) -> None:
     prior = prior_of(**{tag: value})
@@ -105,7 +105,7 @@ def test_what_speaks_against_the_fix_widens_and_is_told(
     assert prior_of(t9="A", t10="3", t18="WGS-84").warnings == ()
 
 
-def test_a_position_written_in_whole_seconds_is_no_surer_than_they_are() -> None:
+def test_the_sigma_of_a_position_covers_the_resolution_it_is_written_in() -> None:
     coarse = ratios((33, 1), (51, 1), (24, 1))
     prior = prior_of(t2=coarse, t4=coarse)
     # a second of arc is 30.9 m: 8.9 m rms, and the receiver's 5 m
@@ -123,7 +123,7 @@ def test_gps_time_is_the_receivers() -> None:
     assert exif_of(PLACE | {7: clock, 29: "0000:00:00"}).gps_time is None
 
 
-def test_xmp_goes_first_and_what_exif_says_otherwise_is_told() -> None:
+def test_xmp_is_used_and_a_different_exif_value_is_warned_about() -> None:
     drone = DroneMetadata(maker="DJI", lat_deg=-33.8567, lon_deg=-70.6627, absolute_altitude_m=-30.04)
     close = ExifMetadata(lat_deg=-33.8567, lon_deg=-70.66271, altitude_m=-30.0)
     assert derive_position_prior(drone, close).warnings == ()
@@ -135,7 +135,7 @@ def test_xmp_goes_first_and_what_exif_says_otherwise_is_told() -> None:
     )
 
 
-def test_a_damaged_block_says_nothing() -> None:
-    assert repr(read_exif(Image.Exif(), width_px=64)) == repr(ExifMetadata())  # NaN is not itself
-    odd = exif_of({2: ratios((48, 1)), 4: ratios((8, 1), (24, 1))}, {36867: "yesterday", 37521: "abc", 41488: 9})
-    assert (odd.taken_at, math.isnan(odd.lat_deg), math.isnan(odd.altitude_m)) == (None, True, True)
+def test_a_damaged_block_gives_empty_values() -> None:
+    assert repr(read_exif(Image.Exif(), width_px=64)) == repr(ExifMetadata())  # NaN is not equal to itself
+    damaged = exif_of({2: ratios((48, 1)), 4: ratios((8, 1), (24, 1))}, {36867: "yesterday", 37521: "abc", 41488: 9})
+    assert (damaged.taken_at, math.isnan(damaged.lat_deg), math.isnan(damaged.altitude_m)) == (None, True, True)

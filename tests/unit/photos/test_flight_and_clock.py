@@ -1,4 +1,4 @@
-"""Which photographs share a flight, and which times cannot be right."""
+"""The photographs of a flight, and times that are wrong."""
 
 import math
 from datetime import UTC, datetime, timedelta
@@ -86,7 +86,7 @@ def test_one_time_out_of_the_order_of_names_is_marked_alone(wrong_s: float) -> N
     assert marked(0, 2, 4, wrong_s, 8, 10, 12, 14) == [3]
 
 
-def test_names_without_any_order_in_time_say_nothing() -> None:
+def test_names_without_any_order_in_time_give_no_warning() -> None:
     assert marked(50, 10, 40, 20, 30, 0) == []
 
 

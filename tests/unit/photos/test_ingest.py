@@ -1,4 +1,4 @@
-"""Ingest: what good files become; bad ones are in tests/counterexamples/test_photographs.py."""
+"""Rows of readable files; unreadable ones are in tests/counterexamples/test_photographs.py."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +16,7 @@ def ingest(root: Path, **changed: object) -> dict[str, dict[str, object]]:
     return {row["photo_id"]: row for row in table.to_pylist()}
 
 
-def test_a_good_photograph_says_what_its_exif_says(tmp_path: Path) -> None:
+def test_the_row_of_a_photograph_has_the_values_of_its_exif(tmp_path: Path) -> None:
     (tmp_path / "a.JPG").write_bytes(photograph(lat=-48.94, lon=-8.4))
     row = ingest(tmp_path)["a.JPG"]
     assert (row["photo_outcome"], row["reason"]) == ("accepted", None)
@@ -37,8 +37,8 @@ def test_xmp_goes_before_exif_and_a_bad_xmp_position_falls_back(tmp_path: Path) 
         photograph(lat=48.94, xmp='drone-dji:GpsLatitude="0" drone-dji:GpsLongitude="0"')
     )
     rows = ingest(tmp_path)
-    said = [rows["xmp.jpg"][f"prior_{name}"] for name in ("source", "lat_deg", "lon_deg", "height_m")]
-    assert said == ["xmp", 48.95, 8.45, 190.5]
+    values = [rows["xmp.jpg"][f"prior_{name}"] for name in ("source", "lat_deg", "lon_deg", "height_m")]
+    assert values == ["xmp", 48.95, 8.45, 190.5]
     assert rows["both.jpg"]["prior_source"] == "exif"
 
 
@@ -69,18 +69,20 @@ def test_hidden_and_foreign_files_are_not_photographs(tmp_path: Path) -> None:
     assert [path.name for path in find_photographs(tmp_path)] == ["e.Jpeg", "d.TIFF"]
 
 
-def test_the_photographs_of_one_camera_settle_what_its_pitch_means(tmp_path: Path) -> None:
-    """Autel's XL715: level and looking down, in DJI's convention under Pix4D's name."""
+def test_the_photographs_of_one_camera_decide_its_pitch_convention(tmp_path: Path) -> None:
+    """Autel's XL715: horizontal and downward view, in DJI's convention under Pix4D's name."""
     for name, pitch in (("level.jpg", "0.0"), ("down.jpg", "-30.0")):
         xmp = f'xmlns:Camera="http://pix4d.com/camera/1.0" Camera:Yaw="10" Camera:Pitch="{pitch}" Camera:Roll="0.5"'
         (tmp_path / name).write_bytes(photograph(lat=48.94, xmp=xmp, seed=len(name)))
     rows = ingest(tmp_path)
     assert (rows["level.jpg"]["prior_pitch_deg"], rows["down.jpg"]["prior_pitch_deg"]) == (0.0, -30.0)
     (tmp_path / "down.jpg").unlink()
-    assert ingest(tmp_path)["level.jpg"]["prior_pitch_deg"] == -90.0  # by itself it is what Pix4D's schema says
+    assert (
+        ingest(tmp_path)["level.jpg"]["prior_pitch_deg"] == -90.0
+    )  # a single photograph is read in Pix4D's convention
 
 
-def test_a_twin_says_what_its_original_says_and_is_no_witness(tmp_path: Path) -> None:
+def test_a_duplicate_has_the_priors_of_its_original_and_takes_no_part_in_checks(tmp_path: Path) -> None:
     for k in range(4):
         (tmp_path / f"{k}.jpg").write_bytes(photograph(lat=48.94001, seed=0, taken="2026:04:14 10:00:05"))
     rows = ingest(tmp_path)

@@ -1,4 +1,4 @@
-"""Packets in the form that each maker writes, read into one convention."""
+"""Packets in the form of each maker, converted to one convention."""
 
 import math
 
@@ -22,10 +22,10 @@ def packet(description: str) -> bytes:
 
 
 def read(description: str) -> DroneMetadata:
-    """What the packet says."""
-    said = parse_drone_metadata(packet(description))
-    assert said is not None
-    return said
+    """The metadata of the packet."""
+    metadata = parse_drone_metadata(packet(description))
+    assert metadata is not None
+    return metadata
 
 
 # Zenmuse P1 on a Matrice 300 without a fix, as owners post it.
@@ -90,11 +90,11 @@ SENSEFLY = """<rdf:Description rdf:about="" xmlns:Camera="http://ns.sensefly.com
 
 
 def test_dji_the_gimbals_attitude_not_the_aircrafts() -> None:
-    said = read(DJI_P1)
-    assert (said.yaw_deg, said.pitch_deg, said.roll_deg) == (57.2, -12.5, 0.0)
-    assert (said.lat_deg, said.lon_deg) == (29.282190206, -94.92244809)
-    assert (said.absolute_altitude_m, said.relative_altitude_m) == (14.687, 39.839)
-    assert (said.body, said.gps_status, said.rtk_flag) == ("1ZNBJ7R0010078", "Normal", 16)
+    metadata = read(DJI_P1)
+    assert (metadata.yaw_deg, metadata.pitch_deg, metadata.roll_deg) == (57.2, -12.5, 0.0)
+    assert (metadata.lat_deg, metadata.lon_deg) == (29.282190206, -94.92244809)
+    assert (metadata.absolute_altitude_m, metadata.relative_altitude_m) == (14.687, 39.839)
+    assert (metadata.body, metadata.gps_status, metadata.rtk_flag) == ("1ZNBJ7R0010078", "Normal", 16)
 
 
 def test_dji_without_a_fix_has_a_drones_sigma_whatever_altitude_type_says() -> None:
@@ -105,7 +105,7 @@ def test_dji_without_a_fix_has_a_drones_sigma_whatever_altitude_type_says() -> N
     )
 
 
-def test_dji_says_that_its_position_is_invalid() -> None:
+def test_an_invalid_gps_status_of_dji_discards_the_position() -> None:
     prior = derive_position_prior(read(DJI_P1.replace('GpsStatus="Normal"', 'GpsStatus="Invalid"')), ExifMetadata())
     assert (prior.source, prior.reason) == ("none", "XMP: GpsStatus is Invalid; EXIF: no position")
 
@@ -118,68 +118,70 @@ def test_all_flags_from_32_to_49_are_float(flag: int) -> None:
 
 
 def test_autels_newer_firmware_writes_djis_tags() -> None:
-    said = read(AUTEL_NEW)
-    assert (said.lat_deg, said.lon_deg) == (47.64368732, 16.47592717)
-    assert (said.yaw_deg, said.pitch_deg, said.rtk_flag) == (-150.1, -30.0, 50)
-    assert said.calibrated_focal_px == 4404.166667
-    assert derive_position_prior(said, ExifMetadata()).sigma == PositionSigma(horizontal_m=0.01439, vertical_m=0.02969)
+    metadata = read(AUTEL_NEW)
+    assert (metadata.lat_deg, metadata.lon_deg) == (47.64368732, 16.47592717)
+    assert (metadata.yaw_deg, metadata.pitch_deg, metadata.rtk_flag) == (-150.1, -30.0, 50)
+    assert metadata.calibrated_focal_px == 4404.166667
+    assert derive_position_prior(metadata, ExifMetadata()).sigma == PositionSigma(
+        horizontal_m=0.01439, vertical_m=0.02969
+    )
 
 
 def test_autels_older_firmware_measures_pitch_from_nadir() -> None:
-    said = read(AUTEL_OLD)
-    assert (said.yaw_deg, said.pitch_deg, said.roll_deg) == (-140.25, -19.5, 0.5)
-    assert math.isnan(said.lat_deg)  # the position is in EXIF alone
+    metadata = read(AUTEL_OLD)
+    assert (metadata.yaw_deg, metadata.pitch_deg, metadata.roll_deg) == (-140.25, -19.5, 0.5)
+    assert math.isnan(metadata.lat_deg)  # the position is in EXIF alone
 
 
-def test_a_negative_camera_pitch_gives_djis_convention_away() -> None:
-    """Autel's XL715 writes 0 at the horizon; one photograph below it tells for all of that camera."""
+def test_a_negative_camera_pitch_implies_djis_convention() -> None:
+    """Autel's XL715 writes 0 at the horizon; one photograph below it decides for all of that camera."""
     level, down = (read(AUTEL_OLD.replace("70.5", pitch)) for pitch in ("0.0", "-30.0"))
     assert not is_dji_pitch([70.5, 0.0, math.nan])
     assert is_dji_pitch([level.camera_pitch_deg, down.camera_pitch_deg])
-    assert [apply_dji_pitch(said).pitch_deg for said in (level, down)] == [0.0, -30.0]
+    assert [apply_dji_pitch(metadata).pitch_deg for metadata in (level, down)] == [0.0, -30.0]
 
 
-def test_parrot_says_one_attitude_in_two_conventions() -> None:
+def test_parrot_writes_one_attitude_in_two_conventions() -> None:
     """Parrot's documentation gives both for one photograph: they must come out alike."""
-    said = read(PARROT)
-    assert (said.yaw_deg, said.pitch_deg, said.roll_deg) == (146.848038, -51.988888, -0.052789)
+    metadata = read(PARROT)
+    assert (metadata.yaw_deg, metadata.pitch_deg, metadata.roll_deg) == (146.848038, -51.988888, -0.052789)
     camera = read(PARROT.replace("drone-parrot:Camera", "drone-parrot:Other"))
     assert camera.attitude_tags == "Camera:Yaw/Pitch/Roll"
     assert (camera.yaw_deg, camera.pitch_deg, camera.roll_deg) == pytest.approx(
-        (said.yaw_deg, said.pitch_deg, said.roll_deg), rel=0, abs=0.1
+        (metadata.yaw_deg, metadata.pitch_deg, metadata.roll_deg), rel=0, abs=0.1
     )  # deg
 
 
 def test_parrots_position_is_in_the_exif_schema_with_its_own_estimate_of_accuracy() -> None:
-    said = read(PARROT)
-    assert said.lat_deg == pytest.approx(48 + 21.1367729995753 / 60, rel=0, abs=1e-12)  # deg
-    assert said.lon_deg == pytest.approx(2 + 49.15540455031244 / 60, rel=0, abs=1e-12)  # deg
-    assert said.absolute_altitude_m == pytest.approx(75.86, rel=0, abs=0.01)  # m
-    assert (said.body, said.flight_id) == ("PI040416BA8G059745", "E424837D31F3240CFB94681E1D293DE3")
-    prior = derive_position_prior(said, ExifMetadata(make="Parrot", model="ANAFI Ai"))
+    metadata = read(PARROT)
+    assert metadata.lat_deg == pytest.approx(48 + 21.1367729995753 / 60, rel=0, abs=1e-12)  # deg
+    assert metadata.lon_deg == pytest.approx(2 + 49.15540455031244 / 60, rel=0, abs=1e-12)  # deg
+    assert metadata.absolute_altitude_m == pytest.approx(75.86, rel=0, abs=0.01)  # m
+    assert (metadata.body, metadata.flight_id) == ("PI040416BA8G059745", "E424837D31F3240CFB94681E1D293DE3")
+    prior = derive_position_prior(metadata, ExifMetadata(make="Parrot", model="ANAFI Ai"))
     assert prior.sigma == PositionSigma(horizontal_m=1.0, vertical_m=2.0)  # 0.40 and 0.61 m leave reflections out
     assert prior.evidence.startswith("XMP position, GPSXYAccuracy 0.403 m, GPSZAccuracy 0.61 m")
     assert prior.height_datum == "ellipsoidal"
     south = read(PARROT.replace("9995753N", "9995753S").replace("<exif:GPSAltitudeRef>0", "<exif:GPSAltitudeRef>1"))
-    assert (south.lat_deg, south.absolute_altitude_m) == (-said.lat_deg, -said.absolute_altitude_m)
+    assert (south.lat_deg, south.absolute_altitude_m) == (-metadata.lat_deg, -metadata.absolute_altitude_m)
 
 
 @pytest.mark.parametrize("form", [SKYDIO_ATTRIBUTES, SKYDIO_ELEMENTS])
 def test_skydio_writes_structures_in_two_forms(form: str) -> None:
-    said = read(form)
-    assert (said.yaw_deg, said.pitch_deg, said.roll_deg) == (127.444323, -7.468572, 0.186841)
-    assert (said.lat_deg, said.lon_deg, said.absolute_altitude_m) == (32.4187, -110.924547, 1034.44191)
-    # the factory's centre 2027.5 of a 4056 px wide photograph counts from the middle of the first pixel
-    assert (said.calibrated_focal_px, said.calibrated_width_px) == (2376.5625, 4056.0)
-    assert derive_position_prior(said, ExifMetadata()).height_datum == "unknown"
+    metadata = read(form)
+    assert (metadata.yaw_deg, metadata.pitch_deg, metadata.roll_deg) == (127.444323, -7.468572, 0.186841)
+    assert (metadata.lat_deg, metadata.lon_deg, metadata.absolute_altitude_m) == (32.4187, -110.924547, 1034.44191)
+    # the factory's centre 2027.5 of a 4056 px wide photograph counts from the centre of the first pixel
+    assert (metadata.calibrated_focal_px, metadata.calibrated_width_px) == (2376.5625, 4056.0)
+    assert derive_position_prior(metadata, ExifMetadata()).height_datum == "unknown"
 
 
 def test_sensefly_states_all_sigmas() -> None:
-    said = read(SENSEFLY)
-    assert said.pitch_deg == pytest.approx(-76.188771, rel=0, abs=1e-9)  # deg
-    prior = derive_position_prior(said, ExifMetadata(lat_deg=46.5, lon_deg=6.5, altitude_m=500.0))
+    metadata = read(SENSEFLY)
+    assert metadata.pitch_deg == pytest.approx(-76.188771, rel=0, abs=1e-9)  # deg
+    prior = derive_position_prior(metadata, ExifMetadata(lat_deg=46.5, lon_deg=6.5, altitude_m=500.0))
     assert (prior.source, prior.sigma) == ("exif", PositionSigma(horizontal_m=0.024764, vertical_m=0.036845))
-    attitude = derive_attitude_prior(said, ExifMetadata())
+    attitude = derive_attitude_prior(metadata, ExifMetadata())
     assert attitude.sigma_tilt_deg == 5.0
     assert attitude.sigma_yaw_deg == pytest.approx(10 / math.cos(math.radians(76.188771)), rel=0, abs=1e-6)  # deg
 

@@ -1,4 +1,4 @@
-"""Mask files are told from photographs by name, and only where their photograph is there."""
+"""Mask files are recognised by name, and only where their photograph exists."""
 
 from pathlib import Path
 

@@ -40,10 +40,10 @@ def drone(text: str) -> DroneMetadata:
 
 @pytest.mark.parametrize("packet", [ATTRIBUTES, ELEMENTS, "<?xpacket?>" + ATTRIBUTES + " " * 50 + "\0"])
 def test_both_forms_and_the_misspelt_longitude(packet: str) -> None:
-    said = parse_drone_metadata(packet.encode())
-    assert said is not None
-    assert (said.lat_deg, said.lon_deg, said.rtk_flag) == (48.5, 8.25, 50)
-    assert math.isnan(said.absolute_altitude_m)
+    metadata = parse_drone_metadata(packet.encode())
+    assert metadata is not None
+    assert (metadata.lat_deg, metadata.lon_deg, metadata.rtk_flag) == (48.5, 8.25, 50)
+    assert math.isnan(metadata.absolute_altitude_m)
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_both_forms_and_the_misspelt_longitude(packet: str) -> None:
     [b"", b"<x:xmpmeta", HEAD.encode() + b"></x:xmpmeta>", HEAD.encode() + b"/></rdf:RDF></x:xmpmeta>",
      BOMB.encode() + b"<x:xmpmeta>&a;</x:xmpmeta>"],
 )  # fmt: skip
-def test_no_packet_a_broken_one_or_an_attack_says_nothing(packet: bytes) -> None:
+def test_a_missing_broken_or_malicious_packet_has_no_metadata(packet: bytes) -> None:
     assert parse_drone_metadata(packet) is None
 
 
@@ -86,13 +86,13 @@ def test_sigma_and_datum_need_evidence(rtk: str, sigma: PositionSigma, datum: He
 
 
 @pytest.mark.parametrize(
-    ("said", "sigma", "datum"),
+    ("stated", "sigma", "datum"),
     [
         ({"altitude_ref": 0}, SIGMA_HANDHELD, HeightDatum.UNKNOWN),
         ({"altitude_ref": 2}, SIGMA_HANDHELD, HeightDatum.ELLIPSOIDAL),
         ({"position_error_m": 4.0}, PositionSigma(horizontal_m=4.0, vertical_m=8.0), HeightDatum.UNKNOWN),
     ],
 )
-def test_a_handheld_position(said: dict[str, float], sigma: PositionSigma, datum: HeightDatum) -> None:
-    prior = derive_position_prior(None, ExifMetadata(lat_deg=55.0, lon_deg=13.0, altitude_m=37.0, **said))
+def test_a_handheld_position(stated: dict[str, float], sigma: PositionSigma, datum: HeightDatum) -> None:
+    prior = derive_position_prior(None, ExifMetadata(lat_deg=55.0, lon_deg=13.0, altitude_m=37.0, **stated))
     assert (prior.source, prior.sigma, prior.height_datum) == (PositionSource.EXIF, sigma, datum)

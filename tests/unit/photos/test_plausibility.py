@@ -22,8 +22,10 @@ def flown(count: int = 8, step_m: float = 5.0, **changed: dict[int, dict[str, fl
     xyz = np.column_stack([step_m * np.arange(count), np.zeros(count), np.full(count, 10.0)])
     out = []
     for k, (lon, lat, height) in enumerate(ORIGIN.geo_from_site(xyz)):
-        said = {"lon_deg": lon, "lat_deg": lat, "height_m": height} | changed.get("at", {}).get(k, {})
-        prior = PositionPrior(source=PositionSource.XMP, sigma=PositionSigma(horizontal_m=3.0, vertical_m=5.0), **said)
+        values = {"lon_deg": lon, "lat_deg": lat, "height_m": height} | changed.get("at", {}).get(k, {})
+        prior = PositionPrior(
+            source=PositionSource.XMP, sigma=PositionSigma(horizontal_m=3.0, vertical_m=5.0), **values
+        )
         out.append(TimedPrior(prior=prior, flight=1, time_s=1e9 + 2.0 * k))
     return out
 
@@ -40,15 +42,15 @@ def dropped(priors: list[PositionPrior]) -> list[int]:
 
 
 def test_a_good_flight_passes_as_it_is() -> None:
-    located = flown()
-    assert check_priors(located, distance_to_origin) == [one.prior for one in located]
-    assert check_priors(located) == [one.prior for one in located]
+    timed = flown()
+    assert check_priors(timed, distance_to_origin) == [one.prior for one in timed]
+    assert check_priors(timed) == [one.prior for one in timed]
     assert check_priors([]) == []
 
 
 @pytest.mark.parametrize("model", [None, distance_to_origin])
 @pytest.mark.parametrize(
-    ("wrong", "slip"),
+    ("wrong", "suggestion"),
     [
         ({"lon_deg": LAT, "lat_deg": LON}, "with latitude and longitude swapped it would be"),
         ({"lon_deg": -LON}, "with the sign of the longitude (E/W) changed it would be"),
@@ -57,24 +59,26 @@ def test_a_good_flight_passes_as_it_is() -> None:
         ({"lon_deg": 12.0}, " km from "),
     ],
 )
-def test_a_slip_of_writing_is_dropped_and_named(wrong: dict[str, float], slip: str, model: object) -> None:
+def test_an_error_of_writing_is_discarded_and_explained(
+    wrong: dict[str, float], suggestion: str, model: object
+) -> None:
     priors = check_priors(flown(at={2: wrong}), model)  # type: ignore[arg-type]
     assert dropped(priors) == [2]
-    assert slip in priors[2].reason
+    assert suggestion in priors[2].reason
     assert priors[2].warnings == (priors[2].reason,)
     assert math.isnan(priors[2].lon_deg)
     assert ("the building" if model else "the other photographs") in priors[2].reason
 
 
-def test_a_slip_in_all_photographs_is_left_to_the_pose_stage_with_a_warning() -> None:
-    located = [replace(one, prior=replace(one.prior, lat_deg=LON, lon_deg=LAT)) for one in flown(step_m=0.0)]
-    priors = check_priors([replace(one, time_s=math.nan) for one in located], distance_to_origin)
+def test_an_error_in_all_photographs_is_left_to_the_pose_stage_with_a_warning() -> None:
+    timed = [replace(one, prior=replace(one.prior, lat_deg=LON, lon_deg=LAT)) for one in flown(step_m=0.0)]
+    priors = check_priors([replace(one, time_s=math.nan) for one in timed], distance_to_origin)
     assert dropped(priors) == []
     assert all("with latitude and longitude swapped it would be 0 m away" in p.warnings[0] for p in priors)
 
 
 @pytest.mark.parametrize("k", [0, 3, 7])
-def test_a_jump_condemns_itself_alone_wherever_it_is(k: int) -> None:
+def test_an_outlier_is_discarded_alone_wherever_it_is(k: int) -> None:
     lon, lat, _ = ORIGIN.geo_from_site(np.array([[0.0, 400.0, 10.0]]))[0]
     priors = check_priors(flown(at={k: {"lon_deg": lon, "lat_deg": lat}}))
     assert dropped(priors) == [k]
@@ -91,8 +95,8 @@ def test_two_places_in_turn_are_no_majority_and_a_gap_in_time_is_no_jump() -> No
     lon, lat, _ = ORIGIN.geo_from_site(np.array([[0.0, 400.0, 10.0]]))[0]
     there = {"lon_deg": lon, "lat_deg": lat}
     assert dropped(check_priors(flown(at={1: there, 3: there, 5: there, 7: there}))) == []
-    located = flown(at=dict.fromkeys(range(4, 8), there))
-    later = [replace(one, time_s=one.time_s + (60 if k > 3 else 0)) for k, one in enumerate(located)]
+    timed = flown(at=dict.fromkeys(range(4, 8), there))
+    later = [replace(one, time_s=one.time_s + (60 if k > 3 else 0)) for k, one in enumerate(timed)]
     assert dropped(check_priors(later)) == []
 
 
@@ -114,7 +118,7 @@ def test_an_impossible_height_is_not_used_and_the_position_kept(height: float, w
     assert priors[4].lon_deg == pytest.approx(LON, rel=0, abs=1e-3)  # deg
 
 
-def test_a_frozen_receiver_is_as_uncertain_as_the_way_flown_meanwhile() -> None:
+def test_the_sigma_of_a_frozen_receiver_is_the_distance_flown_meanwhile() -> None:
     same = {"lon_deg": flown(12, 20.0)[3].prior.lon_deg, "lat_deg": flown(12, 20.0)[3].prior.lat_deg}
     priors = check_priors(flown(12, 20.0, at=dict.fromkeys((3, 4, 5, 6), same)))
     assert dropped(priors) == []
@@ -126,9 +130,9 @@ def test_a_frozen_receiver_is_as_uncertain_as_the_way_flown_meanwhile() -> None:
     assert priors[2].sigma == PositionSigma(horizontal_m=3.0, vertical_m=5.0)
 
 
-def test_cameras_that_fire_together_share_a_position_rightly() -> None:
-    located = flown(at={1: {"lon_deg": LON}, 2: {"lon_deg": LON}})  # wide, tele and thermal in one second
-    together = [replace(one, time_s=1e9 if k < 3 else one.time_s) for k, one in enumerate(located)]
+def test_cameras_triggered_together_may_share_a_position() -> None:
+    timed = flown(at={1: {"lon_deg": LON}, 2: {"lon_deg": LON}})  # wide, tele and thermal in one second
+    together = [replace(one, time_s=1e9 if k < 3 else one.time_s) for k, one in enumerate(timed)]
     assert all(prior.warnings == () for prior in check_priors(together))
 
 
@@ -164,18 +168,18 @@ def test_a_climb_with_a_frozen_place_keeps_its_heights_sigma() -> None:
         max_size=12,
     )
 )  # fmt: skip
-def test_whatever_is_stated_a_prior_is_kept_widened_or_dropped_with_a_reason(
-    said: list[tuple[float, float, float, float, int]],
+def test_a_prior_is_kept_widened_or_discarded_with_a_reason(
+    values: list[tuple[float, float, float, float, int]],
 ) -> None:
-    located = [
+    timed = [
         TimedPrior(
             prior=PositionPrior(source=PositionSource.EXIF, lon_deg=lon, lat_deg=lat, height_m=height),
             flight=flight,
             time_s=time,
         )
-        for lon, lat, height, time, flight in said
+        for lon, lat, height, time, flight in values
     ]
-    for before, after in zip(located, check_priors(located), strict=True):
+    for before, after in zip(timed, check_priors(timed), strict=True):
         if after.source is PositionSource.NONE:
             assert after.reason in after.warnings
             assert math.isnan(after.lon_deg)

@@ -1,4 +1,4 @@
-"""What docs/georeference-levels.md shows for the registry is taken by it."""
+"""The registry accepts the examples of docs/georeference-levels.md."""
 
 import re
 from pathlib import Path
@@ -22,8 +22,8 @@ def test_every_example_is_a_registry_entry():
     assert len(examples) == 4
     buildings = [Building.model_validate(HALL | example) for example in examples]
     pairs = [ControlPair(ifc_m=pair.ifc_m, map_m=pair.map_m) for pair in buildings[1].crs.control]
-    placement, said = fit_placement(pairs, "EPSG:25832", "ellipsoidal")
-    assert "placed by 3 pairs" in said
+    placement, evidence = fit_placement(pairs, "EPSG:25832", "ellipsoidal")
+    assert "placed by 3 pairs" in evidence
     assert abs(placement.rotation_deg - 30.0) < 0.05  # deg
     assert buildings[3].model_building == "Main house"
 

@@ -1,4 +1,4 @@
-"""The registry: what it gives, and how it tells mistakes."""
+"""The registry: its buildings, and the messages about mistakes."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_variables_have_defaults_and_are_named_when_a_path_is_missing(
         (("detector: {", "tolerances: {grazing_above_deg: 100}\n    detector: {"), r"grazing_above_deg .* 100: .*90"),
     ],
 )
-def test_each_mistake_is_told_with_file_key_value_and_what_is_allowed(
+def test_the_message_of_a_mistake_names_file_key_value_and_what_is_allowed(
     tmp_path: Path, change: tuple[str, str], message: str
 ) -> None:
     text = GOOD.replace(*change)
@@ -111,7 +111,7 @@ def test_each_mistake_is_told_with_file_key_value_and_what_is_allowed(
     assert str(path) in str(caught.value)
 
 
-def test_all_mistakes_are_told_at_once_and_ids_are_unique(tmp_path: Path) -> None:
+def test_all_mistakes_are_reported_at_once_and_ids_are_unique(tmp_path: Path) -> None:
     second = GOOD.replace("buildings:\n", "").replace("schedule: {cron", "shedule: {cron")
     with pytest.raises(InputDataError) as caught:
         read_portfolio(_write(tmp_path, GOOD + second.replace("Town hall", "''")))

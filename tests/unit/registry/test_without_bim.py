@@ -1,4 +1,4 @@
-"""Registry entries of buildings without BIM, and what the flow refuses of them before any work begins."""
+"""Registry entries of buildings without BIM, and the checks of the flow before the first stage."""
 
 from __future__ import annotations
 
@@ -46,7 +46,9 @@ def registered(folder: Path, **changes: Any) -> Building:
         ("hall.ply", SurfaceKind.MESH), ("as-built", SurfaceKind.AS_BUILT), ("as-built.ifc", SurfaceKind.IFC),
     ],
 )  # fmt: skip
-def test_the_model_is_known_by_its_word_or_its_ending(tmp_path: Path, model: str, kind: SurfaceKind) -> None:
+def test_the_kind_of_the_model_follows_from_its_keyword_or_suffix(
+    tmp_path: Path, model: str, kind: SurfaceKind
+) -> None:
     assert registered(tmp_path, model=model).surface_kind is kind
 
 
@@ -69,7 +71,7 @@ def test_what_a_mesh_is_told_reaches_geobim_and_paths_count_from_the_registry(tm
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         (
             {"model": "hall.ifc", "crs": {"axes": "y-up"}},
@@ -87,8 +89,8 @@ def test_what_a_mesh_is_told_reaches_geobim_and_paths_count_from_the_registry(tm
         ({"storeys": [{"name": "a"}]}, "storeys.0.floor_m.*missing"),
     ],
 )
-def test_keys_that_do_not_fit_the_model_are_mistakes(tmp_path: Path, changes: dict[str, Any], told: str) -> None:
-    with pytest.raises(InputDataError, match=told):
+def test_keys_that_do_not_fit_the_model_are_mistakes(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputDataError, match=message):
         registered(tmp_path, **changes)
 
 
