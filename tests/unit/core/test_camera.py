@@ -57,7 +57,7 @@ def test_points_behind_the_camera_have_no_pixel() -> None:
 
 
 def test_the_principal_ray_is_straight_ahead_in_the_pixel_convention() -> None:
-    """An ideal camera of 4 x 2 pixels has its principal point at its corner-based centre (2, 1), not through a pixel's centre."""
+    """The principal point of an ideal camera of 4 x 2 pixels is (2, 1), a corner between pixels."""
     ideal = Camera(width_px=4, height_px=2, fx_px=10, fy_px=10, cx_px=2, cy_px=1)
     np.testing.assert_allclose(ideal.rays_cam_from_img(np.array([[2.0, 1.0]])), [[0, 0, 1]], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(ideal.is_inside(np.array([[0.5, 0.5], [4.0, 2.0], [-0.1, 1], [2, 2.1]])),

@@ -77,9 +77,7 @@ def test_the_photographs_of_one_camera_decide_its_pitch_convention(tmp_path: Pat
     rows = ingest(tmp_path)
     assert (rows["level.jpg"]["prior_pitch_deg"], rows["down.jpg"]["prior_pitch_deg"]) == (0.0, -30.0)
     (tmp_path / "down.jpg").unlink()
-    assert (
-        ingest(tmp_path)["level.jpg"]["prior_pitch_deg"] == -90.0
-    )  # a single photograph is read in Pix4D's convention
+    assert ingest(tmp_path)["level.jpg"]["prior_pitch_deg"] == -90.0  # alone: Pix4D's convention
 
 
 def test_a_duplicate_has_the_priors_of_its_original_and_takes_no_part_in_checks(tmp_path: Path) -> None:

@@ -59,9 +59,7 @@ def test_a_good_flight_passes_as_it_is() -> None:
         ({"lon_deg": 12.0}, " km from "),
     ],
 )
-def test_an_error_of_writing_is_discarded_and_explained(
-    wrong: dict[str, float], suggestion: str, model: object
-) -> None:
+def test_an_error_of_writing_is_discarded_with_a_hint(wrong: dict[str, float], suggestion: str, model: object) -> None:
     priors = check_priors(flown(at={2: wrong}), model)  # type: ignore[arg-type]
     assert dropped(priors) == [2]
     assert suggestion in priors[2].reason

@@ -46,9 +46,7 @@ def registered(folder: Path, **changes: Any) -> Building:
         ("hall.ply", SurfaceKind.MESH), ("as-built", SurfaceKind.AS_BUILT), ("as-built.ifc", SurfaceKind.IFC),
     ],
 )  # fmt: skip
-def test_the_kind_of_the_model_follows_from_its_keyword_or_suffix(
-    tmp_path: Path, model: str, kind: SurfaceKind
-) -> None:
+def test_the_kind_of_the_model_follows_from_keyword_or_suffix(tmp_path: Path, model: str, kind: SurfaceKind) -> None:
     assert registered(tmp_path, model=model).surface_kind is kind
 
 
