@@ -47,7 +47,7 @@ class OutputTensor:
 class DetectionCandidates:
     """Boxes before suppression: ``corners_input`` (n, 4: left, top, right, bottom) in pixels of the model's input.
 
-    ``scores`` (n,) are not calibrated; ``classes`` (n,); ``rows`` (n,) of the model's output; ``masks`` if the layout has
+    ``scores`` (n,), not calibrated; ``classes`` (n,); ``rows`` (n,) of the model's output; ``masks`` if the layout has
     them.
     """
 

@@ -1,9 +1,9 @@
-"""Where a detector looks in a photograph: the whole of it, or overlapping tiles at one or two scales.
+"""Tile passes over a photograph: the whole photograph, or overlapping tiles at one or two scales.
 
-A detector finds what is as large in its input as what it learned from. Its card may say at which sizes of a pixel on
-the facade (GSD) it wants to look; the tiles are then cut so that their pixels, brought to the model's input, have that
-GSD. Where card or photograph does not say, tiles of the photograph's own pixels show the fine and one look at the whole
-shows the coarse.
+A detector finds objects that are as large in its input as in its training data. A model card may state the GSD of the
+input; tiles are then sized so that, resized to the model's input, they have that GSD. If the GSD is unknown for card or
+photograph, one pass has tiles at the photograph's own resolution for small objects, and one pass has the whole
+photograph for large ones. Sliced inference with overlap follows SAHI (Akyon et al. 2022).
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ import numpy as np
 from facadelake.core.arrays import BoolArray
 from facadelake.detection.card import CardInput
 
-# Up to this many inputs long, a photograph is looked at whole: it loses at most half of its resolution.
+# Up to this multiple of the input's size a photograph is one tile: it loses at most half of its resolution.
 WHOLE_INPUTS_MAX = 2.0
-# Neighbouring tiles share at least this part of a tile, so that what is smaller lies whole in one of them.
+# Overlap of neighbouring tiles as a fraction of the tile: a smaller object lies whole in one of them.
 OVERLAP_RATIO = 0.2
-# Enlarging shows nothing new; this much spares a tile plan of another scale for a photograph that is nearly right.
+# Limit of enlargement: it adds no information, but photographs slightly coarser than requested keep their pass.
 GAIN_MAX = 1.25
-# Two scales nearer than this factor show the same.
+# Scales with a smaller ratio are treated as one.
 SCALE_RATIO_MIN = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class DetectorTile:
-    """A part of the photograph in whole pixels, ``right`` and ``bottom`` not included."""
+    """A tile of the photograph in whole pixels; ``right`` and ``bottom`` are exclusive."""
 
     left: int
     top: int
@@ -39,7 +39,7 @@ class DetectorTile:
 
 @dataclass(frozen=True, kw_only=True)
 class TilePass:
-    """All tiles of one scale; a pixel of the photograph is ``gain`` pixels of the model's input."""
+    """All tiles of one scale; ``gain``: pixels of the model's input per pixel of the photograph."""
 
     gain: float
     tiles: tuple[DetectorTile, ...]
@@ -48,11 +48,17 @@ class TilePass:
 def plan_tile_passes(
     spec: CardInput, *, width_px: int, height_px: int, gsd_mm: float | None = None, target: BoolArray | None = None
 ) -> tuple[TilePass, ...]:
-    """The looks at a photograph of ``width_px`` x ``height_px``, finest first.
+    """Plan the tile passes over a photograph, finest first.
 
-    ``gsd_mm``: millimetres on the facade a pixel of the photograph; None, or no positive number, where unknown.
-    ``target``: mask of any size that lies over the whole photograph, true where something is to be found; tiles that
-    show nothing of it are left out, and where it is empty there is no look at all.
+    Args:
+        spec: The model's input.
+        width_px: Width of the photograph.
+        height_px: Height of the photograph.
+        gsd_mm: GSD of the photograph in millimetres; None, or not a positive number, where unknown.
+        target: Mask (h, w) of any size that covers the whole photograph, true where to search; None: everywhere.
+
+    Returns:
+        The passes; tiles without a pixel of the target are omitted. Empty if the target is empty.
     """
     if target is not None and not target.any():
         return ()
@@ -65,24 +71,24 @@ def plan_tile_passes(
     if max(width_px, height_px) <= WHOLE_INPUTS_MAX * max(spec.width_px, spec.height_px):
         return (whole,)
     gains = _plan_gains(spec, gsd_mm)
-    looks = [
+    passes = [
         _tile_target(spec, gain, width_px, height_px, target) for gain in gains if gain > whole.gain * SCALE_RATIO_MIN
     ]
-    if len(looks) < len(gains) or not spec.gsd_mm or gsd_mm is None:
-        looks.append(whole)
-    return tuple(looks)
+    if len(passes) < len(gains) or not spec.gsd_mm or gsd_mm is None:
+        passes.append(whole)
+    return tuple(passes)
 
 
 def _plan_gains(spec: CardInput, gsd_mm: float | None) -> list[float]:
-    """Pixels of the input a pixel of the photograph, largest first; what is nearly the same once."""
+    """Pixels of the input per pixel of the photograph, largest first, without gains of nearly the same scale."""
     if not spec.gsd_mm or gsd_mm is None:
         return [1.0]
-    wanted = sorted((min(gsd_mm / one, GAIN_MAX) for one in spec.gsd_mm), reverse=True)
-    return [gain for i, gain in enumerate(wanted) if i == 0 or wanted[i - 1] > gain * SCALE_RATIO_MIN]
+    gains = sorted((min(gsd_mm / input_mm, GAIN_MAX) for input_mm in spec.gsd_mm), reverse=True)
+    return [gain for i, gain in enumerate(gains) if i == 0 or gains[i - 1] > gain * SCALE_RATIO_MIN]
 
 
 def _tile_target(spec: CardInput, gain: float, width_px: int, height_px: int, target: BoolArray | None) -> TilePass:
-    """Tiles over the box around the target, those left out that show nothing of it."""
+    """Tiles over the bounding box of the target, without those that contain no pixel of it."""
     tile_width = min(width_px, round(spec.width_px / gain))
     tile_height = min(height_px, round(spec.height_px / gain))
     left, top, right, bottom = (
@@ -97,7 +103,7 @@ def _tile_target(spec: CardInput, gain: float, width_px: int, height_px: int, ta
 
 
 def _distribute_starts(low: int, high: int, tile: int, limit: int) -> list[int]:
-    """Where tiles begin that cover ``low`` to ``high`` evenly and stay within 0 to ``limit``."""
+    """First pixels of tiles that cover ``low`` to ``high`` evenly, within 0 to ``limit``."""
     if high - low <= tile:
         return [min(max(0, (low + high - tile) // 2), limit - tile)]
     overlap = round(OVERLAP_RATIO * tile)
@@ -106,7 +112,7 @@ def _distribute_starts(low: int, high: int, tile: int, limit: int) -> list[int]:
 
 
 def _bound_target(target: BoolArray, width_px: int, height_px: int) -> tuple[int, int, int, int]:
-    """The box (left, top, right, bottom) about the target, in pixels of the photograph."""
+    """Bounding box (left, top, right, bottom) of the target, in pixels of the photograph."""
     rows, columns = np.flatnonzero(target.any(axis=1)), np.flatnonzero(target.any(axis=0))
     across, down = width_px / target.shape[1], height_px / target.shape[0]
     return (
@@ -120,7 +126,7 @@ def _bound_target(target: BoolArray, width_px: int, height_px: int) -> tuple[int
 def _select_tiles(
     target: BoolArray, tiles: tuple[DetectorTile, ...], width_px: int, height_px: int
 ) -> tuple[DetectorTile, ...]:
-    """The tiles in which at least a pixel of the target lies."""
+    """The tiles that contain at least one pixel of the target."""
     height, width = target.shape
     sums = cv2.integral(target.astype(np.uint8))
     kept = []

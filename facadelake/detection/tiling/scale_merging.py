@@ -1,4 +1,4 @@
-"""What a fine and a coarse look both show, told once."""
+"""Merging of the detections of a fine and a coarse tile pass."""
 
 from __future__ import annotations
 
@@ -12,80 +12,82 @@ from facadelake.detection.boxes import Box
 from facadelake.detection.inference.detector import DetectedBox
 from facadelake.detection.tiling.agreement import compute_iou
 
-# A fine box that lies in a coarse one by this much of its area shows a part of it, or all.
+# A fine detection with this share of its area in a coarse one is a part of it.
 CONTAINED_SHARE_MIN = 0.7
-# Fine boxes that together bound this much of a coarse one are its pieces.
+# Fine detections whose common bounding box has this IoU with a coarse one are its pieces.
 PIECES_IOU_MIN = 0.4
 
 
 def merge_scales(
     fine: Sequence[DetectedBox], coarse: Sequence[DetectedBox], *, nms_iou: float
 ) -> tuple[DetectedBox, ...]:
-    """``fine`` and ``coarse`` of the same photograph, each thing once.
+    """Merge ``fine`` and ``coarse`` detections of one photograph, so that each object is detected once.
 
-    What overlaps by ``nms_iou`` or more is one thing, each fine one with the coarse one that fits it best; the fine
-    outline stands, and the better score. Where fine ones that found no partner together fill a coarse one, that one
-    says they are pieces of one thing, and they say where it ends. Where they show little of it, the better score
-    decides.
+    A fine and a coarse detection of one class with an IoU of at least ``nms_iou`` are matched, best overlap first; the
+    fine outline is kept with the higher score. Unmatched fine detections that together fill a coarse one are merged as
+    pieces of one object, whose extent is that of the pieces. If they fill little of it, the one with the higher score
+    is kept.
     """
     if not fine or not coarse:
         return tuple(fine) or tuple(coarse)
-    outlines = [_get_shape(one) for one in fine]
-    large = [_get_shape(one) for one in coarse]
-    near = [
-        (int(i), int(j), compute_iou(outlines[i], large[j]))
-        for j, i in zip(*shapely.STRtree(outlines).query(large, predicate="intersects"), strict=True)
+    fine_shapes = [_get_shape(detection) for detection in fine]
+    coarse_shapes = [_get_shape(detection) for detection in coarse]
+    overlaps = [
+        (int(i), int(j), compute_iou(fine_shapes[i], coarse_shapes[j]))
+        for j, i in zip(*shapely.STRtree(fine_shapes).query(coarse_shapes, predicate="intersects"), strict=True)
         if fine[i].class_name == coarse[j].class_name
     ]
-    score = [one.score for one in fine]
-    told: set[int] = set()  # of coarse
-    settled: set[int] = set()  # of fine
-    for i, j, share in sorted(near, key=lambda pair: -pair[2]):
-        if share < nms_iou:
+    scores = [detection.score for detection in fine]
+    matched_coarse: set[int] = set()
+    matched_fine: set[int] = set()
+    for i, j, iou in sorted(overlaps, key=lambda overlap: -overlap[2]):
+        if iou < nms_iou:
             break
-        if i not in settled and j not in told:
-            score[i] = max(score[i], coarse[j].score)
-            settled.add(i)
-        told.add(j)
-    out: list[DetectedBox] = []
-    gone: set[int] = set()  # of fine
-    for j in sorted(set(range(len(coarse))) - told, key=lambda k: -coarse[k].score):
+        if i not in matched_fine and j not in matched_coarse:
+            scores[i] = max(scores[i], coarse[j].score)
+            matched_fine.add(i)
+        matched_coarse.add(j)
+    merged: list[DetectedBox] = []
+    replaced_fine: set[int] = set()
+    for j in sorted(set(range(len(coarse))) - matched_coarse, key=lambda k: -coarse[k].score):
         inside = [
             i
-            for i, other, _ in near
+            for i, other, _ in overlaps
             if other == j
-            and i not in settled
-            and _compute_contained_share(outlines[i], large[j]) >= CONTAINED_SHARE_MIN
+            and i not in matched_fine
+            and _compute_contained_share(fine_shapes[i], coarse_shapes[j]) >= CONTAINED_SHARE_MIN
         ]
         if not inside:
-            out.append(coarse[j])
+            merged.append(coarse[j])
             continue
-        about = shapely.union_all([shapely.box(*outlines[i].bounds) for i in inside]).envelope
-        best = max(score[i] for i in inside)
-        if compute_iou(about, shapely.box(*large[j].bounds)) >= PIECES_IOU_MIN:
-            out.append(_merge_pieces([fine[i] for i in inside], about, max(best, coarse[j].score)))
-        elif coarse[j].score > best:
-            out.append(coarse[j])
+        bounds = shapely.union_all([shapely.box(*fine_shapes[i].bounds) for i in inside]).envelope
+        score_max = max(scores[i] for i in inside)
+        if compute_iou(bounds, shapely.box(*coarse_shapes[j].bounds)) >= PIECES_IOU_MIN:
+            merged.append(_merge_pieces([fine[i] for i in inside], bounds, max(score_max, coarse[j].score)))
+        elif coarse[j].score > score_max:
+            merged.append(coarse[j])
         else:
             continue
-        settled |= set(inside)
-        gone |= set(inside)
-    return (*out, *(replace(fine[i], score=score[i]) for i in range(len(fine)) if i not in gone))
+        matched_fine |= set(inside)
+        replaced_fine |= set(inside)
+    kept = (replace(fine[i], score=scores[i]) for i in range(len(fine)) if i not in replaced_fine)
+    return (*merged, *kept)
 
 
-def _merge_pieces(pieces: Sequence[DetectedBox], about: shapely.Geometry, score: float) -> DetectedBox:
-    left, top, right, bottom = about.bounds
-    masks = [one.mask for one in pieces]
-    mask = shapely.union_all(np.array(masks, dtype=object)) if all(one is not None for one in masks) else None
+def _merge_pieces(pieces: Sequence[DetectedBox], bounds: shapely.Geometry, score: float) -> DetectedBox:
+    left, top, right, bottom = bounds.bounds
+    masks = [piece.mask for piece in pieces]
+    mask = shapely.union_all(np.array(masks, dtype=object)) if all(mask is not None for mask in masks) else None
     box = Box(x_px=left, y_px=top, width_px=right - left, height_px=bottom - top)
     return replace(pieces[0], box=box, score=score, mask=mask)
 
 
-def _get_shape(found: DetectedBox) -> shapely.Geometry:
-    box = found.box
-    return found.mask or shapely.box(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px)
+def _get_shape(detection: DetectedBox) -> shapely.Geometry:
+    """The mask, or the box where there is no mask."""
+    box = detection.box
+    return detection.mask or shapely.box(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px)
 
 
 def _compute_contained_share(part: shapely.Geometry, whole: shapely.Geometry) -> float:
-    """How much of ``part`` lies in ``whole``."""
+    """Share of the area of ``part`` that lies in ``whole``."""
     return float(part.intersection(whole).area / max(part.area, 1e-9))

@@ -1,4 +1,4 @@
-"""A photograph of any size looked at by a detector: the one way, in the pipeline and wherever detectors are judged."""
+"""A detector run on a photograph of any size, in the pipeline and in evaluations."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from facadelake.detection.tiling.plan import DetectorTile, TilePass, plan_tile_p
 from facadelake.detection.tiling.scale_merging import merge_scales
 from facadelake.detection.tiling.tile_merging import TileDetection, merge_tile_detections
 
-TILES_PER_BATCH = 4  # tiles a call
+TILES_PER_BATCH = 4  # images per call of the detector
 
 
 class Detector(Protocol):
-    """What looks at one tile or several."""
+    """A detector of images up to the size of a tile."""
 
     @property
     def card(self) -> ModelCard:
-        """How the model sees."""
+        """The model card."""
 
     def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[DetectedBox, ...], ...]:
-        """What each image shows."""
+        """Detections in each image, in its pixels, highest score first."""
 
 
 def detect_image(
@@ -39,46 +39,50 @@ def detect_image(
     target: BoolArray | None = None,
     workers: int = 1,
 ) -> tuple[DetectedBox, ...]:
-    """What ``detector`` finds in a photograph (h, w, 3: blue, green, red) of any size, best first.
+    """Detect objects in a photograph of any size, tile by tile and scale by scale.
 
-    ``gsd_mm``: millimetres on the facade a pixel of the photograph; None: unknown. ``target``: a mask of any size that
-    lies over the whole photograph, true where something is to be found; None: everywhere. ``workers`` tiles are looked
-    at at once, which pays with a detector of one thread.
+    Detections cut by a tile's border are merged (``tile_merging``), and so are those of two scales (``scale_merging``).
 
-    Boxes and masks are in pixels of the photograph, and may stick out of it. What a tile's border cut is put together
-    again (``seams``), what two scales show is told once (``scales``).
+    Args:
+        detector: The detector.
+        image_bgr: The photograph (h, w, 3: blue, green, red).
+        gsd_mm: GSD of the photograph in millimetres; None where unknown.
+        target: Mask (h, w) of any size that covers the whole photograph, true where to search; None: everywhere.
+        workers: Number of batches of tiles processed at once; worthwhile for a detector with one thread.
+
+    Returns:
+        Detections, highest score first. Boxes and masks are in pixels of the photograph and may extend beyond it.
     """
     height, width = image_bgr.shape[:2]
     spec = detector.card.input
-    looks = plan_tile_passes(spec, width_px=width, height_px=height, gsd_mm=gsd_mm, target=target)
+    passes = plan_tile_passes(spec, width_px=width, height_px=height, gsd_mm=gsd_mm, target=target)
     nms_iou = detector.card.nms_iou
-    found: tuple[DetectedBox, ...] = ()
-    for look in looks:
-        parts = _detect_tiles(detector, image_bgr, look, workers)
-        one = tuple(part.detection for part in parts)
-        if len(look.tiles) > 1:
-            one = merge_tile_detections(parts, look, width_px=width, height_px=height, nms_iou=nms_iou)
-        found = merge_scales(found, one, nms_iou=nms_iou) if found else one
-    return tuple(sorted(found, key=lambda one: -one.score))
+    merged: tuple[DetectedBox, ...] = ()
+    for tile_pass in passes:
+        in_tiles = _detect_tiles(detector, image_bgr, tile_pass, workers)
+        detections = tuple(one.detection for one in in_tiles)
+        if len(tile_pass.tiles) > 1:
+            detections = merge_tile_detections(in_tiles, tile_pass, width_px=width, height_px=height, nms_iou=nms_iou)
+        merged = merge_scales(merged, detections, nms_iou=nms_iou) if merged else detections
+    return tuple(sorted(merged, key=lambda detection: -detection.score))
 
 
-def _detect_tiles(detector: Detector, image_bgr: UInt8Image, look: TilePass, workers: int) -> list[TileDetection]:
-    """What the look's tiles show, in pixels of the photograph."""
+def _detect_tiles(detector: Detector, image_bgr: UInt8Image, tile_pass: TilePass, workers: int) -> list[TileDetection]:
+    """Detections of all tiles of a pass, in pixels of the photograph."""
 
-    def see(tiles: Sequence[DetectorTile]) -> list[TileDetection]:
+    def detect(tiles: Sequence[DetectorTile]) -> list[TileDetection]:
         crops = [image_bgr[tile.top : tile.bottom, tile.left : tile.right] for tile in tiles]
-        seen = detector.detect_batch(crops)
         return [
-            TileDetection(tile=tile, detection=_shift_detection(one, tile))
-            for tile, all_of_it in zip(tiles, seen, strict=True)
-            for one in all_of_it
+            TileDetection(tile=tile, detection=_shift_detection(detection, tile))
+            for tile, detections in zip(tiles, detector.detect_batch(crops), strict=True)
+            for detection in detections
         ]
 
-    batches = list(_split_batches(look.tiles))
+    batches = list(_split_batches(tile_pass.tiles))
     if workers == 1 or len(batches) == 1:
-        return [part for batch in batches for part in see(batch)]
+        return [detection for batch in batches for detection in detect(batch)]
     with ThreadPoolExecutor(workers) as pool:
-        return [part for parts in pool.map(see, batches) for part in parts]
+        return [detection for detections in pool.map(detect, batches) for detection in detections]
 
 
 def _split_batches(tiles: Sequence[DetectorTile]) -> Iterator[Sequence[DetectorTile]]:
@@ -86,15 +90,15 @@ def _split_batches(tiles: Sequence[DetectorTile]) -> Iterator[Sequence[DetectorT
         yield tiles[start : start + TILES_PER_BATCH]
 
 
-def _shift_detection(found: DetectedBox, tile: DetectorTile) -> DetectedBox:
-    """``detection`` in pixels of the photograph instead of the tile's."""
+def _shift_detection(detection: DetectedBox, tile: DetectorTile) -> DetectedBox:
+    """``detection`` from pixels of the tile to pixels of the photograph."""
     if tile.left == tile.top == 0:
-        return found
+        return detection
     box = Box(
-        x_px=found.box.x_px + tile.left,
-        y_px=found.box.y_px + tile.top,
-        width_px=found.box.width_px,
-        height_px=found.box.height_px,
+        x_px=detection.box.x_px + tile.left,
+        y_px=detection.box.y_px + tile.top,
+        width_px=detection.box.width_px,
+        height_px=detection.box.height_px,
     )
-    mask = None if found.mask is None else translate(found.mask, tile.left, tile.top)
-    return replace(found, box=box, mask=mask)
+    mask = None if detection.mask is None else translate(detection.mask, tile.left, tile.top)
+    return replace(detection, box=box, mask=mask)
