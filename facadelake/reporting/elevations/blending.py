@@ -80,7 +80,7 @@ def find_candidates(
     rows, columns = np.meshgrid(*middles, indexing="ij")
     met = np.flatnonzero(relief.element[rows, columns].ravel() != MISS)
     at_rows, at_columns = rows.ravel()[met], columns.ravel()[met]
-    xyz = relief.xyz_site_m(at_rows, at_columns)
+    xyz = relief.site_from_cells(at_rows, at_columns)
     normal = relief.normal[at_rows, at_columns].astype(np.float64)
     photo = np.full((_MAX_CANDIDATES, len(met)), -1, dtype=np.int32)
     score, fade = np.full(photo.shape, np.inf, dtype=np.float32), np.zeros(photo.shape, dtype=np.float32)

@@ -12,8 +12,10 @@ from facadelake.building.facades import azimuth_from_direction, measure_turn_deg
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3x3, RowIndices
 from facadelake.core.camera import PosedCamera
-from facadelake.reporting.elevations.wall_directions import ModelTriangles, collect_triangles, estimate_element_azimuths    estimate_element_azimuths,
-    turn_deg,
+from facadelake.reporting.elevations.wall_directions import (
+    ModelTriangles,
+    collect_triangles,
+    estimate_element_azimuths,
 )
 from facadelake.reporting.inspection import PictureSettings
 
@@ -130,9 +132,10 @@ def find_facades(
     for azimuth_deg, members in _cluster_azimuths(azimuth, area):
         for elements in _split_by_depth(azimuth_deg, members, walls, surface, settings):
             has_defect = defect_guids.intersection(guids[elements])
-            if area[elements].sum() < settings.min_facade_share * area.sum() and not has_defect:
+            facade_area = area[elements].sum()
+            if facade_area < settings.min_facade_share * area.sum() and not has_defect:
                 continue
-            facades.append(_create_facade(azimuth_deg, elements, float(area[elements].sum()), walls, building, settings))
+            facades.append(_create_facade(azimuth_deg, elements, float(facade_area), walls, building, settings))
     facades.sort(key=lambda f: (f.azimuth_deg, -f.near_w_m))
     return _name_facades(_align_heights(facades))
 
@@ -148,8 +151,8 @@ def _create_facade(
     """A facade whose extents contain the triangles of its elements, with a margin; its name is given later."""
     own = np.isin(walls.element, elements)
     draft = Facade(
-        name="", azimuth_deg=azimuth_deg, elements=elements, area_m2=area_m2, u_min_m=0, u_max_m=1, v_min_m=0, v_max_m=1,
-        near_w_m=0, far_w_m=0,
+        name="", azimuth_deg=azimuth_deg, elements=elements, area_m2=area_m2,
+        u_min_m=0, u_max_m=1, v_min_m=0, v_max_m=1, near_w_m=0, far_w_m=0,
     )  # fmt: skip
     uvw = draft.uvw_from_site(building.vertices_site_m[np.unique(building.triangles[own])])
     low, high = uvw.min(axis=0), uvw.max(axis=0)

@@ -66,7 +66,7 @@ class _ElevationMosaic:
             use_rows, use_columns = np.nonzero(weight > _MIN_WEIGHT)
             if len(use_rows) == 0:
                 continue
-            xy, inside = project_points(posed, self.relief.xyz_site_m(use_rows + top, use_columns))
+            xy, inside = project_points(posed, self.relief.site_from_cells(use_rows + top, use_columns))
             use_rows, use_columns, xy = use_rows[inside], use_columns[inside], xy[inside]
             part = weight[use_rows, use_columns]
             self._sum[use_rows + top, use_columns] += (

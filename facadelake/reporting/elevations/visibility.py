@@ -1,4 +1,4 @@
-"""Which points of a surface a photograph shows, and how well."""
+"""Visibility of surface points in a photograph, and the resolution there."""
 
 from __future__ import annotations
 
@@ -7,32 +7,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.building.surface import Surface
-from facadelake.core.arrays import BoolArray, Float64Array
+from facadelake.core.arrays import BoolArray, Float64N, Float64Nx2, Float64Nx3
 from facadelake.core.camera import Camera, PosedCamera
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointVisibility:
-    """Per point: is it seen; the size of a pixel on the surface there (m, where it is longest); how far the pixel lies
-    from the photograph's border (0 at it, 1 in the middle; lenses are darker and softer towards it)."""
+    """Visibility of points (n,) in one photograph.
+
+    ``pixel_m``: size of a pixel on the surface along its longest side, metres. ``inset``: distance of the pixel from
+    the photograph's border, 0 at the border and 1 at the centre; lenses are darker and less sharp towards the border.
+    """
 
     visible: BoolArray
-    pixel_m: Float64Array
-    inset: Float64Array
+    pixel_m: Float64N
+    inset: Float64N
 
 
 def _compute_max_tangent(camera: Camera) -> float:
-    """Tangent of the widest angle from the optical axis inside the photograph.
+    """Tangent of the largest angle from the optical axis within the photograph.
 
-    Beyond it Brown's polynomial may fold points that are far outside back into the picture.
+    Beyond it Brown's distortion polynomial is not monotonic and may project outside points into the photograph.
     """
     width, height = camera.width_px, camera.height_px
     rays = camera.rays_cam_from_img(np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=np.float64))
     return float((np.hypot(rays[:, 0], rays[:, 1]) / rays[:, 2]).max())
 
 
-def project_points(posed: PosedCamera, xyz_site_m: Float64Array) -> tuple[Float64Array, BoolArray]:
-    """Pixels (n, 2) of site points (n, 3) and which of them (n,) lie inside the photograph."""
+def project_points(posed: PosedCamera, xyz_site_m: Float64Nx3) -> tuple[Float64Nx2, BoolArray]:
+    """Pixels (n, 2) of points of site, and a mask (n,) of those within the photograph."""
     xyz_cam = posed.site_from_cam.invert().apply(xyz_site_m)
     xy = posed.camera.project(xyz_cam)
     in_front = xyz_cam[:, 2] > 1e-6
@@ -45,16 +48,21 @@ def project_points(posed: PosedCamera, xyz_site_m: Float64Array) -> tuple[Float6
 def check_visibility(
     posed: PosedCamera,
     surface: Surface,
-    xyz_site_m: Float64Array,
-    normal_site: Float64Array,
+    xyz_site_m: Float64Nx3,
+    normal_site: Float64Nx3,
     *,
     tolerance_m: float,
     max_incidence_deg: float,
 ) -> PointVisibility:
-    """Which of the surface's points (n, 3) with outward normals (n, 3) the photograph shows.
+    """Visibility of surface points in a photograph; rays are cast only to points that project into it.
 
-    A point is hidden where the ray to it meets the surface more than ``tolerance_m`` before it, or where it is seen
-    flatter than ``max_incidence_deg``. Rays are cast only for points that project into the photograph.
+    Args:
+        posed: camera with pose.
+        surface: surface that may hide the points.
+        xyz_site_m: points in site, metres.
+        normal_site: outward unit normals at the points, in site.
+        tolerance_m: a surface up to this distance in front of a point does not hide it, metres.
+        max_incidence_deg: larger angles between ray and normal count as not visible, degrees.
     """
     count = len(xyz_site_m)
     visible, pixel_m, inset = np.zeros(count, dtype=bool), np.full(count, np.inf), np.zeros(count)
@@ -63,12 +71,12 @@ def check_visibility(
     cosine = -np.einsum("ij,ij->i", to_point, normal_site) / np.maximum(distance, 1e-9)
     facing = np.flatnonzero(cosine > np.cos(np.radians(max_incidence_deg)))
     xy, inside = project_points(posed, xyz_site_m[facing])
-    ask = facing[inside]
-    if len(ask):
-        origins = np.broadcast_to(posed.centre_site_m, (len(ask), 3))
-        hits = surface.cast(origins, to_point[ask])
-        visible[ask] = hits.distance_m >= distance[ask] - tolerance_m
-        pixel_m[ask] = distance[ask] / posed.camera.fx_px / cosine[ask]
+    rows = facing[inside]
+    if len(rows):
+        origins = np.broadcast_to(posed.centre_site_m, (len(rows), 3))
+        hits = surface.cast(origins, to_point[rows])
+        visible[rows] = hits.distance_m >= distance[rows] - tolerance_m
+        pixel_m[rows] = distance[rows] / posed.camera.fx_px / cosine[rows]
         share = xy[inside] / (posed.camera.width_px, posed.camera.height_px)
-        inset[ask] = np.clip(2.0 * np.minimum(share, 1.0 - share).min(axis=1), 0.0, 1.0)
+        inset[rows] = np.clip(2.0 * np.minimum(share, 1.0 - share).min(axis=1), 0.0, 1.0)
     return PointVisibility(visible=visible, pixel_m=pixel_m, inset=inset)
