@@ -154,10 +154,10 @@ def test_two_committers_and_a_reader_at_once(tmp_path: Path) -> None:
 def test_waiting_for_another_writer_ends_with_a_message(tmp_path: Path) -> None:
     with hold_lock(tmp_path):
         code = f"""
-            from facadelake.lake.connect import locked
+            from facadelake.lake.connect import hold_lock
             from facadelake.core.errors import StoreError
             try:
-                with locked(Path({str(tmp_path)!r}), timeout_s=0.2):
+                with hold_lock(Path({str(tmp_path)!r}), timeout_s=0.2):
                     print("got it")
             except StoreError as error:
                 print(error)

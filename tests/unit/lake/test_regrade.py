@@ -126,7 +126,7 @@ def test_what_a_person_graded_stays(tmp_path: Path, first: CommitResult) -> None
 def test_failure_leaves_the_grades_as_they_were(
     tmp_path: Path, first: CommitResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(transaction_module, "sql_string", lambda text: "no text")
+    monkeypatch.setattr(transaction_module, "quote_sql_string", lambda text: "no text")
     with pytest.raises(StoreError, match=r"(?s)regrading tower in the lake .* no grade was changed"):
         regrade(tmp_path, **EVERY)
     assert grades(tmp_path) == OLD

@@ -113,7 +113,7 @@ def test_failure_and_a_held_lock_write_nothing(
 ) -> None:
     with hold_lock(tmp_path), pytest.raises(StoreError, match="being written by another process"):
         append_reviews(tmp_path, TWO, **HERE, lock_timeout_s=0.0)
-    monkeypatch.setattr(transaction_module, "sql_string", lambda text: "no text")
+    monkeypatch.setattr(transaction_module, "quote_sql_string", lambda text: "no text")
     with pytest.raises(StoreError, match=r"(?s)writing reviews of tower 2026-04 .* no review was written"):
         append_reviews(tmp_path, TWO, **HERE)
     assert len(read_table(tmp_path, "reviews")) == 0
