@@ -19,7 +19,8 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
-from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block
+from facadelake.georeferencing.adjustment.adjust import adjust_block
+from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.adjustment.control_observations import ControlObservations
 from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference
 from facadelake.georeferencing.control import Control
@@ -180,7 +181,7 @@ def _georeference_by(
         else build_datum_terms(priors, start.gps_used, xyz_start, start.datum_sigma_m),
         attitudes=build_attitude_terms(priors),
         marked=start.marked,
-        known=start.known,
+        shared=start.shared,
         model=start.model,
     )
     adjusted = adjust_block(reconstruction, start.site_from_sfm, evidence)

@@ -10,7 +10,7 @@ import numpy as np
 from facadelake.core.arrays import BoolArray, Float64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
+from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.adjustment.control_observations import MarkedPoints, SharedTiePoints, SurfaceConstraint
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
 from facadelake.georeferencing.control import Control
@@ -49,7 +49,7 @@ class InitialPlacement:
     compute_residual_m: Callable[[AdjustedBlock], Float64Array]
     remarks: tuple[str, ...] = ()
     marked: MarkedPoints | None = None
-    known: SharedTiePoints | None = None
+    shared: SharedTiePoints | None = None
     model: SurfaceConstraint | None = None
     edge_shift: EdgeShift | None = None
     datum_sigma_m: Float64Array | None = None
@@ -165,7 +165,7 @@ def _place_by_campaign(
             points_used=len(found.point),
             points_total=found.points_compared,
             compute_residual_m=residual_m,
-            known=known,
+            shared=known,
             reference_campaign=reference.campaign_id,
             frame_covariance_m2=reference.frame_covariance_m2,
             remarks=tuple(problems),

@@ -14,7 +14,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
-from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, compute_held_out_residuals
+from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock, compute_held_out_residuals
 from facadelake.georeferencing.adjustment.point_to_plane import RaySurface, match_points_to_surface
 from facadelake.georeferencing.gps.alignment import GpsPriors
 from facadelake.georeferencing.initial_placement import InitialPlacement

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from facadelake.core.camera import Camera
-from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block, compute_held_out_residuals
+from facadelake.georeferencing.adjustment.adjust import adjust_block
+from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock, compute_held_out_residuals
 from facadelake.georeferencing.adjustment.control_observations import (
     ControlObservations,
     MarkedPoints,
     SurfaceConstraint,
 )
-from facadelake.georeferencing.adjustment.linearise import ParameterIndex
+from facadelake.georeferencing.adjustment.parameters import ParameterIndex
 from facadelake.georeferencing.adjustment.problem import AdjustmentProblem
 from facadelake.georeferencing.adjustment.projection import lens_from_camera
 from facadelake.georeferencing.adjustment.solve import compute_covariance, solve_adjustment

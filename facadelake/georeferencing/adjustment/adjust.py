@@ -22,8 +22,8 @@ from facadelake.sfm import Reconstruction
 
 logger = logging.getLogger(__name__)
 
-# Gate of the correspondences and convergence limit of each round with the model: the gate narrows from the error of the
-# initial placement to the relief of a facade; early rounds need not converge, because their correspondences are renewed.
+# Gate and convergence limit of each round with the model: the gate narrows from the error of the initial placement to
+# the relief of a facade; early rounds need not converge, because their correspondences are renewed.
 _SURFACE_ROUNDS = ((0.3, 2e-3), (0.2, 1e-3), (0.2, CONVERGED_M))
 _SIGNIFICANCE_SIGMAS = 2.0
 _OPTIONAL_PARAMETERS = ("aspect", "k2", "p1", "p2")

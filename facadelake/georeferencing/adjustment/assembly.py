@@ -1,4 +1,4 @@
-"""Assembly of the adjustment problem: tie points first among the object points, then marked points; all their control."""
+"""Assembly of the adjustment problem: object points (tie points first, then marked points) and their control."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The control of a block in its adjustment: marked points, GPS, tie points of an earlier campaign, the building model."""
+"""The control of a block in its adjustment: marked points, GPS, tie points of an earlier campaign, building model."""
 
 from __future__ import annotations
 

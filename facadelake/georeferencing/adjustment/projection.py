@@ -51,7 +51,7 @@ def camera_from_lens(lens: Float64Array, like: Camera) -> Camera:
 
 
 def build_lens_prior(cameras: Sequence[Camera]) -> tuple[Float64Array, Float64Array]:
-    """Prior mean and sigma (c, 8) of the lenses: square pixels, principal point in the image's centre, no distortion."""
+    """Prior mean and sigma (c, 8) of the lenses: square pixels, principal point in the image centre, no distortion."""
     mean = np.array(
         [[camera.fx_px, 1.0, camera.width_px / 2, camera.height_px / 2, 0.0, 0.0, 0.0, 0.0] for camera in cameras]
     )

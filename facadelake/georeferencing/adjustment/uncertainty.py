@@ -28,7 +28,7 @@ _MAX_CLUSTERED = 20_000
 class Uncertainty:
     """Covariances (g, g) of the reduced system's parameters.
 
-    ``formal``: the inverse of ``system``, as the sigmas of the observations have it. ``covariance``: with the jackknife's
+    ``formal``: the inverse of ``system``, from the sigmas of the observations. ``covariance``: with the jackknife's
     scatter added.
     """
 

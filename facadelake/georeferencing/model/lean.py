@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.arrays import Float64Array
-from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
+from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.adjustment.linearise import build_skew_matrices
 from facadelake.georeferencing.model.plumb_lines import VerticalDirection
 

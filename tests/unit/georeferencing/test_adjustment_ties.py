@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facadelake.georeferencing.adjustment.linearise import AdjustmentState, initialise_state
+from facadelake.georeferencing.adjustment.parameters import AdjustmentState, initialise_state
 from facadelake.georeferencing.adjustment.point_to_plane import match_points_to_surface
 from facadelake.georeferencing.adjustment.tie_points import (
     TiePointSelection,
@@ -33,7 +33,7 @@ def block() -> SmallBlock:
 
 def test_each_photograph_keeps_its_longest_tracks_and_no_more_than_it_needs(block: SmallBlock) -> None:
     reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0)
-    ties = choose_tie_points(reconstruction, SITE_FROM_SFM, most_per_photo=20)
+    ties = choose_tie_points(reconstruction, SITE_FROM_SFM, max_per_photo=20)
     length = np.bincount(block.point)
     for photo in range(len(block.cameras)):
         seen = np.unique(block.point[block.photo == photo])
@@ -47,7 +47,7 @@ def test_each_photograph_keeps_its_longest_tracks_and_no_more_than_it_needs(bloc
 
 def test_chosen_ties_are_the_reconstructions_in_site(block: SmallBlock) -> None:
     reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
-    ties = choose_tie_points(reconstruction, SITE_FROM_SFM, most_per_photo=30)
+    ties = choose_tie_points(reconstruction, SITE_FROM_SFM, max_per_photo=30)
     np.testing.assert_allclose(ties.xyz_site_m, block.xyz_m[ties.reconstruction_point], rtol=0, atol=1e-9)  # m
     for photo, node, xy in zip(ties.photo[::50], ties.point[::50], ties.xy_img[::50], strict=True):
         seen = block.cameras[photo].project_site(block.xyz_m[ties.reconstruction_point[node]][None])[0]

@@ -6,7 +6,7 @@ from typing import cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
+from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.model.lean import estimate_lean
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.georeferencing.adjustment.adjust import AdjustedBlock, adjust_block
+from facadelake.georeferencing.adjustment.adjust import adjust_block
+from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.adjustment.control_observations import ControlObservations
 from facadelake.georeferencing.passport import PassportPoint, build_points_table, compare_with_model, require_accuracy
 from schemas.vocabulary import ControlKind, PointKind

@@ -14,7 +14,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.adjust import AdjustedBlock
+from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.model.lean import correct_lean, estimate_lean
 from facadelake.georeferencing.model.plumb_lines import BUILT_SIGMA_RAD, VerticalDirection, estimate_vertical
 
