@@ -133,5 +133,5 @@ def test_a_draft_for_an_input_that_no_grid_of_yolox_fits(tmp_path: Path) -> None
 
 def test_a_draft_of_outputs_that_nothing_fits(tmp_path: Path) -> None:
     said, draft = draft_of(save_model(tmp_path / "walls.onnx", np.zeros((1, 1000))))
-    assert r"This draft is a guess: no layout fits the outputs of a probe image (output (1, 1000))" in said
+    assert r"This draft is a guess: no layout fits the outputs for a probe image (output (1, 1000))" in said
     assert (draft.licence, draft.input.width_px) == ("unknown", WIDTH)

@@ -98,7 +98,7 @@ def test_the_refusal_says_expected_and_found_shape(tmp_path: Path) -> None:
 def test_logits_and_normalised_boxes_are_refused(tmp_path: Path) -> None:
     logits = answer("yolov8", [CRACK])
     logits[:, 4:] = 12 * logits[:, 4:] - 6
-    with pytest.raises(ModelError, match=r"scores of a probe image run from -6 to 3, not from 0 to 1; it gives logits"):
+    with pytest.raises(ModelError, match=r"scores of a probe image run from -6 to 3, not from 0 to 1: they are logits"):
         detector(tmp_path, "yolov8", logits)
     normalised = answer("yolov8", [CRACK])
     normalised[:, :4] /= 96

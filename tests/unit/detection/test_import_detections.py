@@ -199,7 +199,7 @@ def test_ids_stay_unique_where_a_merged_file_repeats_them(tmp_path: Path) -> Non
     ("text", "message"),
     [
         ("{", "is not JSON: Expecting property name enclosed in double quotes at line 1, column 2; export it again"),
-        ("[]", "holds a list, not an object with images, annotations and categories"),
+        ("[]", "contains a list, not an object with images, annotations and categories"),
         ('{"images": [], "categories": []}', r"has no key 'annotations' \(it has \['categories', 'images'\]\)"),
         ('{"images": {}, "categories": [], "annotations": []}', "'images' must be a list of objects"),
         ('{"images": [{"id": 1}], "categories": [], "annotations": []}', r"images\[0\].file_name is None"),

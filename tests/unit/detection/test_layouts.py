@@ -171,7 +171,7 @@ def test_outputs_are_told_apart_by_name_then_shape_then_card(tmp_path: Path) -> 
     assert OnnxDetector(named, declared("rfdetr", class_names=names)).detect(IMAGE)[0].class_name == "crack"
     unnamed = save_model(tmp_path / "unnamed.onnx", {"first": logits, "second": boxes})
     with pytest.raises(
-        ModelError, match=r"could be boxes and logits in 2 ways; state which is which in the card .*output.names"
+        ModelError, match=r"could be boxes and logits in 2 ways; state which is which in the card: output.names"
     ):
         OnnxDetector(unnamed, declared("rfdetr", class_names=names))
     said = declared("rfdetr", class_names=names, output={"layout": "rfdetr", "names": ["second", "first"]})
@@ -268,7 +268,9 @@ def test_numbers_that_are_none_are_refused_at_load_and_told_later(
         if layout != "rtdetr_triple":
             outputs = given if isinstance(given, dict) else {"output": given}
             path = save_model(path, {name: np.full_like(values, np.nan) for name, values in outputs.items()})
-            with pytest.raises(ModelError, match=r"\d+ values of the outputs for a probe image are no numbers \(NaN\)"):
+            with pytest.raises(
+                ModelError, match=r"\d+ values of the outputs for a probe image are not numbers \(NaN\)"
+            ):
                 OnnxDetector(path, declared(layout))
     # The root of 200 less the mean: none where an image is brighter than the noise of the probe.
     model = onnx.load(save_model(path, answer("yolov8", [CRACK])))
