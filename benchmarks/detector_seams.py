@@ -55,12 +55,12 @@ KINDS = (
 def compare(scenes: int, seed: int = 7) -> Iterator[tuple[str, str, int, Counter[str]]]:
     """Kind of crack, way of uniting, number of cracks, and what became of them."""
     spec = CardInput(width_px=INPUT, height_px=INPUT, colour="bgr", scale=1.0, resize=ResizeMode.CORNER)
-    look = plan_tile_passes(spec, width_px=WIDTH, height_px=HEIGHT)[0]
+    tile_pass = plan_tile_passes(spec, width_px=WIDTH, height_px=HEIGHT)[0]
     for kind in KINDS:
         rng = np.random.default_rng(seed)
         made = [_cracks(rng, kind) for _ in range(scenes)]
-        seen = [_seen(rng, cracks, look, kind) for cracks in made]
-        for name, unite in _ways(look).items():
+        seen = [_seen(rng, cracks, tile_pass, kind) for cracks in made]
+        for name, unite in _list_methods(tile_pass).items():
             total: Counter[str] = Counter()
             for cracks, (boxes, masks) in zip(made, seen, strict=True):
                 truth = np.array([line.buffer(_HALF_WIDTH_PX).bounds for line in cracks])
@@ -68,10 +68,10 @@ def compare(scenes: int, seed: int = 7) -> Iterator[tuple[str, str, int, Counter
             yield kind.name, name, sum(len(cracks) for cracks in made), total
 
 
-def _ways(look: TilePass) -> dict[str, Callable[[Sequence[TileDetection]], Boxes]]:
+def _list_methods(tile_pass: TilePass) -> dict[str, Callable[[Sequence[TileDetection]], Boxes]]:
     return {
-        "union": partial(_united, detect=look),
-        "union, masks": partial(_united, detect=look),
+        "union": partial(_merge_tiles, tile_pass=tile_pass),
+        "union, masks": partial(_merge_tiles, tile_pass=tile_pass),
         "NMS": lambda parts: nms(*_arrays(parts)),
         "NMM": lambda parts: nmm(*_arrays(parts)),
         "WBF": lambda parts: wbf(*_arrays(parts)),
@@ -98,11 +98,11 @@ def _cracks(rng: np.random.Generator, kind: Kind) -> list[shapely.LineString]:
 
 
 def _seen(
-    rng: np.random.Generator, cracks: Sequence[shapely.LineString], look: TilePass, kind: Kind
+    rng: np.random.Generator, cracks: Sequence[shapely.LineString], tile_pass: TilePass, kind: Kind
 ) -> tuple[list[TileDetection], list[TileDetection]]:
     """What the tiles show of the cracks: boxes alone, and with masks."""
     boxes, masks = [], []
-    for tile in look.tiles:
+    for tile in tile_pass.tiles:
         frame = shapely.box(tile.left, tile.top, tile.right, tile.bottom)
         for line in cracks:
             inside = line.intersection(frame)
@@ -119,8 +119,8 @@ def _seen(
     return boxes, masks
 
 
-def _united(parts: Sequence[TileDetection], look: TilePass) -> Boxes:
-    found = merge_tile_detections(parts, look, width_px=WIDTH, height_px=HEIGHT, nms_iou=0.5)
+def _merge_tiles(parts: Sequence[TileDetection], tile_pass: TilePass) -> Boxes:
+    found = merge_tile_detections(parts, tile_pass, width_px=WIDTH, height_px=HEIGHT, nms_iou=0.5)
     return _boxes(found)
 
 

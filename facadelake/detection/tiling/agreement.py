@@ -33,8 +33,8 @@ def score_agreement(
     """Score the agreement of pairs of detections in the overlap of their tiles.
 
     Two masks agree by the share of the smaller one that lies in the other. Boxes agree by a line along the same
-    diagonal of both: an elongated object crosses tile after tile in one direction, falling or rising, which is estimated
-    from all pairs. Otherwise boxes agree by half their IoU in the overlap.
+    diagonal of both: an elongated object crosses all tiles in one direction, falling or rising, which is estimated from
+    all pairs. Otherwise boxes agree by half their IoU in the overlap.
 
     Args:
         corners: Boxes of all detections (n, 4: left, top, right, bottom) in pixels of the photograph.

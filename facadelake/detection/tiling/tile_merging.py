@@ -1,7 +1,7 @@
 """Merging of the detections of overlapping tiles: one detection per object, however many tiles it crosses.
 
-Neighbouring tiles overlap in a strip. An object that lies whole in one of two tiles is detected twice, or once whole and
-once cut: the more complete detection is kept. An object cut by a tile's border continues in the tile beyond, in the
+Neighbouring tiles overlap in a strip. An object that lies whole in one of two tiles is detected twice, or once whole
+and once cut: the more complete detection is kept. An object cut by a tile's border continues in the tile beyond, in the
 detection that agrees with it in the strip (``score_agreement``). Across one border each detection is linked to the one
 that agrees best, so that a neighbouring object is not taken for the continuation; an unlinked branch may join.
 """
