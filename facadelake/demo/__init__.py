@@ -1,4 +1,4 @@
-"""The demo building: an IFC, photographs, boxes and truth, all made from one recipe."""
+"""The demo building: IFC model, photographs, annotations and truth, all generated from one recipe."""
 
 import lazy_loader
 

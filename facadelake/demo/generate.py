@@ -1,4 +1,4 @@
-"""Make the demo: model, photographs, boxes, control points, truth; once for a recipe, whole or not at all."""
+"""The whole demo: model, photographs, annotations, control points and truth, complete or not at all."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ RENDER_PROCESSES = 2
 
 @dataclass(frozen=True, kw_only=True)
 class DemoCampaign:
-    """A campaign's folder and its photographs' root."""
+    """The folder of a campaign and that of its photographs."""
 
     campaign_id: str
     folder: Path
@@ -69,7 +69,7 @@ class DemoCampaign:
 
 @dataclass(frozen=True, kw_only=True)
 class DemoFiles:
-    """What the demo wrote; ``made`` is false where all of it was there already."""
+    """The files of the demo; ``made`` is false where all of them existed already."""
 
     folder: Path
     ifc: Path
@@ -78,9 +78,10 @@ class DemoFiles:
 
 
 def generate_demo(recipe: DemoRecipe, out: Path) -> DemoFiles:
-    """Write the demo of a recipe into ``out``, or find it there whole.
+    """Generate the demo of a recipe in ``out``, or find it there complete.
 
-    It is made in a folder beside ``out`` that takes its place at the end, so a killed run leaves nothing half-written.
+    It is written to a temporary folder beside ``out`` that is renamed at the end, so an interrupted run leaves nothing
+    incomplete.
     """
     key = compute_key({"recipe": recipe.model_dump(mode="json"), "code": compute_code_version(__name__).sha256})
     out = out.resolve()
@@ -88,21 +89,22 @@ def generate_demo(recipe: DemoRecipe, out: Path) -> DemoFiles:
     with FileLock(out.parent / f".{out.name}.lock"):
         if _is_complete(out, key):
             return _list_files(recipe, out, made=False)
-        for left in out.parent.glob(f".{out.name}.*.part"):
-            shutil.rmtree(left, ignore_errors=True)
-        part = out.parent / f".{out.name}.{uuid.uuid4().hex[:8]}.part"
+        for abandoned in out.parent.glob(f".{out.name}.*.part"):
+            shutil.rmtree(abandoned, ignore_errors=True)
+        temporary = out.parent / f".{out.name}.{uuid.uuid4().hex[:8]}.part"
         try:
-            _write_demo(recipe, part)
-            names = sorted(str(p.relative_to(part)) for p in part.rglob("*") if p.is_file())
-            (part / MANIFEST).write_text(json.dumps({"key": key, "files": names}, indent=1))
+            _write_demo(recipe, temporary)
+            names = sorted(str(p.relative_to(temporary)) for p in temporary.rglob("*") if p.is_file())
+            (temporary / MANIFEST).write_text(json.dumps({"key": key, "files": names}, indent=1))
             shutil.rmtree(out, ignore_errors=True)
-            part.rename(out)
+            temporary.rename(out)
         finally:
-            shutil.rmtree(part, ignore_errors=True)
+            shutil.rmtree(temporary, ignore_errors=True)
     return _list_files(recipe, out, made=True)
 
 
 def _is_complete(out: Path, key: str) -> bool:
+    """Whether ``out`` holds all files of a demo with the same key."""
     try:
         stamp = json.loads((out / MANIFEST).read_text())
     except (OSError, ValueError):
@@ -111,30 +113,32 @@ def _is_complete(out: Path, key: str) -> bool:
 
 
 def _list_files(recipe: DemoRecipe, out: Path, *, made: bool) -> DemoFiles:
+    """The paths of the demo in ``out``."""
     folders = [(c.id, out / "campaigns" / c.id) for c in recipe.campaigns]
     campaigns = tuple(DemoCampaign(campaign_id=i, folder=f, images=f / "images") for i, f in folders)
     return DemoFiles(folder=out, ifc=out / "demo.ifc", campaigns=campaigns, made=made)
 
 
 def _write_demo(recipe: DemoRecipe, out: Path) -> None:
+    """Write model, campaigns and truth into the new folder ``out``."""
     out.mkdir(parents=True)
     placement = place_model(recipe.place)
     write_ifc(recipe, placement, out / "demo.ifc")
     world = make_world(recipe, placement.compute_affine(), read_ifc_solids(out / "demo.ifc"))
     model_rays = RayScene([world.transform_to_site(s.triangles) for s in world.ifc])
-    homes = {d.id: find_host_element(world, sample_defect(world, d, "present"), model_rays) for d in recipe.defects}
+    hosts = {d.id: find_host_element(world, sample_defect(world, d, "present"), model_rays) for d in recipe.defects}
     photographs = sum(c.flight.orbit_count + sum(r.count for r in c.flight.close) for c in recipe.campaigns)
     total = photographs + len(recipe.campaigns) * 4
     with report_progress("Demo building: model, light and photographs", total) as step:
         for index, campaign in enumerate(recipe.campaigns):
             folder = out / "campaigns" / campaign.id
-            shots = plan_flight(world, campaign, placement.origin.geo_from_site)
+            exposures = plan_flight(world, campaign, placement.origin.geo_from_site)
             scene = build_scene(world, campaign, index)
             step.advance(4)
-            for _ in _render_campaign(recipe, campaign, placement, shots, scene, folder / "images"):
+            for _ in _render_campaign(recipe, campaign, placement, exposures, scene, folder / "images"):
                 step.advance()
-            _write_truth(world, campaign, index, placement, shots, scene.rays, homes, folder)
-            logger.info("campaign %s: %d photographs", campaign.id, len(shots))
+            _write_truth(world, campaign, index, placement, exposures, scene.rays, hosts, folder)
+            logger.info("campaign %s: %d photographs", campaign.id, len(exposures))
     _write_state_history(recipe, out)
 
 
@@ -142,31 +146,31 @@ def _render_campaign(
     recipe: DemoRecipe,
     campaign: CampaignRecipe,
     placement: ModelPlacement,
-    shots: list[DemoExposure],
+    exposures: list[DemoExposure],
     scene: RenderScene,
     images: Path,
 ) -> Iterator[str]:
-    """Render a campaign's photographs in processes of their own; yields the name of each as it is ready."""
+    """Render the photographs of a campaign in processes of their own; yields each name when it is ready."""
     jobs = []
-    for number, shot in enumerate(shots):
+    for number, exposure in enumerate(exposures):
         pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = shot.posed.site_from_cam.rotation, shot.posed.centre_site_m
+        pose[:3, :3], pose[:3, 3] = exposure.posed.site_from_cam.rotation, exposure.posed.centre_site_m
         jobs.append(
             PhotoJob(
-                path=images / shot.file_name,
+                path=images / exposure.file_name,
                 site_from_cam=pose,
-                exif=encode_exif(shot, recipe.optics),
-                xmp=encode_xmp(shot, recipe.place.height_ellipsoidal_m),
+                exif=encode_exif(exposure, recipe.optics),
+                xmp=encode_xmp(exposure, recipe.place.height_ellipsoidal_m),
                 seed=campaign.seed * 1000 + number,
             )
         )
     with tempfile.TemporaryDirectory(prefix="facadelake-demo-") as name:
         folder = Path(name)
         for i, (texture, image) in enumerate(scene.textures.items()):
-            drawn = [part for part in scene.parts if part.texture == texture]
+            parts = [part for part in scene.parts if part.texture == texture]
             np.save(folder / f"texture_{i:02d}.npy", image)
             triangles, uv, colours = (
-                np.concatenate([getattr(p, k) for p in drawn]) for k in ("triangles", "uv", "colours")
+                np.concatenate([getattr(p, k) for p in parts]) for k in ("triangles", "uv", "colours")
             )
             np.savez(folder / f"part_{i:02d}.npz", triangles=triangles, uv=uv, colours=colours)
         job = RenderJob(camera=camera_from_optics(recipe.optics), noise=campaign.light.noise, photographs=jobs)
@@ -175,6 +179,7 @@ def _render_campaign(
 
 
 def _run_renderers(folder: Path, count: int) -> Iterator[str]:
+    """Render the jobs of ``folder`` in ``count`` processes; yields the name of each photograph when it is ready."""
     environment = {**os.environ, "PYOPENGL_PLATFORM": "egl"}
     workers = []
     for shard in range(count):
@@ -191,8 +196,8 @@ def _run_renderers(folder: Path, count: int) -> Iterator[str]:
                 errors.seek(0)
                 last = errors.read().strip().splitlines()[-1:] or [f"exit code {worker.returncode}"]
                 raise FacadelakeError(
-                    f"rendering the demo's photographs failed: {last[0]}; `facadelake doctor` tells whether EGL works "
-                    "(Debian: apt-get install libegl1 libgl1 libegl-mesa0)"
+                    f"rendering the photographs of the demo failed: {last[0]}; check with `facadelake doctor` whether "
+                    "EGL works (Debian: apt-get install libegl1 libgl1 libegl-mesa0)"
                 )
     finally:
         for worker, errors in workers:
@@ -207,35 +212,37 @@ def _write_truth(
     campaign: CampaignRecipe,
     index: int,
     placement: ModelPlacement,
-    shots: list[DemoExposure],
+    exposures: list[DemoExposure],
     rays: RayScene,
-    homes: dict[str, HostElement],
+    hosts: dict[str, HostElement],
     folder: Path,
 ) -> None:
-    """Boxes, control points and truth of one campaign."""
+    """Annotations, control points and truth of one campaign."""
     recipe = world.recipe
     rng = np.random.default_rng([recipe.seed, campaign.seed, 7])
-    there = {"present", "new", "grown"}
-    spots = [sample_defect(world, d, d.states[index]) for d in recipe.defects if d.states[index] in there]
-    foreign = [sample_defect(world, d, d.states[index]) for d in recipe.off_target_defects if d.states[index] in there]
-    found = project_defects([*spots, *foreign], shots, rays)
-    exact = make_exact_boxes(found, {d.id for d in recipe.defects}, rng)
-    false = make_false_boxes(round(FALSE_SHARE * len(exact)), shots, rays, set(range(len(world.ifc))), rng)
-    noisy = make_noisy_boxes(exact, false, shots, rng)
-    write_coco(folder / "detections.coco.json", exact, shots)
-    write_coco(folder / "detections_noisy.coco.json", noisy, shots)
-    write_control_points(folder / "gcp_list.txt", world, shots, rays, placement, rng)
+    visible = {"present", "new", "grown"}
+    grids = [sample_defect(world, d, d.states[index]) for d in recipe.defects if d.states[index] in visible]
+    off_target_grids = [
+        sample_defect(world, d, d.states[index]) for d in recipe.off_target_defects if d.states[index] in visible
+    ]
+    projected = project_defects([*grids, *off_target_grids], exposures, rays)
+    exact = make_exact_boxes(projected, {d.id for d in recipe.defects}, rng)
+    false = make_false_boxes(round(FALSE_SHARE * len(exact)), exposures, rays, set(range(len(world.ifc))), rng)
+    noisy = make_noisy_boxes(exact, false, exposures, rng)
+    write_coco(folder / "detections.coco.json", exact, exposures)
+    write_coco(folder / "detections_noisy.coco.json", noisy, exposures)
+    write_control_points(folder / "gcp_list.txt", world, exposures, rays, placement, rng)
     truth = folder / "truth"
-    write_cameras(truth / "cameras.csv", shots, placement)
-    write_checkpoints(truth / "checkpoints.csv", spots, homes, Counter(s.grid.defect.id for s in found), placement)
+    write_cameras(truth / "cameras.csv", exposures, placement)
+    write_checkpoints(truth / "checkpoints.csv", grids, hosts, Counter(s.grid.defect.id for s in projected), placement)
     write_detections(truth / "detections.csv", {"detections.coco.json": exact, "detections_noisy.coco.json": noisy})
-    places = [sample_defect(world, d, "present") for d in recipe.defects]
-    imaged = Counter(s.grid.defect.id for s in project_defects(places, shots, rays))
-    write_defects(truth / "defects.csv", world, index, homes, imaged, placement)
+    place_grids = [sample_defect(world, d, "present") for d in recipe.defects]
+    imaged = Counter(s.grid.defect.id for s in project_defects(place_grids, exposures, rays))
+    write_defects(truth / "defects.csv", world, index, hosts, imaged, placement)
 
 
 def _write_state_history(recipe: DemoRecipe, out: Path) -> None:
-    """``truth/defects.csv``: one row a defect, one column a campaign, from the campaigns' own truth."""
+    """``truth/defects.csv``: one row a defect, one column a campaign, from the truth of each campaign."""
     states: dict[str, list[str]] = {d.id: [d.kind] for d in recipe.defects}
     for campaign in recipe.campaigns:
         with (out / "campaigns" / campaign.id / "truth" / "defects.csv").open(newline="") as stream:

@@ -1,4 +1,4 @@
-"""The demo's recipe: the building, its defects, its surroundings, its flights (data/demo/recipe.yaml)."""
+"""The recipe of the demo: building, defects, surroundings, flights and light (data/demo/recipe.yaml)."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ Vector3 = tuple[float, float, float]
 
 
 class RecipePart(BaseModel):
-    """A piece of the recipe: unknown keys are mistakes, nothing changes after reading."""
+    """A part of the recipe: unknown keys are errors, values do not change after reading."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class DemoPlace(RecipePart):
-    """Where the model's origin lies: EPSG:4979, and the model's x axis turned anticlockwise from grid east."""
+    """Origin of the model in EPSG:4979.
+
+    The x axis of the model is rotated by ``rotation_deg`` anticlockwise from grid east of ``crs``.
+    """
 
     lon_deg: float
     lat_deg: float
@@ -32,7 +35,7 @@ class DemoPlace(RecipePart):
 
 
 class DemoStorey(RecipePart):
-    """A storey: its floor's height over the model's origin and its height, metres."""
+    """A storey: height of its floor above the model's origin and its own height, metres."""
 
     name: str
     floor_m: float
@@ -40,7 +43,7 @@ class DemoStorey(RecipePart):
 
 
 class OpeningRow(RecipePart):
-    """A row of equal windows or doors of one facade and storey: centres along u, sill over the floor; metres."""
+    """A row of equal windows or doors in one facade and storey: centres along u, sill above the floor; metres."""
 
     facade: str
     storey: int
@@ -52,7 +55,7 @@ class OpeningRow(RecipePart):
 
 
 class Balcony(RecipePart):
-    """A balcony: slab and railing in front of a facade, centred at u on a storey's floor; metres."""
+    """A balcony: slab and railing in front of a facade, centred at u on the floor of a storey; metres."""
 
     facade: str
     storey: int
@@ -62,7 +65,7 @@ class Balcony(RecipePart):
 
 
 class DemoBuilding(RecipePart):
-    """The body: a rectangle of length by depth with one round corner (south-east) and a top storey set back; metres."""
+    """The body: a rectangle of length by depth with a round corner (south-east) and a recessed top storey; metres."""
 
     length_m: float
     depth_m: float
@@ -77,17 +80,17 @@ class DemoBuilding(RecipePart):
 
     @property
     def top_m(self) -> float:
-        """Height of the top storey's ceiling, metres."""
+        """Height of the ceiling of the top storey, metres."""
         return self.storeys[-1].floor_m + self.storeys[-1].height_m
 
     @property
     def shoulder_m(self) -> float:
-        """Height of the floor of the top storey, where the walls step back, metres."""
+        """Height of the floor of the top storey, where the walls are recessed, metres."""
         return self.storeys[-1].floor_m
 
 
 class DemoDefect(RecipePart):
-    """A defect of the building (or of the neighbour or the ground): centre and size in its surface's plane, metres."""
+    """A defect of the building, the neighbour or the ground: centre and size in the plane of its surface, metres."""
 
     id: str
     kind: DefectClass
@@ -101,7 +104,7 @@ class DemoDefect(RecipePart):
 
 
 class DemoControlPoint(RecipePart):
-    """A target painted on a surface, surveyed to some millimetres."""
+    """A control point painted on a surface, surveyed to a few millimetres."""
 
     id: str
     surface: str
@@ -110,7 +113,7 @@ class DemoControlPoint(RecipePart):
 
 
 class BoxVolume(RecipePart):
-    """An upright box that is not in the model, metres in the model's frame (a neighbour, a container)."""
+    """An upright box outside the model (a neighbour, a container), metres in the model's frame."""
 
     name: str
     origin_m: Vector3
@@ -119,7 +122,7 @@ class BoxVolume(RecipePart):
 
 
 class Tree(RecipePart):
-    """A tree: foot, height and radius of its crown, metres in the model's frame."""
+    """A tree: foot, height and crown radius, metres in the model's frame."""
 
     foot_m: Vector3
     height_m: float
@@ -127,7 +130,7 @@ class Tree(RecipePart):
 
 
 class Optics(RecipePart):
-    """The camera as it is (pixels, Brown's terms) and as its EXIF tells it (nominal focal length and pixel pitch)."""
+    """The true camera (pixels, Brown's distortion) and what its EXIF states (nominal focal length and pixel pitch)."""
 
     width_px: int
     height_px: int
@@ -144,7 +147,7 @@ class Optics(RecipePart):
 
 
 class CloseRangeRow(RecipePart):
-    """A row of close-range photographs: along a surface from u to u at a height and distance, metres."""
+    """A row of close-range photographs along a surface from u to u, at a height and distance, metres."""
 
     surface: str
     u_from_m: float
@@ -156,7 +159,7 @@ class CloseRangeRow(RecipePart):
 
 
 class DemoFlight(RecipePart):
-    """The orbit and the close-range rows, and the errors of the aircraft's own positioning."""
+    """The orbit, the close-range rows, and the errors of the aircraft's position and attitude."""
 
     orbit_count: int
     orbit_distance_m: float
@@ -182,7 +185,7 @@ class Daylight(RecipePart):
 
 
 class CampaignRecipe(RecipePart):
-    """One day of photographs."""
+    """One campaign: its flight, light and temporary obstacles."""
 
     id: str
     starts: str
@@ -193,7 +196,7 @@ class CampaignRecipe(RecipePart):
 
 
 class DemoRecipe(RecipePart):
-    """All of it."""
+    """The whole recipe."""
 
     seed: int
     texel_m: float
@@ -208,7 +211,7 @@ class DemoRecipe(RecipePart):
     campaigns: list[CampaignRecipe]
 
     @model_validator(mode="after")
-    def _consistent(self) -> DemoRecipe:
+    def _check_consistency(self) -> DemoRecipe:
         ids = [d.id for d in (*self.defects, *self.off_target_defects)]
         if len(set(ids)) != len(ids):
             raise ValueError(f"defect ids repeat: {sorted({i for i in ids if ids.count(i) > 1})}")
@@ -220,7 +223,7 @@ class DemoRecipe(RecipePart):
         return self
 
     def scale_photographs(self, *, width_px: int) -> DemoRecipe:
-        """The same recipe with photographs of another width (for quick tests)."""
+        """The recipe with photographs of another width, for quick tests."""
         f = width_px / self.optics.width_px
         sizes = {k: getattr(self.optics, k) * f for k in ("fx_px", "fy_px", "cx_px", "cy_px")}
         optics = self.optics.model_copy(
@@ -235,15 +238,15 @@ class DemoRecipe(RecipePart):
 
 
 def load_recipe(path: Path) -> DemoRecipe:
-    """The recipe of a YAML file; raises InputDataError that names every key that is wrong."""
+    """The recipe of a YAML file; raises InputDataError that lists every wrong key."""
     try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError) as error:
         raise InputDataError(f"demo recipe {path} cannot be read: {error}; restore it from the checkout") from error
     try:
-        return DemoRecipe.model_validate(raw)
+        return DemoRecipe.model_validate(content)
     except ValidationError as error:
-        lines = [
+        errors = [
             f"{'.'.join(map(str, e['loc'])) or 'recipe'}: {e['msg']} (is {e['input']!r:.60})" for e in error.errors()
         ]
-        raise InputDataError(f"demo recipe {path} has {len(lines)} mistakes: " + "; ".join(lines)) from error
+        raise InputDataError(f"demo recipe {path} has {len(errors)} errors: " + "; ".join(errors)) from error

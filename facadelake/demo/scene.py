@@ -1,4 +1,4 @@
-"""A campaign's scene: what stands there (triangles in site), what is drawn on it, and how the day's light falls."""
+"""The scene of a campaign: triangles in site, their textures with defects, and the light of the day."""
 
 from __future__ import annotations
 
@@ -18,16 +18,15 @@ DETAIL_TEXTURE_PX = 1024
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RenderScene:
-    """Everything a renderer needs, and the same triangles for questions of what is seen."""
+    """What the renderer draws, and the same triangles for ray casting."""
 
     parts: list[RenderPart]
     textures: dict[str, UInt8Array]
     rays: RayScene
-    solids: list[Solid]
 
 
 def make_surrounding_solids(world: DemoWorld, campaign: CampaignRecipe) -> list[Solid]:
-    """What stands around and is not in the model, on the day of a campaign."""
+    """The solids of a campaign that are not in the model."""
     recipe = world.recipe
     boxes = [*recipe.neighbours, *campaign.obstacles]
     solids = [make_box_solid(box) for box in boxes] + [make_roof_solid(box) for box in boxes if has_roof(box)]
@@ -38,19 +37,19 @@ def make_surrounding_solids(world: DemoWorld, campaign: CampaignRecipe) -> list[
 
 
 def build_scene(world: DemoWorld, campaign: CampaignRecipe, index: int) -> RenderScene:
-    """The scene of campaign number ``index``: its defects drawn, its light baked."""
+    """The scene of campaign number ``index``, with its defects drawn and its light baked in."""
     solids = [*world.ifc, *make_surrounding_solids(world, campaign)]
     rays = RayScene([world.transform_to_site(s.triangles) for s in solids])
     boxes = {box.name: box for box in (*world.recipe.neighbours, *campaign.obstacles)}
-    parts, loose = split_by_chart(world, solids, boxes)
+    parts, uncharted = split_by_chart(world, solids, boxes)
     textures = {
         name: bake_chart(world, rays, campaign, index, world.charts[name], boxes)
         for name in sorted({p.texture for p in parts})
     }
     parts += [
-        make_lit_part(world, rays, campaign.light, solid, triangles) for solid, triangles in loose if len(triangles)
+        make_lit_part(world, rays, campaign.light, solid, triangles) for solid, triangles in uncharted if len(triangles)
     ]
     textures[DETAIL] = paint_concrete(DETAIL_TEXTURE_PX, seed_generator(world.recipe, DETAIL))
     textures["sky"] = paint_sky(seed_generator(world.recipe, f"sky {campaign.id}"))
     parts += [make_sky_dome(), make_far_ground(campaign.light)]
-    return RenderScene(parts=parts, textures=textures, rays=rays, solids=solids)
+    return RenderScene(parts=parts, textures=textures, rays=rays)

@@ -1,4 +1,4 @@
-"""Truth files of a campaign: cameras, check points, which box shows what, states; and control points."""
+"""Truth files of a campaign: cameras, check points, detections and states; and its control points."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from facadelake.demo.building.solids import Solid
 from facadelake.demo.photographs.annotations import BoxAnnotation
 from facadelake.demo.photographs.flight import DemoExposure
 from facadelake.demo.photographs.visibility import DefectGrid, project_defect, sample_defect
-from facadelake.demo.recipe import DefectState, DemoControlPoint, DemoDefect
-from facadelake.demo.textures.defects import compute_size
+from facadelake.demo.recipe import DefectState
+from facadelake.demo.textures.defects import compute_size, make_target
 from facadelake.demo.textures.lighting import RayScene
 from facadelake.demo.world import DemoWorld
 
@@ -27,25 +27,27 @@ MARK_SIGMA_PX = 0.3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HostElement:
-    """The element of the model that a defect sits on, and how far off the model's surface its centre is."""
+    """The element of the model that a defect lies on, and the distance of the defect's centre from its surface."""
 
     solid: Solid
     distance_m: float
 
 
-def find_host_element(world: DemoWorld, spot: DefectGrid, model_rays: RayScene) -> HostElement:
-    """The element met by a ray from before the wall; raises ModelError where a recipe puts a defect into the air."""
-    start, normal = spot.xyz_site[:1] + 0.3 * spot.normals[:1], spot.normals[:1]
-    hit, group, _ = model_rays.cast(start, -normal)
+def find_host_element(world: DemoWorld, grid: DefectGrid, model_rays: RayScene) -> HostElement:
+    """The element that a ray from in front of the wall hits; raises ModelError where a defect is not on the model."""
+    start, normal = grid.xyz_site[:1] + 0.3 * grid.normals[:1], grid.normals[:1]
+    hit, group = model_rays.cast(start, -normal)
     if group[0] < 0 or abs(hit[0] - 0.3) > 0.1:
-        d = spot.defect
+        defect = grid.defect
         raise ModelError(
-            f"defect {d.id} at u {d.u_m}, v {d.v_m} of '{d.surface}' does not lie on the wall; move it in the recipe"
+            f"defect {defect.id} at u {defect.u_m}, v {defect.v_m} of '{defect.surface}' is not on a wall; "
+            "move it in the recipe"
         )
     return HostElement(solid=world.ifc[int(group[0])], distance_m=abs(float(hit[0]) - 0.3))
 
 
 def _write_csv(path: Path, header: str, rows: Sequence[Sequence[object]]) -> None:
+    """Write rows under a comma-separated header."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
@@ -54,54 +56,63 @@ def _write_csv(path: Path, header: str, rows: Sequence[Sequence[object]]) -> Non
 
 
 def _format_geo(placement: ModelPlacement, xyz: Float64Array) -> list[str]:
+    """Longitude, latitude and ellipsoidal height of a point (3,) in site, as text."""
     lon, lat, height = placement.origin.geo_from_site(xyz[None])[0]
     return [f"{lon:.10f}", f"{lat:.10f}", f"{height:.6f}"]
 
 
-def write_cameras(path: Path, shots: Sequence[DemoExposure], placement: ModelPlacement) -> None:
-    """Intrinsics, rotation ``cam_from_site`` and centre of every photograph."""
+def write_cameras(path: Path, exposures: Sequence[DemoExposure], placement: ModelPlacement) -> None:
+    """``cameras.csv``: intrinsics, rotation ``cam_from_site`` and centre of every photograph."""
     header = "image,fx_px,fy_px,cx_px,cy_px," + ",".join(f"cam_from_site_r{i}{j}" for i in range(3) for j in range(3))
     rows = []
-    for shot in shots:
-        c, centre = shot.posed.camera, shot.posed.centre_site_m
-        rotation = shot.posed.site_from_cam.rotation.T.ravel()
-        row = [shot.file_name, c.fx_px, c.fy_px, c.cx_px, c.cy_px, *(f"{x:.9f}" for x in rotation)]
+    for exposure in exposures:
+        c, centre = exposure.posed.camera, exposure.posed.centre_site_m
+        rotation = exposure.posed.site_from_cam.rotation.T.ravel()
+        row = [exposure.file_name, c.fx_px, c.fy_px, c.cx_px, c.cy_px, *(f"{x:.9f}" for x in rotation)]
         rows.append([*row, *(f"{x:.5f}" for x in centre), *_format_geo(placement, centre), c.k1, c.k2, c.p1, c.p2])
     _write_csv(path, header + ",x_site_m,y_site_m,z_site_m,lon_deg,lat_deg,height_ellipsoidal_m,k1,k2,p1,p2", rows)
 
 
 def write_checkpoints(
     path: Path,
-    spots: Sequence[DefectGrid],
-    homes: dict[str, HostElement],
+    grids: Sequence[DefectGrid],
+    hosts: dict[str, HostElement],
     seen: dict[str, int],
     placement: ModelPlacement,
 ) -> None:
-    """The defects that a campaign's photographs show, with true positions."""
+    """``checkpoints.csv``: the defects visible in a campaign's photographs, with true positions.
+
+    Args:
+        path: the file to write.
+        grids: the defects present on the day of the campaign.
+        hosts: element of each defect, by its id.
+        seen: number of photographs that show each defect, by its id; others are left out.
+        placement: georeference of the model.
+    """
     header = (
         "id,class,x_site_m,y_site_m,z_site_m,lon_deg,lat_deg,height_ellipsoidal_m,width_m,height_m,photographs,"
         "max_residual_px,distance_to_model_m,element_guid,element_name,storey"
     )
     rows = []
-    for spot in spots:
-        d, home = spot.defect, homes[spot.defect.id]
+    for grid in grids:
+        d, host = grid.defect, hosts[grid.defect.id]
         if seen.get(d.id):
-            width, height = compute_size(d, spot.state)
-            place = [*(f"{x:.5f}" for x in spot.centre), *_format_geo(placement, spot.centre)]
-            size, element = [round(width, 4), round(height, 4)], home.solid
-            quality = [seen[d.id], 0.0, round(home.distance_m, 5)]
+            width, height = compute_size(d, grid.state)
+            place = [*(f"{x:.5f}" for x in grid.centre), *_format_geo(placement, grid.centre)]
+            size, element = [round(width, 4), round(height, 4)], host.solid
+            quality = [seen[d.id], 0.0, round(host.distance_m, 5)]
             rows.append([d.id, d.kind, *place, *size, *quality, element.guid, element.name, element.storey])
     _write_csv(path, header, rows)
 
 
 def write_detections(path: Path, files: dict[str, Sequence[BoxAnnotation]]) -> None:
-    """Which annotation of which file shows which check point."""
+    """``detections.csv``: the check point that each annotation of each file shows."""
     rows = [(name, i, box.checkpoint_id) for name, boxes in files.items() for i, box in enumerate(boxes, start=1)]
     _write_csv(path, "file,annotation_id,checkpoint_id", sorted(rows, key=lambda r: (r[1], r[0])))
 
 
 def observe_state(state: DefectState, photographs: int) -> str:
-    """What the photographs can tell: a place that none of them shows is 'not_photographed', whatever became of it."""
+    """The state that photographs can show: "not_photographed" for a place without photographs, else the true one."""
     return "not_photographed" if photographs == 0 else state
 
 
@@ -109,13 +120,19 @@ def write_defects(
     path: Path,
     world: DemoWorld,
     index: int,
-    homes: dict[str, HostElement],
+    hosts: dict[str, HostElement],
     imaged: dict[str, int],
     placement: ModelPlacement,
 ) -> None:
-    """Every defect of the recipe on the day of a campaign: what it is, what the photographs can tell, size and place.
+    """``defects.csv``: state, size and position of every defect of the recipe on the day of a campaign.
 
-    ``imaged`` counts photographs of the place, whether or not a defect is there to be seen.
+    Args:
+        path: the file to write.
+        world: the recipe and its surfaces.
+        index: number of the campaign.
+        hosts: element of each defect, by its id.
+        imaged: number of photographs of each defect's place, whether or not the defect is present, by its id.
+        placement: georeference of the model.
     """
     header = (
         "id,class,state,true_state,width_m,height_m,surface,u_m,v_m,x_site_m,y_site_m,z_site_m,lon_deg,lat_deg,"
@@ -123,50 +140,45 @@ def write_defects(
     )
     rows = []
     for d in world.recipe.defects:
-        state, solid = d.states[index], homes[d.id].solid
-        gone = state in ("absent", "repaired")
-        width, height = (0.0, 0.0) if gone else compute_size(d, state)
+        state, solid = d.states[index], hosts[d.id].solid
+        absent = state in ("absent", "repaired")
+        width, height = (0.0, 0.0) if absent else compute_size(d, state)
         centre = sample_defect(world, d, state).centre
         photographs = imaged.get(d.id, 0)
-        known = [observe_state(state, photographs), state, round(width, 4), round(height, 4)]
+        states = [observe_state(state, photographs), state, round(width, 4), round(height, 4)]
         place = [d.surface, d.u_m, d.v_m, *(f"{x:.5f}" for x in centre), *_format_geo(placement, centre)]
-        rows.append([d.id, d.kind, *known, *place, photographs, solid.guid, solid.name, solid.storey])
+        rows.append([d.id, d.kind, *states, *place, photographs, solid.guid, solid.name, solid.storey])
     _write_csv(path, header, rows)
 
 
 def write_control_points(
     path: Path,
     world: DemoWorld,
-    shots: Sequence[DemoExposure],
+    exposures: Sequence[DemoExposure],
     rays: RayScene,
     placement: ModelPlacement,
     rng: np.random.Generator,
 ) -> None:
-    """``gcp_list.txt`` in OpenDroneMap's format: surveyed targets, marked by hand in the photographs that show them."""
+    """``gcp_list.txt`` in OpenDroneMap's format: surveyed control points with their image marks.
+
+    Args:
+        path: the file to write.
+        world: the recipe and its surfaces.
+        exposures: the photographs of the campaign.
+        rays: the scene, for occlusions.
+        placement: georeference of the model.
+        rng: draws the errors of survey and marking.
+    """
     lines = [placement.crs]
     for point in world.recipe.control_points:
-        spot = _sample_target(world, point)
-        surveyed = placement.origin.map_from_site(spot.xyz_site[:1], placement.crs)[0] + rng.normal(
+        grid = sample_defect(world, make_target(point), "present")
+        surveyed = placement.origin.map_from_site(grid.xyz_site[:1], placement.crs)[0] + rng.normal(
             scale=SURVEY_SIGMA_M, size=3
         )
-        for shot in shots:
-            sighting = project_defect(spot, shot, rays)
-            if sighting and sighting.incidence_deg < 60:
-                x, y = sighting.centre_px + rng.normal(scale=MARK_SIGMA_PX, size=2)
+        for exposure in exposures:
+            projection = project_defect(grid, exposure, rays)
+            if projection and projection.incidence_deg < 60:
+                x, y = projection.centre_px + rng.normal(scale=MARK_SIGMA_PX, size=2)
                 east, north, height = surveyed
-                lines.append(f"{east:.4f} {north:.4f} {height:.4f} {x:.2f} {y:.2f} {shot.file_name} {point.id}")
+                lines.append(f"{east:.4f} {north:.4f} {height:.4f} {x:.2f} {y:.2f} {exposure.file_name} {point.id}")
     path.write_text("\n".join(lines) + "\n")
-
-
-def _sample_target(world: DemoWorld, point: DemoControlPoint) -> DefectGrid:
-    defect = DemoDefect(
-        id=point.id,
-        kind="crack",
-        surface=point.surface,
-        u_m=point.u_m,
-        v_m=point.v_m,
-        width_m=0.16,
-        height_m=0.16,
-        states=[],
-    )
-    return sample_defect(world, defect, "present")

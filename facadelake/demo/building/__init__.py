@@ -1,1 +1,1 @@
-"""building."""
+"""Geometry of the demo building and its IFC file."""

@@ -1,4 +1,4 @@
-"""Charts: the surfaces that carry a drawn texture, each with coordinates u (right, from outside) and v (up)."""
+"""Charts: textured surfaces with coordinates u (to the right, from outside) and v (upwards)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64N, Float64Nx2, Float64Nx3, Float64x3
 from facadelake.demo.recipe import BoxVolume, DemoBuilding
 
 
@@ -14,13 +14,14 @@ from facadelake.demo.recipe import BoxVolume, DemoBuilding
 class Chart:
     """A plane, or with ``radius_m`` > 0 a cylinder about a vertical axis, of ``size_m`` (along u, along v).
 
-    ``origin_m`` (model frame) is u = v = 0; for a cylinder the axis' foot, u being arc length from ``start_rad``.
+    ``origin_m`` (model frame) is u = v = 0; for a cylinder it is the foot of the axis, and u is arc length from
+    ``start_rad``.
     """
 
     name: str
-    origin_m: Float64Array
-    u_axis: Float64Array
-    v_axis: Float64Array
+    origin_m: Float64x3
+    u_axis: Float64x3
+    v_axis: Float64x3
     size_m: tuple[float, float]
     texel_m: float
     radius_m: float = 0.0
@@ -28,47 +29,50 @@ class Chart:
 
     @property
     def shape_px(self) -> tuple[int, int]:
-        """Rows and columns of the texture; columns are a multiple of 4, as OpenGL unpacks rows."""
+        """Rows and columns of the texture; columns are a multiple of 4 for OpenGL's row alignment."""
         return round(self.size_m[1] / self.texel_m / 4) * 4, round(self.size_m[0] / self.texel_m / 4) * 4
 
     def compute_texels_per_m(self) -> tuple[float, float]:
-        """Texels a metre along u and along v."""
+        """Texels per metre along u and v."""
         rows, columns = self.shape_px
         return columns / self.size_m[0], rows / self.size_m[1]
 
-    def compute_normals(self, u_m: Float64Array) -> Float64Array:
-        """Outward unit normals (n, 3) at u (n,)."""
+    def compute_normals(self, u_m: Float64N) -> Float64Nx3:
+        """Outward unit normals (n, 3) at u (n,), in the model's frame."""
         if self.radius_m == 0:
             return np.broadcast_to(np.cross(self.u_axis, self.v_axis), (len(u_m), 3)).copy()
         angle = self.start_rad + np.asarray(u_m) / self.radius_m
         return np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
 
-    def compute_points(self, u_m: Float64Array, v_m: Float64Array, out_m: float = 0.0) -> Float64Array:
-        """Model points (n, 3) at u, v, ``out_m`` in front of the surface."""
+    def compute_points(self, u_m: Float64N, v_m: Float64N, out_m: float = 0.0) -> Float64Nx3:
+        """Points (n, 3) in the model's frame at u and v, ``out_m`` in front of the surface."""
         u, v, normals = np.asarray(u_m), np.asarray(v_m), self.compute_normals(np.asarray(u_m))
         if self.radius_m == 0:
             return self.origin_m + np.outer(u, self.u_axis) + np.outer(v, self.v_axis) + out_m * normals
         return self.origin_m + np.outer(v, self.v_axis) + (self.radius_m + out_m) * normals
 
-    def compute_tangent(self, u_m: float) -> Float64Array:
-        """Unit direction of growing u at u."""
+    def compute_tangent(self, u_m: float) -> Float64x3:
+        """Unit direction (3,) of increasing u, at u."""
         if self.radius_m == 0:
             return self.u_axis
         return np.cross(self.v_axis, self.compute_normals(np.array([u_m]))[0])
 
-    def locate(self, xyz_m: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """(u, v) (n, 2) of model points (n, 3) and their signed distance (n,) in front of the surface."""
-        d = np.asarray(xyz_m) - self.origin_m
-        v = d @ self.v_axis
+    def locate(self, xyz_m: Float64Nx3) -> tuple[Float64Nx2, Float64N]:
+        """(u, v) (n, 2) of points (n, 3) in the model's frame, and their signed distance (n,) in front of the
+        surface.
+        """
+        offset = np.asarray(xyz_m) - self.origin_m
+        v = offset @ self.v_axis
         if self.radius_m == 0:
-            return np.column_stack([d @ self.u_axis, v]), d @ np.cross(self.u_axis, self.v_axis)
-        angle = np.arctan2(d[:, 1], d[:, 0]) - self.start_rad
-        return np.column_stack([self.radius_m * angle, v]), np.hypot(d[:, 0], d[:, 1]) - self.radius_m
+            return np.column_stack([offset @ self.u_axis, v]), offset @ np.cross(self.u_axis, self.v_axis)
+        angle = np.arctan2(offset[:, 1], offset[:, 0]) - self.start_rad
+        return np.column_stack([self.radius_m * angle, v]), np.hypot(offset[:, 0], offset[:, 1]) - self.radius_m
 
 
 def _make_upright_chart(
     name: str, origin: tuple[float, float, float], normal: tuple[float, float], u: float, v: float, texel: float
 ) -> Chart:
+    """A vertical plane with outward normal ``normal`` in plan, of size u by v."""
     return Chart(
         name=name,
         origin_m=np.array(origin),
@@ -80,7 +84,7 @@ def _make_upright_chart(
 
 
 def make_building_charts(b: DemoBuilding, texel_m: float) -> list[Chart]:
-    """The facades: south, corner (round), east, north, west, and the set-back top storey's south, east and west."""
+    """Charts of the facades: south, round corner, east, north, west, and south, east and west of the top storey."""
     low, top, s, r = b.shoulder_m + b.parapet_m, b.top_m, b.setback_m, b.corner_radius_m
     length, depth = b.length_m, b.depth_m
     rise = top - b.shoulder_m
@@ -107,7 +111,7 @@ def make_building_charts(b: DemoBuilding, texel_m: float) -> list[Chart]:
 
 
 def make_box_charts(box: BoxVolume, texel_m: float) -> list[Chart]:
-    """The four sides of a box beside the building, named ``<box> south`` and so on."""
+    """The four sides of a box outside the model, named ``<box> south`` and so on."""
     (x, y, z), (dx, dy, dz) = box.origin_m, box.size_m
     return [
         _make_upright_chart(f"{box.name} south", (x, y, z), (0, -1), dx, dz, texel_m),
@@ -118,7 +122,14 @@ def make_box_charts(box: BoxVolume, texel_m: float) -> list[Chart]:
 
 
 def make_flat_chart(name: str, low_m: tuple[float, float, float], size_m: tuple[float, float], texel_m: float) -> Chart:
-    """A level surface seen from above: u along x, v along y."""
+    """A horizontal surface seen from above: u along x, v along y.
+
+    Args:
+        name: name of the chart.
+        low_m: corner with the smallest x and y, model frame.
+        size_m: size along x and y.
+        texel_m: size of a texel.
+    """
     return Chart(
         name=name,
         origin_m=np.array(low_m),

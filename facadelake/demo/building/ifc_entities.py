@@ -1,4 +1,4 @@
-"""IFC entities the demo building is put together from: profiles, extrusions, products, deterministic GlobalIds."""
+"""IFC entities of the demo building: profiles, extrusions, products and reproducible GlobalIds."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ Point = tuple[float, float]
 
 
 def _convert_to_floats(values: Sequence[float]) -> list[float]:
+    """The values as Python floats, which IfcOpenShell requires."""
     return [float(v) for v in values]
 
 
@@ -40,7 +41,14 @@ def make_profile(
 
 
 def extrude(model: ifcopenshell.file, profile: Entity, base_m: float, height_m: float) -> Entity:
-    """The profile, drawn in the model's xy plane, lifted to ``base_m`` and extruded upwards."""
+    """Extrude a profile upwards (IfcExtrudedAreaSolid).
+
+    Args:
+        model: the file that gets the entity.
+        profile: the profile, in the xy plane of the model.
+        base_m: height of the lower end.
+        height_m: height of the solid.
+    """
     placement = model.create_entity(
         "IfcAxis2Placement3D", Location=model.create_entity("IfcCartesianPoint", Coordinates=(0.0, 0.0, float(base_m)))
     )
@@ -51,12 +59,27 @@ def extrude(model: ifcopenshell.file, profile: Entity, base_m: float, height_m: 
 
 
 def make_rectangle(x0: float, y0: float, x1: float, y1: float) -> list[Point]:
-    """Corners of an upright rectangle in plan, anticlockwise."""
+    """Corners of an axis-parallel rectangle in plan, anticlockwise.
+
+    Args:
+        x0: smallest x, metres.
+        y0: smallest y, metres.
+        x1: largest x, metres.
+        y1: largest y, metres.
+    """
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
 def make_tangent_rectangle(chart: Chart, u_m: float, width_m: float, out_from_m: float, out_to_m: float) -> list[Point]:
-    """Plan corners of a straight piece tangent to a facade at u, from ``out_from`` to ``out_to`` in front of it."""
+    """Plan corners of a rectangle tangent to a facade.
+
+    Args:
+        chart: the facade.
+        u_m: centre of the rectangle along the facade.
+        width_m: width along the tangent at ``u_m``.
+        out_from_m: distance of its rear edge in front of the facade (negative: behind).
+        out_to_m: distance of its front edge.
+    """
     foot, along = chart.compute_points(np.array([u_m]), np.zeros(1))[0], chart.compute_tangent(u_m)
     out = chart.compute_normals(np.array([u_m]))[0]
     corners = [(-0.5, out_from_m), (-0.5, out_to_m), (0.5, out_to_m), (0.5, out_from_m)]
@@ -67,7 +90,15 @@ def make_tangent_rectangle(chart: Chart, u_m: float, width_m: float, out_from_m:
 def make_ring_sector(
     centre: Point, radius_in: float, radius_out: float, start_rad: float, end_rad: float
 ) -> tuple[list[Point], list[list[int]]]:
-    """Points and segments of a sector of a ring in plan, its two arcs true arcs."""
+    """Points and segments of a sector of a ring in plan, with true arcs.
+
+    Args:
+        centre: centre of the ring.
+        radius_in: inner radius.
+        radius_out: outer radius.
+        start_rad: start angle, anticlockwise from x.
+        end_rad: end angle.
+    """
     angles = np.linspace(start_rad, end_rad, 3)
     ring = [(radius_out, a) for a in angles] + [(radius_in, a) for a in angles[::-1]]
     points = [(float(centre[0] + r * np.cos(a)), float(centre[1] + r * np.sin(a))) for r, a in ring]
@@ -77,7 +108,16 @@ def make_ring_sector(
 def add_product(
     model: ifcopenshell.file, kind: str, name: str, storey: Entity, solids: Sequence[Entity], **attributes: Any
 ) -> Entity:
-    """A product of the given class with a body, placed at the model's origin and contained in a storey."""
+    """Add a product with a body at the model's origin, contained in a storey.
+
+    Args:
+        model: the file that gets the product.
+        kind: its IFC class.
+        name: its name.
+        storey: the storey that contains it.
+        solids: its body.
+        attributes: further attributes of the product.
+    """
     element = ifcopenshell.api.root.create_entity(model, ifc_class=kind, name=name, **attributes)
     set_body(model, element, solids)
     ifcopenshell.api.spatial.assign_container(model, products=[element], relating_structure=storey)
@@ -85,7 +125,7 @@ def add_product(
 
 
 def set_body(model: ifcopenshell.file, element: Entity, solids: Sequence[Entity]) -> None:
-    """Give an element its solids as 'Body' and a placement at the model's origin."""
+    """Set the solids of an element as its 'Body', with a placement at the model's origin."""
     context = next(c for c in model.by_type("IfcGeometricRepresentationSubContext") if c.ContextIdentifier == "Body")
     shape = model.create_entity(
         "IfcShapeRepresentation",
@@ -102,9 +142,9 @@ def set_body(model: ifcopenshell.file, element: Entity, solids: Sequence[Entity]
 
 
 def assign_stable_guids(model: ifcopenshell.file) -> None:
-    """Replace random GlobalIds by ones that depend on class and name alone, so that a rebuilt model has the same."""
-    seen: dict[str, int] = {}
+    """Replace random GlobalIds by hashes of class and name, so that a regenerated model has the same ones."""
+    count_of: dict[str, int] = {}
     for entity in model.by_type("IfcRoot"):
         label = f"{entity.is_a()}|{entity.Name or ''}"
-        seen[label] = seen.get(label, -1) + 1
-        entity.GlobalId = ifcopenshell.guid.compress(uuid.uuid5(NAMESPACE, f"{label}|{seen[label]}").hex)
+        count_of[label] = count_of.get(label, -1) + 1
+        entity.GlobalId = ifcopenshell.guid.compress(uuid.uuid5(NAMESPACE, f"{label}|{count_of[label]}").hex)

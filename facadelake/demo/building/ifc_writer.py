@@ -36,7 +36,7 @@ SILL_DEPTH_M, SILL_HEIGHT_M = 0.05, 0.05
 
 
 class _BuildingWriter:
-    """One model under construction."""
+    """The model under construction."""
 
     def __init__(self, building: DemoBuilding, placement: ModelPlacement) -> None:
         self.b = building
@@ -47,6 +47,7 @@ class _BuildingWriter:
         self._add_materials()
 
     def _add_spatial_structure(self, placement: ModelPlacement) -> list[Entity]:
+        """Add project, site, building, storeys and georeference; returns the storeys."""
         m = self.model
         project = ifcopenshell.api.root.create_entity(m, ifc_class="IfcProject", name="Facadelake demo building")
         ifcopenshell.api.unit.assign_unit(m, length={"is_metric": True, "raw": "METERS"})
@@ -86,6 +87,7 @@ class _BuildingWriter:
         return storeys
 
     def _add_materials(self) -> None:
+        """Add the materials and the layers of the external wall."""
         m = self.model
         names = (
             "Lime render",
@@ -105,7 +107,14 @@ class _BuildingWriter:
             ifcopenshell.api.material.edit_layer(m, layer=layer, attributes={"LayerThickness": thick})
 
     def describe(self, element: Entity, pset: str, material: str | None, *, external: bool = True) -> None:
-        """Common property set and material of an element; no material name means the wall's layers."""
+        """Assign the common property set and the material of an element.
+
+        Args:
+            element: the element.
+            pset: name of the property set.
+            material: name of the material; None: the layers of the external wall.
+            external: the property IsExternal.
+        """
         m = self.model
         common = ifcopenshell.api.pset.add_pset(m, product=element, name=pset)
         ifcopenshell.api.pset.edit_pset(m, pset=common, properties={"IsExternal": external})
@@ -117,7 +126,14 @@ class _BuildingWriter:
             ifcopenshell.api.material.assign_material(m, products=[element], material=self.material[material])
 
     def add_wall(self, facade: str, storey: int, name: str, solid: Entity) -> None:
-        """An external wall of a facade and storey; ``name`` tells it from a parapet there."""
+        """Add an external wall.
+
+        Args:
+            facade: name of the facade.
+            storey: index of the storey.
+            name: name of the wall; the first one of a facade and storey gets the openings.
+            solid: its body.
+        """
         wall = add_product(self.model, "IfcWall", name, self.storeys[storey], [solid], predefined_type="SOLIDWALL")
         self.describe(wall, "Pset_WallCommon", None)
         self.walls.setdefault((facade, storey), wall)
@@ -125,6 +141,16 @@ class _BuildingWriter:
     def add_straight_wall(
         self, facade: str, storey: int, name: str, plan: tuple[float, float, float, float], base: float, height: float
     ) -> None:
+        """Add a wall of rectangular plan.
+
+        Args:
+            facade: name of the facade.
+            storey: index of the storey.
+            name: name of the wall.
+            plan: x0, y0, x1, y1, metres.
+            base: height of its lower edge, metres.
+            height: its height, metres.
+        """
         profile = make_profile(self.model, make_rectangle(*plan))
         self.add_wall(facade, storey, name, extrude(self.model, profile, base, height))
 
@@ -135,7 +161,7 @@ class _BuildingWriter:
         return make_profile(self.model, *make_ring_sector(centre, radius_in, radius_out, -np.pi / 2, 0.0))
 
     def add_walls(self) -> None:
-        """Walls of the lower storeys, their parapets, and of the top storey set back."""
+        """Add the walls of the lower storeys, their parapets, and the recessed walls of the top storey."""
         b, w, r, m = self.b, self.b.wall_m, self.b.corner_radius_m, self.model
         length, depth, s, last = b.length_m, b.depth_m, b.setback_m, len(b.storeys) - 1
         lower = {
@@ -180,14 +206,14 @@ class _BuildingWriter:
         )
 
     def add_slabs(self) -> None:
-        """Floors, the terrace and the roof."""
+        """Add the floors, the terrace and the roof."""
         b, w, r, m = self.b, self.b.wall_m, self.b.corner_radius_m, self.model
         length, depth, s = b.length_m, b.depth_m, b.setback_m
         a = (r - w) * np.sqrt(0.5)
         cx, cy = length - r, r
-        inside = [(w, w), (cx, w), (cx + a, cy - a), (length - w, cy), (length - w, depth - w), (w, depth - w)]
+        inner_outline = [(w, w), (cx, w), (cx + a, cy - a), (length - w, cy), (length - w, depth - w), (w, depth - w)]
         for i, storey in enumerate(b.storeys):
-            profile = make_profile(m, inside, [[1, 2], [2, 3, 4], [4, 5], [5, 6], [6, 1]])
+            profile = make_profile(m, inner_outline, [[1, 2], [2, 3, 4], [4, 5], [5, 6], [6, 1]])
             name = "Terrace and floor slab" if i == len(b.storeys) - 1 else f"Floor slab, {storey.name.lower()}"
             solid = extrude(m, profile, storey.floor_m - 0.2, 0.2)
             slab = add_product(m, "IfcSlab", name, self.storeys[i], [solid], predefined_type="FLOOR")
@@ -204,7 +230,7 @@ class _BuildingWriter:
         self.describe(roof, "Pset_SlabCommon", "Reinforced concrete")
 
     def add_storey_bands(self) -> None:
-        """Storey bands, a hand's breadth proud of the wall, at every floor line but the ground's."""
+        """Add bands in front of the wall at the floor of every storey except the lowest."""
         b, o, r, m = self.b, BAND_DEPTH_M, self.b.corner_radius_m, self.model
         length, depth = b.length_m, b.depth_m
         plans = {
@@ -225,7 +251,7 @@ class _BuildingWriter:
                 self.describe(band, "Pset_MemberCommon", "Sandstone")
 
     def add_opening(self, row: OpeningRow, u: float) -> None:
-        """A hole in a wall and the window or door that fills it, its pane behind the reveal."""
+        """Add an opening in a wall, and the window or door that fills it, with the pane behind the reveal."""
         b, m, chart = self.b, self.model, self.charts[row.facade]
         wall, storey = self.walls[(row.facade, row.storey)], b.storeys[row.storey]
         base = storey.floor_m + row.sill_m
@@ -234,23 +260,23 @@ class _BuildingWriter:
         def block(width: float, out: tuple[float, float], z: float, height: float) -> Entity:
             return extrude(m, make_profile(m, make_tangent_rectangle(chart, u, width, *out)), z, height)
 
-        hole = ifcopenshell.api.root.create_entity(m, ifc_class="IfcOpeningElement", name=f"Opening {place}")
-        set_body(m, hole, [block(row.width_m, (-b.wall_m - 0.2, 0.2), base, row.height_m)])
-        ifcopenshell.api.feature.add_feature(m, feature=hole, element=wall)
-        sill = SILL_HEIGHT_M if row.kind == "window" and chart.radius_m == 0 else 0.0
+        opening = ifcopenshell.api.root.create_entity(m, ifc_class="IfcOpeningElement", name=f"Opening {place}")
+        set_body(m, opening, [block(row.width_m, (-b.wall_m - 0.2, 0.2), base, row.height_m)])
+        ifcopenshell.api.feature.add_feature(m, feature=opening, element=wall)
+        sill_height = SILL_HEIGHT_M if row.kind == "window" and chart.radius_m == 0 else 0.0
         kind = "IfcWindow" if row.kind == "window" else "IfcDoor"
-        pane = block(row.width_m, (-b.reveal_m - 0.06, -b.reveal_m), base + sill, row.height_m - sill)
+        pane = block(row.width_m, (-b.reveal_m - 0.06, -b.reveal_m), base + sill_height, row.height_m - sill_height)
         filling = add_product(m, kind, f"{row.kind.capitalize()} {place}", self.storeys[row.storey], [pane])
         filling.OverallHeight, filling.OverallWidth = row.height_m, row.width_m
-        ifcopenshell.api.feature.add_filling(m, opening=hole, element=filling)
+        ifcopenshell.api.feature.add_filling(m, opening=opening, element=filling)
         self.describe(filling, "Pset_WindowCommon" if kind == "IfcWindow" else "Pset_DoorCommon", "Glass")
-        if sill:
-            ledge = block(row.width_m, (-b.reveal_m - 0.06, SILL_DEPTH_M), base, sill)
-            member = add_product(m, "IfcMember", f"Sill {place}", self.storeys[row.storey], [ledge])
+        if sill_height:
+            sill_solid = block(row.width_m, (-b.reveal_m - 0.06, SILL_DEPTH_M), base, sill_height)
+            member = add_product(m, "IfcMember", f"Sill {place}", self.storeys[row.storey], [sill_solid])
             self.describe(member, "Pset_MemberCommon", "Sandstone")
 
     def add_balconies(self) -> None:
-        """Slabs in front of the facade and their railings of posts and rails."""
+        """Add slabs in front of the facade with railings of posts and rails."""
         m = self.model
         for balcony in self.b.balconies:
             chart, storey = self.charts[balcony.facade], self.b.storeys[balcony.storey]
@@ -283,6 +309,7 @@ class _BuildingWriter:
 
     @staticmethod
     def _plan_rail(chart: Chart, u: float, width: float, depth: float, thick: float) -> list[list[tuple[float, float]]]:
+        """Plan corners of a rail on the three free sides of a balcony."""
         edge = width / 2 - 0.05
         return [
             make_tangent_rectangle(chart, u, width - 0.1 + thick, depth - 0.05 - thick / 2, depth - 0.05 + thick / 2),

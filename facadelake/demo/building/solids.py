@@ -1,4 +1,4 @@
-"""Triangles of the demo: those of the written IFC (so that model and photographs agree) and of what is not in it."""
+"""Triangles of the demo: those of the written IFC, so that model and photographs agree, and of the surroundings."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import ModelError
 from facadelake.demo.recipe import BoxVolume, Tree
 
-# Chord error of the round corner's triangles; the radius is metres, so this is a few degrees a facet.
+# Chord error of the triangles of the round corner; with a radius of metres this is a few degrees per facet.
 DEFLECTION_M = 0.0005
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solid:
-    """Triangles (n, 3, 3) in the model's frame, of one element (``guid``, empty where it is not in the model)."""
+    """Triangles (n, 3, 3) of one element, in the model's frame; ``guid`` is empty for solids outside the model."""
 
     guid: str
     kind: str
@@ -32,7 +32,7 @@ class Solid:
 
 
 def read_ifc_solids(path: Path) -> list[Solid]:
-    """Every product of an IFC with a body, as triangles; openings are cut, spaces and openings left out."""
+    """The triangles of every product of an IFC with a body; openings are cut out, spaces omitted."""
     model = ifcopenshell.open(str(path))
     settings = ifcopenshell.geom.settings()
     settings.set("use-world-coords", True)
@@ -60,6 +60,7 @@ def read_ifc_solids(path: Path) -> list[Solid]:
 
 
 def _read_shapes(iterator: ifcopenshell.geom.iterator) -> Iterator[ifcopenshell.geom.ShapeElementType]:
+    """The shapes of an iterator of IfcOpenShell."""
     while True:
         yield iterator.get()
         if not iterator.next():
@@ -67,13 +68,13 @@ def _read_shapes(iterator: ifcopenshell.geom.iterator) -> Iterator[ifcopenshell.
 
 
 def make_box_solid(box: BoxVolume) -> Solid:
-    """An upright box that is not in the model."""
+    """An upright box outside the model."""
     mesh = trimesh.creation.box(bounds=np.array([box.origin_m, np.add(box.origin_m, box.size_m)]))
     return _make_solid(box.name, np.asarray(mesh.triangles))
 
 
 def make_roof_solid(box: BoxVolume) -> Solid:
-    """A gable roof over a box, its ridge along the longer side, eaves 0.4 m out."""
+    """A gable roof on a box, with its ridge along the longer side and 0.4 m eaves."""
     (x, y, z), (dx, dy, dz) = box.origin_m, box.size_m
     e, top, rise = 0.4, z + dz, 0.32 * min(dx, dy)
     x0, x1, y0, y1 = x - e, x + dx + e, y - e, y + dy + e
@@ -86,7 +87,7 @@ def make_roof_solid(box: BoxVolume) -> Solid:
 
 
 def make_tree_solids(tree: Tree, rng: np.random.Generator) -> list[Solid]:
-    """A trunk, and a crown of some thousand leaves in clumps; the same generator state gives the same tree."""
+    """A trunk, and a crown of about five thousand leaves in clumps; the same state of ``rng`` gives the same tree."""
     foot = np.array(tree.foot_m)
     trunk = trimesh.creation.cylinder(radius=0.05 * tree.height_m / 2 + 0.03, height=tree.height_m * 0.55, sections=10)
     trunk.apply_translation(foot + np.array([0.0, 0.0, tree.height_m * 0.275]))
@@ -95,24 +96,25 @@ def make_tree_solids(tree: Tree, rng: np.random.Generator) -> list[Solid]:
     clumps *= (0.68 * tree.crown_m * rng.uniform(0.4, 1.0, 28) / np.linalg.norm(clumps, axis=1))[:, None]
     spread = rng.normal(size=(5200, 3))
     spread *= (0.42 * tree.crown_m * rng.uniform(0.5, 1.0, 5200) / np.linalg.norm(spread, axis=1))[:, None]
-    at = centre + clumps[rng.integers(0, 28, 5200)] + spread
-    leaves = at[:, None, :] + rng.normal(scale=0.075, size=(5200, 3, 3))
+    leaf_centres = centre + clumps[rng.integers(0, 28, 5200)] + spread
+    leaves = leaf_centres[:, None, :] + rng.normal(scale=0.075, size=(5200, 3, 3))
     return [_make_solid("trunk", np.asarray(trunk.triangles)), _make_solid("crown", leaves)]
 
 
 def make_ground_solid(half_m: float, centre: tuple[float, float], level_m: float) -> Solid:
-    """A level square."""
+    """A horizontal square."""
     x, y = centre
     a, b, c, d = ((x + sx * half_m, y + sy * half_m, level_m) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
     return _make_solid("ground", np.array([[a, b, c], [a, c, d]], dtype=np.float64))
 
 
 def _make_solid(name: str, triangles: Float64Array) -> Solid:
+    """A solid outside the model."""
     return Solid(guid="", kind="", name=name, storey="", triangles=np.asarray(triangles, dtype=np.float64))
 
 
 def subdivide(triangles: Float64Array, edge_m: float) -> Float64Array:
-    """The triangles cut until no edge is longer than ``edge_m`` (light is computed once a triangle)."""
+    """The triangles cut until no edge is longer than ``edge_m`` (light is computed once per triangle)."""
     n = len(triangles)
     vertices, faces = trimesh.remesh.subdivide_to_size(
         triangles.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3), max_edge=edge_m, max_iter=20

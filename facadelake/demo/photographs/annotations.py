@@ -1,4 +1,4 @@
-"""COCO boxes: exact ones, and ones as a detector that errs would give them."""
+"""COCO annotations of the defects: exact boxes, and boxes with the errors of a detector."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64x2
 from facadelake.demo.photographs.flight import DemoExposure
 from facadelake.demo.photographs.visibility import ProjectedDefect
 from facadelake.demo.textures.lighting import RayScene
@@ -22,20 +22,20 @@ MISSED_SHARE, WRONG_CLASS_SHARE, FALSE_SHARE = 0.07, 0.04, 0.03
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoxAnnotation:
-    """A box: its photograph, class, centre and size in pixels, score, and the check point it shows."""
+    """A box: photograph, class, centre and size in pixels, score, and the check point that it shows."""
 
     file_name: str
     kind: str
-    centre_px: Float64Array
-    size_px: Float64Array
+    centre_px: Float64x2
+    size_px: Float64x2
     score: float
     checkpoint_id: str
 
 
 def make_exact_boxes(
-    found: Sequence[ProjectedDefect], on_target: set[str], rng: np.random.Generator
+    projected: Sequence[ProjectedDefect], on_target: set[str], rng: np.random.Generator
 ) -> list[BoxAnnotation]:
-    """A box about every sighting, as a faultless detector would give it; defects of the neighbour are off target."""
+    """A box around every projected defect; those of the surroundings are off target."""
     return [
         BoxAnnotation(
             file_name=s.exposure.file_name,
@@ -45,18 +45,25 @@ def make_exact_boxes(
             score=float(np.round(rng.uniform(0.6, 0.97), 3)),
             checkpoint_id=s.grid.defect.id if s.grid.defect.id in on_target else OFF_TARGET,
         )
-        for s in found
+        for s in projected
     ]
 
 
 def make_noisy_boxes(
     exact: Sequence[BoxAnnotation],
     false: Sequence[BoxAnnotation],
-    shots: Sequence[DemoExposure],
+    exposures: Sequence[DemoExposure],
     rng: np.random.Generator,
 ) -> list[BoxAnnotation]:
-    """Some missed, centres and sizes jittered, some of the wrong class, some false."""
-    limits = {s.file_name: (s.posed.camera.width_px, s.posed.camera.height_px) for s in shots}
+    """The boxes of a detector with errors: some missed, some of the wrong class, all with noise, and false ones.
+
+    Args:
+        exact: the exact boxes.
+        false: boxes without a defect, appended.
+        exposures: the photographs, to whose size boxes are cut.
+        rng: draws the errors.
+    """
+    limits = {s.file_name: (s.posed.camera.width_px, s.posed.camera.height_px) for s in exposures}
     out = []
     for box in exact:
         if rng.uniform() < MISSED_SHARE:
@@ -84,24 +91,32 @@ def make_noisy_boxes(
 
 
 def make_false_boxes(
-    count: int, shots: Sequence[DemoExposure], rays: RayScene, modelled: set[int], rng: np.random.Generator
+    count: int, exposures: Sequence[DemoExposure], rays: RayScene, modelled: set[int], rng: np.random.Generator
 ) -> list[BoxAnnotation]:
-    """Boxes on tree, ground, neighbours or obstacles: their centres' rays meet nothing of the model."""
+    """Boxes on trees, ground, neighbours or obstacles: the rays of centre and corners miss the model.
+
+    Args:
+        count: number of boxes.
+        exposures: the photographs.
+        rays: the scene.
+        modelled: groups of the scene that belong to the model.
+        rng: draws photograph, position, size, class and score.
+    """
     out: list[BoxAnnotation] = []
     while len(out) < count:
-        shot = shots[int(rng.integers(len(shots)))]
-        camera = shot.posed.camera
+        exposure = exposures[int(rng.integers(len(exposures)))]
+        camera = exposure.posed.camera
         size = rng.uniform(0.012, 0.04, 2) * camera.width_px
         centre = rng.uniform(size / 2, np.array([camera.width_px, camera.height_px]) - size / 2)
-        # The box's corners too must miss the building.
+        # The corners of the box must miss the building as well.
         corners = np.array([[0, 0], [-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 + centre
-        distance, group, _ = rays.cast(*shot.posed.rays_site_from_img(corners))
+        distance, group = rays.cast(*exposure.posed.rays_site_from_img(corners))
         if not np.isfinite(distance).all() or any(int(g) in modelled for g in group):
             continue
         kind = str(rng.choice(list(CATEGORIES)))
         out.append(
             BoxAnnotation(
-                file_name=shot.file_name,
+                file_name=exposure.file_name,
                 kind=kind,
                 centre_px=centre,
                 size_px=size,
@@ -112,10 +127,10 @@ def make_false_boxes(
     return out
 
 
-def write_coco(path: Path, boxes: Sequence[BoxAnnotation], shots: Sequence[DemoExposure]) -> None:
-    """Write boxes as COCO; annotation ids follow the order given, from 1."""
-    ids = {name: i for i, name in enumerate(sorted(s.file_name for s in shots), start=1)}
-    camera = shots[0].posed.camera
+def write_coco(path: Path, boxes: Sequence[BoxAnnotation], exposures: Sequence[DemoExposure]) -> None:
+    """Write boxes as COCO; annotation ids follow their order, from 1."""
+    ids = {name: i for i, name in enumerate(sorted(s.file_name for s in exposures), start=1)}
+    camera = exposures[0].posed.camera
     annotations: list[dict[str, Any]] = []
     for number, box in enumerate(boxes, start=1):
         (x, y), (w, h) = box.centre_px - box.size_px / 2, box.size_px

@@ -1,4 +1,4 @@
-"""Which defect is seen in which photograph, and where: the truth behind the boxes."""
+"""Visible defects of each photograph and their pixels: the truth of the annotations."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Nx3, Float64x2, Float64x3
 from facadelake.demo.photographs.flight import DemoExposure
 from facadelake.demo.recipe import DefectState, DemoDefect
 from facadelake.demo.textures.defects import compute_size
@@ -17,38 +17,38 @@ MAX_INCIDENCE_DEG = 75.0
 MIN_VISIBLE_SHARE = 0.6
 MIN_SIDE_PX = 4.0
 MIN_LONG_SIDE_PX = 10.0
-# A ray that stops this much before the surface is stopped by something else.
+# A ray that stops this far in front of the surface is occluded.
 OCCLUSION_TOLERANCE_M = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DefectGrid:
-    """A defect's place in site: a grid over it (n, 3) with its centre first, outward normals (n, 3)."""
+    """Points on a defect: ``xyz_site`` (n, 3), its centre first, with outward normals (n, 3) in site."""
 
     defect: DemoDefect
     state: DefectState
-    xyz_site: Float64Array
-    normals: Float64Array
+    xyz_site: Float64Nx3
+    normals: Float64Nx3
 
     @property
-    def centre(self) -> Float64Array:
-        """The centre of the drawn rectangle, on the surface."""
+    def centre(self) -> Float64x3:
+        """Centre (3,) of the drawn rectangle, on the surface."""
         return np.asarray(self.xyz_site[0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProjectedDefect:
-    """A defect in a photograph: the projected centre and the box about it, pixels."""
+    """A defect in a photograph: centre and size of its box in pixels, and its incidence."""
 
     grid: DefectGrid
     exposure: DemoExposure
-    centre_px: Float64Array
-    size_px: Float64Array
+    centre_px: Float64x2
+    size_px: Float64x2
     incidence_deg: float
 
 
 def sample_defect(world: DemoWorld, defect: DemoDefect, state: DefectState) -> DefectGrid:
-    """The place of a defect as it is in a state."""
+    """The grid of points on a defect, with the size of its state."""
     chart = world.charts[defect.surface]
     width, height = compute_size(defect, state)
     steps = np.linspace(-0.5, 0.5, 7)
@@ -63,33 +63,35 @@ def sample_defect(world: DemoWorld, defect: DemoDefect, state: DefectState) -> D
     )
 
 
-def project_defect(spot: DefectGrid, shot: DemoExposure, rays: RayScene) -> ProjectedDefect | None:
-    """How a photograph shows a defect; none where it is outside, turned away, hidden or too small to be marked."""
-    pixels = shot.posed.project_site(spot.xyz_site)
-    camera, eye = shot.posed.camera, shot.posed.centre_site_m
+def project_defect(grid: DefectGrid, exposure: DemoExposure, rays: RayScene) -> ProjectedDefect | None:
+    """A defect in a photograph; None where it is outside, seen too obliquely, occluded or too small to be annotated."""
+    pixels = exposure.posed.project_site(grid.xyz_site)
+    camera, centre_site = exposure.posed.camera, exposure.posed.centre_site_m
     if not np.isfinite(pixels).all():
         return None
-    away = spot.xyz_site - eye
-    distance = np.linalg.norm(away, axis=1)
-    cosine = -np.einsum("ij,ij->i", away, spot.normals) / distance
+    rays_to_grid = grid.xyz_site - centre_site
+    distance = np.linalg.norm(rays_to_grid, axis=1)
+    cosine = -np.einsum("ij,ij->i", rays_to_grid, grid.normals) / distance
     incidence = float(np.degrees(np.arccos(np.clip(cosine[0], -1, 1))))
     if incidence > MAX_INCIDENCE_DEG:
         return None
-    reach = np.abs(pixels - pixels[0]).max(axis=0)
-    low, high = pixels[0] - reach, pixels[0] + reach
+    half_size = np.abs(pixels - pixels[0]).max(axis=0)
+    low, high = pixels[0] - half_size, pixels[0] + half_size
     if (low < 0).any() or (high > [camera.width_px, camera.height_px]).any():
         return None
     scale = camera.width_px / 1600
-    if (2 * reach).min() < MIN_SIDE_PX * scale or (2 * reach).max() < MIN_LONG_SIDE_PX * scale:
+    if (2 * half_size).min() < MIN_SIDE_PX * scale or (2 * half_size).max() < MIN_LONG_SIDE_PX * scale:
         return None
-    hit, _, _ = rays.cast(np.broadcast_to(eye, away.shape), away / distance[:, None])
-    seen = hit > distance - OCCLUSION_TOLERANCE_M / np.clip(cosine, 0.2, 1)
-    if not seen[0] or seen.mean() < MIN_VISIBLE_SHARE:
+    hit, _ = rays.cast(np.broadcast_to(centre_site, rays_to_grid.shape), rays_to_grid / distance[:, None])
+    visible = hit > distance - OCCLUSION_TOLERANCE_M / np.clip(cosine, 0.2, 1)
+    if not visible[0] or visible.mean() < MIN_VISIBLE_SHARE:
         return None
-    return ProjectedDefect(grid=spot, exposure=shot, centre_px=pixels[0], size_px=2 * reach, incidence_deg=incidence)
+    return ProjectedDefect(
+        grid=grid, exposure=exposure, centre_px=pixels[0], size_px=2 * half_size, incidence_deg=incidence
+    )
 
 
-def project_defects(spots: list[DefectGrid], shots: list[DemoExposure], rays: RayScene) -> list[ProjectedDefect]:
-    """All sightings, photograph by photograph."""
-    found = (project_defect(spot, shot, rays) for shot in shots for spot in spots)
+def project_defects(grids: list[DefectGrid], exposures: list[DemoExposure], rays: RayScene) -> list[ProjectedDefect]:
+    """All visible defects, photograph by photograph."""
+    found = (project_defect(grid, exposure, rays) for exposure in exposures for grid in grids)
     return [s for s in found if s is not None]

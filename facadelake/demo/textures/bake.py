@@ -1,4 +1,4 @@
-"""Textures and colours with the light of a day on them."""
+"""Textures of charts and colours of other triangles, with the light of a day."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ SURROUNDINGS_TINT = {"trunk": (84, 66, 48), "house roof": (128, 66, 50), "worksh
 def _paint_chart(
     world: DemoWorld, campaign: CampaignRecipe, chart: Chart, boxes: dict[str, BoxVolume]
 ) -> TextureCanvas:
+    """The texture of a chart without defects, control points and light."""
     recipe, rng = world.recipe, seed_generator(world.recipe, chart.name)
     b = recipe.building
     if chart.name == "ground":
@@ -44,7 +45,16 @@ def _paint_chart(
 def bake_chart(
     world: DemoWorld, rays: RayScene, campaign: CampaignRecipe, index: int, chart: Chart, boxes: dict[str, BoxVolume]
 ) -> UInt8Array:
-    """A chart's texture with defects and targets drawn and the light of the day on it."""
+    """The texture of a chart with defects and control points, under the light of the day.
+
+    Args:
+        world: the recipe and its surfaces.
+        rays: the scene of the campaign, for shadows.
+        campaign: its light.
+        index: number of the campaign, which selects the states of defects.
+        chart: the chart to paint.
+        boxes: neighbours and obstacles by name, which own the charts named after them.
+    """
     recipe = world.recipe
     canvas = _paint_chart(world, campaign, chart, boxes)
     for defect in (*recipe.defects, *recipe.off_target_defects):
@@ -60,17 +70,24 @@ def bake_chart(
 
 
 def compute_chart_light(world: DemoWorld, rays: RayScene, light: Daylight, chart: Chart) -> Float32Array:
-    """Light multiplier (rows, columns, 3) over a chart, first row at the top, on a coarser grid than its texture."""
+    """Light multiplier (rows, columns, 3) of a chart, first row at the top, on a coarser grid than its texture.
+
+    Args:
+        world: the recipe and its surfaces.
+        rays: the scene of the campaign.
+        light: sun and sky of the day.
+        chart: the chart.
+    """
     step = max(LIGHT_GRID_M, 5 * chart.texel_m if chart.name in ("ground", "roof") else 3 * chart.texel_m)
     rows, columns = int(np.ceil(chart.size_m[1] / step)), int(np.ceil(chart.size_m[0] / step))
-    along = (np.arange(columns) + 0.5) * chart.size_m[0] / columns
-    up = (rows - 0.5 - np.arange(rows)) * chart.size_m[1] / rows
-    u, v = np.tile(along, rows), np.repeat(up, columns)
-    before = 4.0 if chart.name == "roof" else 0.1
+    u_centres = (np.arange(columns) + 0.5) * chart.size_m[0] / columns
+    v_centres = (rows - 0.5 - np.arange(rows)) * chart.size_m[1] / rows
+    u, v = np.tile(u_centres, rows), np.repeat(v_centres, columns)
+    offset_m = 4.0 if chart.name == "roof" else 0.1
     normals = world.rotate_to_site(chart.compute_normals(u))
-    start = world.transform_to_site(chart.compute_points(u, v, before))
-    depth, _, _ = rays.cast(start, -normals)
-    depth = np.where(depth < before + 0.35, depth, before)
+    start = world.transform_to_site(chart.compute_points(u, v, offset_m))
+    depth, _ = rays.cast(start, -normals)
+    depth = np.where(depth < offset_m + 0.35, depth, offset_m)
     points = start - depth[:, None] * normals
     sun = compute_direct_light(rays, points, normals, light, 3, seed_generator(world.recipe, f"sun {chart.name}"))
     sky = _compute_sky_openness(rays, points.reshape(rows, columns, 3), normals.reshape(rows, columns, 3))
@@ -78,27 +95,35 @@ def compute_chart_light(world: DemoWorld, rays: RayScene, light: Daylight, chart
 
 
 def _compute_sky_openness(rays: RayScene, points: Float64Array, normals: Float64Array) -> Float64Array:
-    """Sky openness (rows, columns), asked at every fifth point, for it changes slowly."""
-    some = (slice(None, None, 5), slice(None, None, 5))
-    shape = points[some].shape[:2]
-    values = compute_sky_openness(rays, points[some].reshape(-1, 3), normals[some].reshape(-1, 3)).reshape(shape)
+    """Sky openness (rows, columns), computed at every fifth point because it changes slowly."""
+    coarse = (slice(None, None, 5), slice(None, None, 5))
+    shape = points[coarse].shape[:2]
+    values = compute_sky_openness(rays, points[coarse].reshape(-1, 3), normals[coarse].reshape(-1, 3)).reshape(shape)
     return np.asarray(cv2.resize(values, points.shape[1::-1], interpolation=cv2.INTER_LINEAR))
 
 
 def make_lit_part(
     world: DemoWorld, rays: RayScene, light: Daylight, solid: Solid, triangles: Float64Array
 ) -> RenderPart:
-    """Triangles off the charts: one colour each, of their material and the light at their centre."""
-    small = triangles if solid.name == "crown" else subdivide(triangles, 0.4)
-    site = world.transform_to_site(small)
+    """Triangles outside the charts, each with one colour of its material and the light at its centre.
+
+    Args:
+        world: the recipe and its surfaces.
+        rays: the scene of the campaign.
+        light: sun and sky of the day.
+        solid: the solid that the triangles belong to.
+        triangles: its triangles (n, 3, 3) outside the charts, in the model's frame.
+    """
+    subdivided = triangles if solid.name == "crown" else subdivide(triangles, 0.4)
+    site = world.transform_to_site(subdivided)
     normals, centres = compute_face_normals(site), site.mean(axis=1)
     rng = seed_generator(world.recipe, f"lit {solid.name}")
     tint = np.array(TINT.get(solid.kind) or SURROUNDINGS_TINT.get(solid.name, (224, 220, 210)), dtype=np.float64) / 225
-    colours = np.broadcast_to(tint, (len(small), 3)).copy()
+    colours = np.broadcast_to(tint, (len(subdivided), 3)).copy()
     if solid.name == "crown":
         normals = np.where((normals @ [0.0, 0.0, 1.0])[:, None] < 0, -normals, normals)
-        colours = np.array([0.30, 0.42, 0.16]) * rng.uniform(0.7, 1.35, (len(small), 1)) + rng.normal(
-            scale=0.02, size=(len(small), 3)
+        colours = np.array([0.30, 0.42, 0.16]) * rng.uniform(0.7, 1.35, (len(subdivided), 1)) + rng.normal(
+            scale=0.02, size=(len(subdivided), 3)
         )
     multiplier = shade(
         compute_direct_light(rays, centres, normals, light, 3, rng),
@@ -107,5 +132,5 @@ def make_lit_part(
     )
     dominant = np.abs(normals).argmax(axis=1)
     axes = np.array([[1, 2], [0, 2], [0, 1]])[dominant]
-    uv = np.take_along_axis(small, np.repeat(axes[:, None, :], 3, axis=1), axis=2) / TILE_M
+    uv = np.take_along_axis(subdivided, np.repeat(axes[:, None, :], 3, axis=1), axis=2) / TILE_M
     return RenderPart(texture=DETAIL, triangles=site, uv=uv, colours=np.clip(colours * multiplier, 0, 1))

@@ -1,4 +1,4 @@
-"""Triangles sorted by the surface that draws them, with texture coordinates; and the far backdrop."""
+"""Triangles grouped by the chart that textures them, with texture coordinates; and the distant background."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import BoolArray, Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, Float64Nx3
 from facadelake.demo.building.charts import Chart, make_building_charts
 from facadelake.demo.building.solids import Solid, make_ground_solid
 from facadelake.demo.recipe import BoxVolume, Daylight
 from facadelake.demo.textures.lighting import shade
 from facadelake.demo.world import DemoWorld
 
-# The texture of everything that no chart draws.
+# The texture of everything outside the charts.
 DETAIL = "detail"
 FAR_M = 170.0
-# A triangle belongs to a facade's drawing if it lies this near to its surface: panes behind, bands and sills in front.
+# A triangle belongs to the chart of a facade within these distances: panes behind, bands and sills in front.
 MIN_OFFSET_M, MAX_OFFSET_M = -0.30, 0.09
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RenderPart:
-    """Triangles (n, 3, 3) in site metres, texture coordinates (n, 3, 2), colours (n, 3) of 0 to 1."""
+    """Triangles (n, 3, 3) in site, texture coordinates (n, 3, 2), and colours (n, 3), 0 to 1."""
 
     texture: str
     triangles: Float64Array
@@ -34,10 +34,10 @@ class RenderPart:
 def split_by_chart(
     world: DemoWorld, solids: Sequence[Solid], boxes: dict[str, BoxVolume]
 ) -> tuple[list[RenderPart], list[tuple[Solid, Float64Array]]]:
-    """Triangles that lie on a chart, as parts of that chart; and the rest, solid by solid."""
+    """The triangles on each chart as parts, and the remaining triangles of each solid."""
     facades = [c.name for c in make_building_charts(world.recipe.building, 1.0)]
     collected: dict[str, list[Float64Array]] = {}
-    loose: list[tuple[Solid, Float64Array]] = []
+    uncharted: list[tuple[Solid, Float64Array]] = []
     for solid in solids:
         if solid.guid:
             names = ([] if solid.kind in ("IfcRailing",) else facades) + ["roof"]
@@ -47,13 +47,13 @@ def split_by_chart(
                 if solid.name == "ground"
                 else [f"{solid.name} {s}" for s in ("south", "east", "north", "west") if solid.name in boxes]
             )
-        rest = solid.triangles
+        remaining = solid.triangles
         for name in names:
-            mine = find_on_chart(world.charts[name], rest)
-            if mine.any():
-                collected.setdefault(name, []).append(rest[mine])
-                rest = rest[~mine]
-        loose.append((solid, rest))
+            on_chart = find_on_chart(world.charts[name], remaining)
+            if on_chart.any():
+                collected.setdefault(name, []).append(remaining[on_chart])
+                remaining = remaining[~on_chart]
+        uncharted.append((solid, remaining))
     parts = []
     for name, groups in collected.items():
         triangles = np.concatenate(groups)
@@ -67,30 +67,31 @@ def split_by_chart(
                 colours=np.ones((len(triangles), 3)),
             )
         )
-    return parts, loose
+    return parts, uncharted
 
 
-def compute_face_normals(triangles: Float64Array) -> Float64Array:
+def compute_face_normals(triangles: Float64Array) -> Float64Nx3:
+    """Unit normals (n, 3) of triangles (n, 3, 3)."""
     n = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-15))
 
 
 def find_on_chart(chart: Chart, triangles: Float64Array) -> BoolArray:
-    """Which triangles (n,) are drawn by a chart: near its surface, facing as it faces, inside its bounds."""
+    """Triangles (n,) that a chart textures: near its surface, with its orientation, inside its bounds."""
     if len(triangles) == 0:
         return np.zeros(0, dtype=bool)
     uv, distance = chart.locate(triangles.reshape(-1, 3))
     uv, distance = uv.reshape(-1, 3, 2), distance.reshape(-1, 3)
     centre = uv.mean(axis=1)
     facing = np.einsum("ij,ij->i", compute_face_normals(triangles), chart.compute_normals(centre[:, 0])) > 0.95
-    slack = 0.12
-    inside = ((uv > -slack) & (uv < np.array(chart.size_m) + slack)).all(axis=(1, 2))
+    margin_m = 0.12
+    inside = ((uv > -margin_m) & (uv < np.array(chart.size_m) + margin_m)).all(axis=(1, 2))
     near = (distance > MIN_OFFSET_M) & (distance < (4.0 if chart.name == "roof" else MAX_OFFSET_M))
     return np.asarray(facing & inside & near.all(axis=1))
 
 
 def make_sky_dome() -> RenderPart:
-    """The sky, far away, with its texture's rows from the zenith to a little below the horizon."""
+    """The distant sky; the rows of its texture go from the zenith to slightly below the horizon."""
     columns, rows = 96, 40
     azimuth = np.linspace(0, 2 * np.pi, columns + 1)
     sine = np.linspace(-0.15, 1.0, rows + 1)
@@ -114,7 +115,7 @@ def make_sky_dome() -> RenderPart:
 
 
 def make_far_ground(light: Daylight) -> RenderPart:
-    """Plain green out to the dome, a little lower than the near ground."""
+    """Plain green ground up to the dome, slightly lower than the near ground."""
     half = 0.99 * FAR_M
     triangles = make_ground_solid(half, (0.0, 0.0), -0.15).triangles
     sun = np.array([np.sin(np.radians(light.sun_elevation_deg))])

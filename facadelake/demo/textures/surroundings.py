@@ -1,4 +1,4 @@
-"""Textures of what is not the building: neighbours, a container, ground, roofs, sky."""
+"""Textures of the surroundings: neighbours, a container, ground, roofs and sky."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from facadelake.demo.textures.facades import add_patches, paint_bricks
 
 
 def paint_box_side(chart: Chart, look: str, rng: np.random.Generator) -> TextureCanvas:
-    """One side of a neighbour or of an obstacle."""
+    """One side of a neighbour or an obstacle."""
     if look == "container":
         return _paint_container(chart, rng)
     canvas = TextureCanvas(chart, rng, (190, 170, 150))
@@ -35,6 +35,7 @@ def paint_box_side(chart: Chart, look: str, rng: np.random.Generator) -> Texture
 
 
 def _paint_container(chart: Chart, rng: np.random.Generator) -> TextureCanvas:
+    """A side of a container of corrugated steel."""
     canvas = TextureCanvas(chart, rng, (44, 92, 128))
     columns = canvas.image.shape[1]
     wave = 20 * np.sign(np.sin(np.arange(columns, dtype=np.float32) * 2 * np.pi / (0.28 * canvas.per_u)))
@@ -49,7 +50,7 @@ def _paint_container(chart: Chart, rng: np.random.Generator) -> TextureCanvas:
 def paint_ground(
     chart: Chart, keep_out_m: tuple[float, float, float, float], rng: np.random.Generator
 ) -> TextureCanvas:
-    """Lawn, with slabs round the building (its plan: x0, y0, x1, y1) and a gravel drive to the south."""
+    """Lawn, with paving around the building (plan ``keep_out_m``: x0, y0, x1, y1) and a gravel drive to the south."""
     canvas = TextureCanvas(chart, rng, (88, 104, 62))
     canvas.add(
         11 * canvas.sample_noise(5.0)
@@ -79,7 +80,7 @@ def paint_ground(
 
 
 def paint_roof(chart: Chart, rng: np.random.Generator) -> TextureCanvas:
-    """Gravel on the terrace and roof."""
+    """Gravel on terrace and roof."""
     canvas = TextureCanvas(chart, rng, (142, 138, 130))
     canvas.add(7 * canvas.sample_noise(2.0) + 12 * canvas.sample_noise(0.06) + 8 * canvas.sample_noise(0.03))
     canvas.add_speckles(10, (0.02, 0.06), 18)
@@ -88,7 +89,7 @@ def paint_roof(chart: Chart, rng: np.random.Generator) -> TextureCanvas:
 
 
 def paint_concrete(size_px: int, rng: np.random.Generator) -> UInt8Array:
-    """A tile of fair-faced concrete for everything small, mean 225, tinted when it is used."""
+    """A tile of concrete for all small parts, mean 225, tinted where it is used."""
     tile = np.full((size_px, size_px), 225, dtype=np.float32)
     for cells, strength in ((8, 5), (32, 6), (128, 7), (512, 8)):
         coarse = rng.standard_normal((cells, cells), dtype=np.float32)
@@ -97,24 +98,26 @@ def paint_concrete(size_px: int, rng: np.random.Generator) -> UInt8Array:
 
 
 def paint_sky(rng: np.random.Generator) -> UInt8Array:
-    """A dome: columns are azimuth, the top row the zenith, the bottom row a little under the horizon."""
+    """The texture of the dome: columns are azimuth, the top row the zenith, the bottom row slightly below the
+    horizon.
+    """
     rows, columns = 512, 2048
-    up = np.linspace(1, -0.15, rows, dtype=np.float32)[:, None, None]
+    sine_elevation = np.linspace(1, -0.15, rows, dtype=np.float32)[:, None, None]
     zenith, haze = np.array([96, 146, 208], dtype=np.float32), np.array([214, 224, 232], dtype=np.float32)
-    sky = haze + (zenith - haze) * np.clip(up, 0, 1) ** 0.6 * np.ones((rows, columns, 1), dtype=np.float32)
+    sky = haze + (zenith - haze) * np.clip(sine_elevation, 0, 1) ** 0.6 * np.ones((rows, columns, 1), dtype=np.float32)
     clouds = np.zeros((rows, columns), dtype=np.float32)
     for cells, strength in ((6, 1.0), (14, 0.7), (34, 0.4), (90, 0.2)):
         coarse = rng.standard_normal((cells, 3 * cells), dtype=np.float32)
-        coarse[:, -2:] = coarse[:, :2]  # the dome's seam
+        coarse[:, -2:] = coarse[:, :2]  # continuous across the seam of the dome
         clouds += strength * np.asarray(cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC))
-    cover = (np.clip(clouds - 0.5, 0, 1.2) / 1.2)[..., None] * np.clip(1.2 - up, 0, 1)
+    cover = (np.clip(clouds - 0.5, 0, 1.2) / 1.2)[..., None] * np.clip(1.2 - sine_elevation, 0, 1)
     sky += cover * (np.array([246, 247, 249], dtype=np.float32) - sky)
     hills = cv2.GaussianBlur(rng.standard_normal((1, columns), dtype=np.float32), (0, 0), sigmaX=40)[0] * 0.25 + 0.035
-    below = up[:, :, 0] < hills[None, :]
+    below = sine_elevation[:, :, 0] < hills[None, :]
     sky[below] = (128, 146, 140)
     return np.asarray(np.clip(sky, 0, 255).astype(np.uint8))
 
 
 def has_roof(box: BoxVolume) -> bool:
-    """Whether a box carries a gable roof (houses do, containers do not)."""
+    """Whether a box has a gable roof (houses have one, containers do not)."""
     return box.look != "container"

@@ -114,5 +114,5 @@ def test_a_bad_recipe_says_what_is_wrong(tmp_path: Path, old: str, new: str, mes
 
 def test_a_defect_in_the_air_is_refused(small_recipe: DemoRecipe, tmp_path: Path) -> None:
     first = small_recipe.defects[0].model_copy(update={"u_m": 60.0})
-    with pytest.raises(ModelError, match=f"defect {first.id} .* does not lie on the wall"):
+    with pytest.raises(ModelError, match=f"defect {first.id} .* is not on a wall"):
         generate_demo(small_recipe.model_copy(update={"defects": [first]}), tmp_path / "out")
