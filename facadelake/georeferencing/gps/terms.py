@@ -1,14 +1,14 @@
-"""GPS priors and gimbal attitudes as observations of the adjustment, with a common error for each flight."""
+"""GPS positions and gimbal attitudes as observations of the adjustment, with a common error for each flight."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from facadelake.core.arrays import BoolArray, Float64Array
+from facadelake.core.arrays import BoolArray, Float64Nx3, Float64x3
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
-from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, DATUM_SIGMA_M, GpsPriors
+from facadelake.georeferencing.gps.priors import ATTITUDE_SIGMA_DEG, DATUM_SIGMA_M, GpsPriors
 
-# The part of a prior's sigma that differs from photograph to photograph, where the flight is too short to tell.
+# The part of a prior's sigma that differs from photograph to photograph, where a flight is too short to estimate it.
 _NOISE_SHARE = 1.0 / 3.0
 _MIN_NOISE_SHARE = 0.1
 _MIN_PRIORS_FOR_SCATTER = 8
@@ -17,21 +17,24 @@ _YAW_NOISE_DEG = 2.0
 _TILT_SIGMA_DEG = 2.0
 
 
-def build_position_terms(priors: GpsPriors, used: BoolArray, xyz_start_m: Float64Array) -> PositionTerms:
-    """The ``used`` priors (n,), their noise taken from how they scatter about ``xyz_start_m`` (n, 3), the cameras'
-    starts, after each flight's common offset; a flight's offset has the priors' own sigma."""
+def build_position_terms(priors: GpsPriors, used: BoolArray, initial_xyz_m: Float64Nx3) -> PositionTerms:
+    """The ``used`` priors (n,) as observations.
+
+    The noise is estimated from their scatter about ``initial_xyz_m`` (n, 3), the initial camera centres in site, after
+    each flight's common offset is removed; the offset of a flight has the sigma of its priors.
+    """
     flights = int(priors.flight.max(initial=-1)) + 1
     noise = priors.sigma_m * _NOISE_SHARE
     offset = np.zeros((flights, 3))
     for flight in range(flights):
-        own = used & (priors.flight == flight)
-        offset[flight] = np.median(priors.sigma_m[own], axis=0) if own.any() else 1.0
+        rows = used & (priors.flight == flight)
+        offset[flight] = np.median(priors.sigma_m[rows], axis=0) if rows.any() else 1.0
         if priors.datum_unknown:
             offset[flight, 2] = np.hypot(offset[flight, 2], DATUM_SIGMA_M)
-        if own.sum() >= _MIN_PRIORS_FOR_SCATTER:
-            away = priors.xyz_site_m[own] - xyz_start_m[own]
-            scatter = _MAD_TO_SIGMA * np.median(np.abs(away - np.median(away, axis=0)), axis=0)
-            noise[own] = np.clip(scatter, _MIN_NOISE_SHARE * priors.sigma_m[own], priors.sigma_m[own])
+        if rows.sum() >= _MIN_PRIORS_FOR_SCATTER:
+            residual = priors.xyz_site_m[rows] - initial_xyz_m[rows]
+            scatter = _MAD_TO_SIGMA * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
+            noise[rows] = np.clip(scatter, _MIN_NOISE_SHARE * priors.sigma_m[rows], priors.sigma_m[rows])
     return PositionTerms(
         photo=priors.photo[used],
         flight=priors.flight[used],
@@ -42,35 +45,45 @@ def build_position_terms(priors: GpsPriors, used: BoolArray, xyz_start_m: Float6
 
 
 def build_datum_terms(
-    priors: GpsPriors, used: BoolArray, xyz_start_m: Float64Array, datum_sigma_m: Float64Array
+    priors: GpsPriors, used: BoolArray, initial_xyz_m: Float64Nx3, datum_sigma_m: Float64x3
 ) -> PositionTerms:
-    """The ``used`` priors for a block that something better than GPS has placed: their common offset to the start is
-    taken out, and the block's datum is held at the start within ``datum_sigma_m`` (3,)."""
-    own = build_position_terms(priors, used, xyz_start_m)
+    """The ``used`` priors as observations of a block whose initial placement is better than GPS.
+
+    Args:
+        priors: The GPS priors.
+        used: Those (n,) that take part.
+        initial_xyz_m: Initial camera centres (n, 3) of their photographs, in site.
+        datum_sigma_m: One sigma (3,) of the initial placement: the block's datum is constrained to it.
+
+    Returns:
+        Positions less each flight's median offset from the initial placement, so that they constrain the block's shape
+        and its datum within ``datum_sigma_m``.
+    """
+    terms = build_position_terms(priors, used, initial_xyz_m)
     offset = np.array(
         [
-            np.median((priors.xyz_site_m - xyz_start_m)[used & (priors.flight == flight)], axis=0)
+            np.median((priors.xyz_site_m - initial_xyz_m)[used & (priors.flight == flight)], axis=0)
             if (used & (priors.flight == flight)).any()
             else np.zeros(3)
-            for flight in range(len(own.offset_sigma_m))
+            for flight in range(len(terms.offset_sigma_m))
         ]
     )
     return PositionTerms(
-        photo=own.photo,
-        flight=own.flight,
-        xyz_site_m=own.xyz_site_m - offset[own.flight],
-        sigma_m=own.sigma_m,
-        offset_sigma_m=np.broadcast_to(datum_sigma_m, own.offset_sigma_m.shape).copy(),
+        photo=terms.photo,
+        flight=terms.flight,
+        xyz_site_m=terms.xyz_site_m - offset[terms.flight],
+        sigma_m=terms.sigma_m,
+        offset_sigma_m=np.broadcast_to(datum_sigma_m, terms.offset_sigma_m.shape).copy(),
     )
 
 
 def build_attitude_terms(priors: GpsPriors) -> AttitudeTerms:
-    """The gimbal's attitudes, where the photographs have one; compass yaw has an error common to a flight."""
+    """The gimbal attitudes as observations, where the photographs have one; a flight shares one compass error."""
     known = np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
     flights = int(priors.flight.max(initial=-1)) + 1
     tilt = np.where(np.isfinite(priors.sigma_tilt_deg), priors.sigma_tilt_deg, _TILT_SIGMA_DEG)
     yaw = np.where(np.isfinite(priors.sigma_yaw_deg), priors.sigma_yaw_deg, ATTITUDE_SIGMA_DEG)
-    # Near the nadir yaw is unreliable in itself; elsewhere its noise is small beside what the flight has in common.
+    # Near the nadir yaw itself is unreliable; elsewhere its noise is small beside the error common to the flight.
     noise = np.maximum(_YAW_NOISE_DEG, np.where(yaw > 2 * ATTITUDE_SIGMA_DEG, yaw, 0.0))
     return AttitudeTerms(
         photo=priors.photo[known],

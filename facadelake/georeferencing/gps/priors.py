@@ -1,0 +1,105 @@
+"""GPS priors of the localised photographs: positions, gimbal attitudes, flights and sigmas, in site."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pyarrow as pa
+from scipy.spatial.transform import Rotation
+
+from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64Nx3x3, Float64x3, Float64x3x3, Int64Array
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.sfm import Reconstruction
+from schemas.vocabulary import HeightDatum, PositionSource
+
+# A gimbal's yaw comes from a compass, off by degrees near steel and concrete; pitch and roll are better, but drift.
+ATTITUDE_SIGMA_DEG = 6.0
+# Geoid undulations are tens of metres (-106 to 85 on Earth, 36 to 50 in Germany).
+DATUM_SIGMA_M = 50.0
+# What the block's own bending adds to a position; without it an RTK sigma of 1 cm would reject good cameras.
+BLOCK_SIGMA_M = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GpsPriors:
+    """Priors of the localised photographs that have one: row k belongs to photograph ``photo[k]`` of the block.
+
+    ``xyz_site_m`` (n, 3) and ``sigma_m`` (n, 3). ``datum_unknown``: no height has a stated datum, so that all of them
+    may be off by one common amount (tens of metres, where they are above sea level). ``site_from_cam_rotation``
+    (n, 3, 3) from the gimbal, NaN where unknown, with ``sigma_yaw_deg`` and ``sigma_tilt_deg`` (n,), NaN where the
+    metadata state none. ``flight`` (n,) from 0. ``height_relative_m`` (n,) above the take-off, NaN where unknown.
+    """
+
+    photo: Int64Array
+    xyz_site_m: Float64Nx3
+    sigma_m: Float64Nx3
+    datum_unknown: bool
+    site_from_cam_rotation: Float64Nx3x3
+    sigma_yaw_deg: Float64N
+    sigma_tilt_deg: Float64N
+    flight: Int64Array
+    height_relative_m: Float64N
+
+    def shift_height(self, up_m: float) -> GpsPriors:
+        """The same priors with ``up_m`` added to their heights."""
+        return replace(self, xyz_site_m=self.xyz_site_m + np.array([0.0, 0.0, up_m]))
+
+    @property
+    def common_sigma_m(self) -> Float64x3:
+        """One sigma (3,) of the error that all priors share: the receiver's, and for heights that of an unknown datum."""
+        sigma: Float64Array = np.median(self.sigma_m, axis=0)
+        if self.datum_unknown:
+            sigma[2] = np.hypot(sigma[2], DATUM_SIGMA_M)
+        return sigma
+
+
+def rotation_from_attitude(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Float64x3x3:
+    """site_from_cam rotation (3, 3) of a gimbal: yaw clockwise from north, pitch above the horizon, roll clockwise.
+
+    At zero the camera looks north, its x to the east, its y down.
+    """
+    level = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    attitude = Rotation.from_euler("ZXY", [-yaw_deg, pitch_deg, roll_deg], degrees=True).as_matrix()
+    rotation: Float64Array = attitude @ level
+    return rotation
+
+
+def collect_gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOrigin) -> GpsPriors:
+    """The priors of the block's photographs from table ``photos``, in the site frame about ``origin``."""
+    row_of = {row["photo_id"]: row for row in photos.to_pylist()}
+    index: list[int] = []
+    geo, sigma, rotations, attitude_sigma, flights, relative = [], [], [], [], [], []
+    datums = set()
+    for i, photo in enumerate(reconstruction.photos):
+        row = row_of.get(photo.photo_id)
+        if row is None or row["prior_source"] == PositionSource.NONE or row["prior_height_m"] is None:
+            continue
+        index.append(i)
+        geo.append([row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"]])
+        sigma.append([*[row["prior_sigma_horizontal_m"]] * 2, row["prior_sigma_vertical_m"]])
+        attitude = (row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"])
+        known = None not in attitude
+        rotations.append(rotation_from_attitude(*attitude) if known else np.full((3, 3), np.nan))
+        attitude_sigma.append(
+            [_replace_none_by_nan(row["prior_sigma_yaw_deg"]), _replace_none_by_nan(row["prior_sigma_tilt_deg"])]
+        )
+        flights.append(row["flight"] or 0)
+        relative.append(_replace_none_by_nan(row["prior_height_relative_m"]))
+        datums.add(row["prior_height_datum"])
+    attitude_sigmas = np.array(attitude_sigma).reshape(-1, 2)
+    return GpsPriors(
+        photo=np.array(index, dtype=np.int64),
+        xyz_site_m=origin.site_from_geo(np.array(geo).reshape(-1, 3)),
+        sigma_m=np.hypot(np.array(sigma).reshape(-1, 3), BLOCK_SIGMA_M),
+        datum_unknown=datums != {HeightDatum.ELLIPSOIDAL},
+        site_from_cam_rotation=np.array(rotations).reshape(-1, 3, 3),
+        sigma_yaw_deg=attitude_sigmas[:, 0],
+        sigma_tilt_deg=attitude_sigmas[:, 1],
+        height_relative_m=np.array(relative, dtype=np.float64),
+        flight=np.unique(np.array(flights, dtype=np.int64), return_inverse=True)[1].ravel(),
+    )
+
+
+def _replace_none_by_nan(value: float | None) -> float:
+    return np.nan if value is None else value
