@@ -1,19 +1,19 @@
-"""Which storey a place on the building belongs to."""
+"""Find the storey of a point on the building."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from facadelake.core.arrays import Float64Array, Int64Array
+from facadelake.core.arrays import Float64N, Float64Nx2, RowIndices
 
-_FLOOR_TOLERANCE_M = 0.1  # a place may lie this far below its storey's floor
-_OVERLAP_LIMIT_M = 1.0  # an element that reaches further than this beyond its storey spans several
+_FLOOR_TOLERANCE_M = 0.1  # a point may be this far below the floor of its storey
+_OVERLAP_LIMIT_M = 1.0  # an element that extends farther beyond its storey belongs to several
 
 
 @dataclass(frozen=True, kw_only=True)
 class StoreyElevation:
-    """A storey and the height of its floor in the building's vertical datum, as the registry tells it."""
+    """A storey of the registry and the height of its floor in the building's vertical datum, metres."""
 
     name: str
     floor_m: float
@@ -21,16 +21,16 @@ class StoreyElevation:
 
 @dataclass(frozen=True, kw_only=True)
 class StoreyLevel:
-    """A storey and the level of its floor in site, metres."""
+    """A storey and the z of its floor in site, metres."""
 
     name: str
     floor_site_m: float
 
 
 def find_storey(levels: Sequence[StoreyLevel], z_site_m: float) -> str:
-    """Name of the highest storey whose floor lies at or below ``z_site_m``; the lowest for places under all of them.
+    """Find the highest storey whose floor is at or below ``z_site_m``; the lowest storey for points below all floors.
 
-    ``levels`` come from the lowest up; empty where the model has no storeys.
+    ``levels`` are sorted by level. Returns "" if there are none.
     """
     below = [level.name for level in levels if level.floor_site_m <= z_site_m + _FLOOR_TOLERANCE_M]
     if below:
@@ -40,28 +40,41 @@ def find_storey(levels: Sequence[StoreyLevel], z_site_m: float) -> str:
 
 def find_storeys(
     levels: Sequence[StoreyLevel],
-    named: Sequence[str | None],
-    extents_site_m: Float64Array,
-    element: Int64Array,
-    z_site_m: Float64Array,
+    element_storeys: Sequence[str | None],
+    extents_site_m: Float64Nx2,
+    element: RowIndices,
+    z_site_m: Float64N,
 ) -> list[str | None]:
-    """Storey (n) of places at ``z_site_m`` (n,) on ``element`` (n,).
+    """Find the storeys of n points on elements.
 
-    It is the element's own (``named``, one an element), save where the element, from ``extents_site_m`` (elements, 2:
-    lowest and highest level), reaches into other storeys, as a curtain wall does: there the place's level decides.
+    A point has the storey of its element. If the element extends into other storeys, as a curtain wall does, the
+    point's level decides.
+
+    Args:
+        levels: levels of the storeys, sorted.
+        element_storeys: storey of each element (elements); None: no storey.
+        extents_site_m: lowest and highest z of each element in site (elements, 2).
+        element: row of each point's element (n,).
+        z_site_m: z of each point in site (n,).
+
+    Returns:
+        Storey of each point (n).
     """
-    spans = [_is_multi_storey(levels, name, extent) for name, extent in zip(named, extents_site_m, strict=True)]
+    is_multi_storey = [
+        _is_multi_storey(levels, storey, extent) for storey, extent in zip(element_storeys, extents_site_m, strict=True)
+    ]
     return [
-        find_storey(levels, z) if spans[i] else named[i]
+        find_storey(levels, z) if is_multi_storey[i] else element_storeys[i]
         for i, z in zip(element.tolist(), z_site_m.tolist(), strict=True)
     ]
 
 
-def _is_multi_storey(levels: Sequence[StoreyLevel], name: str | None, extent: Float64Array) -> bool:
-    places = [i for i, level in enumerate(levels) if level.name == name]
-    if not places:
+def _is_multi_storey(levels: Sequence[StoreyLevel], name: str | None, extent: Float64N) -> bool:
+    """Whether an element of storey ``name`` with lowest and highest z ``extent`` (2,) extends into other storeys."""
+    indices = [i for i, level in enumerate(levels) if level.name == name]
+    if not indices:
         return False
-    floor = levels[places[0]].floor_site_m
+    floor = levels[indices[0]].floor_site_m
     above = [level.floor_site_m for level in levels if level.floor_site_m > floor + _FLOOR_TOLERANCE_M]
-    low_in_another = places[0] > 0 and extent[0] < floor - _OVERLAP_LIMIT_M
+    low_in_another = indices[0] > 0 and extent[0] < floor - _OVERLAP_LIMIT_M
     return bool(low_in_another or (above and extent[1] > above[0] + _OVERLAP_LIMIT_M))

@@ -1,4 +1,4 @@
-"""How the axes of every evaluation's plots look."""
+"""Style of the plots of all evaluations."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 
 
 def format_axes(axes: Axes, x: str, y: str) -> None:
-    """Label the axes ``x`` and ``y``, with a faint grid behind what is drawn and no frame above and at the right."""
+    """Label the axes ``x`` and ``y``, draw a light grid behind the data, and hide the upper and right spines."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.grid(visible=True, color="#dddddd", linewidth=0.6)

@@ -15,7 +15,7 @@ from facadelake.detection.campaign import OnnxDetector
 from facadelake.detection.card import ModelCard
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.inference.detector import load_detector
-from tests.unit.detection.onnx_models import answer, card, save_model
+from tests.unit.detection.onnx_models import make_card, make_output, save_model
 
 PHOTOS = table_from_rows(
     "photos",
@@ -29,7 +29,7 @@ PHOTOS = table_from_rows(
 GOOD = {"bbox": [100, 200, 30, 40], "category_id": 1}
 
 
-def rows_of(folder: Path, *annotations: dict[str, Any], file_name: str = "IMG_1.JPG") -> list[dict[str, Any]]:
+def import_rows(folder: Path, *annotations: dict[str, Any], file_name: str = "IMG_1.JPG") -> list[dict[str, Any]]:
     content = {
         "images": [{"id": 1, "file_name": file_name, "width": 4000, "height": 3000}],
         "categories": [{"id": 1, "name": "Crack"}, {"id": 2, "name": "Graffiti"}],
@@ -70,13 +70,13 @@ def rows_of(folder: Path, *annotations: dict[str, Any], file_name: str = "IMG_1.
 def test_one_bad_box_is_a_row_and_the_rest_goes_on(
     tmp_path: Path, bad: dict[str, Any], outcome: str, reason: str
 ) -> None:
-    before, found, after = rows_of(tmp_path, GOOD, bad, GOOD)
+    before, found, after = import_rows(tmp_path, GOOD, bad, GOOD)
     assert (found["detection_outcome"], found["reason"]) == (outcome, reason)
     assert [row["detection_outcome"] for row in (before, after)] == ["accepted", "accepted"]
 
 
 def test_a_coco_file_cut_short(tmp_path: Path) -> None:
-    rows_of(tmp_path, GOOD)
+    import_rows(tmp_path, GOOD)
     path = tmp_path / "boxes.json"
     path.write_text(path.read_text()[:-20])
     with pytest.raises(InputDataError, match=r"boxes.json is not JSON: .* at line 1, column \d+; export it again"):
@@ -94,7 +94,7 @@ def test_a_coco_file_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_coco_file_of_another_campaign(tmp_path: Path) -> None:
     with pytest.raises(InputDataError) as raised:
-        rows_of(tmp_path, GOOD, GOOD, file_name="DJI_0815.JPG")
+        import_rows(tmp_path, GOOD, GOOD, file_name="DJI_0815.JPG")
     assert str(raised.value) == (
         f"detections file {tmp_path / 'boxes.json'}: none of its 2 boxes is on an accepted photograph of the "
         "campaign's 1 (first: 'DJI_0815.JPG' is not among the campaign's photographs); "
@@ -104,7 +104,7 @@ def test_a_coco_file_of_another_campaign(tmp_path: Path) -> None:
 
 def test_boxes_in_shares_of_the_photograph_instead_of_pixels(tmp_path: Path) -> None:
     with pytest.raises(InputDataError) as raised:
-        rows_of(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4], "category_id": 1})
+        import_rows(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4], "category_id": 1})
     assert str(raised.value) == (
         f"detections file {tmp_path / 'boxes.json'}: all 1 boxes lie within 0..1, so they are normalised; "
         "COCO boxes are [x, y, width, height] in pixels: export boxes in pixels"
@@ -121,15 +121,15 @@ def test_a_model_without_a_card_and_a_card_without_a_model(tmp_path: Path) -> No
         "unknown), layout yolox. Check it and save it as crack.card.yaml:\n\nname: crack\n"
     )
     with pytest.raises(ModelError) as raised:
-        OnnxDetector(tmp_path / "crak.onnx", ModelCard.model_validate(card("yolox")))
+        OnnxDetector(tmp_path / "crak.onnx", ModelCard.model_validate(make_card("yolox")))
     assert str(raised.value) == (
         f"model {tmp_path / 'crak.onnx'} does not exist; correct the detector's path in the registry"
     )
 
 
 def test_a_model_with_wrong_outputs(tmp_path: Path) -> None:
-    model = save_model(tmp_path / "crack.onnx", answer("yolov8", [(10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)]))
-    declared = ModelCard.model_validate(card("yolox"))
+    model = save_model(tmp_path / "crack.onnx", make_output("yolov8", [(10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)]))
+    declared = ModelCard.model_validate(make_card("yolox"))
     with pytest.raises(ModelError) as raised:
         OnnxDetector(model, declared)
     assert str(raised.value) == (
@@ -144,4 +144,4 @@ def test_a_model_with_one_class_more_than_its_card(tmp_path: Path) -> None:
     with pytest.raises(
         ModelError, match=r"shape \(1, 126, 8\), layout yolox with 2 .* has \(1, 126, 7\); with 3 class_names"
     ):
-        OnnxDetector(model, ModelCard.model_validate(card("yolox")))
+        OnnxDetector(model, ModelCard.model_validate(make_card("yolox")))

@@ -22,21 +22,23 @@ from facadelake.core.tables import table_from_rows
 from facadelake.detection.campaign import detect_photographs
 from facadelake.detection.card import ModelCard, parse_card
 from facadelake.detection.inference.detector import OnnxDetector
-from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model, save_spot_finder
+from tests.unit.detection.onnx_models import HEIGHT, WIDTH, make_card, make_output, save_model, save_spot_model
 
 CRACK = (10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)
 LAYOUTS = ("yolox", "yolov5", "yolov8", "nms6")
-Spoil = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Spoiler = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
-def refused(path: Path, output: NDArray[np.float64], layout: str, shape: tuple[int | str, ...] | None = None) -> str:
+def get_refusal(
+    path: Path, output: NDArray[np.float64], layout: str, shape: tuple[int | str, ...] | None = None
+) -> str:
     model = save_model(path / "m.onnx", output, **({} if shape is None else {"shape": shape}))
     with pytest.raises(ModelError) as raised:
-        OnnxDetector(model, ModelCard.model_validate(card(layout)))
+        OnnxDetector(model, ModelCard.model_validate(make_card(layout)))
     return str(raised.value)
 
 
-def every(step: int, value: float) -> Spoil:
+def make_spoiler(step: int, value: float) -> Spoiler:
     def spoil(output: NDArray[np.float64]) -> NDArray[np.float64]:
         spoilt = output.copy()
         spoilt.reshape(-1)[::step] = value
@@ -49,20 +51,22 @@ def every(step: int, value: float) -> Spoil:
 @pytest.mark.parametrize("step", [1, 7], ids=["all", "some"])
 def test_a_model_that_gives_no_numbers_is_refused(tmp_path: Path, layout: str, step: int) -> None:
     """NaN compares as below every threshold: such a model would find nothing, and nobody would know why."""
-    assert "are not numbers (NaN)" in refused(tmp_path, every(step, np.nan)(answer(layout, [CRACK])), layout)
+    assert "are not numbers (NaN)" in get_refusal(
+        tmp_path, make_spoiler(step, np.nan)(make_output(layout, [CRACK])), layout
+    )
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_model_that_overflows_is_refused(tmp_path: Path, layout: str) -> None:
-    assert "of a probe image" in refused(tmp_path, every(7, np.inf)(answer(layout, [CRACK])), layout)
+    assert "of a probe image" in get_refusal(tmp_path, make_spoiler(7, np.inf)(make_output(layout, [CRACK])), layout)
 
 
 @pytest.mark.parametrize("layout", ["yolov5", "yolov8", "nms6"])
 def test_boxes_in_shares_of_the_input_are_refused(tmp_path: Path, layout: str) -> None:
-    output = answer(layout, [CRACK])
+    output = make_output(layout, [CRACK])
     boxes = output[:, :4] if layout == "yolov8" else output[..., :4]
     boxes /= WIDTH
-    assert "normalised" in refused(tmp_path, output, layout)
+    assert "normalised" in get_refusal(tmp_path, output, layout)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +80,7 @@ def test_boxes_in_shares_of_the_input_are_refused(tmp_path: Path, layout: str) -
     ids=["batch of four", "channels last", "grey", "height and width swapped"],
 )
 def test_an_input_that_no_photograph_can_be_brought_to(tmp_path: Path, shape: tuple[int, ...], names: str) -> None:
-    message = refused(tmp_path, answer("yolov8", [CRACK]), "yolov8", shape)
+    message = get_refusal(tmp_path, make_output("yolov8", [CRACK]), "yolov8", shape)
     assert f"takes an input of shape {names}, its card declares [1, 3, 64, 96]" in message
 
 
@@ -84,7 +88,7 @@ def test_an_input_that_no_photograph_can_be_brought_to(tmp_path: Path, shape: tu
 @pytest.mark.parametrize("key", ["score_calibration.intercept", "input.scale", "score_threshold"])
 def test_a_card_with_numbers_that_are_none(key: str, value: float) -> None:
     """YAML knows infinity and NaN; a calibration of NaN would make every score NaN."""
-    content: dict[str, Any] = card("yolov8")
+    content: dict[str, Any] = make_card("yolov8")
     part, _, name = key.rpartition(".")
     (content.setdefault(part, {}) if part else content)[name] = value
     with pytest.raises(ModelError, match=rf"a card: {key} is (nan|-?inf): "):
@@ -93,15 +97,15 @@ def test_a_card_with_numbers_that_are_none(key: str, value: float) -> None:
 
 def test_a_list_shorter_than_its_classes_fails_with_the_remedy(tmp_path: Path) -> None:
     """A list after suppression does not tell how many classes it has before it names one too many."""
-    output = answer("nms6", [(*CRACK[:6], 7)])
-    detector = OnnxDetector(save_model(tmp_path / "m.onnx", output), ModelCard.model_validate(card("nms6")))
+    output = make_output("nms6", [(*CRACK[:6], 7)])
+    detector = OnnxDetector(save_model(tmp_path / "m.onnx", output), ModelCard.model_validate(make_card("nms6")))
     with pytest.raises(
         ModelError, match=r"returned class 7, its card names 2 classes \(0 to 1\); complete class_names"
     ):
         detector.detect(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8))
 
 
-def rows_of(folder: Path, names: list[str]) -> pa.Table:
+def make_photos_table(folder: Path, names: list[str]) -> pa.Table:
     return table_from_rows(
         "photos",
         [
@@ -114,14 +118,14 @@ def rows_of(folder: Path, names: list[str]) -> pa.Table:
     )  # fmt: skip
 
 
-def spot_finder(folder: Path) -> OnnxDetector:
+def make_spot_detector(folder: Path) -> OnnxDetector:
     """Finds the centre of red and of green light in its input."""
-    content = card("nms6", score_threshold=0.3, nms_iou=0.99)
+    content = make_card("nms6", score_threshold=0.3, nms_iou=0.99)
     content["input"] = {**content["input"], "pad_value": 0}
-    return OnnxDetector(save_spot_finder(folder / "m.onnx", batch=1), ModelCard.model_validate(content))
+    return OnnxDetector(save_spot_model(folder / "m.onnx", batch=1), ModelCard.model_validate(content))
 
 
-def stored(folder: Path) -> list[str]:
+def store_variants(folder: Path) -> list[str]:
     """One picture, a bright spot at 110 to 150, 10 to 40 px of 192 x 80, stored in many ways."""
     values = np.zeros((80, 192), dtype=np.uint8)
     values[10:40, 110:150] = 255
@@ -143,8 +147,8 @@ def stored(folder: Path) -> list[str]:
 def test_photographs_stored_in_other_ways_show_the_same_in_the_same_pixels(tmp_path: Path) -> None:
     folder = tmp_path / "photographs"
     folder.mkdir()
-    names = stored(folder)
-    rows = detect_photographs(rows_of(folder, names), folder, spot_finder(tmp_path)).to_pylist()
+    names = store_variants(folder)
+    rows = detect_photographs(make_photos_table(folder, names), folder, make_spot_detector(tmp_path)).to_pylist()
     red = {row["photo_id"]: row for row in rows if row["source_class"] == "crack"}
     assert sorted(red) == names
     for name, row in red.items():
@@ -166,7 +170,7 @@ def test_one_pixel_and_a_panorama_among_bad_files(tmp_path: Path, caplog: pytest
     (folder / "empty.jpg").write_bytes(b"")
     names = ["cut.png", "empty.jpg", "gone.jpg", "panorama.png", "pixel.png"]
     with caplog.at_level(logging.WARNING):
-        rows = detect_photographs(rows_of(folder, names), folder, spot_finder(tmp_path)).to_pylist()
+        rows = detect_photographs(make_photos_table(folder, names), folder, make_spot_detector(tmp_path)).to_pylist()
     for name in ("cut.png", "empty.jpg", "gone.jpg"):
         assert f"{name} cannot be read: the detector did not process it" in caplog.text
     assert {row["photo_id"] for row in rows} == {"panorama.png", "pixel.png"}
@@ -181,7 +185,7 @@ def test_values_that_overflow_in_one_photograph_are_told_and_the_others_count(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The logarithm of a black photograph's light is no number; that of any other is."""
-    path = save_model(tmp_path / "m.onnx", answer("yolov8", [CRACK]))
+    path = save_model(tmp_path / "m.onnx", make_output("yolov8", [CRACK]))
     model = onnx.load(path)
     graph = model.graph
     index = next(i for i, node in enumerate(graph.node) if node.op_type == "Mul")
@@ -192,8 +196,8 @@ def test_values_that_overflow_in_one_photograph_are_told_and_the_others_count(
     folder.mkdir()
     for name, grey in (("black.png", 0), ("wall.png", 128)):
         Image.new("RGB", (WIDTH, HEIGHT), (grey, grey, grey)).save(folder / name)
-    detector = OnnxDetector(path, ModelCard.model_validate(card("yolov8")))
+    detector = OnnxDetector(path, ModelCard.model_validate(make_card("yolov8")))
     with caplog.at_level(logging.WARNING):
-        rows = detect_photographs(rows_of(folder, ["black.png", "wall.png"]), folder, detector).to_pylist()
+        rows = detect_photographs(make_photos_table(folder, ["black.png", "wall.png"]), folder, detector).to_pylist()
     assert {row["photo_id"] for row in rows} == {"wall.png"}
     assert "not numbers (NaN)" in caplog.text

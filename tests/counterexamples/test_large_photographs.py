@@ -16,41 +16,41 @@ from facadelake.core.arrays import UInt8Image
 from facadelake.detection.inference.detector import DetectedBox
 from facadelake.detection.tiling.plan import plan_tile_passes
 from facadelake.detection.tiling.tiled_detection import detect_image
-from tests.unit.detection.blobs import BlobDetector, card
+from tests.unit.detection.blobs import BlobDetector, make_blob_card
 
 INPUT_PX = 160
 WIDTH, HEIGHT = 1500, 1000
-TILES = plan_tile_passes(card(INPUT_PX).input, width_px=WIDTH, height_px=HEIGHT)[0].tiles
+TILES = plan_tile_passes(make_blob_card(INPUT_PX).input, width_px=WIDTH, height_px=HEIGHT)[0].tiles
 LEFTS = sorted({tile.left for tile in TILES})
 RIGHTS = sorted({tile.right for tile in TILES})
 Sides = tuple[int, int, int, int]
 
 
-class NearSighted(BlobDetector):
+class NearsightedDetector(BlobDetector):
     """Sees nothing in an image that would have to be shrunk by more than half."""
 
-    def _blobs(self, image: UInt8Image) -> tuple[DetectedBox, ...]:
-        return () if max(image.shape[:2]) > 2 * INPUT_PX + 1 else super()._blobs(image)
+    def _detect_blobs(self, image: UInt8Image) -> tuple[DetectedBox, ...]:
+        return () if max(image.shape[:2]) > 2 * INPUT_PX + 1 else super()._detect_blobs(image)
 
 
-def wall(height: int = HEIGHT, width: int = WIDTH) -> UInt8Image:
+def make_wall(height: int = HEIGHT, width: int = WIDTH) -> UInt8Image:
     return np.full((height, width, 3), 200, dtype=np.uint8)
 
 
-def lines(*points: list[tuple[int, int]], thick: int = 3) -> UInt8Image:
-    image = wall()
+def draw_lines(*points: list[tuple[int, int]], thick: int = 3) -> UInt8Image:
+    image = make_wall()
     for line in points:
         cv2.polylines(image, [np.array(line)], False, (0, 0, 0), thick)
     return image
 
 
-def blobs(image: UInt8Image) -> list[Sides]:
+def list_blobs(image: UInt8Image) -> list[Sides]:
     dark = (image[..., 0] < 128).astype(np.uint8)
     stats = cv2.connectedComponentsWithStats(dark, connectivity=8)[2]
     return sorted((int(x), int(y), int(w), int(h)) for x, y, w, h, _ in stats[1:])
 
 
-def told(found: tuple[DetectedBox, ...]) -> list[Sides]:
+def round_boxes(found: tuple[DetectedBox, ...]) -> list[Sides]:
     boxes = [one.box for one in found]
     return sorted((round(b.x_px), round(b.y_px), round(b.width_px), round(b.height_px)) for b in boxes)
 
@@ -63,9 +63,9 @@ SEAM = (LEFTS[2], LEFTS[2] - 1, RIGHTS[2], RIGHTS[2] - 1, (LEFTS[3] + RIGHTS[2])
 )
 def test_a_crack_along_a_seam_is_one(x: int, thick: int, masks: bool) -> None:
     """Exactly on the border of a tile, beside it, and in the middle of the overlap: no tile shows it better."""
-    image = wall()
+    image = make_wall()
     image[300:700, x - thick // 2 : x - thick // 2 + thick] = 0
-    assert told(detect_image(NearSighted(INPUT_PX, masks=masks), image)) == blobs(image)
+    assert round_boxes(detect_image(NearsightedDetector(INPUT_PX, masks=masks), image)) == list_blobs(image)
 
 
 @pytest.mark.parametrize(
@@ -84,42 +84,42 @@ def test_a_crack_along_a_seam_is_one(x: int, thick: int, masks: bool) -> None:
     ids=["corner to corner", "steep", "nearly level with masks", "zigzag", "zigzag with masks"],
 )
 def test_a_crack_across_many_tiles_is_one(crack: list[tuple[int, int]], masks: bool) -> None:
-    image = lines(crack)
-    assert told(detect_image(NearSighted(INPUT_PX, masks=masks), image)) == blobs(image)
+    image = draw_lines(crack)
+    assert round_boxes(detect_image(NearsightedDetector(INPUT_PX, masks=masks), image)) == list_blobs(image)
 
 
 def test_a_winding_crack_is_one_where_there_are_masks_and_at_most_two_where_not() -> None:
     """Boxes alone do not say that both arms of a U are one crack; masks do."""
-    image = lines([(200, 100), (200, 800), (900, 800), (900, 100)])
-    assert told(detect_image(NearSighted(INPUT_PX, masks=True), image)) == blobs(image)
-    apart = told(detect_image(NearSighted(INPUT_PX), image))
+    image = draw_lines([(200, 100), (200, 800), (900, 800), (900, 100)])
+    assert round_boxes(detect_image(NearsightedDetector(INPUT_PX, masks=True), image)) == list_blobs(image)
+    apart = round_boxes(detect_image(NearsightedDetector(INPUT_PX), image))
     assert 1 <= len(apart) <= 2
     assert sum(width * height for _, _, width, height in apart) >= 0.98 * 705 * 705  # px2: nothing is lost
 
 
 @pytest.mark.parametrize("masks", [False, True], ids=["boxes", "masks"])
 def test_ten_cracks_side_by_side_stay_ten(masks: bool) -> None:
-    image = lines(*[[(100, 300 + 12 * i), (1400, 300 + 12 * i)] for i in range(10)], thick=2)
-    assert told(detect_image(NearSighted(INPUT_PX, masks=masks), image)) == blobs(image)
+    image = draw_lines(*[[(100, 300 + 12 * i), (1400, 300 + 12 * i)] for i in range(10)], thick=2)
+    assert round_boxes(detect_image(NearsightedDetector(INPUT_PX, masks=masks), image)) == list_blobs(image)
 
 
 @pytest.mark.parametrize("gap", [20, 40])
 def test_dashes_in_one_line_stay_apart(gap: int) -> None:
     """A line of separate cracks is no crack: what ends in a tile is not joined to what begins behind it."""
-    image = lines(*[[(x, 500), (x + 80, 500)] for x in range(60, 1380, 80 + gap)])
-    assert told(detect_image(NearSighted(INPUT_PX), image)) == blobs(image)
+    image = draw_lines(*[[(x, 500), (x + 80, 500)] for x in range(60, 1380, 80 + gap)])
+    assert round_boxes(detect_image(NearsightedDetector(INPUT_PX), image)) == list_blobs(image)
 
 
 def test_spots_without_number_are_told_once_each() -> None:
     """Nearly two thousand, a hundred in each tile and on every seam."""
-    image = wall()
+    image = make_wall()
     for y in range(10, 490, 15):
         for x in range(10, 890, 15):
             image[y : y + 4, x : x + 4] = 0
-    truth = blobs(image)
+    truth = list_blobs(image)
     assert len(truth) > 1800
     # Next to a border two spots may be taken for the ends of one; at 11 px apart that is rare.
-    found = told(detect_image(NearSighted(INPUT_PX), image))
+    found = round_boxes(detect_image(NearsightedDetector(INPUT_PX), image))
     assert len(set(truth) & set(found)) >= 0.97 * len(truth)
     assert len(found) == len(set(found))
 
@@ -130,7 +130,7 @@ def test_spots_without_number_are_told_once_each() -> None:
 )
 def test_photographs_of_any_shape_are_covered(height: int, width: int) -> None:
     """From one pixel to a panorama: every pixel lies in a tile of the finest look, no tile reaches beyond."""
-    tiles = plan_tile_passes(card(INPUT_PX).input, width_px=width, height_px=height)[0].tiles
+    tiles = plan_tile_passes(make_blob_card(INPUT_PX).input, width_px=width, height_px=height)[0].tiles
     seen = np.zeros((height, width), dtype=bool)
     for tile in tiles:
         assert 0 <= tile.left < tile.right <= width
@@ -141,7 +141,7 @@ def test_photographs_of_any_shape_are_covered(height: int, width: int) -> None:
     image[...] = 200
     image[height // 2, width // 2] = 0
     if max(height, width) < 1000:
-        assert told(detect_image(BlobDetector(INPUT_PX), image))[0] == (width // 2, height // 2, 1, 1)
+        assert round_boxes(detect_image(BlobDetector(INPUT_PX), image))[0] == (width // 2, height // 2, 1, 1)
 
 
 TARGETS: dict[str, Callable[[], np.ndarray]] = {
@@ -154,26 +154,26 @@ TARGETS: dict[str, Callable[[], np.ndarray]] = {
 
 @pytest.mark.parametrize("target", TARGETS.values(), ids=list(TARGETS))
 def test_a_target_of_another_size_lies_over_the_whole_photograph(target: Callable[[], np.ndarray]) -> None:
-    image = wall()
+    image = make_wall()
     image[498:503, 755:765] = 0
-    found = told(detect_image(NearSighted(INPUT_PX), image, target=target()))
+    found = round_boxes(detect_image(NearsightedDetector(INPUT_PX), image, target=target()))
     assert found == [(755, 498, 10, 5)]
 
 
 def test_an_empty_target_is_not_looked_at_and_half_of_one_halves_the_work() -> None:
-    blind = NearSighted(INPUT_PX)
-    assert detect_image(blind, lines([(0, 0), (1400, 900)]), target=np.zeros((5, 5), dtype=bool)) == ()
-    assert blind.seen == []
+    blind = NearsightedDetector(INPUT_PX)
+    assert detect_image(blind, draw_lines([(0, 0), (1400, 900)]), target=np.zeros((5, 5), dtype=bool)) == ()
+    assert blind.processed_sizes == []
     half = np.zeros((10, 10), dtype=bool)
     half[:, :5] = True
-    some = NearSighted(INPUT_PX)
-    detect_image(some, wall(), target=half)
-    assert len(TILES) / 2 <= len(some.seen) <= 0.65 * len(TILES) + 1
+    some = NearsightedDetector(INPUT_PX)
+    detect_image(some, make_wall(), target=half)
+    assert len(TILES) / 2 <= len(some.processed_sizes) <= 0.65 * len(TILES) + 1
 
 
 @pytest.mark.parametrize("gsd_mm", [float("nan"), 0.0, -1.0])
 def test_a_gsd_that_cannot_be_is_as_good_as_none(gsd_mm: float) -> None:
     """It must not make the detector look at a shrunken photograph alone."""
-    image = lines([(50, 50), (1400, 900)])
-    seeing = NearSighted(INPUT_PX, gsd_mm=(1.0, 3.0))
-    assert told(detect_image(seeing, image, gsd_mm=gsd_mm)) == blobs(image)
+    image = draw_lines([(50, 50), (1400, 900)])
+    seeing = NearsightedDetector(INPUT_PX, gsd_mm=(1.0, 3.0))
+    assert round_boxes(detect_image(seeing, image, gsd_mm=gsd_mm)) == list_blobs(image)

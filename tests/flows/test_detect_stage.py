@@ -21,7 +21,7 @@ from facadelake.registry import Building
 from tasks.detect import detect
 from tasks.job import InspectionJob, StageResult
 from tests.synthetic.registration_scene import Wall, building_of
-from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model
+from tests.unit.detection.onnx_models import HEIGHT, WIDTH, make_card, make_output, save_model
 
 # From 10 m before the right end of a wall 20 m wide: it fills the left half, 12.5 mm a pixel, and sky the right one.
 CAMERA = Camera(width_px=800, height_px=600, fx_px=800, fy_px=800, cx_px=400, cy_px=300)
@@ -45,8 +45,8 @@ def stage(folder: Path, name: str) -> StageResult:
 @pytest.fixture
 def job(tmp_path: Path) -> InspectionJob:
     """Four photographs and a model that sees a crack in the middle of whatever it looks at."""
-    save_model(tmp_path / "all.onnx", answer("yolov8", [(40, WIDTH / 2, HEIGHT / 2, 10.0, 8.0, 0.75, 0)]))
-    content = card("yolov8", name="all")
+    save_model(tmp_path / "all.onnx", make_output("yolov8", [(40, WIDTH / 2, HEIGHT / 2, 10.0, 8.0, 0.75, 0)]))
+    content = make_card("yolov8", name="all")
     content["input"]["gsd_mm"] = [25.0]
     (tmp_path / "all.card.yaml").write_text(yaml.safe_dump(content))
     images = tmp_path / "images"

@@ -19,7 +19,7 @@ from facadelake.core.pose_table import read_posed_cameras
 from facadelake.detection.tiling.plan import SCALE_RATIO_MIN
 from facadelake.lake.read import read_table
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
-from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model
+from tests.unit.detection.onnx_models import HEIGHT, WIDTH, make_card, make_output, save_model
 
 pytestmark = pytest.mark.slow
 
@@ -44,8 +44,8 @@ def looked_at(small: SmallPortfolio, tmp_path_factory: pytest.TempPathFactory) -
     write_published(small.truth, root / "poses.csv", noise=None)
     middle = (40, WIDTH / 2, HEIGHT / 2, 10.0, 8.0, 0.75, 0)
     beside = (50, WIDTH / 2 + 20, HEIGHT / 2, 10.0, 8.0, 0.5, 1)
-    save_model(root / "everywhere.onnx", answer("yolov8", [middle, beside]))
-    content = card("yolov8", name="everywhere")
+    save_model(root / "everywhere.onnx", make_output("yolov8", [middle, beside]))
+    content = make_card("yolov8", name="everywhere")
     content["input"]["gsd_mm"] = [GSD_MM]
     (root / "everywhere.card.yaml").write_text(yaml.safe_dump(content))
     building = {

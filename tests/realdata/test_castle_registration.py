@@ -22,7 +22,8 @@ from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.deduplication.merge import merge_observations
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.detection.coco.import_detections import import_coco
-from facadelake.evaluation.campaigns.evaluate import evaluate
+from facadelake.evaluation.campaigns.comparison import compare_with_truth
+from facadelake.evaluation.campaigns.evaluate import compute_figures
 from facadelake.evaluation.campaigns.figures import CampaignFigures
 from facadelake.georeferencing.imported.placement import ImportedPlacement, place_imported_poses
 from facadelake.georeferencing.imported.pose_files import read_poses
@@ -66,10 +67,11 @@ class Castle:
             seen, found, self.model, posed, prefix="castle", settings=MergeSettings.build_for_control(ControlKind.IMPORTED),
             covariances=covariances,
         )  # fmt: skip
-        return evaluate(
+        compared = compare_with_truth(
             photos=self.photos, poses=placed.poses, detections=found, observations=merged.observations,
             defects=merged.defects, truth=self.root / "truth", origin=self.model.origin, map_crs=self.model.map_crs,
         )  # fmt: skip
+        return compute_figures(compared)
 
 
 @pytest.fixture(scope="module")

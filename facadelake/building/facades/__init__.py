@@ -1,4 +1,4 @@
-"""facades."""
+"""Facades: outward directions of elements, clustered and named by compass."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Which way the open sides of a building's elements look, and the names that facades have."""
+"""Find the outward directions of a building's elements from their openness to the sky."""
 
 from __future__ import annotations
 
@@ -7,52 +7,53 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.arrays import Float64Array, Int64Array
+from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64x3, RowIndices
 
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 LEVEL = "level"  # open mainly upward or downward: roofs, slabs, soffits
-INSIDE = "inside"  # open nowhere
-AROUND = "around"  # open to several sides: curved walls, returns, columns; the place's own normal decides
+INSIDE = "inside"  # not open
+AROUND = "around"  # open to several sides (curved walls, returns, columns): the normal at a point decides
 _SKY_DIRECTIONS_DEG = [(azimuth, height) for height in (15.0, 40.0, 65.0) for azimuth in (-50.0, 0.0, 50.0)]
 _START_OFFSET_M = 0.01
-_BATCH = 200_000  # triangles whose openness is found at once: some 100 MB
+_BATCH = 200_000  # triangles processed at once: about 100 MB
 _LARGE_TRIANGLE_M2 = 1.0
 _SAME_PLANE_DEG = 2.0
-_MAIN_PLANE_SHARE = 0.55  # of an element's open upright area: a plane that has more is the element's direction
+_MAIN_PLANE_SHARE = 0.55  # a plane with more of an element's open upright area gives the element's direction
 _CURVED_HALF_WIDTH_DEG = 30.0
-_CURVED_SHARE = 0.75  # without such a plane, the share within 30 degrees that makes a mean direction meaningful
-_OPEN_SHARE = 0.15  # of the sky: a side that sees less is a slot
+_CURVED_SHARE = 0.75  # without such a plane, minimum share within 30 degrees of the mean direction
+_OPEN_SHARE = 0.15  # a side that is open to less of the sky is a slot
 _RETURN_DEG = 45.0
 _RETURN_M = 1.0  # reveals and the ends of walls are narrower
 _SAME_PLANE_M = 0.05
-_ONE_SIDED_SHARE = 0.3  # net over total open area above which an element has one outward direction
+_ONE_SIDED_SHARE = 0.3  # minimum of net over total open area of an element with one outward direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenSides:
-    """For n elements: the main outward azimuth in degrees (NaN: none), the open upright area in m2, and a word.
+    """Open sides of n elements.
 
-    The word is "level", "inside" or "around" where no one facade has the whole element, else empty.
+    ``azimuth_deg`` (n,): main outward direction, NaN if none. ``area_m2`` (n,): open upright area. ``labels`` (n):
+    "level", "inside" or "around" where the element does not belong to one facade, else "".
     """
 
-    azimuth_deg: Float64Array
-    area_m2: Float64Array
+    azimuth_deg: Float64N
+    area_m2: Float64N
     labels: tuple[str, ...]
 
 
-def compass_from_direction(direction_site: Float64Array) -> str:
-    """Compass name of a direction (3,) in site, or "level" where it is more up or down than sideways."""
+def compass_from_direction(direction_site: Float64x3) -> str:
+    """Compass name of a direction (3,) in site, or "level" if it is closer to the vertical than to the horizontal."""
     x, y, z = direction_site
     if abs(z) > np.hypot(x, y):
         return LEVEL
     return COMPASS[round(float(np.degrees(np.arctan2(x, y))) / 45.0) % 8]
 
 
-def find_open_sides(surface: Surface, element_of_triangle: Int64Array, elements: int) -> OpenSides:
-    """Which way each element's open sides look.
+def find_open_sides(surface: Surface, element_of_triangle: RowIndices, elements: int) -> OpenSides:
+    """Find the directions of each element's open sides.
 
-    A side counts as far as rays from it reach the sky, so neither the winding of open shells nor the inner faces of
-    outer walls matter. A wall with two open sides faces away from the building's middle.
+    Sides are weighted by their openness to the sky, so the result depends neither on the winding of open shells nor on
+    the inner faces of outer walls. A wall with two open sides faces away from the building's centre.
     """
     normals, areas = surface.normals_site, surface.areas_m2
     centres = surface.vertices_site_m[surface.triangles].mean(axis=1)
@@ -60,60 +61,62 @@ def find_open_sides(surface: Surface, element_of_triangle: Int64Array, elements:
     upright = np.hypot(normals[:, 0], normals[:, 1])
     total = areas * (front + back)
     net = normals * (areas * (front - back))[:, None]
-    middle = (centres * areas[:, None]).sum(axis=0) / areas.sum()
+    building_centre = (centres * areas[:, None]).sum(axis=0) / areas.sum()
     order = np.argsort(element_of_triangle, kind="stable")
     ends = np.searchsorted(element_of_triangle[order], np.arange(elements + 1))
-    azimuths, open_areas, words = np.full(elements, np.nan), np.zeros(elements), []
+    azimuths, open_areas, labels = np.full(elements, np.nan), np.zeros(elements), []
     for element in range(elements):
         own = order[ends[element] : ends[element + 1]]
         sides = total[own] * upright[own]
         if total[own].sum() < 1e-3 * areas[own].sum():
-            words.append(INSIDE)
+            labels.append(INSIDE)
         elif (total[own] * np.abs(normals[own, 2])).sum() > sides.sum():
-            words.append(LEVEL)
+            labels.append(LEVEL)
         else:
             outward = net[own].sum(axis=0) * [1, 1, 0]
             if np.linalg.norm(outward) < _ONE_SIDED_SHARE * sides.sum():
-                outward = _orient_two_sided(normals[own], sides, centres[own] - middle)
+                outward = _orient_two_sided(normals[own], sides, centres[own] - building_centre)
             main = _find_main_direction(normals[own], sides, outward)
             if main is not None:
                 azimuths[element] = np.degrees(np.arctan2(main[0], main[1])) % 360.0
                 open_areas[element] = sides.sum()
-            wide = own[sides > _OPEN_SHARE * areas[own] * upright[own]]
-            turns = main is None or _has_return(surface, wide, main)
-            words.append(AROUND if turns else "")
-    return OpenSides(azimuth_deg=azimuths, area_m2=open_areas, labels=tuple(words))
+            open_triangles = own[sides > _OPEN_SHARE * areas[own] * upright[own]]
+            is_around = main is None or _has_return(surface, open_triangles, main)
+            labels.append(AROUND if is_around else "")
+    return OpenSides(azimuth_deg=azimuths, area_m2=open_areas, labels=tuple(labels))
 
 
-def _compute_both_sides(surface: Surface) -> tuple[Float64Array, Float64Array]:
-    """Openness (m,) of each triangle to the side of its normal and to the other.
+def _compute_both_sides(surface: Surface) -> tuple[Float64N, Float64N]:
+    """Openness (m,) of each triangle on the side of its normal, and on the other side.
 
-    A triangle of a square metre or more is asked at four places: its middle alone may lie under a balcony.
+    A triangle of a square metre or more is sampled at four points, because its centre may be under a balcony.
     """
     rows = np.arange(len(surface.triangles))
     large = np.flatnonzero(surface.areas_m2 >= _LARGE_TRIANGLE_M2)
-    owner = np.concatenate([rows, np.repeat(large, 3)])
-    corner = np.concatenate([np.full(len(rows), -1), np.tile(np.arange(3), len(large))])
+    triangle = np.concatenate([rows, np.repeat(large, 3)])  # of each sample
+    corner = np.concatenate([np.full(len(rows), -1), np.tile(np.arange(3), len(large))])  # -1: the centre
     front, back = np.zeros(len(rows)), np.zeros(len(rows))
-    for start in range(0, len(owner), _BATCH):
-        part = owner[start : start + _BATCH]
+    for start in range(0, len(triangle), _BATCH):
+        part = triangle[start : start + _BATCH]
         corners = surface.vertices_site_m[surface.triangles[part]]
-        at = corners.mean(axis=1)
+        centres = corners.mean(axis=1)
         toward = corner[start : start + _BATCH]
         own = corners[np.arange(len(part)), np.maximum(toward, 0)]
-        points = np.where((toward < 0)[:, None], at, (at + own) / 2)
+        points = np.where((toward < 0)[:, None], centres, (centres + own) / 2)
         normals = surface.normals_site[part]
         np.add.at(front, part, compute_openness(surface, points, normals))
         np.add.at(back, part, compute_openness(surface, points, -normals))
-    asked = np.bincount(owner, minlength=len(rows))
-    return front / asked, back / asked
+    samples = np.bincount(triangle, minlength=len(rows))
+    return front / samples, back / samples
 
 
-def compute_openness(surface: Surface, points_site_m: Float64Array, normals_site: Float64Array) -> Float64Array:
-    """Share (n,) of directions upward and outward of each point that leave the building without meeting it again."""
-    flat = np.hypot(normals_site[:, 0], normals_site[:, 1])
+def compute_openness(surface: Surface, points_site_m: Float64Nx3, normals_site: Float64Nx3) -> Float64N:
+    """Share (n,) of upward and outward rays from each point that leave the building without another hit."""
+    horizontal = np.hypot(normals_site[:, 0], normals_site[:, 1])
     ahead = np.where(
-        (flat > 1e-3)[:, None], normals_site * [1, 1, 0] / np.maximum(flat, 1e-9)[:, None], np.array([1.0, 0.0, 0.0])
+        (horizontal > 1e-3)[:, None],
+        normals_site * [1, 1, 0] / np.maximum(horizontal, 1e-9)[:, None],
+        np.array([1.0, 0.0, 0.0]),
     )
     aside = np.column_stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))])
     starts = points_site_m + _START_OFFSET_M * normals_site
@@ -127,17 +130,17 @@ def compute_openness(surface: Surface, points_site_m: Float64Array, normals_site
     return share
 
 
-def _find_main_direction(normals: Float64Array, weights: Float64Array, outward: Float64Array) -> Float64Array | None:
-    """The direction (2,) that most of an element's open area has, on its ``outward`` side; None where none has.
+def _find_main_direction(normals: Float64Nx3, weights: Float64N, outward: Float64x3) -> Float64Array | None:
+    """The direction (2,) of most of an element's open area, on its ``outward`` side; None if there is none.
 
-    It is that of the largest plane if that makes up most of the area, so that elements of one plane have one direction
-    however unevenly their reveals lie open. Both sides of a wall count for its direction.
+    It is that of the largest plane if that has most of the area, so that elements of one plane have one direction
+    however their reveals are open. Both sides of a wall count.
     """
     used = weights > 0
     flat = normals[used, :2] / np.linalg.norm(normals[used, :2], axis=1, keepdims=True)
     weight = weights[used]
     azimuth = np.degrees(np.arctan2(flat[:, 0], flat[:, 1])) % 180.0  # front and back of one plane together
-    # Bins begin off the whole degrees that buildings like; the last one closes the circle.
+    # Bins start off whole degrees, where buildings' directions are frequent; the last one closes the circle.
     step = np.floor(((azimuth + 0.71) % 180.0) / _SAME_PLANE_DEG).astype(np.int64)
     share = np.bincount(step, weights=weight) / weight.sum()
     if share.max() > _MAIN_PLANE_SHARE:
@@ -147,13 +150,13 @@ def _find_main_direction(normals: Float64Array, weights: Float64Array, outward: 
         core = np.abs((azimuth - mean + 90.0) % 180.0 - 90.0) <= _CURVED_HALF_WIDTH_DEG
         if weight[core].sum() < _CURVED_SHARE * weight.sum():
             return None
-    turned = np.where(flat[core] @ outward[:2] < 0, -1.0, 1.0)
-    direction: Float64Array = (flat[core] * (weight[core] * turned)[:, None]).sum(axis=0)
+    sign = np.where(flat[core] @ outward[:2] < 0, -1.0, 1.0)
+    direction: Float64Array = (flat[core] * (weight[core] * sign)[:, None]).sum(axis=0)
     return direction
 
 
-def _has_return(surface: Surface, triangles: Int64Array, main: Float64Array) -> bool:
-    """Whether one of the open ``triangles`` (k,) is of a plane more than 1 m wide that turns from ``main`` (2,)."""
+def _has_return(surface: Surface, triangles: RowIndices, main: Float64Array) -> bool:
+    """Whether an open triangle (k,) belongs to a plane wider than 1 m at more than 45 degrees to ``main`` (2,)."""
     normals = surface.normals_site[triangles]
     upright = np.hypot(normals[:, 0], normals[:, 1])
     along = np.abs(normals[:, :2] @ main) / np.linalg.norm(main)
@@ -174,11 +177,11 @@ def _has_return(surface: Surface, triangles: Int64Array, main: Float64Array) -> 
     return bool((high - low).max() > _RETURN_M)
 
 
-def _orient_two_sided(normals: Float64Array, weights: Float64Array, from_middle: Float64Array) -> Float64Array:
-    """The main direction of a body open on opposite sides, turned away from the building's middle."""
+def _orient_two_sided(normals: Float64Nx3, weights: Float64N, from_centre: Float64Nx3) -> Float64x3:
+    """Main direction of a body open on opposite sides, away from the building's centre (``from_centre`` (n, 3))."""
     flat = normals[:, :2]
     _, vectors = np.linalg.eigh((flat * weights[:, None]).T @ flat)
     direction = np.append(vectors[:, -1], 0.0)
-    away = float((weights @ from_middle) @ direction)
-    chosen: Float64Array = direction if away >= 0 else -direction
-    return chosen
+    away = float((weights @ from_centre) @ direction)
+    outward: Float64x3 = direction if away >= 0 else -direction
+    return outward

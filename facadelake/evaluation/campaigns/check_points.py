@@ -1,4 +1,4 @@
-"""Check points against defects: which were missed, which were found twice, which defects show none."""
+"""Check points against defects: missed, duplicated and false defects."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64x3
 
-# The paper's Algorithm 1 takes detections nearer than this for one; neighbours inside it are the ones it would merge.
+# The paper's Algorithm 1 merges detections nearer than this; it would merge neighbouring defects inside this distance.
 NEAR_DISTANCE_M = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckPointCounts:
-    """Counts over the check points of truth.
+    """Numbers of check points and of defects without one.
 
-    ``total`` of them; ``detected``: an accepted detection shows them; ``missed``: no defect shows them, ``lost`` of
-    these were detected; ``duplicated``: more than one defect shows them; ``false_defects``: defects most of whose
-    sightings show none. ``near_pairs``: pairs of found check points less than 0.5 m apart, ``near_apart`` of which no
-    defect holds sightings of both; ``nearest_apart_m`` the smallest distance that was kept apart.
+    ``total``: all check points; ``detected``: those that an accepted detection shows; ``missed``: those that no defect
+    shows, of which ``lost`` were detected; ``duplicated``: those that more than one defect shows. ``false_defects``:
+    defects most of whose observations show no check point. ``near_pairs``: pairs of registered check points less than
+    0.5 m apart, of which ``near_apart`` have no defect with observations of both; ``nearest_apart_m``: the smallest
+    distance of these.
     """
 
     total: int
@@ -41,48 +42,51 @@ class CheckPointCounts:
 
 def count_check_points(
     *,
-    xyz_true_site_m: Mapping[str, Float64Array],
-    detected: Iterable[str],
-    shown_by_defect: Sequence[str | None],
+    xyz_true_site_m: Mapping[str, Float64x3],
+    detected_check_points: Iterable[str],
+    check_point_by_defect: Sequence[str | None],
     members: Sequence[tuple[str, str]],
 ) -> CheckPointCounts:
-    """The counts.
+    """Count missed, duplicated and false defects.
 
-    ``detected``: check points of accepted detections. ``shown_by_defect``: the check point of each defect, None for
-    one that shows none. ``members``: registered sightings as (defect, check point).
+    Args:
+        xyz_true_site_m: Position (3,) of each check point, m in site.
+        detected_check_points: Check points that accepted detections show.
+        check_point_by_defect: The check point of each defect; None: it shows none.
+        members: Registered observations as (defect, check point).
     """
-    found = Counter(target for target in shown_by_defect if target is not None)
-    seen = set(detected)
-    missed = [name for name in xyz_true_site_m if name not in found]
-    pairs = _find_near_pairs(sorted({target for _, target in members}), xyz_true_site_m)
-    together = _find_merged_pairs(members)
-    apart = [distance for distance, pair in pairs if pair not in together]
+    defects_of_point = Counter(point for point in check_point_by_defect if point is not None)
+    detected = set(detected_check_points)
+    missed = [name for name in xyz_true_site_m if name not in defects_of_point]
+    pairs = _find_near_pairs(sorted({point for _, point in members}), xyz_true_site_m)
+    merged = _find_merged_pairs(members)
+    apart = [distance for distance, pair in pairs if pair not in merged]
     return CheckPointCounts(
         total=len(xyz_true_site_m),
-        detected=len(seen),
+        detected=len(detected),
         missed=len(missed),
-        lost=sum(name in seen for name in missed),
-        duplicated=sum(times > 1 for times in found.values()),
-        false_defects=sum(target is None for target in shown_by_defect),
+        lost=sum(name in detected for name in missed),
+        duplicated=sum(count > 1 for count in defects_of_point.values()),
+        false_defects=sum(point is None for point in check_point_by_defect),
         near_pairs=len(pairs),
         near_apart=len(apart),
         nearest_apart_m=min(apart, default=None),
     )
 
 
-def _find_near_pairs(names: Sequence[str], xyz: Mapping[str, Float64Array]) -> list[tuple[float, frozenset[str]]]:
+def _find_near_pairs(names: Sequence[str], xyz: Mapping[str, Float64x3]) -> list[tuple[float, frozenset[str]]]:
     """Pairs of check points nearer than ``NEAR_DISTANCE_M``, with their distance."""
     if len(names) < 2:
         return []
-    places = np.array([xyz[name] for name in names])
-    distance = np.linalg.norm(places[:, None] - places[None, :], axis=2)
+    positions = np.array([xyz[name] for name in names])
+    distance = np.linalg.norm(positions[:, None] - positions[None, :], axis=2)
     pairs = np.argwhere(np.triu(distance < NEAR_DISTANCE_M, k=1)).tolist()
     return [(float(distance[i, j]), frozenset((names[i], names[j]))) for i, j in pairs]
 
 
 def _find_merged_pairs(members: Sequence[tuple[str, str]]) -> set[frozenset[str]]:
-    """Pairs of check points that one defect holds sightings of."""
-    of_defect: dict[str, set[str]] = {}
-    for defect, target in members:
-        of_defect.setdefault(defect, set()).add(target)
-    return {frozenset((a, b)) for targets in of_defect.values() for a in targets for b in targets if a < b}
+    """Pairs of check points with observations in one defect."""
+    points_of_defect: dict[str, set[str]] = {}
+    for defect, point in members:
+        points_of_defect.setdefault(defect, set()).add(point)
+    return {frozenset((a, b)) for points in points_of_defect.values() for a in points for b in points if a < b}

@@ -1,4 +1,8 @@
-"""Whether stated uncertainties are honest: true errors against the covariances that came with them."""
+"""Consistency of covariances: true errors against the covariances stated with the estimates.
+
+Normalised estimation error squared (NEES): Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and
+Navigation, 2001, section 5.4.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3x3
 
-# Quantiles of chi-square with 3 degrees of freedom: half, and 95 %, of normal errors lie inside ellipsoids this large.
+# Quantiles of chi-square with 3 degrees of freedom: 50 % and 95 % of normal errors are below.
 CHI_SQUARE_50 = 2.366
 CHI_SQUARE_95 = 7.815
 _DEGREES_OF_FREEDOM = 3
@@ -17,11 +21,11 @@ _DEGREES_OF_FREEDOM = 3
 
 @dataclass(frozen=True, kw_only=True)
 class CovarianceConsistency:
-    """``n`` errors with a covariance; the others are None where there are none.
+    """Consistency of ``n`` errors with their covariances; the figures are None where ``n`` is 0.
 
     ``inside_2sigma``: share inside the stated 95 % ellipsoid. ``nees``: mean of the normalised squared error over its 3
-    degrees of freedom (Bar-Shalom): 1 is honest, more is too sure, less too cautious. ``median_ratio``, ``p95_ratio``:
-    quantiles of the normalised squared error over those of chi-square, which single blunders leave alone.
+    degrees of freedom; 1: consistent, above: the covariances are too small, below: too large. ``median_ratio``,
+    ``p95_ratio``: quantiles of the normalised squared error over those of chi-square, robust against single blunders.
     """
 
     n: int
@@ -35,10 +39,8 @@ class CovarianceConsistency:
         return asdict(self)
 
 
-def compute_normalised_squared_errors(
-    errors_m: Float64Array, covariance_m2: Sequence[Float64Array | None]
-) -> Float64Array:
-    """``e^T C^-1 e`` (m,) of the errors (n, 3) that have a covariance (3, 3), in their order."""
+def compute_normalised_squared_errors(errors_m: Float64Nx3, covariance_m2: Sequence[Float64x3x3 | None]) -> Float64N:
+    """``e^T C^-1 e`` (m,) of the errors (n, 3) that have a covariance C (3, 3), in their order."""
     return np.array(
         [
             float(error @ np.linalg.solve(covariance, error))
@@ -50,9 +52,9 @@ def compute_normalised_squared_errors(
 
 
 def compute_covariance_consistency(
-    errors_m: Float64Array, covariance_m2: Sequence[Float64Array | None]
+    errors_m: Float64Nx3, covariance_m2: Sequence[Float64x3x3 | None]
 ) -> CovarianceConsistency:
-    """The figures of errors (n, 3) and their covariances (3, 3; None: none stated)."""
+    """Consistency of errors (n, 3), m, with their covariances (3, 3), m^2; None: no covariance is stated."""
     squares = compute_normalised_squared_errors(errors_m, covariance_m2)
     if not len(squares):
         return CovarianceConsistency(n=0)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from facadelake.building import read_registered_model
 from facadelake.campaigns import read_committed_tables, register_on_committed_poses
@@ -31,24 +30,37 @@ from schemas.vocabulary import SurfaceKind
 def compare_campaign(
     building: Building, campaign_id: str, *, lake: Path, truth: Path, detections: str | None
 ) -> TruthComparison:
-    """A committed campaign beside truth; ``figures_of`` and ``write_plots`` tell of it.
+    """Compare a committed campaign with truth; the lake is not changed.
 
-    With ``detections`` another file is registered and merged on the committed poses, in memory; tie points, which tell
-    what stands before the building, are not in the lake, so that only masks and geometry exclude there.
-    Raises StoreError where the lake does not hold the campaign, InputDataError where the truth is not usable.
+    Args:
+        building: The registered building.
+        campaign_id: A committed campaign.
+        lake: Folder of the lake.
+        truth: The truth folder.
+        detections: Another COCO file of the campaign, which is registered and deduplicated in memory on the committed
+            poses. The lake has no tie points, so that there masks and geometry alone exclude objects before the
+            building. None: the committed detections.
+
+    Returns:
+        The comparison, for ``compute_figures`` and ``write_plots``.
+
+    Raises:
+        StoreError: The lake does not hold the campaign.
+        InputDataError: The truth or the other file cannot be used.
+        SchemaError: The tables do not fit the campaign's site origin.
     """
     names = ("photos", "poses", "georeference", "detections", "observations", "defects")
     tables = read_committed_tables(building, campaign_id, names, lake=lake)
-    place = tables["buildings"].to_pylist()[0]
+    building_row = tables["buildings"].to_pylist()[0]
     origin = SiteOrigin(
-        lon_deg=place["origin_lon_deg"],
-        lat_deg=place["origin_lat_deg"],
-        height_ellipsoidal_m=place["origin_height_ellipsoidal_m"],
+        lon_deg=building_row["origin_lon_deg"],
+        lat_deg=building_row["origin_lat_deg"],
+        height_ellipsoidal_m=building_row["origin_height_ellipsoidal_m"],
     )
     if detections is not None:
         if not isinstance(building.detector, CocoDetectorSetting):
             raise InputDataError(
-                f"--detections needs a building whose detector reads COCO files; '{building.id}' has an ONNX model"
+                f"--detections needs a building with a COCO detector; the detector of '{building.id}' is an ONNX model"
             )
         file = building.locate_detections(campaign_id, detections)
         if building.surface_kind is SurfaceKind.AS_BUILT:
@@ -57,9 +69,9 @@ def compare_campaign(
                 f"here; run 'facadelake inspect {building.id} {campaign_id} --detections ...' and evaluate that"
             )
         model = read_registered_model(building)
-        found = import_coco(file, tables["photos"], class_names=building.detector.classes)
-        merged = register_on_committed_poses(building, campaign_id, model, found, tables)
-        tables |= {"detections": found, "observations": merged.observations, "defects": merged.defects}
+        imported = import_coco(file, tables["photos"], class_names=building.detector.classes)
+        registered = register_on_committed_poses(building, campaign_id, model, imported, tables)
+        tables |= {"detections": imported, "observations": registered.observations, "defects": registered.defects}
     return compare_with_truth(
         photos=tables["photos"],
         poses=tables["poses"],
@@ -68,38 +80,12 @@ def compare_campaign(
         defects=tables["defects"],
         truth=truth,
         origin=origin,
-        map_crs=place["map_crs"],
-    )
-
-
-def evaluate(
-    *,
-    poses: pa.Table,
-    detections: pa.Table,
-    observations: pa.Table,
-    defects: pa.Table,
-    photos: pa.Table,
-    truth: Path,
-    origin: SiteOrigin,
-    map_crs: str,
-) -> CampaignFigures:
-    """The figures of one campaign's tables against the folder ``truth``; arguments and errors as of ``compare_with_truth``."""
-    return compute_figures(
-        compare_with_truth(
-            poses=poses,
-            detections=detections,
-            observations=observations,
-            defects=defects,
-            photos=photos,
-            truth=truth,
-            origin=origin,
-            map_crs=map_crs,
-        )
+        map_crs=building_row["map_crs"],
     )
 
 
 def compute_figures(compared: TruthComparison) -> CampaignFigures:
-    """The figures of methods.md."""
+    """Compute the figures of a comparison with truth."""
     cameras, observations, defects = compared.cameras, compared.observations, compared.defects
     return CampaignFigures(
         photographs_total=compared.photographs_total,
@@ -130,5 +116,5 @@ def compute_figures(compared: TruthComparison) -> CampaignFigures:
 
 
 def _compute_correct_share(pairs: Sequence[tuple[str | None, str]]) -> float | None:
-    """Share of (found, true) that are the same; None where there are none."""
+    """Share of pairs (found, true) that are equal; None where there is no pair."""
     return float(np.mean([found == true for found, true in pairs])) if pairs else None

@@ -1,4 +1,4 @@
-"""The figures of a campaign against truth, as records, as JSON with stable keys, and as rows for a table."""
+"""Figures of a campaign against truth: a record, its JSON with stable keys, and its rows for a table."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ from facadelake.evaluation.campaigns.statistics import ErrorStatistics, Position
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignFigures:
-    """What `facadelake evaluate` reports; metres, pixels and centimetres as the names say.
+    """The result of ``facadelake evaluate``; metres, pixels and centimetres as the names say. None: not available.
 
-    ``camera_error``: distance of camera centres to the published ones, nothing aligned, and their mean signed offset.
+    ``camera_error``: distance of camera centres from the published ones, without alignment, and the mean signed offset.
     ``ray_error``: distance of a check point from the ray of its box's centre. ``observation_error``, ``defect_error``:
-    position found minus check point. ``roundtrip_px``, ``roundtrip_cm``: registered point re-projected against its
-    box's centre (the paper's Table 2), ``roundtrip_defects_*`` a defect's position in every photograph that shows it.
-    ``registered_without_check_point``: registered detections that show no check point. ``honesty_*``:
-    share of the cameras, observations and defects whose true place lies inside the 95 % ellipsoid that they state (0.95
-    is good, 1 is too cautious), and how large their errors are against it. None: not available.
+    position minus check point. ``roundtrip_px``, ``roundtrip_cm``: registered position re-projected against the centre
+    of its box (the paper's Table 2); ``roundtrip_defects_*``: the same of a defect's position in every photograph that
+    shows it. ``registered_without_check_point``: registered detections that show no check point. ``consistency_*``:
+    whether the errors of cameras, observations and defects fit their covariances.
     """
 
     COLUMNS: ClassVar[tuple[str, ...]] = ("figure", "n", "mean", "median", "mae", "rmse", "p95", "iqr")
@@ -53,7 +52,7 @@ class CampaignFigures:
         return self.consistency_cameras.inside_2sigma
 
     def to_json(self) -> dict[str, object]:
-        """The stable keys; a round trip is given by its mean."""
+        """The figures under stable keys; a round trip is given by its mean."""
         return {
             "photographs": {"total": self.photographs_total, "localised": self.photographs_localised},
             "camera_error_m": self.camera_error.to_json(),
@@ -71,13 +70,13 @@ class CampaignFigures:
             "roundtrip_defects_px": self.roundtrip_defects_px.mean,
             "roundtrip_defects_cm": self.roundtrip_defects_cm.mean,
             "element_correct_share_defects": self.element_correct_share_defects,
-            "sigma_honesty": {name: honesty.to_json() for name, honesty in self._list_consistency()},
+            "sigma_honesty": {name: one.to_json() for name, one in self._list_consistency()},
             "check_points": self.check_points.to_json(),
             "table2": self.table2.to_json(),
         }
 
     def format_rows(self) -> list[tuple[str, ...]]:
-        """Texts under COLUMNS: statistics in every column, single figures in ``n`` (counts) or ``mean`` (shares)."""
+        """Rows under ``COLUMNS``: statistics fill all columns; a count is in ``n``, a share in ``mean``."""
         observation, defect = self.observation_error, self.defect_error
         return [
             ("photographs", str(self.photographs_total), *_pad_row(6)),
@@ -107,21 +106,26 @@ class CampaignFigures:
             ("merge precision", "", _format_number(self.merge.precision, 3), *_pad_row(5)),
             ("merge recall", "", _format_number(self.merge.recall, 3), *_pad_row(5)),
             ("merge F1", "", _format_number(self.merge.f1, 3), *_pad_row(5)),
-            ("clusters exactly right", "", _format_number(self.merge.clusters_exact, 3), *_pad_row(5)),
+            ("clusters exactly correct", "", _format_number(self.merge.clusters_exact, 3), *_pad_row(5)),
             ("element correct", "", _format_number(self.element_correct_share, 3), *_pad_row(5)),
             ("  of defects", "", _format_number(self.element_correct_share_defects, 3), *_pad_row(5)),
             (
-                "registered off truth",
+                "registered without check point",
                 "-" if self.registered_without_check_point is None else str(self.registered_without_check_point),
                 *_pad_row(6),
             ),
             *(
-                (f"{name} inside 2 sigma", str(honesty.n), _format_number(honesty.inside_2sigma, 3), *_pad_row(5))
-                for name, honesty in self._list_consistency()
+                (
+                    f"{name} inside 2 sigma",
+                    str(one.n),
+                    _format_number(one.inside_2sigma, 3),
+                    *_pad_row(5),
+                )
+                for name, one in self._list_consistency()
             ),
             *(
-                (f"{name} error over sigma (NEES)", str(honesty.n), _format_number(honesty.nees, 2), *_pad_row(5))
-                for name, honesty in self._list_consistency()
+                (f"{name} NEES (1: consistent)", str(one.n), _format_number(one.nees, 2), *_pad_row(5))
+                for name, one in self._list_consistency()
             ),
             *((name, str(count), *_pad_row(6)) for name, count in self._list_counts()),
         ]
@@ -137,12 +141,12 @@ class CampaignFigures:
         points = self.check_points
         return (
             ("check points", points.total),
-            ("  no defect shows them", points.missed),
-            ("  of these detected", points.lost),
+            ("  without a defect", points.missed),
+            ("  of these, detected", points.lost),
             ("  in more than one defect", points.duplicated),
             ("false defects", points.false_defects),
             ("pairs nearer than 0.5 m", points.near_pairs),
-            ("  kept apart", points.near_apart),
+            ("  in separate defects", points.near_apart),
         )
 
 

@@ -1,4 +1,4 @@
-"""Merging against truth: pairs of detections decided to be the same defect."""
+"""Deduplication against truth: precision and recall of the pairs of observations in one defect."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from math import comb
 
 @dataclass(frozen=True, kw_only=True)
 class MergeFigures:
-    """Pairwise figures of "same defect"; ``clusters_exact`` is the share of true defects whose detections make up one
-    defect, all of them and no other. None where there is nothing to divide by."""
+    """Precision, recall and F1 of pairs of observations in one defect; None where the denominator is 0.
+
+    ``clusters_exact``: share of true defects whose observations are all in one defect, which has no other.
+    """
 
     precision: float | None
     recall: float | None
@@ -19,7 +21,7 @@ class MergeFigures:
     clusters_exact: float | None
 
     def to_json(self) -> dict[str, float | None]:
-        """The four figures."""
+        """The fields as keys."""
         return {
             "precision": self.precision,
             "recall": self.recall,
@@ -29,8 +31,8 @@ class MergeFigures:
 
 
 def compute_merge_figures(decisions: Sequence[tuple[str, str]]) -> MergeFigures:
-    """Figures of registered detections, each given as (defect decided, true defect)."""
-    both = _count_pairs(Counter(decisions).values())
+    """Compare the decisions on registered observations, each as (decided defect, true defect), with truth."""
+    correct = _count_pairs(Counter(decisions).values())
     decided = _count_pairs(Counter(defect for defect, _ in decisions).values())
     true = _count_pairs(Counter(truth for _, truth in decisions).values())
     of_truth: dict[str, set[int]] = defaultdict(set)
@@ -41,9 +43,9 @@ def compute_merge_figures(decisions: Sequence[tuple[str, str]]) -> MergeFigures:
     clusters = {frozenset(members) for members in of_defect.values()}
     exact = sum(frozenset(members) in clusters for members in of_truth.values())
     return MergeFigures(
-        precision=_compute_share(both, decided),
-        recall=_compute_share(both, true),
-        f1=_compute_share(2 * both, decided + true),
+        precision=_compute_share(correct, decided),
+        recall=_compute_share(correct, true),
+        f1=_compute_share(2 * correct, decided + true),
         clusters_exact=_compute_share(exact, len(of_truth)),
     )
 

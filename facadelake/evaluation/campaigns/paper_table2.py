@@ -1,4 +1,4 @@
-"""The paper's Table 2 beside ours: its round trip, and what it does not give, the error at independent check points."""
+"""The paper's Table 2 (a round trip) beside the same figures here, and the errors at independent check points."""
 
 from __future__ import annotations
 
@@ -6,39 +6,42 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Nx2
 from facadelake.evaluation.campaigns.samples import PositionSamples
 from facadelake.evaluation.campaigns.statistics import ErrorStatistics, compute_statistics, compute_surface_axes
 
-# As printed (Zhang et al., Table 2): MAE and RMSE of two axes and of the diagonal, by a round trip through one camera.
+# As printed in the paper (Zhang et al., Table 2): MAE and RMSE of two axes and of the diagonal, of a round trip.
 PAPER_MAE = (2.350, 1.037, 4.056)
 PAPER_RMSE = (4.746, 2.385, 7.149)
 PAPER_REMARK = (
-    "the paper's diagonal contradicts its axes: an MAE of 4.056 exceeds 2.350 + 1.037, which no samples can give, and "
-    "an RMSE of 7.149 is not sqrt(4.746^2 + 2.385^2) = 5.312; its error is a round trip through the camera that made "
-    "the position, in which pose, datum and model cancel: a box registered by its centre's ray has none at all. "
-    "Ours: the same, a defect's position in every photograph that shows it, and check points"
+    "The paper's diagonal contradicts its axes: its MAE of 4.056 exceeds 2.350 + 1.037, which is impossible, and its "
+    "RMSE of 7.149 is not sqrt(4.746^2 + 2.385^2) = 5.312. Its error is a round trip through the camera of the "
+    "detection, in which errors of pose, datum and model cancel: it is zero for a box registered by its centre's ray. "
+    "Ours: the same round trip, that of a defect's position in every photograph that shows it, and check points."
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class TwoAxisStatistics:
-    """Signed errors along two axes, and the diagonal (their root of squares) of the same samples."""
+    """Statistics of signed errors along two axes, and of their Euclidean norm (``diagonal``)."""
 
     horizontal: ErrorStatistics
     vertical: ErrorStatistics
     diagonal: ErrorStatistics
 
     def to_json(self) -> dict[str, object]:
-        """The three by name."""
+        """The three statistics by name."""
         return {name: getattr(self, name).to_json() for name in ("horizontal", "vertical", "diagonal")}
 
 
 @dataclass(frozen=True, kw_only=True)
 class PaperTable2:
-    """In centimetres: the round trip by axes of the photograph, of single sightings and of defects in all photographs
-    that show them; observations and defects against check points along the surface (horizontal, vertical), and in 3D,
-    which a round trip cannot see."""
+    """Errors in cm.
+
+    ``round_trip``, ``round_trip_defects``: along the axes of the photograph, of observations and of defects in every
+    photograph that shows them. ``observations``, ``defects``: against check points, horizontal and vertical along the
+    surface; ``*_3d``: with the component along the normal, which a round trip does not contain.
+    """
 
     round_trip: TwoAxisStatistics
     round_trip_defects: TwoAxisStatistics
@@ -49,11 +52,11 @@ class PaperTable2:
 
     def to_json(self) -> dict[str, object]:
         """The paper's figures as printed, and ours."""
-        words = ("horizontal", "vertical", "diagonal")
+        axes = ("horizontal", "vertical", "diagonal")
         return {
             "paper": {
-                "mae": dict(zip(words, PAPER_MAE, strict=True)),
-                "rmse": dict(zip(words, PAPER_RMSE, strict=True)),
+                "mae": dict(zip(axes, PAPER_MAE, strict=True)),
+                "rmse": dict(zip(axes, PAPER_RMSE, strict=True)),
                 "remark": PAPER_REMARK,
             },
             "round_trip_cm": self.round_trip.to_json(),
@@ -63,7 +66,7 @@ class PaperTable2:
         }
 
     def format_rows(self) -> list[tuple[str, ...]]:
-        """Texts: what, then MAE and RMSE of the paper and of ours (round trips, check points)."""
+        """Rows: axis, then MAE and RMSE of the paper's round trip, our round trips and our errors at check points."""
         lines = []
         for i, name in enumerate(("horizontal", "vertical", "diagonal")):
             parts = (self.round_trip, self.round_trip_defects, self.observations, self.defects)
@@ -78,12 +81,19 @@ class PaperTable2:
 
 
 def compute_table2(
-    roundtrip_cm: Float64Array,
-    roundtrip_defects_cm: Float64Array,
+    roundtrip_cm: Float64Nx2,
+    roundtrip_defects_cm: Float64Nx2,
     observations: PositionSamples,
     defects: PositionSamples,
 ) -> PaperTable2:
-    """The table; round trips (n, 2): re-projected minus box centre, right and down, on the surface."""
+    """Compute the table.
+
+    Args:
+        roundtrip_cm: Round trip of observations (n, 2): re-projected minus box centre, right and down, on the surface.
+        roundtrip_defects_cm: Round trip of defects (m, 2).
+        observations: Errors of observations at check points.
+        defects: Errors of defects at check points.
+    """
     return PaperTable2(
         round_trip=_compute_two_axis_statistics(roundtrip_cm),
         round_trip_defects=_compute_two_axis_statistics(roundtrip_defects_cm),
@@ -94,13 +104,13 @@ def compute_table2(
     )
 
 
-def _project_on_surface_cm(samples: PositionSamples) -> Float64Array:
+def _project_on_surface_cm(samples: PositionSamples) -> Float64Nx2:
     horizontal, vertical = compute_surface_axes(samples.normal_site)
     error = 100 * samples.error_site_m
     return np.column_stack([(error * horizontal).sum(axis=1), (error * vertical).sum(axis=1)])
 
 
-def _compute_two_axis_statistics(errors: Float64Array) -> TwoAxisStatistics:
+def _compute_two_axis_statistics(errors: Float64Nx2) -> TwoAxisStatistics:
     errors = errors.reshape(-1, 2)
     return TwoAxisStatistics(
         horizontal=compute_statistics(errors[:, 0]),

@@ -1,4 +1,4 @@
-"""An evaluation as pictures: how large the errors are, where they lie, what they go with, and whether sigmas hold."""
+"""Plots of a comparison with truth: size and place of the errors, consistency of the covariances, and views."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64N
 from facadelake.evaluation.campaigns.comparison import TruthComparison
 from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_95, compute_normalised_squared_errors
 from facadelake.evaluation.campaigns.samples import PositionSamples
 from facadelake.evaluation.plot_style import format_axes
 
 _DPI = 130
-_FLOOR_CM = 0.01  # a logarithm has no zero
-# Okabe and Ito 2008, with a marker and a line style each, for prints without colour.
+_FLOOR_CM = 0.01  # least error on a logarithmic axis
+# Colours of Okabe and Ito 2008, with a marker and a line style each for prints without colour.
 _STYLE = {
     "cameras": ("#e69f00", "^", "dotted"),
     "rays": ("#595959", "x", "dashdot"),
@@ -25,15 +25,15 @@ _STYLE = {
     "defects": ("#d55e00", "o", "solid"),
 }
 _POSITIONED = ("observations", "defects")
-_ARROW_SHARE_MAX = 0.2  # arrows, as a share of the picture's extent
+_ARROW_SHARE_MAX = 0.2  # longest arrow as a share of the extent of the defects
 
 
 def write_plots(compared: TruthComparison, folder: Path, title: str) -> list[Path]:
-    """Write the pictures as PNG into ``folder`` (made if it is not there); ``title`` names building and campaign.
+    """Write the plots as PNG into ``folder`` and return their paths; ``title`` is that of building and campaign.
 
-    ``errors``: distribution. ``vectors``: from above and from two sides. ``deviation``: along the normal, against what
-    triangulation says of the wall. ``sigmas``: normalised errors against chi-square. ``views``: by incidence and
-    distance. A picture without samples is left out.
+    ``errors``: distribution. ``vectors``: from above and from two sides. ``deviation``: along the normal, against the
+    triangulated deviation from the model. ``sigmas``: normalised errors against chi-square. ``views``: by incidence and
+    distance. A plot without samples is not written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
@@ -56,15 +56,15 @@ def write_plots(compared: TruthComparison, folder: Path, title: str) -> list[Pat
 
 _TITLES = {
     "errors": "errors against truth",
-    "vectors": "where the errors lie (found minus true)",
+    "vectors": "error vectors (estimated minus true)",
     "deviation": "errors along the surface's normal",
-    "sigmas": "are the stated sigmas honest?",
-    "views": "single observations by how they were seen",
+    "sigmas": "consistency of the covariances (NEES)",
+    "views": "errors of observations by view",
 }
 
 
 def _plot_errors(figure: Figure, compared: TruthComparison) -> bool:
-    """Share of errors below a size, and the histogram of defects and observations."""
+    """Cumulative distribution of the errors, and histograms of observations and defects."""
     sizes = {
         "cameras": np.linalg.norm(compared.cameras.error_site_m, axis=1),
         "rays": compared.ray_error_m,
@@ -106,14 +106,15 @@ def _plot_errors(figure: Figure, compared: TruthComparison) -> bool:
 
 
 def _plot_vectors(figure: Figure, compared: TruthComparison) -> bool:
-    """Cameras and defects from above and from two sides, errors enlarged by one factor; longer ones are cut, in red."""
+    """Cameras and defects from above and from two sides with error vectors, scaled by one factor; vectors
+    longer than a fifth of the extent are shortened and red."""
     defects = compared.defects
     if not len(defects.ids):
         return False
     figure.set_size_inches(13, 5.2)
     extent = float(np.ptp(defects.xyz_true_site_m, axis=0).max()) or 1.0
-    usual = max(float(np.median(defects.size_m)), 1e-5)
-    enlarged = 10.0 ** np.floor(np.log10(0.1 * extent / usual))
+    typical_m = max(float(np.median(defects.size_m)), 1e-5)
+    factor = 10.0 ** np.floor(np.log10(0.1 * extent / typical_m))
     for axes, (i, j), view, names in zip(
         figure.subplots(1, 3),
         ((0, 1), (0, 2), (1, 2)),
@@ -122,26 +123,22 @@ def _plot_vectors(figure: Figure, compared: TruthComparison) -> bool:
         strict=True,
     ):
         shortened = False
-        for name, at, error in (
+        for name, position, error in (
             ("cameras", compared.xyz_camera_m - compared.cameras.error_site_m, compared.cameras.error_site_m),
             ("defects", defects.xyz_true_site_m, defects.error_site_m),
         ):
             colour, marker, _ = _STYLE[name]
-            axes.scatter(at[:, i], at[:, j], s=9, color=colour, marker=marker, label=name)
-            length = enlarged * np.linalg.norm(error, axis=1)
+            axes.scatter(position[:, i], position[:, j], s=9, color=colour, marker=marker, label=name)
+            length = factor * np.linalg.norm(error, axis=1)
             cut = length > _ARROW_SHARE_MAX * extent
             shortened = shortened or bool(cut.any())
-            arrow = (
-                enlarged * error * np.where(cut, _ARROW_SHARE_MAX * extent / np.maximum(length, 1e-12), 1.0)[:, None]
-            )
+            arrow = factor * error * np.where(cut, _ARROW_SHARE_MAX * extent / np.maximum(length, 1e-12), 1.0)[:, None]
             axes.quiver(
-                at[:, i], at[:, j], arrow[:, i], arrow[:, j], color=np.where(cut, "#cc0000", "#333333"), angles="xy",
-                scale_units="xy", scale=1.0, width=0.003,
+                position[:, i], position[:, j], arrow[:, i], arrow[:, j], color=np.where(cut, "#cc0000", "#333333"),
+                angles="xy", scale_units="xy", scale=1.0, width=0.003,
             )  # fmt: skip
         axes.set_aspect("equal", adjustable="datalim")
-        axes.set_title(
-            f"{view}, errors {enlarged:g} times{'; red: longer than drawn' if shortened else ''}", fontsize=9
-        )
+        axes.set_title(f"{view}, errors x {factor:g}{'; red: shortened' if shortened else ''}", fontsize=9)
         format_axes(axes, f"{names[0]} (m)", f"{names[1]} (m)")
         if (i, j) == (0, 1):
             axes.legend(fontsize=8)
@@ -149,7 +146,7 @@ def _plot_vectors(figure: Figure, compared: TruthComparison) -> bool:
 
 
 def _plot_deviation(figure: Figure, compared: TruthComparison) -> bool:
-    """Errors along the normal, single and merged, and against the deviation that triangulation measured, if any."""
+    """Errors along the normal of observations and defects; with triangulated defects also against their deviation."""
     parts = {"observations": compared.observations, "defects": compared.defects}
     if not any(len(part.ids) for part in parts.values()):
         return False
@@ -157,9 +154,9 @@ def _plot_deviation(figure: Figure, compared: TruthComparison) -> bool:
     figure.set_size_inches(11 if measured.any() else 5.8, 4.4)
     panels = figure.subplots(1, 2 if measured.any() else 1, squeeze=False)[0]
     left = panels[0]
-    alongs = {name: 100 * _project_on_normal(part) for name, part in parts.items()}
-    widest = max(float(np.percentile(np.abs(along), 95)) for along in alongs.values() if len(along)) or 1.0
-    for name, along in alongs.items():
+    errors_cm = {name: 100 * _project_on_normal(part) for name, part in parts.items()}
+    widest = max(float(np.percentile(np.abs(along), 95)) for along in errors_cm.values() if len(along)) or 1.0
+    for name, along in errors_cm.items():
         if not len(along):
             continue
         colour, _, line = _STYLE[name]
@@ -175,15 +172,15 @@ def _plot_deviation(figure: Figure, compared: TruthComparison) -> bool:
     right = panels[1]
     colour, marker, _ = _STYLE["defects"]
     right.scatter(
-        100 * compared.defects.deviation_m[measured], alongs["defects"][measured], s=12, color=colour, marker=marker
+        100 * compared.defects.deviation_m[measured], errors_cm["defects"][measured], s=12, color=colour, marker=marker
     )
     right.axhline(0, color="#999999", linewidth=0.8)
-    format_axes(right, "measured deviation from the model (cm)", "what is left along the normal (cm)")
+    format_axes(right, "measured deviation from the model (cm)", "error along the normal (cm)")
     return True
 
 
-def _project_on_normal(samples: PositionSamples) -> Float64Array:
-    along: Float64Array = (samples.error_site_m * samples.normal_site).sum(axis=1)
+def _project_on_normal(samples: PositionSamples) -> Float64N:
+    along: Float64N = (samples.error_site_m * samples.normal_site).sum(axis=1)
     return along
 
 
@@ -211,17 +208,17 @@ def _plot_sigmas(figure: Figure, compared: TruthComparison) -> bool:
             label=f"{name}: {inside:.0%} inside 2 sigma",
         )  # fmt: skip
     line = np.array([1e-2, 30.0])
-    axes.plot(line, line, color="#000000", linewidth=1.0, label="honest")
+    axes.plot(line, line, color="#000000", linewidth=1.0, label="consistent")
     axes.axhline(CHI_SQUARE_95, color="#999999", linewidth=0.8)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.legend(fontsize=8, loc="upper left")
-    format_axes(axes, "expected normalised squared error (above the line: too sure)", "found")
+    format_axes(axes, "expected normalised squared error (above the line: covariance too small)", "observed")
     return True
 
 
 def _plot_views(figure: Figure, compared: TruthComparison) -> bool:
-    """Errors of observations against incidence and distance, with medians over equal numbers."""
+    """Errors of observations against incidence and distance, with medians of twelve groups of equal size."""
     observations = compared.observations
     if not (np.isfinite(observations.incidence_deg) & np.isfinite(observations.distance_m)).any():
         return False
@@ -240,7 +237,7 @@ def _plot_views(figure: Figure, compared: TruthComparison) -> bool:
         parts = [part for part in np.array_split(order, 12) if len(part)]
         axes.plot(
             [np.median(values[known][part]) for part in parts], [np.median(size[known][part]) for part in parts],
-            color="#000000", linewidth=1.5, label="median of a twelfth",
+            color="#000000", linewidth=1.5, label="median of a group",
         )  # fmt: skip
         axes.set_yscale("log")
         axes.legend(fontsize=8)

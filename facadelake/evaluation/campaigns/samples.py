@@ -1,4 +1,4 @@
-"""Errors with what is needed to explain them: whose, where, on which surface, how sure the run was."""
+"""Samples of position errors with their covariance, surface and view."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64x3, Float64x3x3
 from facadelake.core.errors import SchemaError
 
 Row = Mapping[str, Any]
@@ -16,41 +16,41 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PositionSamples:
-    """n positions with a true one.
+    """Errors of n positions with a known true position, in site.
 
-    ``error_site_m`` (n, 3) found minus true, ``xyz_true_site_m`` (n, 3), ``normal_site`` (n, 3) outward,
-    ``covariance_m2`` (3, 3) as the run states it, None where it states none. ``incidence_deg``, ``distance_m``,
-    ``deviation_m`` (n,): NaN where a row has none.
+    ``targets``: the check points. ``error_site_m`` (n, 3): estimated minus true. ``normal_site`` (n, 3): outward.
+    ``covariance_m2``: (3, 3) as the run states it; None where it states none. ``incidence_deg``, ``distance_m``,
+    ``deviation_m`` (n,): NaN where a row has no value.
     """
 
     ids: tuple[str, ...]
     targets: tuple[str, ...]
-    error_site_m: Float64Array
-    xyz_true_site_m: Float64Array
-    normal_site: Float64Array
-    covariance_m2: tuple[Float64Array | None, ...]
-    incidence_deg: Float64Array
-    distance_m: Float64Array
-    deviation_m: Float64Array
+    error_site_m: Float64Nx3
+    xyz_true_site_m: Float64Nx3
+    normal_site: Float64Nx3
+    covariance_m2: tuple[Float64x3x3 | None, ...]
+    incidence_deg: Float64N
+    distance_m: Float64N
+    deviation_m: Float64N
 
     @property
-    def size_m(self) -> Float64Array:
-        """3D distances (n,)."""
-        size: Float64Array = np.linalg.norm(self.error_site_m, axis=1)
+    def size_m(self) -> Float64N:
+        """Length (n,) of the 3D errors."""
+        size: Float64N = np.linalg.norm(self.error_site_m, axis=1)
         return size
 
 
 def collect_position_samples(
-    pairs: Sequence[tuple[Row, str]], xyz_true_site_m: Mapping[str, Float64Array], *, key: str
+    pairs: Sequence[tuple[Row, str]], xyz_true_site_m: Mapping[str, Float64x3], *, key: str
 ) -> PositionSamples:
-    """Rows of ``observations`` or ``defects`` (their id in column ``key``), each with the check point it shows."""
+    """Samples of rows of ``observations`` or ``defects``, each with its check point; ``key``: the column of the id."""
     rows = [row for row, _ in pairs]
     true = np.array([xyz_true_site_m[target] for _, target in pairs], dtype=np.float64).reshape(-1, 3)
-    found = _collect_columns(rows, "x_site_m", "y_site_m", "z_site_m")
+    estimated = _collect_columns(rows, "x_site_m", "y_site_m", "z_site_m")
     return PositionSamples(
         ids=tuple(row[key] for row in rows),
         targets=tuple(target for _, target in pairs),
-        error_site_m=found - true,
+        error_site_m=estimated - true,
         xyz_true_site_m=true,
         normal_site=_collect_columns(rows, "normal_x", "normal_y", "normal_z"),
         covariance_m2=tuple(parse_covariance(row[key], row.get("covariance_site")) for row in rows),
@@ -60,20 +60,20 @@ def collect_position_samples(
     )
 
 
-def parse_covariance(name: str, numbers: Sequence[float] | None) -> Float64Array | None:
-    """The (3, 3) of a row's nine numbers, m^2. Raises SchemaError for what is no covariance."""
+def parse_covariance(name: str, numbers: Sequence[float] | None) -> Float64x3x3 | None:
+    """The covariance (3, 3), m^2, of a row's nine numbers. Raises SchemaError where they are not a covariance."""
     if numbers is None:
         return None
-    whole = np.array(numbers, dtype=np.float64)
-    covariance = whole.reshape(3, 3) if whole.size == 9 else np.full((3, 3), np.nan)
+    flat = np.array(numbers, dtype=np.float64)
+    covariance = flat.reshape(3, 3) if flat.size == 9 else np.full((3, 3), np.nan)
     if not np.isfinite(covariance).all() or np.linalg.eigvalsh((covariance + covariance.T) / 2)[0] <= 0:
         raise SchemaError(
-            f"the covariance of {name} is not one of a position (9 numbers, positive variances); run the campaign again"
+            f"the covariance of {name} is not that of a position (9 numbers, positive definite); run the campaign again"
         )
     return covariance
 
 
 def _collect_columns(rows: Sequence[Row], *names: str) -> Float64Array:
-    """Columns as numbers (n, names); NaN for what is empty or not there."""
+    """Columns as numbers (n, k), one column a name; NaN where a value or the column is missing."""
     values = [[np.nan if row.get(name) is None else row[name] for name in names] for row in rows]
     return np.array(values, dtype=np.float64).reshape(-1, len(names))

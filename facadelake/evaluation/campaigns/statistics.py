@@ -1,4 +1,4 @@
-"""Statistics of errors, the same six for every figure."""
+"""Statistics of errors: the same for every figure."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64N, Float64Nx3
 
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorStatistics:
-    """Statistics of ``n`` errors; None where there are none.
+    """Statistics of ``n`` signed errors or distances; None where ``n`` is 0.
 
-    ``mean`` and ``median`` keep the sign, ``mae`` is the mean of absolute values, ``rmse`` is about zero, ``p95`` is
-    the 95th percentile of absolute values, ``iqr`` the distance between the quartiles. Distances have no sign: their
-    ``mean`` is their ``mae``.
+    ``mae``: mean absolute error; ``rmse``: root mean square; ``p95``: 95th percentile of absolute values; ``iqr``:
+    interquartile range.
     """
 
     n: int
@@ -34,7 +33,7 @@ class ErrorStatistics:
 
 @dataclass(frozen=True, kw_only=True)
 class PositionErrorStatistics(ErrorStatistics):
-    """Statistics of 3D distances, and the mean signed error (found minus true) along each axis of site."""
+    """Statistics of 3D errors, and the mean signed error (estimated minus true) along each axis of site."""
 
     offset_east: float | None = None
     offset_north: float | None = None
@@ -43,7 +42,7 @@ class PositionErrorStatistics(ErrorStatistics):
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceErrorStatistics:
-    """Position errors: 3D ``distance``, and signed ones along the surface's outward normal and along the surface."""
+    """Statistics of position errors: 3D ``distance``, and signed along the outward normal and along the surface."""
 
     distance: ErrorStatistics
     normal: ErrorStatistics
@@ -51,7 +50,7 @@ class SurfaceErrorStatistics:
     vertical: ErrorStatistics
 
     def to_json(self) -> dict[str, object]:
-        """The keys of the 3D distance, and one object for each direction."""
+        """The statistics of the 3D distance, and an object for each direction."""
         parts: Mapping[str, ErrorStatistics] = {
             "normal": self.normal,
             "horizontal": self.horizontal,
@@ -60,7 +59,7 @@ class SurfaceErrorStatistics:
         return {**self.distance.to_json(), **{name: part.to_json() for name, part in parts.items()}}
 
 
-def compute_statistics(errors: Float64Array) -> ErrorStatistics:
+def compute_statistics(errors: Float64N) -> ErrorStatistics:
     """Statistics of signed errors or distances (n,)."""
     if len(errors) == 0:
         return ErrorStatistics(n=0)
@@ -77,8 +76,8 @@ def compute_statistics(errors: Float64Array) -> ErrorStatistics:
     )
 
 
-def compute_position_statistics(errors_site_m: Float64Array) -> PositionErrorStatistics:
-    """Statistics of position errors (n, 3: found minus true) in site."""
+def compute_position_statistics(errors_site_m: Float64Nx3) -> PositionErrorStatistics:
+    """Statistics of position errors (n, 3), estimated minus true, m in site."""
     errors = errors_site_m.reshape(-1, 3)
     distance = compute_statistics(np.linalg.norm(errors, axis=1))
     if not distance.n:
@@ -87,11 +86,11 @@ def compute_position_statistics(errors_site_m: Float64Array) -> PositionErrorSta
     return PositionErrorStatistics(**asdict(distance), offset_east=east, offset_north=north, offset_up=up)
 
 
-def compute_surface_axes(normals: Float64Array) -> tuple[Float64Array, Float64Array]:
+def compute_surface_axes(normals: Float64Nx3) -> tuple[Float64Nx3, Float64Nx3]:
     """Directions along surfaces of outward unit ``normals`` (n, 3): horizontal and vertical, (n, 3) each, in site.
 
-    Horizontal points to the right as seen from outside, vertical up the surface. On a level surface, which has no
-    up, they are east and, for one facing up, north.
+    Horizontal points right as seen from outside, vertical up the surface. On a level surface, which has no upward
+    direction, they are east and, for one facing up, north.
     """
     horizontal = np.cross([0.0, 0.0, 1.0], normals).reshape(-1, 3)
     length = np.linalg.norm(horizontal, axis=1, keepdims=True)
@@ -100,8 +99,8 @@ def compute_surface_axes(normals: Float64Array) -> tuple[Float64Array, Float64Ar
     return horizontal, np.cross(normals, horizontal).reshape(-1, 3)
 
 
-def compute_surface_statistics(errors: Float64Array, normals: Float64Array) -> SurfaceErrorStatistics:
-    """Statistics of errors (n, 3: found minus true, site metres) on surfaces of outward ``normals`` (n, 3)."""
+def compute_surface_statistics(errors: Float64Nx3, normals: Float64Nx3) -> SurfaceErrorStatistics:
+    """Statistics of errors (n, 3), estimated minus true, m in site, on surfaces of outward ``normals`` (n, 3)."""
     errors, normals = errors.reshape(-1, 3), normals.reshape(-1, 3)
     if len(normals):
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The truth folder: published cameras, check points, and which annotation shows which check point."""
+"""The truth folder: published cameras, check points, and the check point that each annotation shows."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64x3
 from facadelake.core.errors import InputDataError
 
 OFF_TARGET = "off_target"
@@ -18,34 +18,36 @@ _GEO = ("lon_deg", "lat_deg", "height_ellipsoidal_m")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckPoint:
-    """A point measured independently of the run; ``geo`` is lon, lat (deg), ellipsoidal height (m), EPSG:4979."""
+    """A point measured independently of the run; ``geo`` (3,): longitude, latitude, deg, ellipsoidal height, m
+    (EPSG:4979)."""
 
-    geo: Float64Array
+    geo: Float64x3
     element_guid: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Truth:
-    """Cameras by photograph (EPSG:4979), check points by id, and the check point that an annotation of a file shows.
+    """Content of a truth folder.
 
-    An annotation that shows none (a false detection) has None.
+    ``cameras``: centre (3,) by photograph, EPSG:4979. ``check_point_of_annotation``: by (file, annotation id); None for
+    a false detection.
     """
 
-    cameras: Mapping[str, Float64Array]
+    cameras: Mapping[str, Float64x3]
     checkpoints: Mapping[str, CheckPoint]
     check_point_of_annotation: Mapping[tuple[str, str], str | None]
 
     @property
     def files(self) -> frozenset[str]:
-        """The detections files that truth knows."""
+        """The detections files whose annotations are listed."""
         return frozenset(file for file, _ in self.check_point_of_annotation)
 
 
 def read_truth(folder: Path) -> Truth:
     """Read ``cameras.csv``, ``checkpoints.csv`` and ``detections.csv`` of a truth folder.
 
-    Positions are taken from the EPSG:4979 columns alone, because the site frame's origin may differ from truth's.
-    Raises InputDataError that names file, line, column, value and remedy.
+    Positions are read from the EPSG:4979 columns alone: the site origin of a run may differ from that of truth.
+    Raises InputDataError where a file is missing or invalid.
     """
     cameras = {
         row["image"]: _parse_position(row) for row in _read_rows(folder / "cameras.csv", "image", "image", *_GEO)
@@ -55,21 +57,22 @@ def read_truth(folder: Path) -> Truth:
         for row in _read_rows(folder / "checkpoints.csv", "id", "id", "element_guid", *_GEO)
     }
     path = folder / "detections.csv"
-    shown: dict[tuple[str, str], str | None] = {}
+    check_point_of_annotation: dict[tuple[str, str], str | None] = {}
     for row in _read_rows(path, None, "file", "annotation_id", "checkpoint_id"):
-        key, target = (row["file"], row["annotation_id"]), row["checkpoint_id"]
-        if key in shown:
+        key, check_point = (row["file"], row["annotation_id"]), row["checkpoint_id"]
+        if key in check_point_of_annotation:
             raise InputDataError(f"{row.place}: annotation {key[1]} of {key[0]} is listed twice; keep one line")
-        if target != OFF_TARGET and target not in checkpoints:
+        if check_point != OFF_TARGET and check_point not in checkpoints:
             raise InputDataError(
-                f"{row.place}, column checkpoint_id: '{target}' is neither an id of checkpoints.csv nor '{OFF_TARGET}'"
+                f"{row.place}, column checkpoint_id: '{check_point}' is neither an id of checkpoints.csv nor "
+                f"'{OFF_TARGET}'"
             )
-        shown[key] = None if target == OFF_TARGET else target
-    return Truth(cameras=cameras, checkpoints=checkpoints, check_point_of_annotation=shown)
+        check_point_of_annotation[key] = None if check_point == OFF_TARGET else check_point
+    return Truth(cameras=cameras, checkpoints=checkpoints, check_point_of_annotation=check_point_of_annotation)
 
 
 class _CsvRow(dict[str, str]):
-    """A line of a CSV file that knows where it stands."""
+    """A line of a CSV file; ``place`` is file and line, for messages."""
 
     place: str
 
@@ -100,14 +103,12 @@ def _read_rows(path: Path, unique: str | None, *columns: str) -> list[_CsvRow]:
     for row in rows if unique is not None else ():
         name = row[unique or ""]
         if not name or name in seen:
-            raise InputDataError(
-                f"{row.place}, column {unique}: '{name}' is empty or listed twice; give each line its own"
-            )
+            raise InputDataError(f"{row.place}, column {unique}: '{name}' is empty or listed twice; it must be unique")
         seen.add(name)
     return rows
 
 
-def _parse_position(row: _CsvRow) -> Float64Array:
+def _parse_position(row: _CsvRow) -> Float64x3:
     limits = {"lon_deg": 180.0, "lat_deg": 90.0, "height_ellipsoidal_m": 10000.0}
     values = []
     for column, limit in limits.items():

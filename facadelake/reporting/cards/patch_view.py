@@ -11,7 +11,7 @@ from facadelake.building.surface import Surface
 from facadelake.core.arrays import BoolArray, Float64Array, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.reporting.drawing.photograph import choose_reduction
-from facadelake.reporting.elevations.marks import DefectMark, compute_surface_axes
+from facadelake.reporting.elevations.marks import DefectMark, axes_from_normal
 from facadelake.reporting.elevations.rectification import sample_bilinear
 from facadelake.reporting.elevations.visibility import check_visibility, project_points
 
@@ -44,7 +44,7 @@ class PatchView:
 
 def choose_patch_side_m(mark: DefectMark) -> float:
     """Width and height of a defect's surroundings."""
-    flat = (mark.corners_site_m - mark.centre_site_m) @ compute_surface_axes(mark.normal_site)[:2].T
+    flat = (mark.corners_site_m - mark.centre_site_m) @ axes_from_normal(mark.normal_site)[:2].T
     return float(np.clip(2.0 * np.abs(flat).max() * _SIDE_FACTOR, _LEAST_SIDE_M, _LARGEST_SIDE_M))
 
 
@@ -57,7 +57,7 @@ def rectify_patch(
     sill) is thereby seen in its place. The surface is moved along the normal so that it holds the defect's position,
     which may have been triangulated off the model. ``pixel_m`` is the size of a pixel there.
     """
-    axes = compute_surface_axes(mark.normal_site)
+    axes = axes_from_normal(mark.normal_site)
     rings = tuple((ring - mark.centre_site_m) @ axes[:2].T for ring in mark.outlines_site_m)
     cell_m = choose_patch_side_m(mark) / cells
     xyz, normal, off = _cast_patch(mark, axes, surface, cell_m, cells)

@@ -176,7 +176,7 @@ def assign_blend_weights(
 def _compute_feathered_weight(
     candidates: ColourCandidates, index: int, chosen: NDArray[np.int32], feather_cells: float
 ) -> Float32Array:
-    """Weight of a photograph on the coarse grid: 1 where it is chosen, falling off outside, 0 where it is no candidate."""
+    """Weight of a photograph on the coarse grid: 1 where chosen, falling off outside, 0 where it is no candidate."""
     ranks, cells = candidates.select_photo(index)
     plane, fade = np.zeros(candidates.shape, dtype=np.float32), np.zeros(candidates.shape, dtype=np.float32)
     plane.ravel()[candidates.cell] = chosen == index
@@ -212,7 +212,7 @@ def _estimate_gains(candidates: ColourCandidates, colour: Float32Array, indices:
 
 
 def _measure_outlier_levels(candidates: ColourCandidates, colour: Float32Array, indices: list[int]) -> Float32Array:
-    """Deviation (k, n) of each candidate from the median colour beyond the tolerance, in units of ``_OUTLIER_LEVELS``."""
+    """Deviation (k, n) of each candidate from the median colour beyond the tolerance, in ``_OUTLIER_LEVELS``."""
     deviation = np.nan_to_num(np.abs(colour - _compute_median_colour(colour)).max(axis=-1))
     smoothed = np.zeros_like(deviation)
     window = (_OUTLIER_WINDOW_CELLS, _OUTLIER_WINDOW_CELLS)

@@ -17,7 +17,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.reporting.elevations.facades import Facade, find_facades
 from facadelake.reporting.elevations.figure import DPI, ElevationLabels, draw_elevation
 from facadelake.reporting.elevations.marks import DefectMark, assign_marks, create_marks, find_visible_marks
-from facadelake.reporting.elevations.overview import FacadeOverview, render_model_overview
+from facadelake.reporting.elevations.overview import FacadeOverview, create_overview, render_model_overview
 from facadelake.reporting.elevations.rectification import RectifiedElevation, rectify_elevations
 from facadelake.reporting.elevations.relief import (
     choose_cell_size_m,
@@ -31,12 +31,12 @@ from facadelake.reporting.inspection import Inspection, PictureSettings
 log = logging.getLogger(__name__)
 
 _THUMBNAIL_WIDTH_PX = 1200
-_MAX_BRIGHTENING = 1.8  # a darker facade is not brightened further
+_MAX_BRIGHTENING = 1.8  # largest factor by which a dark facade is brightened
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Elevation:
-    """A drawn facade: its file, what is on it, the share of its surface that photographs show, its picture in small."""
+    """A drawn elevation; ``covered_share`` is the share of the facade's surface that is visible in photographs."""
 
     path: Path
     facade: Facade
@@ -52,24 +52,32 @@ def draw_elevations(
     settings: PictureSettings | None = None,
     names: Collection[str] | None = None,
 ) -> list[Elevation]:
-    """Write ``elevation_<facade>.png`` into ``folder`` for each main facade; the largest comes first, and
-    a small copy of it is ``thumbnail_elevation.jpg``.
+    """Write ``elevation_<facade>.png`` for each main facade, and ``thumbnail_elevation.jpg`` of the largest one.
 
-    ``names`` of facades restrict it to those. Photographs that cannot be read are left out with a warning; what no
-    photograph shows is a grey drawing of the model. Memory: one photograph, and about 60 bytes for each of a facade's
-    cells.
+    Unreadable photographs are not used, with a warning; areas that no photograph covers show the shaded model.
+    Memory: one photograph, and about 60 bytes for each cell of a facade.
+
+    Args:
+        inspection: the campaign.
+        surface: surface of its building model.
+        folder: existing folder to write into.
+        settings: resolution and limits; None: the defaults.
+        names: facades to be drawn; None: all.
+
+    Returns:
+        The elevations, the largest facade first.
     """
     settings = settings or PictureSettings()
     building = inspection.building
     marks = create_marks(inspection.defects, building.origin)
     facades = find_drawn_facades(inspection, surface, settings)
-    shown, nowhere = assign_marks(facades, marks, building)
-    if nowhere:
-        log.info("%d of %d defects lie on no drawn facade", len(nowhere), len(marks))
+    assigned, unassigned = assign_marks(facades, marks, building)
+    if unassigned:
+        log.info("%d of %d defects are not on a drawn facade", len(unassigned), len(marks))
     if names is not None:
-        kept = [place for place, facade in enumerate(facades) if facade.name in names]
-        facades, shown = [facades[place] for place in kept], [shown[place] for place in kept]
-    scene = ElevationLabels(
+        kept = [index for index, facade in enumerate(facades) if facade.name in names]
+        facades, assigned = [facades[index] for index in kept], [assigned[index] for index in kept]
+    labels = ElevationLabels(
         building_name=inspection.building_name,
         campaign_id=inspection.campaign_id,
         control=inspection.control,
@@ -87,7 +95,7 @@ def draw_elevations(
         met = rectified.relief.element >= 0
         covered = float((rectified.covered & met).sum() / max(int(met.sum()), 1))
         others = find_visible_marks(rectified.relief, marks, own)
-        sheet = draw_elevation(scene, rectified, background, own, others, covered)
+        sheet = draw_elevation(labels, rectified, background, own, others, covered)
         sheet.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
         elevations.append(
             Elevation(
@@ -95,7 +103,7 @@ def draw_elevations(
                 facade=facade,
                 marks=tuple(own),
                 covered_share=covered,
-                overview=FacadeOverview.of(facade, background, rectified.relief.cell_m),
+                overview=create_overview(facade, background, rectified.relief.cell_m),
             )
         )
     elevations.sort(key=lambda elevation: -elevation.facade.area_m2)
@@ -105,33 +113,36 @@ def draw_elevations(
 
 
 def find_drawn_facades(inspection: Inspection, surface: Surface, settings: PictureSettings) -> list[Facade]:
-    """The facades that elevations are drawn of, clockwise from north: the main ones and those with a defect."""
+    """The facades of which elevations are drawn, clockwise from north: the main ones and those with a defect."""
     guids = frozenset(inspection.defects.column("element_guid").to_pylist())
     return find_facades(inspection.building, surface, inspection.posed, guids, settings)
 
 
 def _write_thumbnail(source: Path, path: Path) -> None:
-    """A small copy, for places that show a picture inline."""
+    """Write a small copy, which is shown inline in the user interface of Prefect."""
     sheet = cv2.imread(str(source))
     if sheet is None:
-        raise InputDataError(f"the elevation {source} that was just written cannot be read; is the disk full?")
+        raise InputDataError(f"elevation {source} cannot be read back after writing; check free disk space")
     scale = min(1.0, _THUMBNAIL_WIDTH_PX / sheet.shape[1])
     small = cv2.resize(sheet, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(path), small, [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
 def render_background(rectified: RectifiedElevation, building: BuildingModel) -> UInt8Image:
-    """Photographs over the grey model, brightened as a whole where they are dark, the model's edges drawn thin."""
+    """Background of an elevation (rows, columns, RGB): photographs, the shaded model elsewhere, the model's edges.
+
+    Dark photographs are brightened by one factor for the whole elevation.
+    """
     picture = render_shaded_relief(rectified.relief, building)
     covered = rectified.covered
     if covered.any():
-        light = float(np.quantile(rectified.picture[covered].max(axis=1), 0.98))
-        gain = min(max(245.0 / max(light, 1.0), 1.0), _MAX_BRIGHTENING)
+        bright_level = float(np.quantile(rectified.picture[covered].max(axis=1), 0.98))
+        gain = min(max(245.0 / max(bright_level, 1.0), 1.0), _MAX_BRIGHTENING)
         picture[covered] = np.clip(rectified.picture[covered].astype(np.float32) * gain, 0, 255).astype(np.uint8)
     edges = find_relief_edges(rectified.relief, building)
-    over_photo, over_grey = edges & covered, edges & ~covered
-    picture[over_photo] = (0.45 * picture[over_photo]).astype(np.uint8)
-    picture[over_grey] = 110
+    edges_on_photo, edges_on_model = edges & covered, edges & ~covered
+    picture[edges_on_photo] = (0.45 * picture[edges_on_photo]).astype(np.uint8)
+    picture[edges_on_model] = 110
     return picture
 
 

@@ -1,4 +1,4 @@
-"""Defects as outlines on a facade: which facade each belongs to, and its corners in the facade's plane."""
+"""Marks: the outlines of defects with their labels, and the facades on which they are drawn."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ import pyarrow as pa
 import shapely
 
 from facadelake.building import BuildingModel
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Nx3, Float64x3, Float64x3x3
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.reporting.drawing.labels import label_ids
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.relief import FacadeRelief
 
-_MIN_INCIDENCE_COS = 0.2  # seen flatter than this an outline is a stroke
+_MIN_INCIDENCE_COS = 0.2  # outlines at larger angles to the elevation are not drawn
 _SURFACE_TOLERANCE_M = 0.25
-_DEPTH_TOLERANCE_M = 1.5  # a defect this far behind a facade's rearmost wall is not on it
+_DEPTH_TOLERANCE_M = 1.5  # a defect farther behind the facade's rearmost wall is not on the facade
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DefectMark:
-    """One defect: where it is, and what is written beside it.
+    """One defect as drawn on an elevation.
 
-    ``outlines_site_m``: rings (n, 3) in site, its measured patch, else a rectangle of its size; ``normal_site`` points
-    out of the surface. ``deviation_m`` is how far it stands before the model's surface, None where not measured.
+    ``outlines_site_m``: rings (n, 3) in site of its patch, else a rectangle of its width and height. ``normal_site``:
+    outward normal of the surface. ``deviation_m``: distance from the model's surface, outward positive; None where not
+    measured.
     """
 
     defect_id: str
@@ -34,22 +35,22 @@ class DefectMark:
     defect_class: str
     severity: str
     element_guid: str
-    centre_site_m: Float64Array
-    outlines_site_m: tuple[Float64Array, ...]
-    normal_site: Float64Array
+    centre_site_m: Float64x3
+    outlines_site_m: tuple[Float64Nx3, ...]
+    normal_site: Float64x3
     deviation_m: float | None = None
 
     @property
-    def corners_site_m(self) -> Float64Array:
-        """All corners (n, 3) of its outlines."""
+    def corners_site_m(self) -> Float64Nx3:
+        """All vertices of its outlines in site."""
         return np.vstack(self.outlines_site_m)
 
 
 def create_marks(defects: pa.Table, origin: SiteOrigin) -> list[DefectMark]:
-    """All defects of a table of kind ``defects``, in its order; patches are in EPSG:4979, ``origin`` is site's."""
+    """Marks of all rows of a table ``defects``, in its order; ``origin`` is that of the site frame."""
     rows = defects.to_pylist()
     labels = label_ids([row["defect_id"] for row in rows])
-    rings = _decode_patches([row["patch"] for row in rows], origin)
+    outlines = _decode_patches([row["patch"] for row in rows], origin)
     return [
         DefectMark(
             defect_id=row["defect_id"],
@@ -59,28 +60,28 @@ def create_marks(defects: pa.Table, origin: SiteOrigin) -> list[DefectMark]:
             element_guid=row["element_guid"],
             centre_site_m=(centre := np.array([row["x_site_m"], row["y_site_m"], row["z_site_m"]])),
             normal_site=(normal := np.array([row["normal_x"], row["normal_y"], row["normal_z"]])),
-            outlines_site_m=own or (_create_rectangle(centre, normal, row["width_m"], row["height_m"]),),
+            outlines_site_m=rings or (_create_rectangle(centre, normal, row["width_m"], row["height_m"]),),
             deviation_m=row["deviation_from_model_m"],
         )
-        for row, own in zip(rows, rings, strict=True)
+        for row, rings in zip(rows, outlines, strict=True)
     ]
 
 
-def _decode_patches(patches: Sequence[bytes | None], origin: SiteOrigin) -> list[tuple[Float64Array, ...]]:
-    """Outer rings of each WKB polygon in site; none where there is no patch, or it has no heights."""
-    found: list[tuple[Float64Array, ...]] = []
+def _decode_patches(patches: Sequence[bytes | None], origin: SiteOrigin) -> list[tuple[Float64Nx3, ...]]:
+    """Outer rings in site of each patch (WKB, EPSG:4979); empty where there is no patch or it has no heights."""
+    outlines: list[tuple[Float64Nx3, ...]] = []
     for patch in patches:
-        shape = shapely.from_wkb(patch) if patch else None
-        parts = [] if shape is None or not shape.has_z else shapely.get_parts(shape).tolist()
+        geometry = shapely.from_wkb(patch) if patch else None
+        parts = [] if geometry is None or not geometry.has_z else shapely.get_parts(geometry).tolist()
         rings = [shapely.get_coordinates(part.exterior, include_z=True) for part in parts if hasattr(part, "exterior")]
-        found.append(tuple(origin.site_from_geo(ring) for ring in rings if len(ring) >= 4))
-    return found
+        outlines.append(tuple(origin.site_from_geo(ring) for ring in rings if len(ring) >= 4))
+    return outlines
 
 
-def compute_surface_axes(normal_site: Float64Array) -> Float64Array:
-    """Rows right, up, out (3, 3) of a surface with outward ``normal_site`` (3,), as who stands before it sees it.
+def axes_from_normal(normal_site: Float64x3) -> Float64x3x3:
+    """Unit vectors right, up and outward (rows) of a surface with outward ``normal_site``, as seen from outside.
 
-    Of a floor or a ceiling, where no direction is up, right is east.
+    Right of a horizontal surface is east.
     """
     out = normal_site / np.linalg.norm(normal_site)
     right = np.cross([0.0, 0.0, 1.0], out)
@@ -90,54 +91,58 @@ def compute_surface_axes(normal_site: Float64Array) -> Float64Array:
     return np.array([right, np.cross(out, right), out])
 
 
-def _create_rectangle(centre: Float64Array, normal: Float64Array, width_m: float, height_m: float) -> Float64Array:
-    """Corners (4, 3) of a rectangle in the surface's plane: width horizontal, height across it."""
+def _create_rectangle(centre: Float64x3, normal: Float64x3, width_m: float, height_m: float) -> Float64Nx3:
+    """Corners of a rectangle in the surface's plane: width horizontal, height perpendicular to it."""
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    corners: Float64Array = centre + (signs * [width_m / 2, height_m / 2]) @ compute_surface_axes(normal)[:2]
+    corners: Float64Nx3 = centre + (signs * [width_m / 2, height_m / 2]) @ axes_from_normal(normal)[:2]
     return corners
 
 
 def assign_marks(
     facades: Sequence[Facade], marks: Sequence[DefectMark], building: BuildingModel
 ) -> tuple[list[list[DefectMark]], list[DefectMark]]:
-    """The marks of each facade, and those on none (a floor slab's underside, a facade too small to be drawn).
+    """The marks of each facade, and those on none, such as on soffits or on facades too small to be drawn.
 
-    A mark belongs to the facade of its element, else to the one it faces most squarely and lies within.
+    A mark is assigned to the facade of its element, else to the facade within whose extents it is and whose direction
+    is nearest to its normal.
     """
     guids = building.elements.column("element_guid").to_pylist()
     members = [frozenset(guids[row] for row in facade.elements) for facade in facades]
-    shown: list[list[DefectMark]] = [[] for _ in facades]
-    nowhere: list[DefectMark] = []
+    assigned: list[list[DefectMark]] = [[] for _ in facades]
+    unassigned: list[DefectMark] = []
     for mark in marks:
-        scores = [_score_facade(mark, f, mark.element_guid in own) for f, own in zip(facades, members, strict=True)]
+        scores = [
+            _score_facade(mark, facade, mark.element_guid in guids_on_facade)
+            for facade, guids_on_facade in zip(facades, members, strict=True)
+        ]
         best = int(np.argmax(scores)) if scores else -1
         if best >= 0 and scores[best] > 0:
-            shown[best].append(mark)
+            assigned[best].append(mark)
         else:
-            nowhere.append(mark)
-    return shown, nowhere
+            unassigned.append(mark)
+    return assigned, unassigned
 
 
 def find_visible_marks(
     relief: FacadeRelief, marks: Sequence[DefectMark], own: Sequence[DefectMark]
 ) -> list[DefectMark]:
-    """Marks of other facades that this elevation shows too, such as on a curved wall's flank."""
-    mine = {mark.defect_id for mark in own}
+    """Marks of other facades that are visible in this elevation too, such as on the sides of a curved wall."""
+    own_ids = {mark.defect_id for mark in own}
     outward = relief.facade.axes_site[2]
     return [
         mark
         for mark in marks
-        if mark.defect_id not in mine
+        if mark.defect_id not in own_ids
         and float(mark.normal_site @ outward) > _MIN_INCIDENCE_COS
         and relief.has_surface_at(mark.centre_site_m, _SURFACE_TOLERANCE_M)
     ]
 
 
 def _score_facade(mark: DefectMark, facade: Facade, is_member: bool) -> float:
-    """How well a mark fits a facade; 0 or less where it cannot be shown on it."""
+    """Score of a facade for a mark; 0 or less where the mark cannot be drawn on it."""
     u, v, w = facade.uvw_from_site(mark.centre_site_m[None])[0]
     inside = facade.u_min_m <= u <= facade.u_max_m and facade.v_min_m <= v <= facade.v_max_m
     if not inside or not facade.far_w_m - _DEPTH_TOLERANCE_M <= w <= facade.near_w_m:
         return 0.0
-    square_on = float(mark.normal_site @ facade.axes_site[2])
-    return square_on - 0.3 + (2.0 if is_member else 0.0)
+    incidence_cos = float(mark.normal_site @ facade.axes_site[2])
+    return incidence_cos - 0.3 + (2.0 if is_member else 0.0)

@@ -15,7 +15,7 @@ from facadelake.detection.card import ModelCard
 from facadelake.detection.inference.detector import DetectedBox
 
 
-def card(input_px: int, gsd_mm: Sequence[float] = ()) -> ModelCard:
+def make_blob_card(input_px: int, gsd_mm: Sequence[float] = ()) -> ModelCard:
     """The card of a model whose input is ``input_px`` squared."""
     content: dict[str, Any] = {
         "name": "blobs",
@@ -36,19 +36,19 @@ def card(input_px: int, gsd_mm: Sequence[float] = ()) -> ModelCard:
 
 
 class BlobDetector:
-    """Dark blobs (below 128) of each image; ``seen`` keeps the sizes (height, width) of all images looked at."""
+    """Dark blobs (below 128) of each image; ``processed_sizes`` keeps the sizes (height, width) of all images looked at."""
 
     def __init__(self, input_px: int = 160, *, masks: bool = False, gsd_mm: Sequence[float] = ()) -> None:
-        self.card = card(input_px, gsd_mm)
-        self.seen: list[tuple[int, int]] = []
+        self.card = make_blob_card(input_px, gsd_mm)
+        self.processed_sizes: list[tuple[int, int]] = []
         self._masks = masks
 
     def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[DetectedBox, ...], ...]:
         """Every blob of each image, scored by its size."""
-        self.seen += [(image.shape[0], image.shape[1]) for image in images_bgr]
-        return tuple(self._blobs(image) for image in images_bgr)
+        self.processed_sizes += [(image.shape[0], image.shape[1]) for image in images_bgr]
+        return tuple(self._detect_blobs(image) for image in images_bgr)
 
-    def _blobs(self, image: UInt8Image) -> tuple[DetectedBox, ...]:
+    def _detect_blobs(self, image: UInt8Image) -> tuple[DetectedBox, ...]:
         dark = (image[..., 0] < 128).astype(np.uint8)
         count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=8)
         found = []

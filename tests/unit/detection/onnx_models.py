@@ -17,7 +17,7 @@ CLASSES = ("crack", "car")
 STRIDES = (8, 16, 32)
 
 
-def cells() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def list_cells() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Cell corners in input pixels (N, 2) and their strides (N,), finest grid first, row by row."""
     corners = [(x, y, s) for s in STRIDES for y in range(0, HEIGHT, s) for x in range(0, WIDTH, s)]
     table = np.array(corners, dtype=np.float64)
@@ -32,7 +32,7 @@ def save_model(
     kind: int = TensorProto.FLOAT,
     metadata: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
-    """A model that adds zero times its input's sum to ``answer``: one output, or one for each name."""
+    """A model that adds zero times its input's sum to ``make_output``: one output, or one for each name."""
     dtype = helper.tensor_dtype_to_np_dtype(kind)
     answers = answer if isinstance(answer, Mapping) else {"output": answer}
     nodes = [
@@ -53,7 +53,7 @@ def save_model(
     return _save(graph, path, metadata)
 
 
-def save_triple(path: Path, answers: Mapping[str, NDArray[Any]]) -> Path:
+def save_triple_model(path: Path, answers: Mapping[str, NDArray[Any]]) -> Path:
     """A model of layout rtdetr_triple: its boxes (normalised corners) are scaled to its second input, width first."""
     nodes = [
         helper.make_node("ReduceSum", ["images"], ["sum"], keepdims=0),
@@ -87,7 +87,7 @@ def save_triple(path: Path, answers: Mapping[str, NDArray[Any]]) -> Path:
     return _save(graph, path, {})
 
 
-def save_spot_finder(path: Path, *, batch: int | str) -> Path:
+def save_spot_model(path: Path, *, batch: int | str) -> Path:
     """A model of layout nms6 that measures its image: a box of 2 px around the centre of brightness of each channel.
 
     Class 0 is the first channel's, class 1 the second's; the score is the channel's brightest value / 255.
@@ -139,7 +139,7 @@ def _save(graph: Any, path: Path, metadata: Mapping[str, str]) -> Path:
     return path
 
 
-def card(layout: str, **changes: Any) -> dict[str, Any]:
+def make_card(layout: str, **changes: Any) -> dict[str, Any]:
     """A card's content for a model of WIDTH x HEIGHT."""
     content = {
         "name": "fixed",
@@ -153,12 +153,12 @@ def card(layout: str, **changes: Any) -> dict[str, Any]:
     return {**content, **changes}
 
 
-def answer(layout: str, boxes: list[tuple[int, float, float, float, float, float, int]]) -> NDArray[np.float64]:
+def make_output(layout: str, boxes: list[tuple[int, float, float, float, float, float, int]]) -> NDArray[np.float64]:
     """An output that holds ``boxes`` (candidate, centre x, centre y, width, height, score, class) in input pixels.
 
     All other candidates are as large as their cell and have score 0.
     """
-    corners, strides = cells()
+    corners, strides = list_cells()
     if layout == "nms6":
         rows = [(x - w / 2, y - h / 2, x + w / 2, y + h / 2, score, c) for _, x, y, w, h, score, c in boxes]
         return np.array([[*rows, (0, 0, 0, 0, -1, -1)]], dtype=np.float64)
@@ -180,7 +180,7 @@ QUERIES, GRID = 20, (16, 24)
 HalfPlane = tuple[float, float, float]
 
 
-def answers(
+def make_outputs(
     layout: str,
     boxes: list[tuple[int, float, float, float, float, float, int]],
     planes: Mapping[int, HalfPlane] = MappingProxyType({}),
@@ -195,7 +195,7 @@ def answers(
     x, y = np.meshgrid((np.arange(columns) + 0.5) * WIDTH / columns, (np.arange(rows) + 0.5) * HEIGHT / rows)
     prototypes = np.stack([x, y, np.ones_like(x)])
     if layout.endswith("_seg") and layout != "rfdetr_seg":
-        table = answer(layout.removesuffix("_seg"), boxes)[0]
+        table = make_output(layout.removesuffix("_seg"), boxes)[0]
         by_candidate = table.T if layout == "yolov8_seg" else table
         coefficients = np.tile([0.0, 0.0, -1.0], (len(by_candidate), 1))
         for candidate, plane in planes.items():

@@ -13,7 +13,7 @@ from PIL import Image as PillowImage
 from facadelake.core.tables import get_stage_schema, table_from_rows
 from facadelake.detection.campaign import OnnxDetector, SearchRegion, detect_photographs
 from facadelake.detection.card import ModelCard
-from tests.unit.detection.onnx_models import answer, card, save_model
+from tests.unit.detection.onnx_models import make_card, make_output, save_model
 
 CRACK = (10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)
 CAR = (70, 60.0, 40.0, 20.0, 30.0, 0.5, 1)
@@ -42,8 +42,8 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
             for photo_id, outcome in outcomes.items()
         ],
     )  # fmt: skip
-    model = save_model(tmp_path / "fixed.onnx", answer("yolov8", [CRACK, CAR, OVERHANGING, IN_PADDING]))
-    detector = OnnxDetector(model, ModelCard.model_validate(card("yolov8")))
+    model = save_model(tmp_path / "fixed.onnx", make_output("yolov8", [CRACK, CAR, OVERHANGING, IN_PADDING]))
+    detector = OnnxDetector(model, ModelCard.model_validate(make_card("yolov8")))
     with caplog.at_level(logging.WARNING):
         table = detect_photographs(photos, root, detector)
     assert "near/torn.jpg cannot be read" in caplog.text
@@ -75,7 +75,9 @@ def test_nothing_is_looked_for_where_the_building_is_not(tmp_path: Path) -> None
     cv2.imwrite(str(tmp_path / "sky.jpg"), np.zeros((80, 192, 3), dtype=np.uint8))
     row = {"photo_id": "sky.jpg", "sha256": "0", "bytes": 1, "photo_outcome": "accepted"}
     photos = table_from_rows("photos", [{**row, "prior_source": "none", "prior_height_datum": "unknown"}])
-    detector = OnnxDetector(save_model(tmp_path / "fixed.onnx", answer("yolov8", [CRACK])), ModelCard(**card("yolov8")))
+    detector = OnnxDetector(
+        save_model(tmp_path / "fixed.onnx", make_output("yolov8", [CRACK])), ModelCard(**make_card("yolov8"))
+    )
     nowhere = SearchRegion(gsd_mm=1.0, target=np.zeros((8, 19), dtype=bool))
     assert len(detect_photographs(photos, tmp_path, detector)) == 1
     assert len(detect_photographs(photos, tmp_path, detector, find_region=lambda _: nowhere)) == 0

@@ -15,12 +15,12 @@ from facadelake.detection.card import ModelCard, OutputLayout, format_card, loca
 from facadelake.detection.inference.card_lookup import find_card
 from facadelake.detection.inference.detector import hash_detector, load_detector
 from schemas.vocabulary import DefectClass
-from tests.unit.detection.onnx_models import CLASSES, HEIGHT, WIDTH, answer, answers, card, save_model
+from tests.unit.detection.onnx_models import CLASSES, HEIGHT, WIDTH, make_card, make_output, make_outputs, save_model
 
 CRACK = (10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)
 IMAGE = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
 FULL: dict[str, Any] = {
-    **card("yolov8"),
+    **make_card("yolov8"),
     "training_data": ["walls, CC BY 4.0", "generated"],
     "metrics": {"crack": {"ap50": 0.8, "images": 120}, "made": "2026-11-22"},
     "classes": {"car": "moisture"},
@@ -30,7 +30,7 @@ FULL: dict[str, Any] = {
 
 def test_yaml_json_and_metadata_say_the_same(tmp_path: Path) -> None:
     model = save_model(
-        tmp_path / "crack.onnx", answer("yolov8", [CRACK]), metadata={"facadelake.card": json.dumps(FULL)}
+        tmp_path / "crack.onnx", make_output("yolov8", [CRACK]), metadata={"facadelake.card": json.dumps(FULL)}
     )
     in_metadata = find_card(model)
     assert in_metadata.classes == {"car": DefectClass.MOISTURE}
@@ -58,8 +58,8 @@ def test_json_keeps_its_small_numbers(tmp_path: Path) -> None:
         ("classes", {"car": "rust"}, "classes.car is 'rust': Input should be 'crack', 'spalling' or 'moisture'"),
         ("score_calibration", {"slope": -1}, "score_calibration.slope is -1: Input should be greater than 0"),
         ("training_data", "walls", "training_data is 'walls': Input should be a valid tuple"),
-        ("input", {**card("yolov8")["input"], "gsd_mm": [1, 2, 3]}, r"input.gsd_mm is .*: Tuple should have at most 2"),
-        ("input", {**card("yolov8")["input"], "gsd_mm": [0]}, r"input.gsd_mm.0 is 0: Input should be greater than 0"),
+        ("input", {**make_card("yolov8")["input"], "gsd_mm": [1, 2, 3]}, r"input.gsd_mm is .*: Tuple should have at most 2"),
+        ("input", {**make_card("yolov8")["input"], "gsd_mm": [0]}, r"input.gsd_mm.0 is 0: Input should be greater than 0"),
     ],
 )  # fmt: skip
 def test_new_keys_are_checked(key: str, value: Any, message: str) -> None:
@@ -68,7 +68,7 @@ def test_new_keys_are_checked(key: str, value: Any, message: str) -> None:
 
 
 def test_an_old_card_reads_as_before() -> None:
-    old = parse_card(yaml.safe_dump(card("yolox")), "card")
+    old = parse_card(yaml.safe_dump(make_card("yolox")), "card")
     assert (old.classes, old.metrics, old.training_data, old.input.gsd_mm) == ({}, {}, (), ())
     assert (old.score_calibration.slope, old.score_calibration.intercept) == (1.0, 0.0)
 
@@ -79,15 +79,15 @@ def test_a_card_written_reads_as_it_was() -> None:
 
 
 def test_figures_in_a_card_make_no_detection_again(tmp_path: Path) -> None:
-    model = save_model(tmp_path / "crack.onnx", answer("yolov8", [CRACK]))
+    model = save_model(tmp_path / "crack.onnx", make_output("yolov8", [CRACK]))
     prints = []
     for changes in ({}, {"metrics": {"ap50": 0.9}}, {"licence": "MIT"}, {"score_calibration": {"slope": 2}}):
-        locate_card(model).write_text(yaml.safe_dump(card("yolov8", **changes)))
+        locate_card(model).write_text(yaml.safe_dump(make_card("yolov8", **changes)))
         prints.append(hash_detector(model, {}))
     assert prints[0] == prints[1] == prints[2] != prints[3]
 
 
-def draft_of(model: Path) -> tuple[str, ModelCard]:
+def get_draft(model: Path) -> tuple[str, ModelCard]:
     """What is said of a model without a card, and the draft that it ends with."""
     with pytest.raises(ModelError) as raised:
         load_detector(model)
@@ -101,9 +101,9 @@ def test_a_draft_from_the_metadata_of_ultralytics_is_ready_to_use(tmp_path: Path
         "names": "{0: 'crack', 1: 'car'}", "imgsz": f"[{HEIGHT}, {WIDTH}]", "task": "segment", "stride": "32",
         "license": "AGPL-3.0 License (https://ultralytics.com/license)", "description": "Ultralytics model",
     }  # fmt: skip
-    outputs = answers("yolov8_seg", [CRACK], {10: (1.0, 0.0, -28.3)})
+    outputs = make_outputs("yolov8_seg", [CRACK], {10: (1.0, 0.0, -28.3)})
     model = save_model(tmp_path / "walls.onnx", outputs, shape=("n", 3, "h", "w"), metadata=metadata)
-    said, draft = draft_of(model)
+    said, draft = get_draft(model)
     assert "walls.card.yaml does not exist; every detector needs one beside it" in said
     assert "A draft from its metadata and a probe image, layout yolov8_seg. Check it and save it as" in said
     assert (draft.name, draft.licence[:8], draft.class_names) == ("walls", "AGPL-3.0", CLASSES)
@@ -116,8 +116,8 @@ def test_a_draft_from_the_metadata_of_ultralytics_is_ready_to_use(tmp_path: Path
 @pytest.mark.parametrize("layout", [str(layout) for layout in OutputLayout if layout is not OutputLayout.RTDETR_TRIPLE])
 def test_a_draft_without_metadata_finds_layout_and_number_of_classes(tmp_path: Path, layout: str) -> None:
     single = layout in ("yolox", "yolov5", "yolov8", "nms6")
-    outputs = answer(layout, [CRACK]) if single else answers(layout, [CRACK])
-    said, draft = draft_of(save_model(tmp_path / "walls.onnx", outputs))
+    outputs = make_output(layout, [CRACK]) if single else make_outputs(layout, [CRACK])
+    said, draft = get_draft(save_model(tmp_path / "walls.onnx", outputs))
     # RF-DETR's column of no object is a class to whoever does not know better.
     assert draft.output.layout == layout, said
     assert "class names are unknown" in said
@@ -127,11 +127,11 @@ def test_a_draft_without_metadata_finds_layout_and_number_of_classes(tmp_path: P
 def test_a_draft_for_an_input_that_no_grid_of_yolox_fits(tmp_path: Path) -> None:
     """RF-DETR is exported at 560 px."""
     boxes, logits = np.full((1, 300, 4), 0.3), np.linspace(-4, 2, 1200).reshape(1, 300, 4)
-    said, draft = draft_of(save_model(tmp_path / "rf.onnx", {"dets": boxes, "labels": logits}, shape=(1, 3, 560, 560)))
+    said, draft = get_draft(save_model(tmp_path / "rf.onnx", {"dets": boxes, "labels": logits}, shape=(1, 3, 560, 560)))
     assert (draft.output.layout, draft.input.width_px) == (OutputLayout.RFDETR, 560), said
 
 
 def test_a_draft_of_outputs_that_nothing_fits(tmp_path: Path) -> None:
-    said, draft = draft_of(save_model(tmp_path / "walls.onnx", np.zeros((1, 1000))))
+    said, draft = get_draft(save_model(tmp_path / "walls.onnx", np.zeros((1, 1000))))
     assert r"This draft is a guess: no layout fits the outputs for a probe image (output (1, 1000))" in said
     assert (draft.licence, draft.input.width_px) == ("unknown", WIDTH)

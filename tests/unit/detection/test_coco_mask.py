@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from facadelake.detection.boxes import Box
 from facadelake.detection.coco.mask import parse_segmentation
-from tests.unit.detection.test_import_detections import HEIGHT, WIDTH, coco_file, rows_of
+from tests.unit.detection.test_import_detections import HEIGHT, WIDTH, import_rows, write_coco_file
 
 SLANTING = [100, 100, 200, 190, 200, 200, 100, 110]  # a crack 10 px high, 100 px long
 
 
-def runs_of(pixels: NDArray[np.bool_]) -> list[int]:
+def encode_run_lengths(pixels: NDArray[np.bool_]) -> list[int]:
     """Run lengths down the columns, beginning with what is not masked: by stepping, not by cumulative sums."""
     runs, value, length = [], False, 0
     for pixel in pixels.T.ravel().tolist():
@@ -28,7 +28,7 @@ def runs_of(pixels: NDArray[np.bool_]) -> list[int]:
     return [*runs, length]
 
 
-def compressed(runs: list[int]) -> str:
+def compress_run_lengths(runs: list[int]) -> str:
     """cocoapi's rleToString, written down from maskApi.c."""
     text = ""
     for i, run in enumerate(runs):
@@ -42,7 +42,7 @@ def compressed(runs: list[int]) -> str:
     return text
 
 
-def blob() -> NDArray[np.bool_]:
+def draw_blob() -> NDArray[np.bool_]:
     """A disc with a hole, and a bar that runs to the photograph's bottom and on from its top."""
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     away = np.hypot(x - 150, y - 100)
@@ -53,12 +53,12 @@ def blob() -> NDArray[np.bool_]:
 
 
 def test_a_polygon_comes_as_it_is_and_the_crack_has_its_width(tmp_path: Path) -> None:
-    path = coco_file(
+    path = write_coco_file(
         tmp_path,
         {"bbox": [100, 100, 100, 100], "segmentation": [SLANTING], "attributes": {"crack_width_px": 2.5}},
         {"bbox": [100, 100, 100, 100], "segmentation": [SLANTING], "crack_width_px": 4},
     )
-    first, second = rows_of(path)
+    first, second = import_rows(path)
     mask = shapely.from_wkt(first["mask"])
     assert mask.normalize().equals_exact(shapely.Polygon(np.reshape(SLANTING, (4, 2))).normalize(), tolerance=0.01)
     assert (first["crack_width_px"], second["crack_width_px"]) == (2.5, 4.0)
@@ -66,14 +66,14 @@ def test_a_polygon_comes_as_it_is_and_the_crack_has_its_width(tmp_path: Path) ->
 
 
 def test_run_lengths_plain_and_compressed_are_one_mask_of_whole_pixels(tmp_path: Path) -> None:
-    pixels = blob()
-    runs = runs_of(pixels)
+    pixels = draw_blob()
+    runs = encode_run_lengths(pixels)
     box = {"bbox": [0, 0, WIDTH, HEIGHT]}
-    plain, packed = rows_of(
-        coco_file(
+    plain, packed = import_rows(
+        write_coco_file(
             tmp_path,
             {**box, "segmentation": {"counts": runs, "size": [HEIGHT, WIDTH]}},
-            {**box, "segmentation": {"counts": compressed(runs), "size": [HEIGHT, WIDTH]}},
+            {**box, "segmentation": {"counts": compress_run_lengths(runs), "size": [HEIGHT, WIDTH]}},
         )
     )
     assert plain["mask"] == packed["mask"]
@@ -98,21 +98,23 @@ def test_several_polygons_are_one_mask_and_crossing_lines_are_mended() -> None:
 
 
 def test_a_mask_is_cut_to_the_photograph_with_its_box(tmp_path: Path) -> None:
-    row = rows_of(coco_file(tmp_path, {"bbox": [-20, 10, 60, 40], "segmentation": [[-20, 10, 40, 10, 40, 50]]}))[0]
+    row = import_rows(
+        write_coco_file(tmp_path, {"bbox": [-20, 10, 60, 40], "segmentation": [[-20, 10, 40, 10, 40, 50]]})
+    )[0]
     assert shapely.from_wkt(row["mask"]).bounds[0] == 0.0
     assert "extends beyond" in row["reason"]
 
 
 def test_a_mask_without_box_has_the_box_about_it(tmp_path: Path) -> None:
-    row = rows_of(coco_file(tmp_path, {"segmentation": [SLANTING]}))[0]
+    row = import_rows(write_coco_file(tmp_path, {"segmentation": [SLANTING]}))[0]
     assert row["detection_outcome"] == "accepted"
     assert [row[f"box_{name}_px"] for name in ("x", "y", "width", "height")] == [100, 100, 100, 100]
-    assert rows_of(coco_file(tmp_path, {"segmentation": []}))[0]["detection_outcome"] == "bad_box"
+    assert import_rows(write_coco_file(tmp_path, {"segmentation": []}))[0]["detection_outcome"] == "bad_box"
 
 
 @pytest.mark.parametrize("segmentation", [None, [], {}, [[100, 100, 200, 100, 200, 200, 100, 200]]])
 def test_no_mask_or_one_that_is_its_box_leaves_the_box_without_a_word(tmp_path: Path, segmentation: Any) -> None:
-    row = rows_of(coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "segmentation": segmentation}))[0]
+    row = import_rows(write_coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "segmentation": segmentation}))[0]
     assert (row["detection_outcome"], row["mask"], row["reason"]) == ("accepted", None, None)
 
 
@@ -134,7 +136,7 @@ def test_no_mask_or_one_that_is_its_box_leaves_the_box_without_a_word(tmp_path: 
     ],
 )
 def test_a_mask_that_cannot_be_used_leaves_the_box_and_says_why(tmp_path: Path, segmentation: Any, said: str) -> None:
-    row = rows_of(coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "segmentation": segmentation}))[0]
+    row = import_rows(write_coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "segmentation": segmentation}))[0]
     assert (row["detection_outcome"], row["mask"]) == ("accepted", None)
     assert said in row["reason"]
     assert "its box is used instead" in row["reason"]
@@ -142,7 +144,7 @@ def test_a_mask_that_cannot_be_used_leaves_the_box_and_says_why(tmp_path: Path, 
 
 @pytest.mark.parametrize("width", [-1, "wide", True, float("inf")])
 def test_a_crack_width_that_is_none_is_left_out(tmp_path: Path, width: Any) -> None:
-    path = coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "crack_width_px": width})
-    row = rows_of(path)[0]
+    path = write_coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "crack_width_px": width})
+    row = import_rows(path)[0]
     assert (row["detection_outcome"], row["crack_width_px"]) == ("accepted", None)
     assert "crack_width_px is" in row["reason"]

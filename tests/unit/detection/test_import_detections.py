@@ -17,7 +17,7 @@ from facadelake.detection.coco.import_detections import import_coco
 WIDTH, HEIGHT = 640, 480
 
 
-def photos_table(*photo_ids: str, outcome: str = "accepted") -> pa.Table:
+def make_photos_table(*photo_ids: str, outcome: str = "accepted") -> pa.Table:
     return table_from_rows(
         "photos",
         [
@@ -36,10 +36,10 @@ def photos_table(*photo_ids: str, outcome: str = "accepted") -> pa.Table:
     )
 
 
-PHOTOS = photos_table("near/IMG_1.JPG", "near/IMG_2.JPG", "far/IMG_2.JPG")
+PHOTOS = make_photos_table("near/IMG_1.JPG", "near/IMG_2.JPG", "far/IMG_2.JPG")
 
 
-def coco_file(
+def write_coco_file(
     folder: Path, *annotations: dict[str, Any], images: list[dict[str, Any]] | None = None, category: str = "crack"
 ) -> Path:
     path = folder / "boxes.json"
@@ -52,13 +52,13 @@ def coco_file(
     return path
 
 
-def rows_of(path: Path, photos: pa.Table = PHOTOS, **class_names: str) -> list[dict[str, Any]]:
+def import_rows(path: Path, photos: pa.Table = PHOTOS, **class_names: str) -> list[dict[str, Any]]:
     return list(import_coco(path, photos, class_names=class_names).to_pylist())
 
 
 def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
-    path = coco_file(tmp_path, {"bbox": [10.25, 20.5, 30, 40], "score": 0.75}, {"bbox": [1, 2, 3, 4]})
-    first, second = rows_of(path)
+    path = write_coco_file(tmp_path, {"bbox": [10.25, 20.5, 30, 40], "score": 0.75}, {"bbox": [1, 2, 3, 4]})
+    first, second = import_rows(path)
     assert first == {
         "detection_id": "near/IMG_1.JPG#1",
         "photo_id": "near/IMG_1.JPG",
@@ -102,7 +102,7 @@ def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
 def test_boxes_are_judged(
     tmp_path: Path, bbox: Any, outcome: str, kept: tuple[float, ...] | None, reason: str | None
 ) -> None:
-    (row,) = rows_of(coco_file(tmp_path, {"bbox": bbox}))
+    (row,) = import_rows(write_coco_file(tmp_path, {"bbox": bbox}))
     assert row["detection_outcome"] == outcome
     box = [row[f"box_{side}_px"] for side in ("x", "y", "width", "height")]
     assert box == ([None] * 4 if kept is None else pytest.approx(kept, rel=0, abs=1e-9))  # px
@@ -111,7 +111,7 @@ def test_boxes_are_judged(
 
 @pytest.mark.parametrize("score", [1.5, -0.1, "high", float("nan")])
 def test_a_score_that_is_none_is_said(tmp_path: Path, score: Any) -> None:
-    (row,) = rows_of(coco_file(tmp_path, {"bbox": [1, 2, 3, 4], "score": score}))
+    (row,) = import_rows(write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4], "score": score}))
     assert row["detection_outcome"] == "bad_box"
     assert f"score is {score!r}; it must be a number from 0 to 1" in row["reason"]
 
@@ -124,20 +124,20 @@ def test_a_score_that_is_none_is_said(tmp_path: Path, score: Any) -> None:
     ],
 )  # fmt: skip
 def test_other_taxonomies_are_translated(tmp_path: Path, name: str, expected: str) -> None:
-    (row,) = rows_of(coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, category=name))
+    (row,) = import_rows(write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, category=name))
     assert (row["detection_outcome"], row["defect_class"], row["source_class"]) == ("accepted", expected, name)
 
 
 def test_an_unknown_class_is_a_row_and_a_building_may_name_it(tmp_path: Path) -> None:
-    path = coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, {"bbox": [1, 2, 3, 4], "category_id": 9}, category="Rust")
-    rust, nothing = rows_of(path)
+    path = write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, {"bbox": [1, 2, 3, 4], "category_id": 9}, category="Rust")
+    rust, nothing = import_rows(path)
     assert (rust["detection_outcome"], rust["defect_class"]) == ("unknown_class", None)
     assert "class 'Rust' is none of crack, spalling, moisture" in rust["reason"]
     assert "category_id 9 is not among 'categories'" in nothing["reason"]
     assert nothing["source_class"] == "category 9"
-    assert rows_of(path, rust="moisture")[0]["defect_class"] == "moisture"
+    assert import_rows(path, rust="moisture")[0]["defect_class"] == "moisture"
     with pytest.raises(InputDataError, match="'Rust' is set to 'stain', which is not a defect class; use one of crack"):
-        rows_of(path, Rust="stain")
+        import_rows(path, Rust="stain")
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_an_unknown_class_is_a_row_and_a_building_may_name_it(tmp_path: Path) ->
     ],
 )
 def test_file_names_match_by_their_tail(tmp_path: Path, file_name: str, photo_id: str) -> None:
-    (row,) = rows_of(coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, images=[{"id": 1, "file_name": file_name}]))
+    (row,) = import_rows(write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, images=[{"id": 1, "file_name": file_name}]))
     assert (row["photo_id"], row["detection_outcome"]) == (photo_id, "accepted")
 
 
@@ -165,8 +165,8 @@ def test_file_names_match_by_their_tail(tmp_path: Path, file_name: str, photo_id
 )
 def test_a_name_that_means_no_photograph_is_a_row(tmp_path: Path, file_name: str, reason: str) -> None:
     images = [{"id": 1, "file_name": "near/IMG_1.JPG"}, {"id": 2, "file_name": file_name}]
-    path = coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, {"bbox": [1, 2, 3, 4], "image_id": 2}, images=images)
-    good, lost = rows_of(path)
+    path = write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, {"bbox": [1, 2, 3, 4], "image_id": 2}, images=images)
+    good, lost = import_rows(path)
     assert good["detection_outcome"] == "accepted"
     assert (lost["detection_outcome"], lost["photo_id"], lost["reason"]) == ("unknown_photo", file_name, reason)
 
@@ -177,10 +177,10 @@ def test_an_annotation_of_no_image_and_of_another_size(tmp_path: Path) -> None:
         {"id": 2, "file_name": "far/IMG_2.JPG", "width": HEIGHT, "height": WIDTH},
     ]
     box = {"bbox": [1, 2, 3, 4]}
-    path = coco_file(
+    path = write_coco_file(
         tmp_path, box, {**box, "image_id": 7}, {**box, "image_id": 2}, {**box, "image_id": [2]}, images=images
     )
-    good, lost, turned, odd = rows_of(path)
+    good, lost, turned, odd = import_rows(path)
     assert good["detection_outcome"] == "accepted"
     assert (lost["photo_id"], lost["reason"]) == ("image 7", "image_id 7 is not among the file's 'images'")
     assert turned["detection_outcome"] == "bad_box"
@@ -190,7 +190,7 @@ def test_an_annotation_of_no_image_and_of_another_size(tmp_path: Path) -> None:
 
 def test_ids_stay_unique_where_a_merged_file_repeats_them(tmp_path: Path) -> None:
     box = {"bbox": [1, 2, 3, 4], "id": 5}
-    rows = rows_of(coco_file(tmp_path, box, box, {"bbox": [1, 2, 3, 4], "id": None}))
+    rows = import_rows(write_coco_file(tmp_path, box, box, {"bbox": [1, 2, 3, 4], "id": None}))
     assert [row["detection_id"] for row in rows] == [f"near/IMG_1.JPG#{end}" for end in ("5", "5.2", "row2")]
     assert [row["source_annotation"] for row in rows] == ["5", "5", "row2"]
 
@@ -210,27 +210,27 @@ def test_a_file_that_is_not_coco_is_refused(tmp_path: Path, text: str, message: 
     path = tmp_path / "boxes.json"
     path.write_text(text)
     with pytest.raises(InputDataError, match=message) as raised:
-        rows_of(path)
+        import_rows(path)
     assert str(path) in str(raised.value)
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"nowhere.json does not exist; correct the path"):
-        rows_of(tmp_path / "nowhere.json")
+        import_rows(tmp_path / "nowhere.json")
 
 
 def test_a_file_that_fits_nothing_is_refused(tmp_path: Path) -> None:
     box = {"bbox": [1, 2, 3, 4]}
     with pytest.raises(InputDataError, match="none of its 1 boxes is on an accepted photograph of the campaign's 3"):
-        rows_of(coco_file(tmp_path, box, images=[{"id": 1, "file_name": "other.png"}]))
+        import_rows(write_coco_file(tmp_path, box, images=[{"id": 1, "file_name": "other.png"}]))
     with pytest.raises(InputDataError, match="the photograph was not accepted: unreadable"):
-        rows_of(coco_file(tmp_path, box), photos_table("near/IMG_1.JPG", outcome="unreadable"))
+        import_rows(write_coco_file(tmp_path, box), make_photos_table("near/IMG_1.JPG", outcome="unreadable"))
     turned = [{"id": 1, "file_name": "near/IMG_1.JPG", "width": 10, "height": 10}]
     with pytest.raises(InputDataError, match="the file states an image of 10 x 10 px"):
-        rows_of(coco_file(tmp_path, box, images=turned))
+        import_rows(write_coco_file(tmp_path, box, images=turned))
     with pytest.raises(InputDataError, match=r"all 2 boxes lie within 0..1, so they are normalised"):
-        rows_of(coco_file(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4]}, {"bbox": [0.5, 0.2, 0.3, 0.4]}))
+        import_rows(write_coco_file(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4]}, {"bbox": [0.5, 0.2, 0.3, 0.4]}))
 
 
 def test_no_annotations_is_an_empty_table(tmp_path: Path) -> None:
-    assert rows_of(coco_file(tmp_path)) == []
+    assert import_rows(write_coco_file(tmp_path)) == []

@@ -21,14 +21,23 @@ from tests.unit.detection.onnx_models import (
     GRID,
     HEIGHT,
     WIDTH,
-    answer,
-    answers,
-    card,
+    make_card,
+    make_output,
+    make_outputs,
     save_model,
-    save_triple,
+    save_triple_model,
 )
 
-NEW = ("yolov5_seg", "yolov8_seg", "nms6_seg", "rtdetr", "rtdetr_triple", "rtdetr_rows", "rfdetr", "rfdetr_seg")
+OTHER_LAYOUTS = (
+    "yolov5_seg",
+    "yolov8_seg",
+    "nms6_seg",
+    "rtdetr",
+    "rtdetr_triple",
+    "rtdetr_rows",
+    "rfdetr",
+    "rfdetr_seg",
+)
 SEGMENTERS = ("yolov5_seg", "yolov8_seg", "nms6_seg", "rfdetr_seg")
 # candidate, centre x, centre y, width, height (px of the input), score, class.
 CRACK = (10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)
@@ -43,22 +52,22 @@ IMAGE = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
 LARGE = (15, 60.0, 40.0, 24.0, 32.0, 0.625, 1)
 
 
-def model_of(tmp_path: Path, layout: str, boxes: list, planes: dict = PLANES) -> Path:
+def save_layout_model(tmp_path: Path, layout: str, boxes: list, planes: dict = PLANES) -> Path:
     path = tmp_path / "fixed.onnx"
     if layout == "rtdetr_triple":
-        return save_triple(path, answers(layout, boxes))
+        return save_triple_model(path, make_outputs(layout, boxes))
     if layout in ("yolox", "yolov5", "yolov8", "nms6"):
-        return save_model(path, answer(layout, boxes))
-    return save_model(path, answers(layout, boxes, planes))
+        return save_model(path, make_output(layout, boxes))
+    return save_model(path, make_outputs(layout, boxes, planes))
 
 
-def declared(layout: str, **changes: object) -> ModelCard:
-    return ModelCard.model_validate(card(layout, **changes))
+def make_model_card(layout: str, **changes: object) -> ModelCard:
+    return ModelCard.model_validate(make_card(layout, **changes))
 
 
-@pytest.mark.parametrize("layout", NEW)
+@pytest.mark.parametrize("layout", OTHER_LAYOUTS)
 def test_boxes_come_back_in_pixels_of_a_wide_photograph(tmp_path: Path, layout: str) -> None:
-    detector = OnnxDetector(model_of(tmp_path, layout, [CAR, CRACK]), declared(layout))
+    detector = OnnxDetector(save_layout_model(tmp_path, layout, [CAR, CRACK]), make_model_card(layout))
     crack, car = detector.detect(np.zeros((150, 960, 3), dtype=np.uint8))
     # 960 px into 96: ten photograph pixels for each of the input, by hand.
     assert (crack.class_name, car.class_name) == CLASSES
@@ -71,9 +80,9 @@ def test_boxes_come_back_in_pixels_of_a_wide_photograph(tmp_path: Path, layout: 
 @pytest.mark.parametrize("resize", ["letterbox_corner", "letterbox_centre", "stretch"])
 @pytest.mark.parametrize("layout", ["rtdetr", "rtdetr_triple", "rfdetr"])
 def test_normalised_boxes_go_back_through_every_resize(tmp_path: Path, layout: str, resize: str) -> None:
-    content = card(layout)
+    content = make_card(layout)
     content["input"]["resize"] = resize
-    detector = OnnxDetector(model_of(tmp_path, layout, [CRACK]), ModelCard.model_validate(content))
+    detector = OnnxDetector(save_layout_model(tmp_path, layout, [CRACK]), ModelCard.model_validate(content))
     (crack,) = detector.detect(np.zeros((640, 320, 3), dtype=np.uint8))
     # 640 high into 64; 320 wide into 32 of 96, at the left, in the middle, or stretched to all of it.
     left = {"letterbox_corner": 24 * 10, "letterbox_centre": (24 - 32) * 10, "stretch": 24 * 320 / 96}[resize]
@@ -84,18 +93,18 @@ def test_normalised_boxes_go_back_through_every_resize(tmp_path: Path, layout: s
     )  # px
 
 
-@pytest.mark.parametrize("layout", NEW)
+@pytest.mark.parametrize("layout", OTHER_LAYOUTS)
 def test_only_overlapping_layouts_are_suppressed(tmp_path: Path, layout: str) -> None:
-    detector = OnnxDetector(model_of(tmp_path, layout, [CRACK, AGAIN], {}), declared(layout))
+    detector = OnnxDetector(save_layout_model(tmp_path, layout, [CRACK, AGAIN], {}), make_model_card(layout))
     kept = 1 if layout in ("yolov5_seg", "yolov8_seg") else 2
     assert [round(found.score, 5) for found in detector.detect(IMAGE)] == [0.75, 0.6][:kept]
 
 
 @pytest.mark.parametrize("layout", SEGMENTERS)
 def test_masks_are_outlines_cut_to_the_box(tmp_path: Path, layout: str) -> None:
-    content = card(layout)
+    content = make_card(layout)
     content["input"]["resize"] = "letterbox_centre"
-    detector = OnnxDetector(model_of(tmp_path, layout, [CRACK, CAR]), ModelCard.model_validate(content))
+    detector = OnnxDetector(save_layout_model(tmp_path, layout, [CRACK, CAR]), ModelCard.model_validate(content))
     # 480 wide into 96, 200 high into 40 of 64: five photograph pixels an input pixel, 12 of padding above.
     crack, car = detector.detect(np.zeros((200, 480, 3), dtype=np.uint8))
     # Half-planes cut with boxes, by hand, in input pixels; then x * 5, (y - 12) * 5.
@@ -111,9 +120,11 @@ def test_masks_are_outlines_cut_to_the_box(tmp_path: Path, layout: str) -> None:
 
 
 def test_an_empty_mask_is_none_and_detectors_give_none(tmp_path: Path) -> None:
-    (found,) = OnnxDetector(model_of(tmp_path, "yolov8_seg", [CRACK], {}), declared("yolov8_seg")).detect(IMAGE)
+    (found,) = OnnxDetector(
+        save_layout_model(tmp_path, "yolov8_seg", [CRACK], {}), make_model_card("yolov8_seg")
+    ).detect(IMAGE)
     assert found.mask is None
-    (found,) = OnnxDetector(model_of(tmp_path, "yolov8", [CRACK]), declared("yolov8")).detect(IMAGE)
+    (found,) = OnnxDetector(save_layout_model(tmp_path, "yolov8", [CRACK]), make_model_card("yolov8")).detect(IMAGE)
     assert found.mask is None
 
 
@@ -124,7 +135,7 @@ def test_a_ring_keeps_its_hole_and_two_spots_stay_two() -> None:
     ring = 6.0 - np.abs(away - 18.0)  # between 12 and 24 px of the centre
     spots = np.maximum(7.0 - np.hypot(x - 20, y - 20), 7.0 - np.hypot(x - 70, y - 40))
     masks = QueryMasks(all_logits=np.stack([ring, spots]).astype(np.float32), queries=np.array([0, 1]))
-    box = fit_letterbox(declared("rfdetr_seg").input, image_width_px=960, image_height_px=640)
+    box = fit_letterbox(make_model_card("rfdetr_seg").input, image_width_px=960, image_height_px=640)
     whole = np.array([0, 0, WIDTH, HEIGHT], dtype=np.float32)
     shape = trace_mask(masks, 0, whole, box)
     assert isinstance(shape, shapely.Polygon)
@@ -139,7 +150,7 @@ def test_a_ring_keeps_its_hole_and_two_spots_stay_two() -> None:
 
 def test_a_mask_reaches_the_border_of_the_photograph() -> None:
     masks = QueryMasks(all_logits=np.ones((1, *GRID), dtype=np.float32), queries=np.array([0]))
-    box = fit_letterbox(declared("rfdetr_seg").input, image_width_px=960, image_height_px=640)
+    box = fit_letterbox(make_model_card("rfdetr_seg").input, image_width_px=960, image_height_px=640)
     shape = trace_mask(masks, 0, np.array([-5, -5, 50, 70], dtype=np.float32), box)
     assert shape is not None
     assert shape.symmetric_difference(shapely.box(0, 0, 500, 640)).area < 1e-6  # px2
@@ -147,37 +158,37 @@ def test_a_mask_reaches_the_border_of_the_photograph() -> None:
 
 
 # Read as another layout and right all the same: fewer outputs of the same model, or no column for no object.
-SAME = {("rtdetr", "rfdetr"), ("rfdetr_seg", "rfdetr")}
+COMPATIBLE = {("rtdetr", "rfdetr"), ("rfdetr_seg", "rfdetr")}
 
 
 @pytest.mark.parametrize("layout", [str(layout) for layout in OutputLayout])
 def test_another_layout_than_declared_is_refused(tmp_path: Path, layout: str) -> None:
-    path = model_of(tmp_path, layout, [CRACK, LARGE])
+    path = save_layout_model(tmp_path, layout, [CRACK, LARGE])
     for other in OutputLayout:
-        if other == layout or (layout, other) in SAME:
-            assert OnnxDetector(path, declared(other)).detect(IMAGE)
+        if other == layout or (layout, other) in COMPATIBLE:
+            assert OnnxDetector(path, make_model_card(other)).detect(IMAGE)
             continue
         with pytest.raises(ModelError, match=rf"fixed.onnx: .*fit layout .*{layout}.*; correct output.layout"):
-            OnnxDetector(path, declared(other))
+            OnnxDetector(path, make_model_card(other))
 
 
 def test_outputs_are_told_apart_by_name_then_shape_then_card(tmp_path: Path) -> None:
     # Three classes and no object: logits as wide as boxes.
-    given = answers("rfdetr", [CRACK])
+    given = make_outputs("rfdetr", [CRACK])
     boxes, logits = given["dets"], np.concatenate([given["labels"][..., :2], given["labels"][..., 2:] - 12.0], axis=2)
     logits = np.concatenate([logits, logits[..., 2:]], axis=2)
     names = ["crack", "car", "spalling"]
     named = save_model(tmp_path / "named.onnx", {"labels": logits, "dets": boxes})
-    assert OnnxDetector(named, declared("rfdetr", class_names=names)).detect(IMAGE)[0].class_name == "crack"
+    assert OnnxDetector(named, make_model_card("rfdetr", class_names=names)).detect(IMAGE)[0].class_name == "crack"
     unnamed = save_model(tmp_path / "unnamed.onnx", {"first": logits, "second": boxes})
     with pytest.raises(
         ModelError, match=r"could be boxes and logits in 2 ways; state which is which in the card: output.names"
     ):
-        OnnxDetector(unnamed, declared("rfdetr", class_names=names))
-    said = declared("rfdetr", class_names=names, output={"layout": "rfdetr", "names": ["second", "first"]})
+        OnnxDetector(unnamed, make_model_card("rfdetr", class_names=names))
+    said = make_model_card("rfdetr", class_names=names, output={"layout": "rfdetr", "names": ["second", "first"]})
     assert OnnxDetector(unnamed, said).detect(IMAGE)[0].class_name == "crack"
     by_shape = save_model(tmp_path / "shape.onnx", {"first": given["labels"], "second": boxes})
-    assert OnnxDetector(by_shape, declared("rfdetr")).detect(IMAGE)[0].class_name == "crack"
+    assert OnnxDetector(by_shape, make_model_card("rfdetr")).detect(IMAGE)[0].class_name == "crack"
 
 
 @pytest.mark.parametrize(
@@ -189,46 +200,46 @@ def test_outputs_are_told_apart_by_name_then_shape_then_card(tmp_path: Path) -> 
     ],
 )  # fmt: skip
 def test_names_of_outputs_that_cannot_be_right(tmp_path: Path, names: list[str], message: str) -> None:
-    path = model_of(tmp_path, "rfdetr", [CRACK])
+    path = save_layout_model(tmp_path, "rfdetr", [CRACK])
     with pytest.raises(ModelError, match=message):
-        OnnxDetector(path, declared("rfdetr", output={"layout": "rfdetr", "names": names}))
+        OnnxDetector(path, make_model_card("rfdetr", output={"layout": "rfdetr", "names": names}))
 
 
 def test_two_ways_of_naming_are_refused() -> None:
     with pytest.raises(ValueError, match="keep one of them"):
-        declared("rfdetr", output={"layout": "rfdetr", "name": "dets", "names": ["dets", "labels"]})
+        make_model_card("rfdetr", output={"layout": "rfdetr", "name": "dets", "names": ["dets", "labels"]})
 
 
 def test_probabilities_in_place_of_logits_and_pixels_in_place_of_shares(tmp_path: Path) -> None:
-    given = answers("rtdetr", [CRACK])
+    given = make_outputs("rtdetr", [CRACK])
     sure = {**given, "logits": 1 / (1 + np.exp(-given["logits"]))}
     with pytest.raises(ModelError, match="they are probabilities already; export the model without its sigmoid"):
-        OnnxDetector(save_model(tmp_path / "sure.onnx", sure), declared("rtdetr"))
+        OnnxDetector(save_model(tmp_path / "sure.onnx", sure), make_model_card("rtdetr"))
     pixels = {**given, "pred_boxes": given["pred_boxes"] * [WIDTH, HEIGHT, WIDTH, HEIGHT]}
     with pytest.raises(ModelError, match=r"reach \d+ times the input's size .*they are not normalised to 0..1"):
-        OnnxDetector(save_model(tmp_path / "pixels.onnx", pixels), declared("rtdetr"))
+        OnnxDetector(save_model(tmp_path / "pixels.onnx", pixels), make_model_card("rtdetr"))
 
 
 def test_a_wrong_number_of_class_names_says_the_right_one(tmp_path: Path) -> None:
-    path = model_of(tmp_path, "yolov8_seg", [CRACK])
+    path = save_layout_model(tmp_path, "yolov8_seg", [CRACK])
     with pytest.raises(
         ModelError, match=r"candidates \(1, 7\+k, N\) and prototypes \(1, k, h, w\); with 2 class_names"
     ):
-        OnnxDetector(path, declared("yolov8_seg", class_names=["crack", "spalling", "moisture"]))
+        OnnxDetector(path, make_model_card("yolov8_seg", class_names=["crack", "spalling", "moisture"]))
 
 
 def test_every_class_of_a_query_counts(tmp_path: Path) -> None:
-    both = answers("rtdetr", [CRACK, (10, 30.0, 20.0, 12.0, 8.0, 0.4, 1)])
-    found = OnnxDetector(save_model(tmp_path / "both.onnx", both), declared("rtdetr")).detect(IMAGE)
+    both = make_outputs("rtdetr", [CRACK, (10, 30.0, 20.0, 12.0, 8.0, 0.4, 1)])
+    found = OnnxDetector(save_model(tmp_path / "both.onnx", both), make_model_card("rtdetr")).detect(IMAGE)
     assert [(one.class_name, round(one.score, 5)) for one in found] == [("crack", 0.75), ("car", 0.4)]
 
 
 @pytest.mark.parametrize("layout", ["map", "map_logits"])
 def test_what_hangs_together_in_a_map_is_one_box_with_its_mask(tmp_path: Path, layout: str) -> None:
     again = (0, 62.0, 8.0, 4.0, 8.0, 0.8, 0)
-    content = card(layout)
+    content = make_card(layout)
     content["input"]["resize"] = "stretch"
-    path = model_of(tmp_path, layout, [CRACK, LARGE, again])
+    path = save_layout_model(tmp_path, layout, [CRACK, LARGE, again])
     small, crack, car = OnnxDetector(path, ModelCard.model_validate(content)).detect(np.zeros((640, 192, 3), np.uint8))
     # Two photograph pixels across and ten down for each of the input.
     sides = [(b.box.x_px, b.box.y_px, b.box.width_px, b.box.height_px) for b in (small, crack, car)]
@@ -253,7 +264,7 @@ def test_a_background_is_no_finding_and_makes_a_softmax(tmp_path: Path) -> None:
     maps[0, 0, 8:] = 5.0
     path = save_model(tmp_path / "map.onnx", maps)
     names = ["Background", "crack", "spalling"]
-    (found,) = OnnxDetector(path, declared("map_logits", class_names=names)).detect(IMAGE)
+    (found,) = OnnxDetector(path, make_model_card("map_logits", class_names=names)).detect(IMAGE)
     assert (found.class_name, found.score) == ("crack", pytest.approx(0.75, rel=0, abs=1e-5))
     box = found.box
     assert (box.x_px, box.y_px, box.width_px, box.height_px) == (16, 16, 32, 16)
@@ -264,16 +275,20 @@ def test_numbers_that_are_none_are_refused_at_load_and_told_later(
 ) -> None:
     for layout in OutputLayout:
         path = tmp_path / "fixed.onnx"
-        given = answer(layout, [CRACK]) if layout in ("yolox", "yolov5", "yolov8", "nms6") else answers(layout, [CRACK])
+        given = (
+            make_output(layout, [CRACK])
+            if layout in ("yolox", "yolov5", "yolov8", "nms6")
+            else make_outputs(layout, [CRACK])
+        )
         if layout != "rtdetr_triple":
             outputs = given if isinstance(given, dict) else {"output": given}
             path = save_model(path, {name: np.full_like(values, np.nan) for name, values in outputs.items()})
             with pytest.raises(
                 ModelError, match=r"\d+ values of the outputs for a probe image are not numbers \(NaN\)"
             ):
-                OnnxDetector(path, declared(layout))
+                OnnxDetector(path, make_model_card(layout))
     # The root of 200 less the mean: none where an image is brighter than the noise of the probe.
-    model = onnx.load(save_model(path, answer("yolov8", [CRACK])))
+    model = onnx.load(save_model(path, make_output("yolov8", [CRACK])))
     del model.graph.node[0]
     for node in reversed(
         [
@@ -285,7 +300,7 @@ def test_numbers_that_are_none_are_refused_at_load_and_told_later(
         model.graph.node.insert(0, node)
     model.graph.initializer.append(helper.make_tensor("limit", TensorProto.FLOAT, [], [200.0]))
     onnx.save(model, path)
-    detector = OnnxDetector(path, declared("yolov8"))
+    detector = OnnxDetector(path, make_model_card("yolov8"))
     assert detector.detect(IMAGE)
     caplog.clear()
     assert detector.detect(np.full((HEIGHT, WIDTH, 3), 255, dtype=np.uint8)) == ()
@@ -297,7 +312,7 @@ def test_numbers_that_are_none_are_refused_at_load_and_told_later(
 )
 def test_numbers_of_a_card_are_finite(changes: dict) -> None:
     with pytest.raises(ValueError, match="finite number"):
-        declared("yolov8", **changes)
+        make_model_card("yolov8", **changes)
 
 
 def test_a_short_list_is_drafted_as_a_list(tmp_path: Path) -> None:

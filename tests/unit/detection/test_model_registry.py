@@ -18,13 +18,13 @@ from facadelake.detection.model_registry import (
     read_promotions,
 )
 from facadelake.registry import Building, OnnxDetectorSetting
-from tests.unit.detection.onnx_models import card, save_model
+from tests.unit.detection.onnx_models import make_card, save_model
 
 
-def _model(folder: Path, name: str, number: float) -> Path:
+def save_registry_model(folder: Path, name: str, number: float) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     path = save_model(folder / f"{name}.onnx", np.full((1, 6, 4), number))
-    path.with_suffix(".card.yaml").write_text(yaml.safe_dump({**card("yolov8"), "name": name}))
+    path.with_suffix(".card.yaml").write_text(yaml.safe_dump({**make_card("yolov8"), "name": name}))
     return path
 
 
@@ -32,9 +32,9 @@ def test_shipped_model_is_the_default_until_another_is_promoted(tmp_path: Path) 
     shelf = tmp_path / "shelf"
     with pytest.raises(ModelError, match=r"default detector .*facadelake-nano.onnx does not exist; restore it"):
         find_default_model(shelf)
-    shipped = _model(shelf, SHIPPED_MODEL.removesuffix(".onnx"), 0.1)
+    shipped = save_registry_model(shelf, SHIPPED_MODEL.removesuffix(".onnx"), 0.1)
     assert find_default_model(shelf) == shipped
-    new = _model(tmp_path, "second try", 0.2)
+    new = save_registry_model(tmp_path, "second try", 0.2)
     given = {"by": "A. Mason", "why": "fewer joints", "evidence": "7 of 7", "folder": shelf}
     done = add_promotion(new, replaces=hash_file(shipped), **given)
     held = find_default_model(shelf)
@@ -46,7 +46,11 @@ def test_shipped_model_is_the_default_until_another_is_promoted(tmp_path: Path) 
 
 
 def test_again_changes_nothing_and_back_is_one_more_entry(tmp_path: Path) -> None:
-    shelf, old, new = tmp_path / "shelf", _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
+    shelf, old, new = (
+        tmp_path / "shelf",
+        save_registry_model(tmp_path, "old", 0.1),
+        save_registry_model(tmp_path, "new", 0.2),
+    )
     given = {"by": "A. Mason", "why": "a trial", "evidence": "", "folder": shelf}
     first = add_promotion(old, replaces=None, **given)
     add_promotion(new, replaces=first.sha256, **given)
@@ -58,7 +62,7 @@ def test_again_changes_nothing_and_back_is_one_more_entry(tmp_path: Path) -> Non
 
 def test_changed_model_and_damaged_list_are_refused(tmp_path: Path) -> None:
     shelf = tmp_path / "shelf"
-    add_promotion(_model(tmp_path, "new", 0.2), by="A", why="b", evidence="", replaces=None, folder=shelf)
+    add_promotion(save_registry_model(tmp_path, "new", 0.2), by="A", why="b", evidence="", replaces=None, folder=shelf)
     find_default_model(shelf).write_bytes(b"other")
     with pytest.raises(ModelError, match=r"was changed after A promoted it .* restore it, or promote it again"):
         find_default_model(shelf)
@@ -76,7 +80,9 @@ def test_model_without_card_leaves_the_default(tmp_path: Path) -> None:
 
 def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     shelf = tmp_path / "shelf"
-    shipped, second, third = (_model(tmp_path, name, 0.1 * i) for i, name in enumerate(("first", "second", "third")))
+    shipped, second, third = (
+        save_registry_model(tmp_path, name, 0.1 * i) for i, name in enumerate(("first", "second", "third"))
+    )
     given = {"by": "A. Mason", "why": "a trial", "evidence": "", "folder": shelf}
     add_promotion(second, replaces=hash_file(shipped), **given)
     with pytest.raises(ModelError, match=rf"but the default is {hash_file(second)[:12]} since A. Mason promoted it"):
@@ -85,7 +91,7 @@ def test_another_promotion_meanwhile_is_not_replaced(tmp_path: Path) -> None:
 
 
 def test_a_run_keeps_the_default_it_began_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    old, new = _model(tmp_path, "old", 0.1), _model(tmp_path, "new", 0.2)
+    old, new = save_registry_model(tmp_path, "old", 0.1), save_registry_model(tmp_path, "new", 0.2)
     given = {"id": "a", "name": "A", "model": "a.ifc", "photographs": "{campaign}"}
     monkeypatch.setattr("facadelake.detection.configured_detector.find_default_model", lambda: old)
     begun = resolve_default_model(Building.model_validate(given))

@@ -22,7 +22,7 @@ from facadelake.reporting.cards.patch_view import PatchView, rectify_patch
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
 from facadelake.reporting.elevations.elevation import find_drawn_facades, map_defects_to_model
-from facadelake.reporting.elevations.marks import DefectMark, compute_surface_axes, create_marks
+from facadelake.reporting.elevations.marks import DefectMark, axes_from_normal, create_marks
 from facadelake.reporting.elevations.overview import draw_defect_location, locate_on_facade, render_model_overview
 from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import Inspection, PictureSettings
@@ -124,7 +124,7 @@ def test_a_patch_of_its_own_is_the_outline(painted: Painted) -> None:
 
 @pytest.mark.parametrize("normal", [(0, -1, 0), (1, 0, 0), (0.3, 0.4, 0.5), (0, 0, 1), (0, 0, -1)])
 def test_surface_axes_are_right_handed(normal: tuple[float, ...]) -> None:
-    axes = compute_surface_axes(np.array(normal))
+    axes = axes_from_normal(np.array(normal))
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(axes), 1.0, rtol=0, atol=1e-12)
     assert axes[0, 2] == pytest.approx(0.0, abs=1e-12)  # right is level

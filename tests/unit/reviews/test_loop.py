@@ -22,7 +22,7 @@ from facadelake.registry import Portfolio, read_portfolio
 from facadelake.reviews.campaign import export_task, import_reviews, read_reviewed_campaign
 from facadelake.reviews.training.collect import make_training_set
 from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat
-from tests.unit.detection.onnx_models import card, save_model
+from tests.unit.detection.onnx_models import make_card, save_model
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit
 
 HERE = f"{BUILDING}/{CAMPAIGN}"
@@ -62,7 +62,7 @@ def model(folder: Path, name: str, centre_and_size: tuple[float, float, float, f
     answer[0, :4, 0], answer[0, 4, 0] = centre_and_size, 0.9
     answer[0, :4, 1] = (700.0, 500.0, 90.0, 90.0)  # of no score: a model that fills its input
     path = save_model(folder / f"{name}.onnx", answer, shape=(1, 3, 600, 800))
-    content = card("yolov8")
+    content = make_card("yolov8")
     content |= {"name": name, "input": {**content["input"], "width_px": 800, "height_px": 600}}
     content["metrics"] = {"evaluations": [{"model_sha256": hash_file(path), "data": "held-out walls", "ap50": 0.5}]}
     path.with_suffix(".card.yaml").write_text(yaml.safe_dump(content))

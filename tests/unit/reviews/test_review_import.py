@@ -55,7 +55,7 @@ def save(path: Path, content: dict[str, Any]) -> Path:
 
 @pytest.fixture
 def corrected(tmp_path: Path) -> Path:
-    """The first box left, the second made moisture and widened, the third deleted, one drawn; p1 not looked at."""
+    """The first box left, the second made moisture and widened, the third deleted, one drawn; p1 not reviewed."""
     content = exported()
     entries = content["annotations"]
     second = next(entry for entry in entries if entry["bbox"][0] == 400.0)
@@ -68,10 +68,10 @@ def corrected(tmp_path: Path) -> Path:
 
 
 def test_kept_moved_deleted_and_drawn_boxes(corrected: Path) -> None:
-    words = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
-    assert words.remarks == ()
-    by_verdict = {word.verdict: word for word in words.reviews}
-    assert len(by_verdict) == len(words.reviews) == 4
+    parsed = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
+    assert parsed.remarks == ()
+    by_verdict = {review.verdict: review for review in parsed.reviews}
+    assert len(by_verdict) == len(parsed.reviews) == 4
     assert (by_verdict[Verdict.CONFIRMED].box, by_verdict[Verdict.CONFIRMED].defect_class) == (box(100, 100), CRACK)
     changed = by_verdict[Verdict.CORRECTED]
     assert (changed.box, changed.defect_class) == (box(390, 95, 130, 60), MOISTURE)
@@ -80,12 +80,12 @@ def test_kept_moved_deleted_and_drawn_boxes(corrected: Path) -> None:
     assert (gone.box, gone.defect_class, gone.reviewed_box, gone.reviewed_class) == (None, None, box(100, 500), CRACK)
     new = by_verdict[Verdict.MISSED]
     assert (new.box, new.defect_class, new.reviewed_box, new.detection_id) == (box(900, 900, 50, 20), CRACK, None, None)
-    assert {word.photo_id for word in words.reviews} == {"p0.jpg"}
+    assert {review.photo_id for review in parsed.reviews} == {"p0.jpg"}
 
 
 def test_without_the_task_a_missing_box_says_nothing(corrected: Path) -> None:
-    words = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=False)
-    assert Counter(word.verdict for word in words.reviews) == {
+    parsed = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=False)
+    assert Counter(review.verdict for review in parsed.reviews) == {
         Verdict.CONFIRMED: 1, Verdict.CORRECTED: 1, Verdict.MISSED: 1,
     }  # fmt: skip
 
@@ -95,11 +95,11 @@ def test_attribute_that_came_back_decides_where_boxes_do_not(tmp_path: Path) -> 
     one = next(entry for entry in content["annotations"] if entry["bbox"][1] == 500.0)
     one["bbox"] = [1000.0, 500.0, 100.0, 40.0]  # dragged far away
     kept = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
-    assert Counter(word.verdict for word in kept.reviews) == {Verdict.CONFIRMED: 3, Verdict.CORRECTED: 1}
+    assert Counter(review.verdict for review in kept.reviews) == {Verdict.CONFIRMED: 3, Verdict.CORRECTED: 1}
     bare = read_coco_reviews(
         save(tmp_path / "b.json", as_cvat(content)), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True
     )
-    assert Counter(word.verdict for word in bare.reviews) == {
+    assert Counter(review.verdict for review in bare.reviews) == {
         Verdict.CONFIRMED: 3, Verdict.REJECTED: 1, Verdict.MISSED: 1,
     }  # fmt: skip
 
@@ -108,21 +108,23 @@ def test_mask_drawn_into_a_box_is_a_correction_and_comes_back_as_it_was(tmp_path
     content = exported()
     one = next(entry for entry in content["annotations"] if entry["bbox"][0] == 50.0)
     one["segmentation"] = [[50.0, 50.0, 350.0, 50.0, 50.0, 350.0]]
-    words = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
-    (changed,) = [word for word in words.reviews if word.verdict is Verdict.CORRECTED]
+    parsed = read_coco_reviews(
+        save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True
+    )
+    (changed,) = [review for review in parsed.reviews if review.verdict is Verdict.CORRECTED]
     assert changed.mask is not None
     assert changed.mask.startswith("POLYGON")
-    shown = list_review_items(match_reviews(words.reviews, seen(*FOUND)), {})
+    shown = list_review_items(match_reviews(parsed.reviews, seen(*FOUND)), {})
     again = ReviewTask(
         building_id="tower", campaign_id="2026-04", run_id="run-1", photographs=tuple(SIZES), items=shown
     )
     path = save(tmp_path / "b.json", build_coco_task(again, SIZES, photographs_uri="photos"))
     assert read_task(path).items == shown
     same = read_coco_reviews(path, shown, SIZES, NAMES, PROVENANCE, deletions_count=True)
-    assert {word.verdict for word in same.reviews} == {Verdict.CONFIRMED}
+    assert {review.verdict for review in same.reviews} == {Verdict.CONFIRMED}
 
 
-def test_mask_whose_rings_cross_stops_neither_words_nor_tiles(tmp_path: Path) -> None:
+def test_mask_whose_rings_cross_stops_neither_reviews_nor_tiles(tmp_path: Path) -> None:
     """Masks are kept to a hundredth of a pixel, which can make thin ones cross themselves."""
     crossing = "POLYGON ((50 50, 350 350, 350 50, 50 350, 50 50))"
     found = tuple(replace(one, mask=crossing) if one.photo_id == "p1.jpg" else one for one in seen(*FOUND))
@@ -131,10 +133,10 @@ def test_mask_whose_rings_cross_stops_neither_words_nor_tiles(tmp_path: Path) ->
         building_id="tower", campaign_id="2026-04", run_id="run-1", photographs=tuple(SIZES), items=shown
     )
     path = save(tmp_path / "a.json", build_coco_task(given, SIZES, photographs_uri="photos"))
-    words = read_coco_reviews(path, shown, SIZES, NAMES, PROVENANCE, deletions_count=True)
-    assert {word.verdict for word in words.reviews} == {Verdict.CONFIRMED}
+    parsed = read_coco_reviews(path, shown, SIZES, NAMES, PROVENANCE, deletions_count=True)
+    assert {review.verdict for review in parsed.reviews} == {Verdict.CONFIRMED}
     (material,) = (
-        one for one in collect_reviewed_photographs(match_reviews(words.reviews, found)) if one.photo_id == "p1.jpg"
+        one for one in collect_reviewed_photographs(match_reviews(parsed.reviews, found)) if one.photo_id == "p1.jpg"
     )
     (tile,) = place_tiles(material, image_width_px=1600, image_height_px=1200, side_px=512)
     assert tile.defects[0].mask is not None
@@ -151,11 +153,13 @@ def test_what_cannot_be_used_is_a_remark_and_the_rest_counts(tmp_path: Path) -> 
         {"id": 93, "image_id": 7, "category_id": 1, "bbox": [1, 1, 5, 5]},
     ]
     content["annotations"] += bad
-    words = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
-    assert Counter(word.verdict for word in words.reviews) == {Verdict.CONFIRMED: 4}
+    parsed = read_coco_reviews(
+        save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True
+    )
+    assert Counter(review.verdict for review in parsed.reviews) == {Verdict.CONFIRMED: 4}
     wanted = ("graffiti", "must be [x, y, width, height]", "outside the photograph", "none of the campaign's")
-    assert len(words.remarks) == 4
-    for remark, part in zip(words.remarks, wanted, strict=True):
+    assert len(parsed.remarks) == 4
+    for remark, part in zip(parsed.remarks, wanted, strict=True):
         assert part in remark
 
 
@@ -166,16 +170,16 @@ def test_file_of_another_campaign_is_refused(tmp_path: Path, corrected: Path) ->
         read_task(corrected)
 
 
-def test_photograph_of_another_size_was_not_looked_at(tmp_path: Path) -> None:
+def test_photograph_of_another_size_was_not_reviewed(tmp_path: Path) -> None:
     content = exported()
     content["images"][0] |= {"width": 800, "height": 600}
     for entry in content["annotations"]:
         if entry["image_id"] == 1:
             entry["bbox"] = [value / 2 for value in entry["bbox"]]
     path = save(tmp_path / "a.json", as_cvat(content))
-    words = read_coco_reviews(path, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
-    assert [word.photo_id for word in words.reviews] == ["p1.jpg"]
-    (remark,) = words.remarks
+    parsed = read_coco_reviews(path, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
+    assert [review.photo_id for review in parsed.reviews] == ["p1.jpg"]
+    (remark,) = parsed.remarks
     assert "p0.jpg is 800 x 600 px in the file, but the photograph is 1600 x 1200 px" in remark
     content["images"].pop()
     with pytest.raises(InputDataError, match=r"in its size \(p0\.jpg is 800 x 600 px in the file"):
@@ -188,8 +192,8 @@ def test_rejected_place_drawn_again_is_confirmed_and_left_away_stays(tmp_path: P
     content = exported()
     content["annotations"] = content["annotations"][:1]
     path = save(tmp_path / "a.json", as_cvat(content))
-    (word,) = read_coco_reviews(path, places, SIZES, NAMES, PROVENANCE, deletions_count=True).reviews
-    assert (word.subject, word.verdict, word.box) == (SHOWN[0].subject, Verdict.CONFIRMED, SHOWN[0].box)
+    (review,) = read_coco_reviews(path, places, SIZES, NAMES, PROVENANCE, deletions_count=True).reviews
+    assert (review.subject, review.verdict, review.box) == (SHOWN[0].subject, Verdict.CONFIRMED, SHOWN[0].box)
 
 
 def test_filled_in_table(tmp_path: Path) -> None:
@@ -214,18 +218,18 @@ def test_filled_in_table(tmp_path: Path) -> None:
     rest.append(["", "run-0", "D3", *[""] * 14, "confirmed", "", ""])
     file = tmp_path / "filled.csv"
     file.write_text("\n".join(";".join(cells) for cells in [head, *rest]), encoding="utf-8-sig")  # Excel, Europe
-    words = read_csv_reviews(file, SHOWN, SIZES, NAMES, PROVENANCE)
-    assert {(word.defect_id, word.verdict, word.defect_class) for word in words.reviews} == {
+    parsed = read_csv_reviews(file, SHOWN, SIZES, NAMES, PROVENANCE)
+    assert {(review.defect_id, review.verdict, review.defect_class) for review in parsed.reviews} == {
         ("D0", Verdict.CONFIRMED, CRACK),
         ("D1", Verdict.CORRECTED, MOISTURE),
         ("D2", Verdict.REJECTED, None),
         (None, Verdict.MISSED, CRACK),
     }
-    assert [word.note for word in words.reviews if word.defect_id == "D1"] == ["see card"]
-    assert [remark.split(":")[0] for remark in words.remarks] == ["line 7", "line 8", "line 9"]
-    assert "there is no defect 'D9'" in words.remarks[0]
-    assert "use confirmed, rejected, corrected, missed" in words.remarks[1]
-    assert "it reviews the run run-0" in words.remarks[2]
+    assert [review.note for review in parsed.reviews if review.defect_id == "D1"] == ["see card"]
+    assert [remark.split(":")[0] for remark in parsed.remarks] == ["line 7", "line 8", "line 9"]
+    assert "there is no defect 'D9'" in parsed.remarks[0]
+    assert "use confirmed, rejected, corrected, missed" in parsed.remarks[1]
+    assert "it reviews the run run-0" in parsed.remarks[2]
     with pytest.raises(InputDataError, match="holds a task already"):
         write_task(tmp_path / "task", exported(), text, [])
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
@@ -233,16 +237,16 @@ def test_filled_in_table(tmp_path: Path) -> None:
         read_csv_reviews(tmp_path / "other.csv", SHOWN, SIZES, NAMES, PROVENANCE)
 
 
-def test_word_on_a_defect_leaves_its_rejected_sightings_unless_all_are(tmp_path: Path) -> None:
+def test_review_of_a_defect_leaves_its_rejected_observations_unless_all_are(tmp_path: Path) -> None:
     found = (("p0.jpg", "crack", box(100, 100)), ("p1.jpg", "crack", box(100, 100)))
     first, second = list_review_items(match_reviews((), seen(*found)), {"p0.jpg#1": "D1", "p1.jpg#2": "D1"})
     (tmp_path / "a.csv").write_text("defect_id,verdict\nD1,confirmed\n")
 
     def confirmed(*rejected: ReviewItem) -> list[str]:
-        words = [create_review(place, Verdict.REJECTED, PROVENANCE) for place in rejected]
-        places = list_review_items(match_reviews(words, seen(*found)), {"p0.jpg#1": "D1", "p1.jpg#2": "D1"})
+        parsed = [create_review(place, Verdict.REJECTED, PROVENANCE) for place in rejected]
+        places = list_review_items(match_reviews(parsed, seen(*found)), {"p0.jpg#1": "D1", "p1.jpg#2": "D1"})
         return [
-            word.photo_id for word in read_csv_reviews(tmp_path / "a.csv", places, SIZES, NAMES, PROVENANCE).reviews
+            review.photo_id for review in read_csv_reviews(tmp_path / "a.csv", places, SIZES, NAMES, PROVENANCE).reviews
         ]
 
     assert confirmed() == ["p0.jpg", "p1.jpg"]
@@ -265,9 +269,9 @@ def test_missed_defect_that_is_confirmed_stays_missed_and_can_be_taken_back(tmp_
     assert create_review(rejected, Verdict.CONFIRMED, PROVENANCE).box == box(9, 9, 50, 20)
 
 
-def test_words_survive_the_table(corrected: Path) -> None:
-    words = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True).reviews
-    table = table_from_reviews(words, building_id="tower", campaign_id="2026-04")
-    assert sorted(reviews_from_table(table), key=lambda word: word.subject) == sorted(
-        words, key=lambda word: word.subject
+def test_reviews_survive_the_table(corrected: Path) -> None:
+    parsed = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True).reviews
+    table = table_from_reviews(parsed, building_id="tower", campaign_id="2026-04")
+    assert sorted(reviews_from_table(table), key=lambda review: review.subject) == sorted(
+        parsed, key=lambda review: review.subject
     )

@@ -10,18 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facadelake.detection.tiling.plan import OVERLAP_RATIO, TilePass, plan_tile_passes
-from tests.unit.detection.blobs import card
+from tests.unit.detection.blobs import make_blob_card
 
 
-def looks(
+def plan_passes(
     width: int = 8000, height: int = 6000, *, wants_mm: tuple[float, ...] = (), gsd_mm: float | None = None
 ) -> tuple[TilePass, ...]:
-    return plan_tile_passes(card(416, wants_mm).input, width_px=width, height_px=height, gsd_mm=gsd_mm)
+    return plan_tile_passes(make_blob_card(416, wants_mm).input, width_px=width, height_px=height, gsd_mm=gsd_mm)
 
 
 @given(st.integers(840, 9000), st.integers(300, 7000))
 def test_native_tiles_cover_the_photograph_overlap_and_stay_inside(width: int, height: int) -> None:
-    fine, whole = looks(width, height)
+    fine, whole = plan_passes(width, height)
     assert fine.gain == 1.0
     assert [(t.left, t.top, t.right, t.bottom) for t in whole.tiles] == [(0, 0, width, height)]
     for low, high, limit in (("left", "right", width), ("top", "bottom", height)):
@@ -45,7 +45,7 @@ def test_native_tiles_cover_the_photograph_overlap_and_stay_inside(width: int, h
     ],
 )
 def test_scales_follow_the_facade(wants_mm: tuple[float, ...], gsd_mm: float | None, gains: list[float]) -> None:
-    found = looks(wants_mm=wants_mm, gsd_mm=gsd_mm)
+    found = plan_passes(wants_mm=wants_mm, gsd_mm=gsd_mm)
     assert [look.gain for look in found] == pytest.approx(gains, rel=0, abs=1e-9)
     for look in found[:1]:
         tile = look.tiles[0]
@@ -54,7 +54,7 @@ def test_scales_follow_the_facade(wants_mm: tuple[float, ...], gsd_mm: float | N
 
 @pytest.mark.parametrize("size", [(832, 832), (416, 300), (100, 60)])
 def test_up_to_two_inputs_a_photograph_is_looked_at_whole(size: tuple[int, int]) -> None:
-    (whole,) = looks(*size, wants_mm=(1.0,), gsd_mm=1.0)
+    (whole,) = plan_passes(*size, wants_mm=(1.0,), gsd_mm=1.0)
     assert len(whole.tiles) == 1
     assert (whole.tiles[0].right, whole.tiles[0].bottom) == size
 
@@ -65,7 +65,9 @@ def test_every_tile_shows_the_target_and_all_of_it_is_shown(left: int, top: int,
     target = np.zeros((60, 80), dtype=bool)
     target[top : top + high, left : left + wide] = True
     target[0, 0] = True  # far from the rest: what lies between is left out
-    look = plan_tile_passes(card(416, (1.0,)).input, width_px=8000, height_px=6000, gsd_mm=1.0, target=target)[0]
+    look = plan_tile_passes(
+        make_blob_card(416, (1.0,)).input, width_px=8000, height_px=6000, gsd_mm=1.0, target=target
+    )[0]
     shown = np.zeros((6000, 8000), dtype=bool)
     large = np.kron(target, np.ones((100, 100), dtype=bool))
     for tile in look.tiles:
@@ -77,4 +79,4 @@ def test_every_tile_shows_the_target_and_all_of_it_is_shown(left: int, top: int,
 
 def test_no_target_is_no_look() -> None:
     target = np.zeros((60, 80), dtype=bool)
-    assert plan_tile_passes(card(416).input, width_px=8000, height_px=6000, target=target) == ()
+    assert plan_tile_passes(make_blob_card(416).input, width_px=8000, height_px=6000, target=target) == ()

@@ -13,32 +13,32 @@ from facadelake.detection.tiling.tiled_detection import detect_image
 from tests.unit.detection.blobs import BlobDetector
 
 
-def wall(width: int = 1000, height: int = 700) -> UInt8Image:
+def make_wall(width: int = 1000, height: int = 700) -> UInt8Image:
     return np.full((height, width, 3), 255, dtype=np.uint8)
 
 
-def crack(image: UInt8Image, *points: tuple[int, int], thick: int = 3) -> None:
+def draw_crack(image: UInt8Image, *points: tuple[int, int], thick: int = 3) -> None:
     cv2.polylines(image, [np.array(points)], isClosed=False, color=(0, 0, 0), thickness=thick)
 
 
-def corners(found: tuple[DetectedBox, ...]) -> NDArray[np.float64]:
+def sort_corners(found: tuple[DetectedBox, ...]) -> NDArray[np.float64]:
     boxes = [(f.box.x_px, f.box.y_px, f.box.x_px + f.box.width_px, f.box.y_px + f.box.height_px) for f in found]
     return np.array(sorted(boxes), dtype=np.float64).reshape(-1, 4)
 
 
-def whole(image: UInt8Image) -> NDArray[np.float64]:
+def detect_whole(image: UInt8Image) -> NDArray[np.float64]:
     """The boxes of all blobs, found without tiles."""
     (found,) = BlobDetector().detect_batch([image])
-    return corners(found)
+    return sort_corners(found)
 
 
-def fine(image: UInt8Image, *, masks: bool = False) -> NDArray[np.float64]:
+def detect_fine(image: UInt8Image, *, masks: bool = False) -> NDArray[np.float64]:
     """The boxes of the tiles alone, without a look at the whole."""
-    return corners(detect_image(BlobDetector(masks=masks, gsd_mm=(2.0,)), image, gsd_mm=2.0))
+    return sort_corners(detect_image(BlobDetector(masks=masks, gsd_mm=(2.0,)), image, gsd_mm=2.0))
 
 
-def tiled(image: UInt8Image, *, masks: bool = False) -> NDArray[np.float64]:
-    return corners(detect_image(BlobDetector(masks=masks), image))
+def detect_tiled(image: UInt8Image, *, masks: bool = False) -> NDArray[np.float64]:
+    return sort_corners(detect_image(BlobDetector(masks=masks), image))
 
 
 @pytest.mark.parametrize("masks", [False, True])
@@ -53,65 +53,65 @@ def tiled(image: UInt8Image, *, masks: bool = False) -> NDArray[np.float64]:
     ],
 )
 def test_a_crack_through_many_tiles_is_one_box(points: list[tuple[int, int]], masks: bool) -> None:
-    image = wall()
-    crack(image, *points)
-    assert fine(image, masks=masks) == pytest.approx(whole(image), rel=0, abs=1)  # px
-    assert tiled(image, masks=masks) == pytest.approx(whole(image), rel=0, abs=1)  # px
+    image = make_wall()
+    draw_crack(image, *points)
+    assert detect_fine(image, masks=masks) == pytest.approx(detect_whole(image), rel=0, abs=1)  # px
+    assert detect_tiled(image, masks=masks) == pytest.approx(detect_whole(image), rel=0, abs=1)  # px
 
 
 @pytest.mark.parametrize("masks", [False, True])
 @pytest.mark.parametrize("apart", [40, 70, 130])
 @pytest.mark.parametrize("slope", [0.0, 0.15])
 def test_cracks_side_by_side_stay_apart(apart: int, slope: float, masks: bool) -> None:
-    image = wall()
+    image = make_wall()
     for row in range(4):
         top = 60 + row * apart
-        crack(image, (20, top), (980, round(top + slope * 960)))
-    assert fine(image, masks=masks) == pytest.approx(whole(image), rel=0, abs=1)  # px
-    assert tiled(image, masks=masks) == pytest.approx(whole(image), rel=0, abs=1)  # px
+        draw_crack(image, (20, top), (980, round(top + slope * 960)))
+    assert detect_fine(image, masks=masks) == pytest.approx(detect_whole(image), rel=0, abs=1)  # px
+    assert detect_tiled(image, masks=masks) == pytest.approx(detect_whole(image), rel=0, abs=1)  # px
 
 
 @pytest.mark.parametrize(("wide", "high"), [(60, 40), (150, 90), (300, 260), (480, 70)])
 def test_a_patch_across_tiles_is_one_box(wide: int, high: int) -> None:
     for x in range(250, 420, 37):
-        image = wall()
+        image = make_wall()
         cv2.ellipse(image, (x, 350), (wide // 2, high // 2), 0, 0, 360, (0, 0, 0), -1)
         cv2.rectangle(image, (700, 100), (700 + wide // 2, 100 + high), (0, 0, 0), -1)
-        assert fine(image) == pytest.approx(whole(image), rel=0, abs=1)  # px
+        assert detect_fine(image) == pytest.approx(detect_whole(image), rel=0, abs=1)  # px
 
 
 def test_spots_are_told_once_wherever_they_lie() -> None:
-    image = wall()
+    image = make_wall()
     for x in range(15, 1000, 61):
         for y in range(15, 700, 53):
             cv2.rectangle(image, (x, y), (x + 17, y + 12), (0, 0, 0), -1)
-    assert len(tiled(image)) == len(whole(image))
-    assert tiled(image) == pytest.approx(whole(image), rel=0, abs=1)  # px
+    assert len(detect_tiled(image)) == len(detect_whole(image))
+    assert detect_tiled(image) == pytest.approx(detect_whole(image), rel=0, abs=1)  # px
 
 
 def test_masks_of_the_parts_make_the_mask_of_the_whole() -> None:
-    image = wall()
-    crack(image, (20, 100), (980, 600), thick=5)
+    image = make_wall()
+    draw_crack(image, (20, 100), (980, 600), thick=5)
     (found,) = detect_image(BlobDetector(masks=True), image)
     assert found.mask is not None
     assert found.mask.area == pytest.approx(float((image[..., 0] < 128).sum()), rel=0, abs=1)  # px2
 
 
 def test_workers_change_nothing() -> None:
-    image = wall()
-    crack(image, (15, 12), (985, 690))
+    image = make_wall()
+    draw_crack(image, (15, 12), (985, 690))
     assert detect_image(BlobDetector(), image, workers=3) == detect_image(BlobDetector(), image)
 
 
 def test_a_small_image_is_looked_at_whole_and_once() -> None:
     detector = BlobDetector()
-    detect_image(detector, wall(320, 300))
-    assert detector.seen == [(300, 320)]
+    detect_image(detector, make_wall(320, 300))
+    assert detector.processed_sizes == [(300, 320)]
 
 
 def test_where_there_is_no_target_nothing_is_looked_at() -> None:
     detector = BlobDetector()
-    image = wall()
-    crack(image, (20, 350), (980, 350))
+    image = make_wall()
+    draw_crack(image, (20, 350), (980, 350))
     assert detect_image(detector, image, target=np.zeros((70, 100), dtype=bool)) == ()
-    assert detector.seen == []
+    assert detector.processed_sizes == []

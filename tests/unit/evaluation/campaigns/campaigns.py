@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
+from facadelake.evaluation.campaigns.comparison import compare_with_truth
+from facadelake.evaluation.campaigns.evaluate import compute_figures
+from facadelake.evaluation.campaigns.figures import CampaignFigures
 
 Array = NDArray[np.float64]
 CRS = "EPSG:25832"
@@ -25,7 +28,7 @@ OUTWARD = (0.0, -1.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sighting:
+class MadeObservation:
     """A box: which photograph, which check point it shows (None: nothing), where it was registered, in which defect."""
 
     photo: str
@@ -46,7 +49,7 @@ class Made:
     centres_true_m: Mapping[str, Array]
     centres_found_m: Mapping[str, Array]
     points_true_m: Mapping[str, Array]
-    sightings: Sequence[Sighting] = ()
+    observations: Sequence[MadeObservation] = ()
     defects_m: Mapping[str, Array] = field(default_factory=dict)
     unlocalised: Sequence[str] = ()
     covariance_m2: Mapping[str, Array] = field(default_factory=dict)  # of a camera's centre or a defect, (3, 3)
@@ -94,27 +97,27 @@ def tables(made: Made) -> dict[str, pa.Table]:
                 pose["covariance"] = whole.ravel().tolist()
         poses.append(pose)
     detections, observations = [], []
-    for i, sighting in enumerate(made.sightings):
-        detection_id = f"{sighting.photo}#{i}"
-        x, y = sighting.box_centre_px
+    for i, made_one in enumerate(made.observations):
+        detection_id = f"{made_one.photo}#{i}"
+        x, y = made_one.box_centre_px
         detections.append(
             {
-                "detection_id": detection_id, "photo_id": sighting.photo, "source_annotation": str(i),
-                "detection_outcome": sighting.detection_outcome, "defect_class": "crack", "source_class": "crack",
+                "detection_id": detection_id, "photo_id": made_one.photo, "source_annotation": str(i),
+                "detection_outcome": made_one.detection_outcome, "defect_class": "crack", "source_class": "crack",
                 "score": 1.0, "box_x_px": x - 20, "box_y_px": y - 15, "box_width_px": 40.0, "box_height_px": 30.0,
                 "detector": made.detector, "detector_sha256": "0",
             }
         )  # fmt: skip
         observation: dict[str, Any] = {
-            "detection_id": detection_id, "photo_id": sighting.photo, "observation_outcome": sighting.outcome,
+            "detection_id": detection_id, "photo_id": made_one.photo, "observation_outcome": made_one.outcome,
             "defect_class": "crack", "target_share": 1.0,
         }  # fmt: skip
-        if sighting.outcome == "registered":
-            observation |= _place(sighting.xyz_site_m)
+        if made_one.outcome == "registered":
+            observation |= _place(made_one.xyz_site_m)
             observation |= {"gsd_mm": 5.0, "incidence_deg": 10.0 + i % 5, "distance_m": 15.0 + i % 7}
-            observation |= {"element_guid": sighting.element, "defect_id": sighting.defect}
-            if sighting.covariance_m2 is not None:
-                observation["covariance_site"] = sighting.covariance_m2.ravel().tolist()
+            observation |= {"element_guid": made_one.element, "defect_id": made_one.defect}
+            if made_one.covariance_m2 is not None:
+                observation["covariance_site"] = made_one.covariance_m2.ravel().tolist()
         observations.append(observation)
     defects = [
         {
@@ -148,7 +151,7 @@ def write_truth(folder: Path, made: Made) -> Path:
     write_csv(folder / "cameras.csv", ["image", *position], [[n, *geo(xyz)] for n, xyz in made.centres_true_m.items()])
     points = [[n, *geo(xyz), "wall"] for n, xyz in made.points_true_m.items()]
     write_csv(folder / "checkpoints.csv", ["id", *position, "element_guid"], points)
-    shown = [["boxes.json", i, s.shows or "off_target"] for i, s in enumerate(made.sightings)]
+    shown = [["boxes.json", i, s.shows or "off_target"] for i, s in enumerate(made.observations)]
     write_csv(folder / "detections.csv", ["file", "annotation_id", "checkpoint_id"], shown)
     return folder
 
@@ -158,3 +161,8 @@ def write_csv(path: Path, columns: Sequence[str], rows: Sequence[Sequence[Any]])
         writer = csv.writer(stream)
         writer.writerow(columns)
         writer.writerows(rows)
+
+
+def evaluate_tables(**arguments: Any) -> CampaignFigures:
+    """The figures of a campaign's tables against a truth folder; arguments of ``compare_with_truth``."""
+    return compute_figures(compare_with_truth(**arguments))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.coco.import_detections import import_coco
-from facadelake.evaluation.campaigns.evaluate import evaluate
+from tests.unit.evaluation.campaigns.campaigns import evaluate_tables
 
 pytestmark = pytest.mark.realdata
 # Not truth's own origin: 30 m off, so that positions must come through EPSG:4979.
@@ -45,7 +45,7 @@ def test_published_cameras(shared_data: Path, boxes: str, shown: int) -> None:
              **{k: float(row[k]) for k in ("fx_px", "fy_px", "cx_px", "cy_px")}}
         )  # fmt: skip
     photo_table = table_from_rows("photos", photos)
-    figures = evaluate(
+    figures = evaluate_tables(
         photos=photo_table,
         poses=table_from_rows("poses", poses),
         detections=import_coco(castle / boxes, photo_table, class_names={}),

@@ -12,27 +12,42 @@ from scipy.stats import chi2
 from facadelake.core.errors import SchemaError
 from facadelake.evaluation.campaigns.check_points import count_check_points
 from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_50, compute_covariance_consistency
-from facadelake.evaluation.campaigns.evaluate import evaluate
 from facadelake.evaluation.campaigns.figures import CampaignFigures
 from facadelake.evaluation.campaigns.paper_table2 import PAPER_MAE, PAPER_RMSE
-from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Array, Made, Sighting, pixel, tables, write_truth
+from tests.unit.evaluation.campaigns.campaigns import (
+    CRS,
+    ORIGIN,
+    Array,
+    Made,
+    MadeObservation,
+    evaluate_tables,
+    pixel,
+    tables,
+    write_truth,
+)
 
 CAMERA = np.array([0.0, -15.0, 3.0])
 
 
 def figures_of(made: Made, folder: Path) -> CampaignFigures:
-    return evaluate(**tables(made), truth=write_truth(folder / "truth", made), origin=ORIGIN, map_crs=CRS)
+    return evaluate_tables(**tables(made), truth=write_truth(folder / "truth", made), origin=ORIGIN, map_crs=CRS)
 
 
-def sighting(shows: str | None, xyz: Array, defect: str, box_at: Array | None = None, **more: object) -> Sighting:
+def make_observation(
+    shows: str | None, xyz: Array, defect: str, box_at: Array | None = None, **more: object
+) -> MadeObservation:
     box = pixel(CAMERA, xyz if box_at is None else box_at)
-    return Sighting(photo="a.jpg", shows=shows, xyz_site_m=xyz, box_centre_px=box, defect=defect, **more)  # type: ignore[arg-type]
+    return MadeObservation(photo="a.jpg", shows=shows, xyz_site_m=xyz, box_centre_px=box, defect=defect, **more)  # type: ignore[arg-type]
 
 
-def made_of(points: dict[str, Array], sightings: list[Sighting], defects: dict[str, Array]) -> Made:
+def made_of(points: dict[str, Array], made_observations: list[MadeObservation], defects: dict[str, Array]) -> Made:
     centres = {"a.jpg": CAMERA}
     return Made(
-        centres_true_m=centres, centres_found_m=centres, points_true_m=points, sightings=sightings, defects_m=defects
+        centres_true_m=centres,
+        centres_found_m=centres,
+        points_true_m=points,
+        observations=made_observations,
+        defects_m=defects,
     )
 
 
@@ -43,10 +58,11 @@ def test_two_known_errors_by_hand(tmp_path: Path) -> None:
     """
     points = {"C1": np.array([0.0, 0.0, 2.0]), "C2": np.array([4.0, 0.0, 5.0])}
     errors = {"C1": np.array([0.03, 0.0, 0.0]), "C2": np.array([0.0, 0.0, 0.04])}
-    sightings = [
-        sighting(name, points[name] + errors[name], f"D{name}", covariance_m2=np.eye(3) * 0.01**2) for name in points
+    made_observations = [
+        make_observation(name, points[name] + errors[name], f"D{name}", covariance_m2=np.eye(3) * 0.01**2)
+        for name in points
     ]
-    made = made_of(points, sightings, {f"D{name}": points[name] + errors[name] for name in points})
+    made = made_of(points, made_observations, {f"D{name}": points[name] + errors[name] for name in points})
     made = replace(made, covariance_m2={f"D{name}": np.eye(3) * 0.02**2 for name in points})
     figures = figures_of(made, tmp_path)
     single, merged = figures.consistency_observations, figures.consistency_defects
@@ -88,17 +104,17 @@ def test_missed_doubled_false_and_neighbours(tmp_path: Path) -> None:
         "C1": np.array([0.0, 0.0, 2.0]), "C2": np.array([3.0, 0.0, 2.0]), "C3": np.array([3.2, 0.0, 2.0]),
         "C4": np.array([-3.0, 0.0, 2.0]), "C5": np.array([6.0, 0.0, 2.0]), "C6": np.array([-0.3, 0.0, 2.0]),
     }  # fmt: skip
-    sightings = [
-        sighting("C1", points["C1"], "D1"),
-        sighting("C1", points["C1"], "D2"),
-        sighting("C6", points["C6"], "D6"),
-        sighting("C2", points["C2"], "D3"),
-        sighting("C3", points["C3"], "D3"),
-        replace(sighting("C4", points["C4"], "D4"), outcome="off_target", defect=None),
-        sighting(None, np.array([8.0, 0.0, 5.0]), "D5"),
+    made_observations = [
+        make_observation("C1", points["C1"], "D1"),
+        make_observation("C1", points["C1"], "D2"),
+        make_observation("C6", points["C6"], "D6"),
+        make_observation("C2", points["C2"], "D3"),
+        make_observation("C3", points["C3"], "D3"),
+        replace(make_observation("C4", points["C4"], "D4"), outcome="off_target", defect=None),
+        make_observation(None, np.array([8.0, 0.0, 5.0]), "D5"),
     ]
     defects = dict.fromkeys(("D1", "D2", "D3", "D5", "D6"), points["C1"])
-    found = figures_of(made_of(points, sightings, defects), tmp_path).check_points
+    found = figures_of(made_of(points, made_observations, defects), tmp_path).check_points
     assert (found.total, found.detected, found.duplicated, found.false_defects) == (6, 5, 1, 1)
     assert (found.missed, found.lost) == (3, 2)  # C3 (D3 shows C2 by name), C4 and C5; C5 was not detected
     assert (found.near_pairs, found.near_apart, found.nearest_apart_m) == (2, 1, pytest.approx(0.3, rel=0, abs=1e-6))
@@ -115,7 +131,7 @@ def test_the_papers_table_contradicts_itself_and_ours_does_not(tmp_path: Path) -
     assert abs(PAPER_RMSE[2] - np.hypot(PAPER_RMSE[0], PAPER_RMSE[1])) > 1
     point = np.array([1.0, 0.0, 2.0])
     right = pixel(CAMERA, point)
-    seen = Sighting(
+    seen = MadeObservation(
         photo="a.jpg", shows="C1", xyz_site_m=point, box_centre_px=(right[0] + 3, right[1] - 4), defect="D1"
     )
     figures = figures_of(made_of({"C1": point}, [seen], {"D1": point + np.array([0.03, 0.0, 0.0])}), tmp_path)
@@ -131,6 +147,6 @@ def test_the_papers_table_contradicts_itself_and_ours_does_not(tmp_path: Path) -
 
 def test_a_position_without_positive_variances_is_refused(tmp_path: Path) -> None:
     point = np.array([1.0, 0.0, 2.0])
-    flat = sighting("C1", point, "D1", covariance_m2=np.diag([1e-4, 0.0, 1e-4]))
+    flat = make_observation("C1", point, "D1", covariance_m2=np.diag([1e-4, 0.0, 1e-4]))
     with pytest.raises(SchemaError, match="positive variances"):
         figures_of(made_of({"C1": point}, [flat], {}), tmp_path)

@@ -14,9 +14,8 @@ from scipy.stats import chi2
 
 from facadelake.core.errors import SchemaError
 from facadelake.evaluation.campaigns.covariance_consistency import CHI_SQUARE_95
-from facadelake.evaluation.campaigns.evaluate import evaluate
 from facadelake.evaluation.campaigns.figures import CampaignFigures
-from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Array, Made, tables, write_truth
+from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Array, Made, evaluate_tables, tables, write_truth
 
 TURN = Rotation.from_euler("xyz", [20, -35, 70], degrees=True).as_matrix()
 AXES_M = np.array([0.002, 0.01, 0.05])  # an ellipsoid 25 times as long as thick, askew
@@ -27,7 +26,7 @@ def figures_of(errors_m: Mapping[str, Array], covariance_m2: Mapping[str, Array]
     true = {name: np.array([float(k), -15.0, 3.0]) for k, name in enumerate(errors_m)}
     found = {name: true[name] + error for name, error in errors_m.items()}
     made = Made(centres_true_m=true, centres_found_m=found, points_true_m={}, covariance_m2=covariance_m2)
-    return evaluate(**tables(made), truth=write_truth(folder / "truth", made), origin=ORIGIN, map_crs=CRS)
+    return evaluate_tables(**tables(made), truth=write_truth(folder / "truth", made), origin=ORIGIN, map_crs=CRS)
 
 
 def test_the_limit_is_the_95_percent_quantile() -> None:
@@ -77,4 +76,4 @@ def test_what_is_no_covariance_is_refused(tmp_path: Path) -> None:
         at, short["poses"].schema.field(at), pa.array([[1.0] * 9], pa.list_(pa.float64()))
     )
     with pytest.raises(SchemaError, match="36 numbers"):
-        evaluate(**short, truth=write_truth(tmp_path / "truth", made), origin=ORIGIN, map_crs=CRS)
+        evaluate_tables(**short, truth=write_truth(tmp_path / "truth", made), origin=ORIGIN, map_crs=CRS)

@@ -11,9 +11,18 @@ import pytest
 
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.evaluation.campaigns.evaluate import evaluate
 from facadelake.evaluation.campaigns.figures import CampaignFigures
-from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Made, Sighting, pixel, tables, write_csv, write_truth
+from tests.unit.evaluation.campaigns.campaigns import (
+    CRS,
+    ORIGIN,
+    Made,
+    MadeObservation,
+    evaluate_tables,
+    pixel,
+    tables,
+    write_csv,
+    write_truth,
+)
 
 CAMERAS = {f"near/{i}.jpg": np.array([-8.0 + 4 * i, -15.0, 3.0 + 0.5 * i]) for i in range(5)}
 SHIFT = np.array([0.03, 0.0, 0.04])  # 5 cm
@@ -22,26 +31,30 @@ OFFSETS = ["offset_east", "offset_north", "offset_up"]
 
 
 def figures_of(made: Made, folder: Path, origin: SiteOrigin = ORIGIN) -> CampaignFigures:
-    return evaluate(**tables(made), truth=write_truth(folder / "truth", made), origin=origin, map_crs=CRS)
+    return evaluate_tables(**tables(made), truth=write_truth(folder / "truth", made), origin=origin, map_crs=CRS)
 
 
 def campaign(seed: int = 3) -> Made:
     """60 check points, 5 photographs; normal 2 cm bias and 1 cm noise, horizontal 3 cm, vertical 0.5 cm noise."""
     rng = np.random.default_rng(seed)
     points = {f"C{i:02d}": np.array([rng.uniform(-9, 9), 0.0, rng.uniform(0, 8)]) for i in range(60)}
-    sightings, defects = [], {}
+    made_observations, defects = [], {}
     for name, point in points.items():
         for photo, centre in CAMERAS.items():
             # East is horizontal, up is vertical and south is outward on this wall.
             error = np.array([rng.normal(0, 0.03), -rng.normal(0.02, 0.01), rng.normal(0, 0.005)])
             box = pixel(centre, point)
-            sightings.append(
-                Sighting(photo=photo, shows=name, xyz_site_m=point + error, box_centre_px=box, defect=f"D{name}")
+            made_observations.append(
+                MadeObservation(photo=photo, shows=name, xyz_site_m=point + error, box_centre_px=box, defect=f"D{name}")
             )
         defects[f"D{name}"] = point + np.array([0.0, -0.02, 0.01])
     found = {name: centre + SHIFT for name, centre in CAMERAS.items()}
     return Made(
-        centres_true_m=CAMERAS, centres_found_m=found, points_true_m=points, sightings=sightings, defects_m=defects
+        centres_true_m=CAMERAS,
+        centres_found_m=found,
+        points_true_m=points,
+        observations=made_observations,
+        defects_m=defects,
     )
 
 
@@ -58,8 +71,8 @@ def test_injected_errors_come_back(tmp_path: Path) -> None:
 
     # Rays of true pixels from shifted cameras are parallel to the true ones: the shift across the ray is left.
     across = []
-    for sighting in made.sightings:
-        ray = made.points_true_m[sighting.shows or ""] - CAMERAS[sighting.photo]
+    for one in made.observations:
+        ray = made.points_true_m[one.shows or ""] - CAMERAS[one.photo]
         across.append(np.linalg.norm(np.cross(SHIFT, ray / np.linalg.norm(ray))))
     assert figures.ray_error.n == 300
     assert figures.ray_error.mean == pytest.approx(np.mean(across), rel=0, abs=1e-6)  # m
@@ -97,16 +110,16 @@ def test_the_round_trip_is_the_papers(tmp_path: Path) -> None:
     point = np.array([1.0, 0.0, 2.0])
     right = pixel(CAMERAS["near/1.jpg"], point)
     box = (right[0] + 3, right[1] + 4)
-    sighting = Sighting(photo="near/1.jpg", shows="C1", xyz_site_m=point, box_centre_px=box)
-    made = Made(centres_true_m=CAMERAS, centres_found_m=CAMERAS, points_true_m={"C1": point}, sightings=[sighting])
+    made_one = MadeObservation(photo="near/1.jpg", shows="C1", xyz_site_m=point, box_centre_px=box)
+    made = Made(centres_true_m=CAMERAS, centres_found_m=CAMERAS, points_true_m={"C1": point}, observations=[made_one])
     figures = figures_of(made, tmp_path)
     assert figures.roundtrip_px.mean == pytest.approx(5.0, rel=0, abs=1e-6)  # px
     assert figures.roundtrip_cm.mean == pytest.approx(2.5, rel=0, abs=1e-6)  # cm
     json_figures = figures.to_json()
     assert json_figures["roundtrip_px"] == figures.roundtrip_px.mean
-    behind = replace(sighting, xyz_site_m=np.array([0.0, -30.0, 2.0]))
+    behind = replace(made_one, xyz_site_m=np.array([0.0, -30.0, 2.0]))
     with pytest.raises(SchemaError, match=r"observation near/1.jpg#0 is registered behind the camera of near/1.jpg"):
-        figures_of(replace(made, sightings=[behind]), tmp_path)
+        figures_of(replace(made, observations=[behind]), tmp_path)
 
 
 def test_json_has_exactly_the_agreed_keys(tmp_path: Path) -> None:
@@ -134,11 +147,11 @@ def test_truth_is_matched_by_annotation_and_never_by_nearness(tmp_path: Path) ->
     photo = "near/2.jpg"
     boxes = [pixel(CAMERAS[photo], point) for point in (left, right)]
     swapped = [
-        Sighting(photo=photo, shows="L", xyz_site_m=right, box_centre_px=boxes[0]),
-        Sighting(photo=photo, shows="R", xyz_site_m=left, box_centre_px=boxes[1]),
+        MadeObservation(photo=photo, shows="L", xyz_site_m=right, box_centre_px=boxes[0]),
+        MadeObservation(photo=photo, shows="R", xyz_site_m=left, box_centre_px=boxes[1]),
     ]
     points = {"L": left, "R": right}
-    made = Made(centres_true_m=CAMERAS, centres_found_m=CAMERAS, points_true_m=points, sightings=swapped)
+    made = Made(centres_true_m=CAMERAS, centres_found_m=CAMERAS, points_true_m=points, observations=swapped)
     found = figures_of(made, tmp_path).observation_error
     assert found.distance.mean == pytest.approx(4.0, rel=0, abs=1e-6)  # m
     # Right as seen from outside (from the south) is east.
@@ -150,12 +163,12 @@ def test_what_counts_and_what_does_not(tmp_path: Path) -> None:
     point, other = np.array([0.0, 0.0, 3.0]), np.array([3.0, 0.0, 3.0])
     far = np.array([1.5, 0.0, 5.0])
 
-    def seen(photo: str, shows: str | None, xyz: np.ndarray, defect: str | None, **more: str) -> Sighting:
+    def seen(photo: str, shows: str | None, xyz: np.ndarray, defect: str | None, **more: str) -> MadeObservation:
         box = pixel(CAMERAS[photo], point)
-        return Sighting(photo=photo, shows=shows, xyz_site_m=xyz, box_centre_px=box, defect=defect, **more)
+        return MadeObservation(photo=photo, shows=shows, xyz_site_m=xyz, box_centre_px=box, defect=defect, **more)
 
-    sightings = [
-        # D1: two sightings of A, one of B, one of nothing: A's.
+    made_observations = [
+        # D1: two made_observations of A, one of B, one of nothing: A's.
         seen("near/0.jpg", "A", point, "D1"),
         seen("near/1.jpg", "A", point, "D1", element="column"),
         seen("near/2.jpg", "B", other, "D1"),
@@ -173,7 +186,7 @@ def test_what_counts_and_what_does_not(tmp_path: Path) -> None:
         centres_true_m=CAMERAS,
         centres_found_m=CAMERAS,
         points_true_m={"A": point, "B": other},
-        sightings=sightings,
+        observations=made_observations,
         defects_m={"D1": point + np.array([0.0, -0.1, 0.0]), "D2": far},
         unlocalised=["near/4.jpg"],
     )
@@ -233,9 +246,7 @@ def test_offsets_that_cancel_are_no_offset(tmp_path: Path) -> None:
 
 
 def test_a_file_that_truth_does_not_list_and_another_campaign_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        InputDataError, match=r"detections.csv, column file: nothing is listed for 'mine.json'.*boxes.json"
-    ):
+    with pytest.raises(InputDataError, match=r"detections.csv, column file: no line for 'mine.json'.*boxes.json"):
         figures_of(replace(campaign(), detector="coco:mine.json"), tmp_path)
     made = campaign()
     truth = write_truth(tmp_path / "truth", made)
@@ -245,7 +256,7 @@ def test_a_file_that_truth_does_not_list_and_another_campaign_are_refused(tmp_pa
     with pytest.raises(
         InputDataError, match=r"cameras.csv, column image: none of its 1 photographs is in the campaign"
     ):
-        evaluate(**tables(made), truth=truth, origin=ORIGIN, map_crs=CRS)
+        evaluate_tables(**tables(made), truth=truth, origin=ORIGIN, map_crs=CRS)
 
 
 def test_tables_of_another_origin_are_refused(tmp_path: Path) -> None:

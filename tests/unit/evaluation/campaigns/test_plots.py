@@ -9,7 +9,7 @@ import numpy as np
 
 from facadelake.evaluation.campaigns.comparison import compare_with_truth
 from facadelake.evaluation.campaigns.plots import write_plots
-from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Made, Sighting, pixel, tables, write_truth
+from tests.unit.evaluation.campaigns.campaigns import CRS, ORIGIN, Made, MadeObservation, pixel, tables, write_truth
 
 CAMERA = np.array([0.0, -15.0, 3.0])
 
@@ -28,8 +28,8 @@ def campaign(count: int, error_m: float) -> Made:
         centres_true_m={"a.jpg": CAMERA},
         centres_found_m={"a.jpg": CAMERA + 0.01},
         points_true_m=points,
-        sightings=[
-            Sighting(
+        observations=[
+            MadeObservation(
                 photo="a.jpg", shows=name, xyz_site_m=found[name], box_centre_px=pixel(CAMERA, points[name]),
                 defect=f"D{name}", covariance_m2=covariance,
             )

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from cli.main import app
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.detection.card import read_card
-from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model
+from tests.unit.detection.onnx_models import HEIGHT, WIDTH, make_card, make_output, save_model
 
 # The model answers with these in every photograph of its input's size: a hit on 'a' and nowhere else, and a faint one.
 SEEN = (20.0, 10.0, 30.0, 20.0)
@@ -31,8 +31,8 @@ def run(*words: str | Path) -> str:
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
     rows = [(0, x + w / 2, y + h / 2, w, h, s, 0) for (x, y, w, h), s in ((SEEN, 0.8), (FAINT, 0.1))]
-    path = save_model(tmp_path / "fixed.onnx", answer("nms6", rows))
-    text = "# kept\n" + yaml.safe_dump(card("nms6", metrics={"own": [1, 2]})) + "source: somewhere  # kept, too\n"
+    path = save_model(tmp_path / "fixed.onnx", make_output("nms6", rows))
+    text = "# kept\n" + yaml.safe_dump(make_card("nms6", metrics={"own": [1, 2]})) + "source: somewhere  # kept, too\n"
     path.with_suffix(".card.yaml").write_text(text)
     return path
 
@@ -141,7 +141,7 @@ def test_card_page_and_pictures(model: Path, data: Path, sound: Path, tmp_path: 
         and "| sound | all | 2 | 40 | 57.1 | 2 | 2 | 0.50 |" in told
     )
     # Figures of another model are not this one's.
-    save_model(model, answer("nms6", [(0, 30, 30, 10, 10, 0.9, 0)]))
+    save_model(model, make_output("nms6", [(0, 30, 30, 10, 10, 0.9, 0)]))
     result = CliRunner().invoke(app, ["describe-detector", "--model", str(model)])
     assert "None yet" in result.stdout
 

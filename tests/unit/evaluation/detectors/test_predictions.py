@@ -16,7 +16,7 @@ from facadelake.detection.inference.detector import load_detector
 from facadelake.detection.tiling.tiled_detection import detect_image
 from facadelake.evaluation.detectors.predictions import collect_predictions
 from facadelake.evaluation.detectors.sources import SCORE_FLOOR, CocoPredictionSource, OnnxPredictionSource
-from tests.unit.detection.onnx_models import HEIGHT, WIDTH, answer, card, save_model
+from tests.unit.detection.onnx_models import HEIGHT, WIDTH, make_card, make_output, save_model
 from tests.unit.evaluation.detectors.labelled import image, picture
 
 # In every tile: two boxes that a border cuts, a faint one between them, and one in the middle.
@@ -32,8 +32,8 @@ ROWS = [
 @pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (400, 300)])
 @pytest.mark.parametrize("threshold", [None, 0.65])
 def test_one_run_gives_what_two_would(tmp_path: Path, size: tuple[int, int], threshold: float | None) -> None:
-    model = save_model(tmp_path / "fixed.onnx", answer("yolov8", ROWS))
-    model.with_suffix(".card.yaml").write_text(yaml.safe_dump(card("yolov8")))
+    model = save_model(tmp_path / "fixed.onnx", make_output("yolov8", ROWS))
+    model.with_suffix(".card.yaml").write_text(yaml.safe_dump(make_card("yolov8")))
     width, height = size
     pixels = np.random.default_rng(1).integers(0, 256, (height, width, 3), dtype=np.uint8)
     looks = OnnxPredictionSource(model, threshold=threshold).detect(image("one"), pixels)
