@@ -1,4 +1,4 @@
-"""georeferencing."""
+"""Georeferencing: a campaign's block brought into site by one adjustment with control, and its poses."""
 
 import lazy_loader
 

@@ -25,7 +25,8 @@ from facadelake.georeferencing.adjustment.control_observations import ControlObs
 from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.placement import MIN_CONTROL_POINTS, intersect_marks
-from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps, collect_gps_priors
+from facadelake.georeferencing.gps.alignment import check_against_gps
+from facadelake.georeferencing.gps.priors import GpsPriors, collect_gps_priors
 from facadelake.georeferencing.gps.terms import build_attitude_terms, build_datum_terms, build_position_terms
 from facadelake.georeferencing.initial_placement import InitialPlacement, find_initial_placement
 from facadelake.georeferencing.model.lean import BlockLean, correct_lean, describe_lean, estimate_lean

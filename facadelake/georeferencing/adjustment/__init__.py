@@ -1,1 +1,1 @@
-"""adjustment."""
+"""The georeferenced bundle adjustment: observations, reduced camera system, solution and covariance."""

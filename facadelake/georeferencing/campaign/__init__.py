@@ -1,4 +1,4 @@
-"""campaign."""
+"""Control by an earlier campaign: its reference points, and their recognition among later tie points."""
 
 import lazy_loader
 

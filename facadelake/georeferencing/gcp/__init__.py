@@ -1,4 +1,4 @@
-"""gcp."""
+"""Control by surveyed points: OpenDroneMap's gcp_list.txt, image marks, and the placement by them."""
 
 import lazy_loader
 

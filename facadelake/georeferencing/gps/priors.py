@@ -47,7 +47,7 @@ class GpsPriors:
 
     @property
     def common_sigma_m(self) -> Float64x3:
-        """One sigma (3,) of the error that all priors share: the receiver's, and for heights that of an unknown datum."""
+        """One sigma (3,) of the error that all priors share: the receiver's, and an unknown height datum's."""
         sigma: Float64Array = np.median(self.sigma_m, axis=0)
         if self.datum_unknown:
             sigma[2] = np.hypot(sigma[2], DATUM_SIGMA_M)

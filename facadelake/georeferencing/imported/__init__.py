@@ -1,4 +1,4 @@
-"""imported."""
+"""Import of poses that another program has determined, with their checks."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""model."""
+"""Control by the building model: point-to-plane alignment, edges in the photographs, plumb lines."""
 
 import lazy_loader
 
