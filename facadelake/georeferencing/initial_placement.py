@@ -16,7 +16,8 @@ from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_re
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
 from facadelake.georeferencing.gcp.placement import intersect_marks, place_by_control_points
-from facadelake.georeferencing.gps.alignment import GpsPriors, align_to_gps
+from facadelake.georeferencing.gps.alignment import align_to_gps
+from facadelake.georeferencing.gps.priors import GpsPriors
 from facadelake.georeferencing.model.control import place_by_model
 from facadelake.georeferencing.model.edge_search import EdgeShift
 from facadelake.georeferencing.site_frame import SiteFrame

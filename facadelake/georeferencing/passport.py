@@ -16,7 +16,7 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock, compute_held_out_residuals
 from facadelake.georeferencing.adjustment.point_to_plane import RaySurface, match_points_to_surface
-from facadelake.georeferencing.gps.alignment import GpsPriors
+from facadelake.georeferencing.gps.priors import GpsPriors
 from facadelake.georeferencing.initial_placement import InitialPlacement
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind, PointKind

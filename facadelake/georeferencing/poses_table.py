@@ -17,7 +17,7 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import columns_from_camera
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.georeference import GeoreferencedCampaign
-from facadelake.georeferencing.gps.alignment import ATTITUDE_SIGMA_DEG, rotation_from_attitude
+from facadelake.georeferencing.gps.priors import ATTITUDE_SIGMA_DEG, rotation_from_attitude
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import PhotoOutcome, PointKind, PoseSource, PositionSource
 

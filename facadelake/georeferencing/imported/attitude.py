@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import InputDataError
-from facadelake.georeferencing.gps.alignment import rotation_from_attitude
+from facadelake.georeferencing.gps.priors import rotation_from_attitude
 
 # Programs write six digits and more; what is further from a rotation is none.
 _ORTHONORMAL_TOLERANCE = 1e-3

@@ -12,7 +12,7 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.gps.alignment import rotation_from_attitude
+from facadelake.georeferencing.gps.priors import rotation_from_attitude
 from facadelake.georeferencing.imported.attitude import list_alternative_conventions
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import PositionSource

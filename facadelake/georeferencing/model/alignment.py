@@ -16,7 +16,8 @@ from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.point_to_plane import RaySurface
-from facadelake.georeferencing.gps.alignment import GpsPriors, check_against_gps
+from facadelake.georeferencing.gps.alignment import check_against_gps
+from facadelake.georeferencing.gps.priors import GpsPriors
 from facadelake.georeferencing.similarity_fit import apply_parameters
 from facadelake.sfm import Reconstruction
 

@@ -15,7 +15,8 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.point_to_plane import RaySurface
-from facadelake.georeferencing.gps.alignment import GpsPriors, align_to_gps
+from facadelake.georeferencing.gps.alignment import align_to_gps
+from facadelake.georeferencing.gps.priors import GpsPriors
 from facadelake.georeferencing.model.alignment import ModelAlignment, align_to_model
 from facadelake.georeferencing.model.edge_search import EdgeShift, search_shift
 from facadelake.georeferencing.model.gradients import GreyFiles

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.georeferencing.gps.alignment import rotation_from_attitude
+from facadelake.georeferencing.gps.priors import rotation_from_attitude
 from facadelake.sfm.pairing import choose_pairs, direction_from_yaw_pitch, find_uncertain_positions
 from facadelake.sfm.settings import ReconstructionSettings
 
