@@ -25,7 +25,7 @@ from facadelake.core.errors import FacadelakeError
 from facadelake.core.hashing import compute_key
 from facadelake.core.progress import report_progress
 from facadelake.demo.building.ifc_writer import write_ifc
-from facadelake.demo.building.placement import ModelPlacement, place_model
+from facadelake.demo.building.placement import DemoPlacement, place_model
 from facadelake.demo.building.solids import read_ifc_solids
 from facadelake.demo.photographs.annotations import (
     FALSE_SHARE,
@@ -145,7 +145,7 @@ def _write_demo(recipe: DemoRecipe, out: Path) -> None:
 def _render_campaign(
     recipe: DemoRecipe,
     campaign: CampaignRecipe,
-    placement: ModelPlacement,
+    placement: DemoPlacement,
     exposures: list[DemoExposure],
     scene: RenderScene,
     images: Path,
@@ -211,7 +211,7 @@ def _write_truth(
     world: DemoWorld,
     campaign: CampaignRecipe,
     index: int,
-    placement: ModelPlacement,
+    placement: DemoPlacement,
     exposures: list[DemoExposure],
     rays: RayScene,
     hosts: dict[str, HostElement],

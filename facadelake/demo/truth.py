@@ -11,7 +11,7 @@ import numpy as np
 
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import ModelError
-from facadelake.demo.building.placement import ModelPlacement
+from facadelake.demo.building.placement import DemoPlacement
 from facadelake.demo.building.solids import Solid
 from facadelake.demo.photographs.annotations import BoxAnnotation
 from facadelake.demo.photographs.flight import DemoExposure
@@ -55,13 +55,13 @@ def _write_csv(path: Path, header: str, rows: Sequence[Sequence[object]]) -> Non
         writer.writerows(rows)
 
 
-def _format_geo(placement: ModelPlacement, xyz: Float64Array) -> list[str]:
+def _format_geo(placement: DemoPlacement, xyz: Float64Array) -> list[str]:
     """Longitude, latitude and ellipsoidal height of a point (3,) in site, as text."""
     lon, lat, height = placement.origin.geo_from_site(xyz[None])[0]
     return [f"{lon:.10f}", f"{lat:.10f}", f"{height:.6f}"]
 
 
-def write_cameras(path: Path, exposures: Sequence[DemoExposure], placement: ModelPlacement) -> None:
+def write_cameras(path: Path, exposures: Sequence[DemoExposure], placement: DemoPlacement) -> None:
     """``cameras.csv``: intrinsics, rotation ``cam_from_site`` and centre of every photograph."""
     header = "image,fx_px,fy_px,cx_px,cy_px," + ",".join(f"cam_from_site_r{i}{j}" for i in range(3) for j in range(3))
     rows = []
@@ -78,7 +78,7 @@ def write_checkpoints(
     grids: Sequence[DefectGrid],
     hosts: dict[str, HostElement],
     seen: dict[str, int],
-    placement: ModelPlacement,
+    placement: DemoPlacement,
 ) -> None:
     """``checkpoints.csv``: the defects visible in a campaign's photographs, with true positions.
 
@@ -122,7 +122,7 @@ def write_defects(
     index: int,
     hosts: dict[str, HostElement],
     imaged: dict[str, int],
-    placement: ModelPlacement,
+    placement: DemoPlacement,
 ) -> None:
     """``defects.csv``: state, size and position of every defect of the recipe on the day of a campaign.
 
@@ -156,7 +156,7 @@ def write_control_points(
     world: DemoWorld,
     exposures: Sequence[DemoExposure],
     rays: RayScene,
-    placement: ModelPlacement,
+    placement: DemoPlacement,
     rng: np.random.Generator,
 ) -> None:
     """``gcp_list.txt`` in OpenDroneMap's format: surveyed control points with their image marks.

@@ -1,4 +1,4 @@
-"""What an element is made of: names of its materials, and its layers from the outside in."""
+"""Read an element's materials, and its material layers from the outside in."""
 
 from __future__ import annotations
 
@@ -10,33 +10,34 @@ import ifcopenshell.util.element
 import ifcopenshell.util.placement
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64x3
 
 _AXES = {"AXIS1": 0, "AXIS2": 1, "AXIS3": 2}
-_ACROSS_COSINE = 0.5  # cosine: layers that lie more along the facade than across it have no outermost
+_ACROSS_COSINE = 0.5  # below this cosine to the outward direction, layers have no outermost one
 
 
 @dataclass(frozen=True, kw_only=True)
 class MaterialLayer:
-    """One layer; the material is empty where the IFC names none, as of an air gap."""
+    """One layer; ``material`` is empty where the IFC names none, as for an air gap."""
 
     material: str
     thickness_m: float
 
 
 def read_material_names(element: ifcopenshell.entity_instance) -> str:
-    """Names of the element's materials, each once, outermost first where a usage says so; empty without."""
+    """Read the names of the element's materials, each once, outermost first if a usage defines it; "" if none."""
     material = ifcopenshell.util.element.get_material(element)
     return "; ".join(dict.fromkeys(_collect_names(material)))
 
 
 def read_layers(
-    element: ifcopenshell.entity_instance, outward_ifc: Float64Array | None, unit_m: float
+    element: ifcopenshell.entity_instance, outward_ifc: Float64x3 | None, unit_m: float
 ) -> list[MaterialLayer]:
-    """The element's layers; empty without any.
+    """Read the element's layers.
 
-    Outermost first where ``outward_ifc`` (3,), in the model's axes, is known and the IFC says how the layers lie in the
-    element; else as the IFC lists them, which most writers do from the outside. ``unit_m``: metres of its length unit.
+    They are sorted from the outside in if ``outward_ifc`` (3,), in the model's axes, is given and the IFC defines the
+    position of the layers in the element; else they are in the IFC's order, which most exporters write from the
+    outside. ``unit_m``: metres per length unit of the IFC.
     """
     material = ifcopenshell.util.element.get_material(element)
     if material is None:
@@ -54,14 +55,14 @@ def read_layers(
     ]
     if usage is None or outward_ifc is None or element.ObjectPlacement is None:
         return layers
-    placed = ifcopenshell.util.placement.get_local_placement(element.ObjectPlacement)
+    placement = ifcopenshell.util.placement.get_local_placement(element.ObjectPlacement)
     sense = -1.0 if usage.DirectionSense == "NEGATIVE" else 1.0
-    along = sense * float(np.dot(placed[:3, _AXES[usage.LayerSetDirection]], outward_ifc))
-    return layers[::-1] if along > _ACROSS_COSINE else layers  # the set begins at the inner face
+    cosine = sense * float(np.dot(placement[:3, _AXES[usage.LayerSetDirection]], outward_ifc))
+    return layers[::-1] if cosine > _ACROSS_COSINE else layers  # reversed: the set starts at the inner face
 
 
 def json_from_layers(layers: list[MaterialLayer]) -> str:
-    """Layers as JSON, empty without any."""
+    """Layers as JSON; "" if there are none."""
     rows = [{"material": layer.material or None, "thickness_m": layer.thickness_m} for layer in layers]
     return json.dumps(rows, ensure_ascii=False) if rows else ""
 

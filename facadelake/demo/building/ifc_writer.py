@@ -28,7 +28,7 @@ from facadelake.demo.building.ifc_entities import (
     make_tangent_rectangle,
     set_body,
 )
-from facadelake.demo.building.placement import ModelPlacement
+from facadelake.demo.building.placement import DemoPlacement
 from facadelake.demo.recipe import DemoBuilding, DemoRecipe, OpeningRow
 
 BAND_DEPTH_M, BAND_HEIGHT_M = 0.06, 0.15
@@ -38,7 +38,7 @@ SILL_DEPTH_M, SILL_HEIGHT_M = 0.05, 0.05
 class _BuildingWriter:
     """The model under construction."""
 
-    def __init__(self, building: DemoBuilding, placement: ModelPlacement) -> None:
+    def __init__(self, building: DemoBuilding, placement: DemoPlacement) -> None:
         self.b = building
         self.charts = {c.name: c for c in make_building_charts(building, 0.01)}
         self.model = ifcopenshell.api.project.create_file(version="IFC4")
@@ -46,7 +46,7 @@ class _BuildingWriter:
         self.storeys = self._add_spatial_structure(placement)
         self._add_materials()
 
-    def _add_spatial_structure(self, placement: ModelPlacement) -> list[Entity]:
+    def _add_spatial_structure(self, placement: DemoPlacement) -> list[Entity]:
         """Add project, site, building, storeys and georeference; returns the storeys."""
         m = self.model
         project = ifcopenshell.api.root.create_entity(m, ifc_class="IfcProject", name="Facadelake demo building")
@@ -318,7 +318,7 @@ class _BuildingWriter:
         ]
 
 
-def write_ifc(recipe: DemoRecipe, placement: ModelPlacement, path: Path) -> None:
+def write_ifc(recipe: DemoRecipe, placement: DemoPlacement, path: Path) -> None:
     """Write the demo building to ``path``; the same recipe gives the same GlobalIds."""
     writer = _BuildingWriter(recipe.building, placement)
     writer.add_walls()

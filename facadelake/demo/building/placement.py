@@ -13,7 +13,7 @@ from facadelake.demo.recipe import DemoPlace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ModelPlacement:
+class DemoPlacement:
     """IfcMapConversion: ``(east, north) = origin + scale * Rz(rotation) @ xy_ifc``, ``height = origin + z_ifc``.
 
     The scale combines the grid scale and the reduction from the height above the ellipsoid, so the model is in true
@@ -54,13 +54,13 @@ class ModelPlacement:
         return matrix
 
 
-def place_model(place: DemoPlace) -> ModelPlacement:
+def place_model(place: DemoPlace) -> DemoPlacement:
     """The georeference of a place; its scale is that of the projection there, reduced from the height."""
     east, north, height = transform(
         np.array([[place.lon_deg, place.lat_deg, place.height_ellipsoidal_m]]), GEO, place.crs
     )[0]
     grid = pyproj.Proj(place.crs).get_factors(place.lon_deg, place.lat_deg).meridional_scale
-    return ModelPlacement(
+    return DemoPlacement(
         crs=place.crs,
         origin=SiteOrigin(
             lon_deg=place.lon_deg, lat_deg=place.lat_deg, height_ellipsoidal_m=place.height_ellipsoidal_m

@@ -111,7 +111,7 @@ def _draw_crack(
     canvas.blend(layer.region, (32, 27, 24), np.asarray(0.95 * mask, dtype=np.float32))
 
 
-def _draw_outline(
+def _make_blob_mask(
     layer: _DefectLayer, rng: np.random.Generator, width: float, height: float, corners: int, rough: float
 ) -> Float32Array:
     """Mask of an irregular area that fills width by height."""
@@ -126,7 +126,7 @@ def _draw_spalling(
 ) -> None:
     """Detached render: brick and crumbling mortar in an irregular hole with a lit and a shaded rim."""
     layer = _DefectLayer(canvas, defect, width, height)
-    mask = _draw_outline(layer, rng, width, height, 22, 0.45)
+    mask = _make_blob_mask(layer, rng, width, height, 22, 0.45)
     r, c = np.mgrid[0 : layer.rows, 0 : layer.columns].astype(np.float32)
     brick_height, brick_length = 0.075 * canvas.per_v, 0.25 * canvas.per_u
     course = (r / brick_height).astype(int)
@@ -148,7 +148,7 @@ def _draw_moisture(
 ) -> None:
     """A soft dark stain, greenish and mottled, with a salt rim."""
     layer = _DefectLayer(canvas, defect, width, height)
-    mask = _draw_outline(layer, rng, width, height, 16, 0.3)
+    mask = _make_blob_mask(layer, rng, width, height, 16, 0.3)
     edge = max(1.5, 0.10 * min(width, height) * canvas.per_u)
     inner = cv2.erode(mask, np.ones((3, 3)), iterations=int(edge / 2))
     soft = np.asarray(cv2.GaussianBlur(inner, (0, 0), sigmaX=edge / 2), dtype=np.float32)
@@ -176,7 +176,7 @@ def _draw_repair(
 ) -> None:
     """Fresh render: an even, paler area with trowel edges."""
     layer = _DefectLayer(canvas, defect, width, height)
-    mask = _draw_outline(layer, rng, width, height, 12, 0.12)
+    mask = _make_blob_mask(layer, rng, width, height, 12, 0.12)
     tone = 4 * sample_noise(rng, layer.rows, layer.columns, 0.03 * canvas.per_u)
     fresh = np.array((224, 214, 190), dtype=np.float32) + tone[..., None]
     canvas.blend(layer.region, np.asarray(fresh, dtype=np.float32), np.asarray(0.93 * mask, dtype=np.float32))

@@ -13,7 +13,7 @@ from facadelake.core.arrays import Float32Array, Int64Array
 # Measured on 29 street photographs without positions: with 12 partners each, 32 to 128 visual words find 93 to 96 % of
 # the matching pairs (COLMAP's vocabulary tree, trained on the same descriptors: 88 %). With 6 partners each it is 81 %,
 # and 100 % after the partners' partners.
-_VISUAL_WORDS = 64
+_VOCABULARY_SIZE = 64
 _LLOYD_ITERATIONS = 8
 _TRAINING_DESCRIPTORS = 20_000  # of all photographs together
 _MAX_FEATURES = 1000  # the largest, which are visible from other viewpoints
@@ -50,7 +50,7 @@ def pair_by_appearance(
                 for image_id in image_ids
             ]
         )
-        visual_words = _cluster_visual_words(sample, rng)
+        visual_words = _build_vocabulary(sample, rng)
         vlads = np.array(
             [_compute_vlad(_read_largest_descriptors(database, image_id), visual_words) for image_id in image_ids]
         )
@@ -109,17 +109,17 @@ def _read_largest_descriptors(database: pycolmap.Database, image_id: int) -> Flo
     return descriptors[np.argsort(-size, kind="stable")[:_MAX_FEATURES]].astype(np.float32)
 
 
-def _assign_visual_words(descriptors: Float32Array, visual_words: Float32Array) -> Int64Array:
+def _assign_to_vocabulary(descriptors: Float32Array, visual_words: Float32Array) -> Int64Array:
     """The nearest visual word of each descriptor."""
     nearest: Int64Array = np.argmin(np.sum(visual_words**2, axis=1) - 2 * descriptors @ visual_words.T, axis=1)
     return nearest
 
 
-def _cluster_visual_words(sample: Float32Array, rng: np.random.Generator) -> Float32Array:
+def _build_vocabulary(sample: Float32Array, rng: np.random.Generator) -> Float32Array:
     """Centres of the descriptors, by Lloyd's iteration."""
-    visual_words = rng.permutation(sample)[:_VISUAL_WORDS].copy()
+    visual_words = rng.permutation(sample)[:_VOCABULARY_SIZE].copy()
     for _ in range(_LLOYD_ITERATIONS):
-        nearest = _assign_visual_words(sample, visual_words)
+        nearest = _assign_to_vocabulary(sample, visual_words)
         for word in np.unique(nearest):
             visual_words[word] = sample[nearest == word].mean(axis=0)
     return visual_words
@@ -128,7 +128,7 @@ def _cluster_visual_words(sample: Float32Array, rng: np.random.Generator) -> Flo
 def _compute_vlad(descriptors: Float32Array, visual_words: Float32Array) -> Float32Array:
     """The VLAD of a photograph, of unit length (zero where it has no features)."""
     residuals = np.zeros(visual_words.shape, dtype=np.float32)
-    nearest = _assign_visual_words(descriptors, visual_words)
+    nearest = _assign_to_vocabulary(descriptors, visual_words)
     np.add.at(residuals, nearest, descriptors - visual_words[nearest])
     residuals /= np.maximum(np.linalg.norm(residuals, axis=1, keepdims=True), 1e-9)
     vector = residuals.ravel()

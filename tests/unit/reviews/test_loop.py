@@ -1,4 +1,4 @@
-"""The whole loop on a small campaign: task, words, training set, two models compared, one promoted."""
+"""From a review task to a promoted model on a small campaign: task, reviews, training set, comparison, promotion."""
 
 import csv
 import json
@@ -70,7 +70,7 @@ def model(folder: Path, name: str, centre_and_size: tuple[float, float, float, f
 
 
 def filled(task: Path, file: Path) -> Path:
-    """The table with the crack confirmed and the spalling rejected, the moisture not looked at."""
+    """The table with the crack confirmed and the spalling rejected, the moisture not reviewed."""
     lines = list(csv.DictReader((task / "defects.csv").open(encoding="utf-8-sig")))
     for line in lines:
         line["verdict"] = {"crack": "confirmed", "spalling": "rejected"}.get(line["defect_class"], "")
@@ -122,9 +122,9 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     with pytest.raises(ModelError, match=r"(?s)was not promoted.*loses 1 of the 1 confirmed defects.*defect-0000"):
         promote_model(blind, **settings, lost_max=0, confirmed_min=1)
     assert read_promotions(shelf) == ()
-    entry, told = promote_model(blind, **settings, lost_max=1, confirmed_min=1)
+    entry, evidence = promote_model(blind, **settings, lost_max=1, confirmed_min=1)
     assert (entry.by, entry.replaces) == ("A. Mason", hash_file(finds))
-    assert "1 of 1 confirmed defects lost (allowed 1)" in told
+    assert "1 of 1 confirmed defects lost (allowed 1)" in evidence
     assert hash_file(find_default_model(shelf)) == hash_file(blind)
     assert promote_model(blind, **settings, lost_max=0, confirmed_min=1)[0] == entry
     back, _ = promote_model(finds, **settings, lost_max=0, confirmed_min=1)
@@ -134,24 +134,24 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
 def test_command_line_exports_imports_and_lists(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:
     where = ["--portfolio", str(tmp_path / "portfolio.yaml"), "--lake", str(tower[1])]
 
-    def said(*words: str) -> str:
+    def run(*words: str) -> str:
         done = CliRunner().invoke(app, [*words, *where], catch_exceptions=False)
         assert done.exit_code == 0, done.output
         return " ".join(done.output.split())
 
     task = tmp_path / "task"
     with console.capture() as printed:
-        said("review", "export-task", BUILDING, CAMPAIGN, str(task), "--photo", "closerange/p1.jpg")
+        run("review", "export-task", BUILDING, CAMPAIGN, str(task), "--photo", "closerange/p1.jpg")
     assert "3 boxes on 1 photographs of tower 2026-04" in printed.get()
     corrected = json.loads((task / "detections.coco.json").read_text())
     kept = [one for one in corrected["annotations"] if one["category_id"] == 1]
     (tmp_path / "back.json").write_text(json.dumps({**corrected, "annotations": kept}))
     with console.capture() as printed:
-        said(
+        run(
             "review", "import", BUILDING, CAMPAIGN, str(tmp_path / "back.json"), "--reviewer", "A. Mason",
             "--task", str(task / "detections.coco.json"),
         )  # fmt: skip
-        said("review", "list", BUILDING, "--lines")
+        run("review", "list", BUILDING, "--lines")
     assert "1 confirmed, 2 rejected" in printed.get()
     assert (
         "confirmed crack closerange/p1.jpg@10.0,20.0,300.0,150.0 crack = closerange/p1.jpg#0, A. Mason" in printed.get()

@@ -148,5 +148,5 @@ def test_the_papers_table_contradicts_itself_and_ours_does_not(tmp_path: Path) -
 def test_a_position_without_positive_variances_is_refused(tmp_path: Path) -> None:
     point = np.array([1.0, 0.0, 2.0])
     flat = make_observation("C1", point, "D1", covariance_m2=np.diag([1e-4, 0.0, 1e-4]))
-    with pytest.raises(SchemaError, match="positive variances"):
+    with pytest.raises(SchemaError, match="positive definite"):
         figures_of(made_of({"C1": point}, [flat], {}), tmp_path)

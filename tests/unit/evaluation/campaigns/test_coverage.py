@@ -67,7 +67,7 @@ def test_poses_without_a_covariance_are_not_counted(tmp_path: Path) -> None:
 
 def test_what_is_no_covariance_is_refused(tmp_path: Path) -> None:
     errors = {"a.jpg": np.zeros(3)}
-    with pytest.raises(SchemaError, match=r"covariance of a.jpg in table poses is not one of a centre"):
+    with pytest.raises(SchemaError, match=r"covariance of a.jpg in table poses is not that of a centre"):
         figures_of(errors, {"a.jpg": np.diag([1.0, -1.0, 1.0])}, tmp_path)
     made = Made(centres_true_m=errors, centres_found_m=errors, points_true_m={}, covariance_m2={"a.jpg": np.eye(3)})
     short = tables(made)

@@ -88,16 +88,16 @@ def test_photographs_without_labels_of_a_class_do_not_judge_it() -> None:
         matches = match_predictions(images, found, one)
         np.testing.assert_allclose(both(matches), 1.0, rtol=0, atol=1e-12)
         assert compute_operating_point(matches).false_alarms == 0
-    told = {(one.truth, one.shown): one.count for one in count_confusions(images, found)}
-    assert told == {("crack", "crack"): 1, ("spalling", "spalling"): 1}
+    counts_by_pair = {(one.truth, one.shown): one.count for one in count_confusions(images, found)}
+    assert counts_by_pair == {("crack", "crack"): 1, ("spalling", "spalling"): 1}
 
 
 def test_confusions_pair_the_same_class_first() -> None:
     both_classes = (CRACK, SPALLING)
     images = [image("one", A, B, labelled=both_classes)]
     found = {"one": (guess(0.9, A, SPALLING), guess(0.5, A), guess(0.4, B, SPALLING), guess(0.3, C, MOISTURE))}
-    told = {(one.truth, one.shown): one.count for one in count_confusions(images, found)}
-    assert told == {("crack", "crack"): 1, ("crack", "spalling"): 1, ("nothing", "spalling"): 1}
+    counts_by_pair = {(one.truth, one.shown): one.count for one in count_confusions(images, found)}
+    assert counts_by_pair == {("crack", "crack"): 1, ("crack", "spalling"): 1, ("nothing", "spalling"): 1}
 
 
 def random_set(seed: int) -> tuple[list[LabelledImage], dict[str, tuple[Prediction, ...]]]:
@@ -143,8 +143,8 @@ def test_our_accumulation_is_pycocotools(seed: int) -> None:
         compute_average_precision(matches, twice), compute_average_precision(matches), rtol=0, atol=1e-12
     )
     assert compute_operating_point(matches, twice).hits == 2 * compute_operating_point(matches).hits
-    told = count_confusions(images, found)
-    assert sum(one.count for one in told if one.shown == "nothing") == compute_operating_point(matches).misses
+    counts_by_pair = count_confusions(images, found)
+    assert sum(one.count for one in counts_by_pair if one.shown == "nothing") == compute_operating_point(matches).misses
 
 
 def test_only_the_best_of_a_photograph_count() -> None:

@@ -67,10 +67,10 @@ def sound(tmp_path: Path) -> Path:
 
 
 def test_figures_by_hand(model: Path, data: Path, tmp_path: Path) -> None:
-    told = json.loads(
+    printed = json.loads(
         run("--model", model, "--data", data, "--sites", tmp_path / "sites.csv", "--split", "test", "--json")
     )
-    (crack,) = told["classes"]
+    (crack,) = printed["classes"]
     # Shown in a, b and c; right in a. Faint ones (0.1) in all three are wrong and count for precision's tail alone.
     assert {key: crack["operating"][key] for key in ("hits", "false_alarms", "misses")} == {
         "hits": 1,
@@ -82,31 +82,31 @@ def test_figures_by_hand(model: Path, data: Path, tmp_path: Path) -> None:
     assert crack["calibration"]["count"] == 6 and crack["calibration"]["count_shown"] == 3
     assert crack["calibration"]["expected_precision"] == pytest.approx(0.8, abs=1e-6)
     assert crack["calibration"]["precision_shown"] == pytest.approx(1 / 3)
-    assert told["data"]["left_out"] == {"photographs that the sites' file does not list": 1}
-    assert [(one["site"], one["truths"], one["ap50"]) for one in told["sites"]] == [
+    assert printed["data"]["left_out"] == {"photographs that the sites' file does not list": 1}
+    assert [(one["site"], one["truths"], one["ap50"]) for one in printed["sites"]] == [
         ("north", 2, pytest.approx(51 / 101)),
         ("south", 0, None),
     ]
-    assert {(one["truth"], one["shown"]): one["count"] for one in told["confusions"]} == {
+    assert {(one["truth"], one["shown"]): one["count"] for one in printed["confusions"]} == {
         ("crack", "crack"): 1,
         ("crack", "nothing"): 1,
         ("nothing", "crack"): 2,
     }
-    assert told["judged"]["name"] == "fixed" and told["judged"]["threshold"] == 0.25
-    assert any("2 sites" in one for one in told["remarks"])
+    assert printed["judged"]["name"] == "fixed" and printed["judged"]["threshold"] == 0.25
+    assert any("2 sites" in one for one in printed["remarks"])
 
 
 def test_false_alarms_and_image_labels(model: Path, data: Path, sound: Path, tmp_path: Path) -> None:
     for name in ("crack/g", "intact/h", "rust/i"):
         photograph(tmp_path / "bricks" / f"{name}.png")
     scale = ("--scale", tmp_path / "scale.csv")
-    told = json.loads(
+    printed = json.loads(
         run("--model", model, "--negatives", sound, *scale, "--image-labels", tmp_path / "bricks", "--json")
     )
-    every = told["negatives"]["rates"][0]
+    every = printed["negatives"]["rates"][0]
     assert (every["count"], every["area_m2"], every["per_10_m2"]) == (2, 40.0, 0.5)
-    assert not told["classes"]
-    (bricks,) = told["image_labels"]
+    assert not printed["classes"]
+    (bricks,) = printed["image_labels"]
     assert bricks["classes"][0]["auroc"] == 0.5 and bricks["classes"][0]["false_alarm_share"] == 1.0
     assert list(bricks["left_out"].values()) == [1] and bricks["sound_folders"] == ["intact"]
 
@@ -135,10 +135,10 @@ def test_card_page_and_pictures(model: Path, data: Path, sound: Path, tmp_path: 
     assert len(read_card(path).metrics["evaluations"]) == 2
     page = CliRunner().invoke(app, ["describe-detector", "--model", str(model), "--output", str(tmp_path / "page.md")])
     assert page.exit_code == 0
-    told = (tmp_path / "page.md").read_text()
+    printed = (tmp_path / "page.md").read_text()
     assert (
-        f"| crack | 4 | 3 | {first['classes'][0]['ap50']:.3f} |" in told
-        and "| sound | all | 2 | 40 | 57.1 | 2 | 2 | 0.50 |" in told
+        f"| crack | 4 | 3 | {first['classes'][0]['ap50']:.3f} |" in printed
+        and "| sound | all | 2 | 40 | 57.1 | 2 | 2 | 0.50 |" in printed
     )
     # Figures of another model are not this one's.
     save_model(model, make_output("nms6", [(0, 30, 30, 10, 10, 0.9, 0)]))

@@ -72,7 +72,7 @@ def voc(folder: Path, extra: str = "") -> Path:
     return folder
 
 
-def told(labelled: LabelledSet) -> list[tuple[str, list[tuple[str, float, float, float, float]]]]:
+def boxes_by_photograph(labelled: LabelledSet) -> list[tuple[str, list[tuple[str, float, float, float, float]]]]:
     return [
         (
             image.path.stem,
@@ -96,7 +96,7 @@ def test_every_form_reads_the_same(tmp_path: Path, form: str) -> None:
         case _:
             yolo(folder, beside=form == "yolo beside")
     labelled = open_labels(folder, CROSSWALK)
-    (name_a, boxes), (name_b, none) = told(labelled)
+    (name_a, boxes), (name_b, none) = boxes_by_photograph(labelled)
     assert (labelled.name, labelled.label_format, name_a, name_b, none) == ("walls", form.split()[0], "a", "b", [])
     assert [one[0] for one in boxes] == ["crack", "spalling"]
     assert boxes[0][1:] == pytest.approx((10, 20, 30, 40), abs=1e-9)  # px
@@ -168,7 +168,9 @@ def test_yolo_lines(tmp_path: Path) -> None:
         "0 0.1 0.1 0.9 0.1 0.5 0.6\n0 12 40 30 10\nx 0.5 0.5 0.1 0.1\n7 0.5 0.5 0.1 0.1\n1 0.5 0.5 0.1\n0 nan 0 0 0\n"
     )
     labelled = open_labels(yolo(tmp_path, lines), CROSSWALK)
-    assert told(labelled)[0][1] == [("crack", *(pytest.approx(v) for v in (10, 8, 80, 40)))]  # a polygon's box
+    assert boxes_by_photograph(labelled)[0][1] == [
+        ("crack", *(pytest.approx(v) for v in (10, 8, 80, 40)))
+    ]  # a polygon's box
     assert labelled.left_out == {"lines that are not a class and a box of 0..1": 4, "boxes of class 7, of 2 named": 1}
 
 
@@ -294,7 +296,7 @@ def test_scale(tmp_path: Path) -> None:
         assign_scale(labelled.images, scale)
 
 
-def test_a_coco_file_that_lacks_a_key_is_told_of(tmp_path: Path) -> None:
+def test_a_coco_file_that_lacks_a_key_is_refused(tmp_path: Path) -> None:
     file = coco(tmp_path / "walls")
     content = json.loads(file.read_text())
     del content["categories"]
@@ -303,7 +305,7 @@ def test_a_coco_file_that_lacks_a_key_is_told_of(tmp_path: Path) -> None:
         open_labels(tmp_path / "walls", CROSSWALK)
 
 
-def test_only_what_was_labelled_is_judged(tmp_path: Path) -> None:
+def test_only_labelled_classes_are_evaluated(tmp_path: Path) -> None:
     alone = restrict_to_classes(open_labels(coco(tmp_path), CROSSWALK), frozenset({SPALLING}))
     assert alone.labelled == (SPALLING,)
     assert [one.defect_class for one in alone.images[0].boxes] == [SPALLING]

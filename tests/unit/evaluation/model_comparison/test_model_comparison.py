@@ -1,4 +1,4 @@
-"""What a new model changes: each box of both models once, and what persons said decides what is a loss."""
+"""What a new model changes: each box of both models once, and reviews decide what is a loss."""
 
 from collections import Counter
 from dataclasses import replace
@@ -33,7 +33,7 @@ from tests.unit.reviews.made_reviews import CRACK, NEW_MODEL, OLD_MODEL, PROVENA
 
 OLD = rows(
     ("p0.jpg", "crack", box(100, 100)),  # stays, a little aside
-    ("p0.jpg", "crack", box(100, 500, 900, 40)),  # told in two parts by the new one
+    ("p0.jpg", "crack", box(100, 500, 900, 40)),  # in two parts by the new one
     ("p0.jpg", "spalling", box(600, 600)),  # called moisture by the new one
     ("p1.jpg", "crack", box(50, 50)),  # vanishes
 )
@@ -54,8 +54,8 @@ def test_every_box_is_counted_once() -> None:
         Change.STAYS: 3, Change.RENAMED: 1, Change.VANISHES: 1, Change.APPEARS: 2,
     }  # fmt: skip
     for which, table in (("old", OLD), ("new", NEW)):
-        told = [getattr(one, which).detection_id for one in CHANGES if getattr(one, which) is not None]
-        assert sorted(told) == sorted(table.column("detection_id").to_pylist())
+        ids = [getattr(one, which).detection_id for one in CHANGES if getattr(one, which) is not None]
+        assert sorted(ids) == sorted(table.column("detection_id").to_pylist())
     assert count_changes(CHANGES) == {
         "crack": {"stays": 3, "renamed": 0, "appears": 2, "vanishes": 1},
         "spalling": {"stays": 0, "renamed": 1, "appears": 0, "vanishes": 0},
@@ -143,15 +143,16 @@ LATER = replace(PROVENANCE, run_id="run-2")
 def test_a_defect_seen_in_another_of_its_photographs_is_not_lost() -> None:
     found = (("p1.jpg", "crack", box(50, 50)), ("p2.jpg", "crack", box(50, 50)))
     places = list_review_items(match_reviews((), seen(*found)), {"p1.jpg#1": "D1", "p2.jpg#2": "D1"})
-    judgement = match_reviews([create_review(place, Verdict.CONFIRMED, PROVENANCE) for place in places], seen(*found))
-    one = compare_with_reviews(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
+    status = match_reviews([create_review(place, Verdict.CONFIRMED, PROVENANCE) for place in places], seen(*found))
+    one = compare_with_reviews(status, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
     assert (len(one.defects), one.lost) == (1, ())
     # Another run's D1 is another defect: it does not hide that this one is lost.
     reviews = [
-        create_review(place, Verdict.CONFIRMED, said) for place, said in zip(places, (PROVENANCE, LATER), strict=True)
+        create_review(place, Verdict.CONFIRMED, provenance)
+        for place, provenance in zip(places, (PROVENANCE, LATER), strict=True)
     ]
-    judgement = match_reviews(reviews, seen(*found))
-    two = compare_with_reviews(judgement, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
+    status = match_reviews(reviews, seen(*found))
+    two = compare_with_reviews(status, seen(*found), select_accepted_detections(NEW), ("p1.jpg", "p2.jpg"))
     assert (len(two.defects), len(two.lost)) == (2, 1)
 
 
