@@ -212,9 +212,10 @@ class DemoRecipe(RecipePart):
 
     @model_validator(mode="after")
     def _check_consistency(self) -> DemoRecipe:
+        """Defect ids are unique, and every defect has one state for each campaign."""
         ids = [d.id for d in (*self.defects, *self.off_target_defects)]
         if len(set(ids)) != len(ids):
-            raise ValueError(f"defect ids repeat: {sorted({i for i in ids if ids.count(i) > 1})}")
+            raise ValueError(f"defect ids are not unique: {sorted({i for i in ids if ids.count(i) > 1})}")
         for defect in (*self.defects, *self.off_target_defects):
             if len(defect.states) != len(self.campaigns):
                 raise ValueError(

@@ -1,4 +1,4 @@
-"""sfm."""
+"""Structure from motion: the reconstruction of a campaign, its tie points' covariance and its as-built surface."""
 
 import lazy_loader
 

@@ -106,6 +106,7 @@ def find_uncertain_positions(xyz_m: Float64Nx3, sigma_m: Float64Nx3, settings: R
 
 
 def _has_position(xyz_m: Float64Nx3) -> BoolArray:
+    """Whether each photograph (n,) has a position prior."""
     return np.asarray(np.isfinite(xyz_m).all(axis=1))
 
 

@@ -132,9 +132,7 @@ def open_work_folder(parent: Path, key: str) -> Iterator[Path]:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a work folder; it is renamed first, so that a kill meanwhile leaves no incomplete folder to resume
-    from.
-    """
+    """Remove a work folder, renamed first so that an interruption leaves no incomplete folder to resume from."""
     removed = folder.with_name(folder.name + _REMOVED_SUFFIX)
     folder.rename(removed)
     shutil.rmtree(removed, ignore_errors=True)

@@ -58,8 +58,9 @@ class Chart:
         return np.cross(self.v_axis, self.compute_normals(np.array([u_m]))[0])
 
     def locate(self, xyz_m: Float64Nx3) -> tuple[Float64Nx2, Float64N]:
-        """(u, v) (n, 2) of points (n, 3) in the model's frame, and their signed distance (n,) in front of the
-        surface.
+        """Position of points (n, 3), in the model's frame, on the chart.
+
+        Returns (u, v) (n, 2) and the signed distance (n,) in front of the surface.
         """
         offset = np.asarray(xyz_m) - self.origin_m
         v = offset @ self.v_axis

@@ -48,9 +48,7 @@ def encode_exif(exposure: DemoExposure, optics: Optics) -> bytes:
 
 
 def encode_xmp(exposure: DemoExposure, takeoff_height_m: float) -> bytes:
-    """DJI's XMP packet: position, gimbal and aircraft attitude; without RTK tags, which this receiver does not
-    write.
-    """
+    """DJI's XMP packet: position, gimbal and aircraft attitude; no RTK tags, as for a receiver without RTK."""
     lon, lat, height = (float(x) for x in exposure.tag_lon_lat_height)
     yaw, pitch, roll = (float(x) for x in exposure.tag_yaw_pitch_roll_deg)
     yaw = (yaw + 180) % 360 - 180

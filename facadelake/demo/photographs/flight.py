@@ -1,6 +1,4 @@
-"""True camera poses, an orbit with varying height and rows close to the facades, and the tags with the aircraft's
-errors.
-"""
+"""The flight: true camera poses of an orbit and of close-range rows, and tags with the errors of the aircraft."""
 
 from __future__ import annotations
 
@@ -21,9 +19,7 @@ EXPOSURE_INTERVAL_S = 4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DemoExposure:
-    """A photograph to be taken: file, time, true camera, and the position and attitude tags with the aircraft's
-    errors.
-    """
+    """A photograph to be taken: file, time, true camera, and tags with the errors of the aircraft."""
 
     file_name: str
     taken_at: datetime
@@ -126,9 +122,8 @@ def plan_flight(
         scale = flight.jitter_m if role == "multiview" else 0.5 * flight.jitter_m
         centre = world.transform_to_site(position_ifc) + rng.uniform(-scale, scale, 3)
         view = world.transform_to_site(aim_ifc) - centre
-        planned_deg = np.array(
-            [np.degrees(np.arctan2(view[0], view[1])), np.degrees(np.arctan2(view[2], np.hypot(view[0], view[1]))), 0.0]
-        )
+        yaw_rad, pitch_rad = np.arctan2(view[0], view[1]), np.arctan2(view[2], np.hypot(view[0], view[1]))
+        planned_deg = np.array([np.degrees(yaw_rad), np.degrees(pitch_rad), 0.0])
         true_deg = planned_deg + rng.uniform(-flight.jitter_deg, flight.jitter_deg, 3) * [1, 1, 0.5]
         pose = Similarity(rotation=rotation_from_yaw_pitch_roll(*true_deg.tolist()), translation=centre)
         tag_position = centre + flight.gps_bias_m + rng.normal(size=3) * flight.gps_noise_m

@@ -65,8 +65,9 @@ class LensMap:
 
 
 def compute_lens_map(camera: Camera, supersampling: float) -> LensMap:
-    """The pinhole camera and the map that turn its image into one of ``camera``, both at ``supersampling`` times the
-    resolution.
+    """The pinhole camera, and the map from its image to one of ``camera``.
+
+    Both have ``supersampling`` times the resolution of the photograph.
     """
     rows, columns = round(camera.height_px * supersampling), round(camera.width_px * supersampling)
     # The undistortion is smooth: it is solved on every 16th pixel and interpolated.
@@ -111,9 +112,8 @@ def develop(pinhole: UInt8Array, lens: LensMap, camera: Camera, noise: float, se
         seed: of the noise.
     """
     distorted = cv2.remap(pinhole, lens.map_x, lens.map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    reduced = cv2.resize(distorted, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA).astype(
-        np.float32
-    )
+    size = (camera.width_px, camera.height_px)
+    reduced = cv2.resize(distorted, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     y, x = np.mgrid[0 : camera.height_px, 0 : camera.width_px].astype(np.float32)
     r2 = ((x - camera.cx_px) / camera.width_px) ** 2 + ((y - camera.cy_px) / camera.width_px) ** 2
     reduced *= (1 - 0.22 * r2)[..., None]

@@ -64,12 +64,12 @@ def sample_sky_directions(count: int) -> Float64Nx3:
 
 def compute_direct_light(
     scene: RayScene,
-    points: Float64Array,
-    normals: Float64Array,
+    points: Float64Nx3,
+    normals: Float64Nx3,
     light: Daylight,
     samples: int,
     rng: np.random.Generator,
-) -> Float64Array:
+) -> Float64N:
     """Cosine of the sun's incidence times the visible share of its disc, (n,).
 
     Args:

@@ -98,9 +98,7 @@ def paint_concrete(size_px: int, rng: np.random.Generator) -> UInt8Array:
 
 
 def paint_sky(rng: np.random.Generator) -> UInt8Array:
-    """The texture of the dome: columns are azimuth, the top row the zenith, the bottom row slightly below the
-    horizon.
-    """
+    """The texture of the dome: columns are azimuth; rows go from the zenith to slightly below the horizon."""
     rows, columns = 512, 2048
     sine_elevation = np.linspace(1, -0.15, rows, dtype=np.float32)[:, None, None]
     zenith, haze = np.array([96, 146, 208], dtype=np.float32), np.array([214, 224, 232], dtype=np.float32)

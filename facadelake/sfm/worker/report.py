@@ -31,6 +31,7 @@ class ProgressReport:
         return ProgressReport(stream=events)
 
     def _send(self, **event: Any) -> None:
+        """Write one event."""
         self.stream.write(json.dumps(event) + "\n")
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""The demo is whole or absent, is not made twice, and bad recipes say what is wrong."""
+"""The demo is complete or absent, is not made twice, and errors of a recipe are reported."""
 
 from __future__ import annotations
 
@@ -101,10 +101,10 @@ def test_the_noisy_boxes_err_as_stated(small_demo: DemoFiles) -> None:
         ("seed: 20260414", "sed: 20260414", "sed"),
         ("kind: crack", "kind: crak", "crak"),
         ("states: [present, present]", "states: [present]", "has 1 states, there are 2 campaigns"),
-        ("{id: D02,", "{id: D01,", "ids repeat"),
+        ("{id: D02,", "{id: D01,", "ids are not unique"),
     ],
 )
-def test_a_bad_recipe_says_what_is_wrong(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_errors_of_a_recipe_are_reported(tmp_path: Path, old: str, new: str, message: str) -> None:
     text = (Path(__file__).parents[3] / "data" / "demo" / "recipe.yaml").read_text()
     assert old in text
     (tmp_path / "recipe.yaml").write_text(text.replace(old, new, 1))
@@ -112,7 +112,7 @@ def test_a_bad_recipe_says_what_is_wrong(tmp_path: Path, old: str, new: str, mes
         load_recipe(tmp_path / "recipe.yaml")
 
 
-def test_a_defect_in_the_air_is_refused(small_recipe: DemoRecipe, tmp_path: Path) -> None:
+def test_a_defect_off_the_walls_is_refused(small_recipe: DemoRecipe, tmp_path: Path) -> None:
     first = small_recipe.defects[0].model_copy(update={"u_m": 60.0})
     with pytest.raises(ModelError, match=f"defect {first.id} .* is not on a wall"):
         generate_demo(small_recipe.model_copy(update={"defects": [first]}), tmp_path / "out")

@@ -53,7 +53,7 @@ def project(camera: dict[str, str], centre: NDArray[np.float64], xyz: NDArray[np
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class DefectInImage:
     """A box, the check point's projection, and the centre of the pixels that the defect changed."""
 
     kind: str
@@ -63,7 +63,7 @@ class Seen:
 
 
 @pytest.fixture(scope="module")
-def seen(small_demo: DemoFiles, small_recipe: DemoRecipe) -> list[Seen]:
+def visible_defects(small_demo: DemoFiles, small_recipe: DemoRecipe) -> list[DefectInImage]:
     before, after = (c.folder for c in small_demo.campaigns)
     coco: dict[str, Any] = json.loads((after / "detections.coco.json").read_text())
     names = {i["id"]: i["file_name"] for i in coco["images"]}
@@ -96,7 +96,7 @@ def seen(small_demo: DemoFiles, small_recipe: DemoRecipe) -> list[Seen]:
             continue
         kind, xyz = places[point]
         found.append(
-            Seen(
+            DefectInImage(
                 kind=kind,
                 box_px=np.array([x + w / 2, y + h / 2]),
                 projected_px=project(by_name[name], centres[name], xyz),
@@ -106,22 +106,22 @@ def seen(small_demo: DemoFiles, small_recipe: DemoRecipe) -> list[Seen]:
     return found
 
 
-def test_boxes_are_centred_on_the_projected_check_points(seen: list[Seen]) -> None:
-    off = np.array([s.box_px - s.projected_px for s in seen])
+def test_boxes_are_centred_on_the_projected_check_points(visible_defects: list[DefectInImage]) -> None:
+    off = np.array([s.box_px - s.projected_px for s in visible_defects])
     assert len(off) > 50
     np.testing.assert_allclose(off, 0.0, rtol=0, atol=0.02)  # px
 
 
-def test_drawn_defects_are_where_truth_projects(seen: list[Seen]) -> None:
+def test_drawn_defects_are_where_truth_projects(visible_defects: list[DefectInImage]) -> None:
     """The middle of the pixels that a defect changes; faint tips and brick behind brick leave some a little off."""
-    off = np.array([s.changed_px - s.projected_px for s in seen])
-    assert {s.kind for s in seen} == {"crack", "spalling", "moisture"}
+    off = np.array([s.changed_px - s.projected_px for s in visible_defects])
+    assert {s.kind for s in visible_defects} == {"crack", "spalling", "moisture"}
     assert np.abs(np.median(off, axis=0)).max() < 0.4  # px: no common shift
     assert np.median(np.linalg.norm(off, axis=1)) < 1.2  # px
     assert np.percentile(np.linalg.norm(off, axis=1), 80) < 2.2  # px
 
 
-def test_tags_say_the_position_with_the_injected_errors(small_demo: DemoFiles, small_recipe: DemoRecipe) -> None:
+def test_tags_state_the_position_with_the_injected_errors(small_demo: DemoFiles, small_recipe: DemoRecipe) -> None:
     folder, flight = small_demo.campaigns[0].folder, small_recipe.campaigns[0].flight
     cameras = read(folder / "truth" / "cameras.csv")
     tags: Rows = []

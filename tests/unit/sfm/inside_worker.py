@@ -1,4 +1,4 @@
-"""Tests of the worker's own modules; ``test_worker.py`` runs them in a process of their own, for they load pycolmap."""
+"""Tests of the worker's modules; ``test_worker.py`` runs them in a process of their own because they load pycolmap."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def synthetic(path: Path, *, photographs: int, points: int) -> pycolmap.Reconstr
         return model
 
 
-def test_each_point_has_a_descriptor_of_its_own_track_nearest_to_the_mean(tmp_path: Path) -> None:
+def test_the_descriptor_of_a_point_is_that_of_an_image_point_nearest_to_the_mean(tmp_path: Path) -> None:
     model = synthetic(tmp_path / "a.db", photographs=7, points=40)
     rng = np.random.default_rng(3)
     with pycolmap.Database.open(tmp_path / "a.db") as database:
@@ -88,7 +88,7 @@ def keep_matches(path: Path, image_id: int, kept: np.ndarray) -> None:
             database.write_matches(image_id, other, np.vstack([held, wrong]))
 
 
-def test_a_photograph_outside_is_resected_with_its_sightings(tmp_path: Path) -> None:
+def test_a_photograph_outside_is_resected_with_its_correspondences(tmp_path: Path) -> None:
     model = synthetic(tmp_path / "a.db", photographs=6, points=150)
     truth = without(model, 3)
     keep_matches(tmp_path / "a.db", 3, np.arange(0, 150, 8))
@@ -107,7 +107,7 @@ def test_a_photograph_outside_is_resected_with_its_sightings(tmp_path: Path) -> 
         assert error < 4.0  # px
 
 
-def test_too_few_or_too_crowded_sightings_are_refused_with_the_reason(tmp_path: Path) -> None:
+def test_too_few_or_too_close_correspondences_are_refused_with_the_reason(tmp_path: Path) -> None:
     model = synthetic(tmp_path / "a.db", photographs=6, points=100)
     without(model, 3)
     keep_matches(tmp_path / "a.db", 3, np.arange(0, 100, 10))
@@ -148,8 +148,10 @@ def test_two_blocks_that_share_photographs_become_one(tmp_path: Path) -> None:
     assert len(join_blocks([alone, second], tmp_path / "a.db", silent())[1]) == 1
 
 
-def test_a_small_block_is_tried_again_from_other_pairs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Attempts that place 3, 8 and 12 of 12 photographs: the second is enough. What is finished is not done again."""
+def test_mapping_is_repeated_from_other_pairs_where_the_block_is_small(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Attempts that localise 3, 8 and 12 of 12 photographs: the second is enough. A finished one is not repeated."""
     synthetic(tmp_path / "a.db", photographs=12, points=50).write(tmp_path)
     seeds: list[int] = []
 
@@ -166,10 +168,10 @@ def test_a_small_block_is_tried_again_from_other_pairs(tmp_path: Path, monkeypat
     assert block.num_reg_images() == 8
     assert seeds == [1, 2]
     map_photographs(job, tmp_path / "a.db", silent())
-    assert seeds == [1, 2, 3]  # the stand-in writes no models to come back to, so one more attempt is made
+    assert seeds == [1, 2, 3]  # the mock writes no models to resume from, so one more attempt is made
 
 
-def test_photographs_of_one_place_look_alike(tmp_path: Path) -> None:
+def test_photographs_of_one_place_are_paired_by_appearance(tmp_path: Path) -> None:
     """Eight places, five photographs of each: noisy copies of the place's descriptors among foreign ones."""
     rng = np.random.default_rng(2)
     job = job_of(40)
@@ -207,7 +209,7 @@ def test_partners_of_partners_are_compared_the_strongest_first(tmp_path: Path) -
     assert pair_transitively([2], more, 1, tmp_path / "a.db", image_id_of) == [(0, 2)]
 
 
-def test_a_database_is_found_whole_or_made_anew(tmp_path: Path) -> None:
+def test_a_database_is_reused_if_intact_else_replaced(tmp_path: Path) -> None:
     job = job_of(4)
     path = tmp_path / "features.db"
     (tmp_path / "features.db.partial").write_bytes(b"of a killed run")
@@ -221,7 +223,9 @@ def test_a_database_is_found_whole_or_made_anew(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:5000] + b"damaged" * 400)
     (tmp_path / "models-0").mkdir()
     open_database(job, path)
-    assert [left.name for left in tmp_path.iterdir()] == ["features.db"]  # what was made from the damaged one is gone
+    assert [left.name for left in tmp_path.iterdir()] == [
+        "features.db"
+    ]  # what was made from the damaged one is removed
     with pycolmap.Database.open(path) as database:
         assert database.num_images() == 4
         assert database.num_keypoints_for_image(2) == 0
@@ -235,7 +239,7 @@ def test_a_camera_with_few_photographs_has_a_simple_model(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("longer_side_px", "factor"), [(1600, 1.0), (3072, 1.0), (8000, 2.5)])
-def test_tolerances_widen_with_the_reduction(longer_side_px: int, factor: float) -> None:
+def test_tolerances_grow_with_the_reduction(longer_side_px: int, factor: float) -> None:
     cameras = [CAMERA | {"width_px": longer_side_px, "height_px": longer_side_px // 2}, CAMERA]
     assert compute_tolerance_factor({"cameras": cameras, "settings": {"max_image_px": 2000}}) == factor
 

@@ -1,4 +1,4 @@
-"""The campaign's own surface as the building: a corner of two walls photographed by adjusted cameras."""
+"""The as-built model of a campaign: a corner of two walls photographed by adjusted cameras."""
 
 from dataclasses import replace
 
@@ -101,11 +101,13 @@ def test_a_photograph_without_pose_is_left_out(corner) -> None:
     k = list(fewer).index("4.jpg")
     rows = found.image_point_photo == k
     again = fewer["4.jpg"].project_site(xyz[found.image_point_tie_point[rows]])
-    assert np.abs(again - found.image_point_xy_img[rows]).max() < 6 * NOISE_PX  # px: sightings kept their photographs
+    assert (
+        np.abs(again - found.image_point_xy_img[rows]).max() < 6 * NOISE_PX
+    )  # px: image points kept their photographs
 
 
-def test_a_point_that_but_one_posed_photograph_saw_is_left_out(corner) -> None:
-    """As where the other photographs were not localised: the ray alone leaves its distance open."""
+def test_a_point_in_only_one_posed_photograph_is_left_out(corner) -> None:
+    """As where the other photographs were not localised: one ray does not determine the distance."""
     reconstruction, posed, _ = corner
     lonely = int(reconstruction.image_point_tie_point[reconstruction.image_point_photo == 0][0])
     rows = (reconstruction.image_point_tie_point != lonely) | (reconstruction.image_point_photo == 0)

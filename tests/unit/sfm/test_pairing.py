@@ -1,4 +1,4 @@
-"""Which photographs are compared."""
+"""Which photographs are matched."""
 
 import numpy as np
 import pytest
@@ -19,13 +19,13 @@ ALL_FAR = np.zeros(60, dtype=bool)
 FEW = ReconstructionSettings(exhaustive_up_to=10, neighbours=6)
 
 
-def test_small_sets_are_compared_all_with_all() -> None:
+def test_small_sets_are_matched_exhaustively() -> None:
     pairs = choose_pairs(UNKNOWN[:9], UNKNOWN[:9], ALL_FAR[:9], FEW)
     assert len(pairs) == 36
     assert all(i < j for i, j in pairs)
 
 
-def test_large_sets_are_compared_with_neighbours_only() -> None:
+def test_large_sets_are_matched_with_neighbours_only() -> None:
     pairs = choose_pairs(strip(60), UNKNOWN, ALL_FAR, FEW)
     assert pairs == sorted(set(pairs))
     # Six nearest on a line are three on either side; at the ends up to six on one side.
@@ -34,7 +34,7 @@ def test_large_sets_are_compared_with_neighbours_only() -> None:
     assert len(pairs) < 60 * 5
 
 
-def test_opposite_views_are_not_compared() -> None:
+def test_opposite_views_are_not_matched() -> None:
     """Two rows back to back: each photograph's partner behind it is nearest, but sees the other side."""
     xyz = np.vstack([strip(30), strip(30) + np.array([0, 0.5, 0])])
     yaw = np.array([0.0] * 30 + [180.0] * 30)
@@ -43,7 +43,7 @@ def test_opposite_views_are_not_compared() -> None:
     assert across == [(28, 30), (29, 30), (29, 31)]  # the sequence alone joins them
 
 
-def test_a_photograph_without_position_has_its_sequence_and_seeks_by_look() -> None:
+def test_a_photograph_without_position_has_its_sequence_and_is_uncertain() -> None:
     xyz = strip(60)
     xyz[17] = np.nan
     pairs = set(choose_pairs(xyz, UNKNOWN, ALL_FAR, FEW))
@@ -51,7 +51,7 @@ def test_a_photograph_without_position_has_its_sequence_and_seeks_by_look() -> N
     assert np.flatnonzero(find_uncertain_positions(xyz, np.full((60, 3), 0.5), FEW)).tolist() == [17]
 
 
-def test_positions_that_say_too_little_seek_by_look() -> None:
+def test_positions_that_do_not_identify_neighbours_are_uncertain() -> None:
     """Six neighbours lie within 6 m (12 m at the strip's ends): a sigma of 2.5 m tells them apart, 7 m does not."""
     sigma = np.full((60, 3), 2.5)
     sigma[30] = 7.0
@@ -62,7 +62,7 @@ def test_positions_that_say_too_little_seek_by_look() -> None:
     hovering = strip(60)
     hovering[11] = hovering[10]
     assert not find_uncertain_positions(hovering, np.full((60, 3), 0.5), FEW).any()
-    assert not find_uncertain_positions(UNKNOWN[:9], UNKNOWN[:9], FEW).any()  # all are compared with all
+    assert not find_uncertain_positions(UNKNOWN[:9], UNKNOWN[:9], FEW).any()  # all pairs are matched
 
 
 @pytest.mark.parametrize("placed", [True, False])

@@ -1,4 +1,4 @@
-"""Which cameras took a campaign's photographs, and from which focal length each starts."""
+"""Cameras of a campaign's photographs and their initial focal lengths."""
 
 from typing import Any
 
@@ -7,9 +7,9 @@ import pytest
 from facadelake.sfm.reconstruction_job import group_by_camera
 
 
-def row(**said: Any) -> dict[str, Any]:
+def row(**metadata: Any) -> dict[str, Any]:
     plain = {"camera_make": "DJI", "camera_model": "M3E", "image_width_px": 4000, "image_height_px": 3000}
-    return plain | {"focal_length_mm": 12.3, "focal_length_35mm_mm": 24.0} | said
+    return plain | {"focal_length_mm": 12.3, "focal_length_35mm_mm": 24.0} | metadata
 
 
 def test_zooms_sizes_bodies_and_lenses_are_cameras_of_their_own() -> None:

@@ -1,4 +1,4 @@
-"""A reconstruction that is killed, again and again, goes on where it stopped."""
+"""A reconstruction that is killed repeatedly resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ sys.exit(main.main(pathlib.Path(sys.argv[1])))
 """
 
 
-class Heard:
+class ProgressRecorder:
     """The first advance of each step: what was done before."""
 
     def __init__(self) -> None:
@@ -122,30 +122,30 @@ def counts(folder: Path, table: str) -> set[int]:
         return {row[0] for row in connection.execute(f"SELECT {column} FROM {table}")}
 
 
-def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_killed_reconstruction_is_resumed(photos: pa.Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = subprocess.Popen
     folder = tmp_path / "cache"
 
-    def run(label: str, after: int, heard: Heard) -> None:
+    def run(label: str, after: int, recorder: ProgressRecorder) -> None:
         worker = [sys.executable, "-c", WORKER]
         monkeypatch.setattr(
             runner.subprocess, "Popen", lambda command, **how: real([*worker, command[-1], label, str(after)], **how)
         )
         part = folder / "part"
-        with listen_to_progress(heard):
+        with listen_to_progress(recorder):
             try:
                 reconstruct(photos, tmp_path / "images", part, SETTINGS)
             finally:
                 shutil.rmtree(part / "sparse", ignore_errors=True)
 
     with pytest.raises(FacadelakeError, match=r"SIGKILL.* a new run resumes where it stopped"):
-        run("Extracting features", 4, Heard())
+        run("Extracting features", 4, ProgressRecorder())
     found = counts(folder, "descriptors")
     assert 4 <= len(found) < PHOTOS
     for image_id in found:  # what is done needs its photographs no more
         (tmp_path / "images" / f"{image_id - 1}.jpg").unlink()
 
-    second = Heard()
+    second = ProgressRecorder()
     with pytest.raises(FacadelakeError, match="SIGKILL"):
         run("Matching features", 6, second)
     assert second.first["Extracting features"] == len(found)
@@ -160,17 +160,17 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
         )
 
     with pytest.raises(FacadelakeError, match="SIGKILL"):
-        run("Mapping photographs", 7, Heard())
+        run("Mapping photographs", 7, ProgressRecorder())
     assert len(counts(folder, "two_view_geometries")) == PAIRS
     assert counts(folder, "written") == counts(folder, "two_view_geometries") - compared
 
     (snapshots,) = folder.glob(".work-*/snapshots-0")
     (snapshots / "99999999999999").mkdir()  # one that the kill cut off
-    heard = Heard()
-    run("nothing", 0, heard)
-    assert heard.first["Extracting features"] == PHOTOS
-    assert heard.first["Matching features"] == PAIRS
-    assert 3 <= heard.first["Mapping photographs"] < PHOTOS
+    recorder = ProgressRecorder()
+    run("nothing", 0, recorder)
+    assert recorder.first["Extracting features"] == PHOTOS
+    assert recorder.first["Matching features"] == PAIRS
+    assert 3 <= recorder.first["Mapping photographs"] < PHOTOS
     assert [path.name for path in folder.iterdir() if path.is_dir()] == ["part"]
 
     block = read_reconstruction(folder / "part")
@@ -182,7 +182,7 @@ def test_a_killed_reconstruction_goes_on(photos: pa.Table, tmp_path: Path, monke
     assert 0.0005 < error_m < 0.05  # of 5 m, in photographs of 640 px
 
 
-def test_refused_and_forgotten_work_is_removed(tmp_path: Path) -> None:
+def test_work_of_refused_and_abandoned_jobs_is_removed(tmp_path: Path) -> None:
     with pytest.raises(InputDataError), open_work_folder(tmp_path, "refused"):
         raise InputDataError("no overlap")
     with pytest.raises(KeyboardInterrupt), open_work_folder(tmp_path, "stopped"):

@@ -26,21 +26,21 @@ sys.exit(job["end"])
 """
 
 
-class Heard:
-    """A listener that remembers."""
+class ProgressRecorder:
+    """A listener that records what it receives."""
 
     def __init__(self) -> None:
-        self.said: list[tuple[str, object]] = []
+        self.received: list[tuple[str, object]] = []
 
     def begin(self, label: str, total: int | None) -> int:
-        self.said.append((label, total))
-        return len(self.said)
+        self.received.append((label, total))
+        return len(self.received)
 
     def advance(self, handle: int, steps: int) -> None:
-        self.said.append(("advance", steps))
+        self.received.append(("advance", steps))
 
     def end(self, handle: int) -> None:
-        self.said.append(("end", handle))
+        self.received.append(("end", handle))
 
 
 @pytest.fixture
@@ -64,10 +64,10 @@ EVENTS = [
 
 @pytest.mark.usefixtures("scripted")
 def test_progress_reaches_the_listener_and_bars_end(tmp_path: Path) -> None:
-    heard = Heard()
-    with listen_to_progress(heard):
+    recorder = ProgressRecorder()
+    with listen_to_progress(recorder):
         runner.run_worker({"events": EVENTS, "end": 0}, tmp_path / "out")
-    assert heard.said == [
+    assert recorder.received == [
         ("Extracting features", 4), ("advance", 4), ("end", 1), ("Matching features", 9), ("advance", 2), ("end", 4),
     ]  # fmt: skip
     assert "last words" in (tmp_path / "out" / DIAGNOSTICS / runner.LOG_NAME).read_text()
@@ -82,7 +82,7 @@ def test_progress_reaches_the_listener_and_bars_end(tmp_path: Path) -> None:
         ({"events": [], "end": "kill"}, FacadelakeError, r"signal SIGKILL .*out of memory.*\n.*last words"),
     ],
 )
-def test_the_end_of_a_worker_is_said_clearly(
+def test_the_end_of_a_worker_is_reported(
     tmp_path: Path, job: dict[str, object], kind: type[Exception], message: str
 ) -> None:
     with pytest.raises(kind, match=message):
