@@ -26,9 +26,7 @@ _BORDER_PENALTY = 0.5
 _FADE_SHARE = 0.15  # share of half the photograph over which its weight falls off towards the border
 _MIN_FADE = 0.02
 _MAX_GAIN = 1.35
-_TOLERATED_LEVELS = (
-    10.0  # grey levels: usual difference between photographs of a wall, by relief, reflections, vignetting
-)
+_TOLERATED_LEVELS = 10.0  # grey levels: usual difference between photographs of a wall
 _OUTLIER_LEVELS = 14.0  # grey levels beyond the tolerance that double a candidate's score
 _OUTLIER_WINDOW_CELLS = 7  # coarse cells over which the difference is averaged
 

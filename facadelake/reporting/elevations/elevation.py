@@ -87,7 +87,7 @@ def draw_elevations(
     photographs = {photo_id: inspection.locate_photograph(photo_id) for photo_id in inspection.posed}
     elevations = []
     for rectified, own in zip(
-        rectify_elevations(reliefs, surface, inspection.posed, photographs, settings), shown, strict=True
+        rectify_elevations(reliefs, surface, inspection.posed, photographs, settings), assigned, strict=True
     ):
         facade = rectified.relief.facade
         path = folder / f"elevation_{facade.name.lower().replace(' ', '_')}.png"
@@ -147,20 +147,27 @@ def render_background(rectified: RectifiedElevation, building: BuildingModel) ->
 
 
 def map_defects_to_elevations(elevations: Sequence[Elevation]) -> dict[str, FacadeOverview]:
-    """The drawn elevation of each defect by defect_id; those on none are absent."""
+    """Overview of the drawn elevation of each defect, by defect_id; defects on none are absent."""
     return {mark.defect_id: elevation.overview for elevation in elevations for mark in elevation.marks}
 
 
 def map_defects_to_model(
     inspection: Inspection, surface: Surface, facades: Sequence[Facade], defect_ids: Collection[str]
 ) -> dict[str, FacadeOverview]:
-    """The facade of each of ``defect_ids`` as a grey drawing; those on none are absent."""
+    """Overview of the facade of each defect from the shaded model, by defect_id; defects on none are absent.
+
+    Args:
+        inspection: the campaign.
+        surface: surface of its building model.
+        facades: facades to which defects are assigned.
+        defect_ids: defects.
+    """
     building = inspection.building
     marks = [mark for mark in create_marks(inspection.defects, building.origin) if mark.defect_id in defect_ids]
-    shown, _ = assign_marks(facades, marks, building)
-    places: dict[str, FacadeOverview] = {}
-    for facade, own in zip(facades, shown, strict=True):
+    assigned, _ = assign_marks(facades, marks, building)
+    overviews: dict[str, FacadeOverview] = {}
+    for facade, own in zip(facades, assigned, strict=True):
         if own:
-            backdrop = render_model_overview(facade, surface, building)
-            places |= {mark.defect_id: backdrop for mark in own}
-    return places
+            overview = render_model_overview(facade, surface, building)
+            overviews |= {mark.defect_id: overview for mark in own}
+    return overviews
