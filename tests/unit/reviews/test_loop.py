@@ -95,8 +95,8 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     assert {one.defect_class for one in campaign.status.unreviewed} == {"moisture"}
 
     made, placed = make_training_set(
-        [building], tmp_path / "set", lake=lake, label_format=TrainingLabelFormat.YOLO, pictures=PictureMode.TILES, side_px=640,
-        splits=(f"{BUILDING}=test",), terms=None,
+        [building], tmp_path / "set", lake=lake, label_format=TrainingLabelFormat.YOLO,
+        pictures=PictureMode.TILES, side_px=640, splits=(f"{BUILDING}=test",), terms=None,
     )  # fmt: skip
     assert placed == {BUILDING: Split.TEST}
     assert made.count_by_class(Split.TEST) == {"pictures": 2, "negatives": 0, "crack": 2, "spalling": 0, "moisture": 0}
@@ -173,6 +173,6 @@ def test_refusals_say_what_to_do(tower: tuple[Portfolio, Path], tmp_path: Path) 
         InputDataError, match=r"tower: no reviews; export a review task with 'facadelake review export-task'"
     ):
         make_training_set(
-            [portfolio.get_building(BUILDING)], tmp_path / "set", lake=lake, label_format=TrainingLabelFormat.COCO, pictures=PictureMode.TILES,
-            side_px=640, splits=(), terms=None,
+            [portfolio.get_building(BUILDING)], tmp_path / "set", lake=lake, label_format=TrainingLabelFormat.COCO,
+            pictures=PictureMode.TILES, side_px=640, splits=(), terms=None,
         )  # fmt: skip

@@ -121,7 +121,9 @@ def test_missed_doubled_false_and_neighbours(tmp_path: Path) -> None:
 
 
 def test_nothing_found() -> None:
-    found = count_check_points(xyz_true_site_m={"C1": np.zeros(3)}, detected=[], check_point_by_defect=[], members=[])
+    found = count_check_points(
+        xyz_true_site_m={"C1": np.zeros(3)}, detected_check_points=[], check_point_by_defect=[], members=[]
+    )
     assert (found.missed, found.lost, found.near_pairs, found.nearest_apart_m) == (1, 0, 0, None)
 
 

@@ -165,8 +165,8 @@ def report(compared: ReviewComparison) -> ModelComparison:
         campaigns=(
             CampaignComparison(
                 building_id="tower", campaign_id="2026-04", run_id="run-1", photographs_total=5,
-                photographs=("p0.jpg", "p1.jpg", "p2.jpg"), boxes=count_changes(CHANGES), wall=None, wall_remark="no model",
-                reviews=compared.count_outcomes(), lost=list_lost_defects(compared),
+                photographs=("p0.jpg", "p1.jpg", "p2.jpg"), boxes=count_changes(CHANGES), wall=None,
+                wall_remark="no model", reviews=compared.count_outcomes(), lost=list_lost_defects(compared),
             ),
         ),
     )  # fmt: skip
