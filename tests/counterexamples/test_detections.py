@@ -1,4 +1,4 @@
-"""Bad detections and models, each with the words it must give."""
+"""Bad detections and models, each with its message."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def import_rows(folder: Path, *annotations: dict[str, Any], file_name: str = "IM
         ),
     ],
 )
-def test_one_bad_box_is_a_row_and_the_rest_goes_on(
+def test_a_bad_box_is_a_row_and_the_others_are_accepted(
     tmp_path: Path, bad: dict[str, Any], outcome: str, reason: str
 ) -> None:
     before, found, after = import_rows(tmp_path, GOOD, bad, GOOD)
@@ -75,7 +75,7 @@ def test_one_bad_box_is_a_row_and_the_rest_goes_on(
     assert [row["detection_outcome"] for row in (before, after)] == ["accepted", "accepted"]
 
 
-def test_a_coco_file_cut_short(tmp_path: Path) -> None:
+def test_a_truncated_coco_file(tmp_path: Path) -> None:
     import_rows(tmp_path, GOOD)
     path = tmp_path / "boxes.json"
     path.write_text(path.read_text()[:-20])
@@ -83,7 +83,7 @@ def test_a_coco_file_cut_short(tmp_path: Path) -> None:
         import_coco(path, PHOTOS, class_names={})
 
 
-def test_a_coco_file_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_coco_file(tmp_path: Path) -> None:
     path = tmp_path / "boxes.json"
     with pytest.raises(InputDataError) as raised:
         import_coco(path, PHOTOS, class_names={})
@@ -102,7 +102,7 @@ def test_a_coco_file_of_another_campaign(tmp_path: Path) -> None:
     )
 
 
-def test_boxes_in_shares_of_the_photograph_instead_of_pixels(tmp_path: Path) -> None:
+def test_normalised_boxes_instead_of_pixels(tmp_path: Path) -> None:
     with pytest.raises(InputDataError) as raised:
         import_rows(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4], "category_id": 1})
     assert str(raised.value) == (

@@ -1,4 +1,4 @@
-"""Models that are not what their card says, that overflow, or that meet photographs of an odd kind."""
+"""Models that do not match their card or overflow, and photographs of unusual formats."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def make_spoiler(step: int, value: float) -> Spoiler:
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("step", [1, 7], ids=["all", "some"])
-def test_a_model_that_gives_no_numbers_is_refused(tmp_path: Path, layout: str, step: int) -> None:
-    """NaN compares as below every threshold: such a model would find nothing, and nobody would know why."""
+def test_a_model_with_nan_outputs_is_refused(tmp_path: Path, layout: str, step: int) -> None:
+    """NaN is below every threshold: such a model would silently find nothing."""
     assert "are not numbers (NaN)" in get_refusal(
         tmp_path, make_spoiler(step, np.nan)(make_output(layout, [CRACK])), layout
     )
@@ -62,7 +62,7 @@ def test_a_model_that_overflows_is_refused(tmp_path: Path, layout: str) -> None:
 
 
 @pytest.mark.parametrize("layout", ["yolov5", "yolov8", "nms6"])
-def test_boxes_in_shares_of_the_input_are_refused(tmp_path: Path, layout: str) -> None:
+def test_normalised_boxes_are_refused(tmp_path: Path, layout: str) -> None:
     output = make_output(layout, [CRACK])
     boxes = output[:, :4] if layout == "yolov8" else output[..., :4]
     boxes /= WIDTH
@@ -79,15 +79,15 @@ def test_boxes_in_shares_of_the_input_are_refused(tmp_path: Path, layout: str) -
     ],
     ids=["batch of four", "channels last", "grey", "height and width swapped"],
 )
-def test_an_input_that_no_photograph_can_be_brought_to(tmp_path: Path, shape: tuple[int, ...], names: str) -> None:
+def test_an_input_of_another_shape_is_refused(tmp_path: Path, shape: tuple[int, ...], names: str) -> None:
     message = get_refusal(tmp_path, make_output("yolov8", [CRACK]), "yolov8", shape)
     assert f"takes an input of shape {names}, its card declares [1, 3, 64, 96]" in message
 
 
 @pytest.mark.parametrize("value", [float("inf"), float("nan")])
 @pytest.mark.parametrize("key", ["score_calibration.intercept", "input.scale", "score_threshold"])
-def test_a_card_with_numbers_that_are_none(key: str, value: float) -> None:
-    """YAML knows infinity and NaN; a calibration of NaN would make every score NaN."""
+def test_a_card_with_infinite_or_nan_values(key: str, value: float) -> None:
+    """YAML has infinity and NaN; a calibration of NaN would make every score NaN."""
     content: dict[str, Any] = make_card("yolov8")
     part, _, name = key.rpartition(".")
     (content.setdefault(part, {}) if part else content)[name] = value
@@ -95,8 +95,8 @@ def test_a_card_with_numbers_that_are_none(key: str, value: float) -> None:
         parse_card(yaml.safe_dump(content), "a card")
 
 
-def test_a_list_shorter_than_its_classes_fails_with_the_remedy(tmp_path: Path) -> None:
-    """A list after suppression does not tell how many classes it has before it names one too many."""
+def test_too_few_class_names_fail_with_the_remedy(tmp_path: Path) -> None:
+    """The number of classes of layout nms6 is unknown until a class beyond the card's occurs."""
     output = make_output("nms6", [(*CRACK[:6], 7)])
     detector = OnnxDetector(save_model(tmp_path / "m.onnx", output), ModelCard.model_validate(make_card("nms6")))
     with pytest.raises(
@@ -119,14 +119,14 @@ def make_photos_table(folder: Path, names: list[str]) -> pa.Table:
 
 
 def make_spot_detector(folder: Path) -> OnnxDetector:
-    """Finds the centre of red and of green light in its input."""
+    """A detector of the centroids of red and green in its input."""
     content = make_card("nms6", score_threshold=0.3, nms_iou=0.99)
     content["input"] = {**content["input"], "pad_value": 0}
     return OnnxDetector(save_spot_model(folder / "m.onnx", batch=1), ModelCard.model_validate(content))
 
 
 def store_variants(folder: Path) -> list[str]:
-    """One picture, a bright spot at 110 to 150, 10 to 40 px of 192 x 80, stored in many ways."""
+    """One image, a bright rectangle at 110 to 150, 10 to 40 px of 192 x 80, in many formats."""
     values = np.zeros((80, 192), dtype=np.uint8)
     values[10:40, 110:150] = 255
     colour = np.repeat(values[..., None], 3, axis=2)
@@ -144,7 +144,7 @@ def store_variants(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_photographs_stored_in_other_ways_show_the_same_in_the_same_pixels(tmp_path: Path) -> None:
+def test_photographs_in_other_formats_give_the_same_detection(tmp_path: Path) -> None:
     folder = tmp_path / "photographs"
     folder.mkdir()
     names = store_variants(folder)
@@ -153,7 +153,7 @@ def test_photographs_stored_in_other_ways_show_the_same_in_the_same_pixels(tmp_p
     assert sorted(red) == names
     for name, row in red.items():
         centre = (row["box_x_px"] + row["box_width_px"] / 2, row["box_y_px"] + row["box_height_px"] / 2)
-        # The black of CMYK is not quite dark; turned pixels would be 60 px away.
+        # The black of CMYK is not 0; rotated pixels would be 60 px away.
         assert centre == pytest.approx((130, 25), rel=0, abs=2.0), name  # px of the photograph as stored
 
 
@@ -181,10 +181,10 @@ def test_one_pixel_and_a_panorama_among_bad_files(tmp_path: Path, caplog: pytest
     assert pixel["box_x_px"] + pixel["box_width_px"] <= 1
 
 
-def test_values_that_overflow_in_one_photograph_are_told_and_the_others_count(
+def test_values_that_overflow_in_one_photograph_are_reported_and_the_others_count(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The logarithm of a black photograph's light is no number; that of any other is."""
+    """The logarithm of the sum is NaN for a black photograph only."""
     path = save_model(tmp_path / "m.onnx", make_output("yolov8", [CRACK]))
     model = onnx.load(path)
     graph = model.graph

@@ -1,7 +1,7 @@
-"""Cracks where tiles are cut, photographs of odd shapes, masks of other sizes: one crack is told as one, or says why.
+"""Cracks along and across tile borders, photographs of unusual shapes, masks of other sizes.
 
-The detector cannot err and is blind to what lies in more than two inputs, so that nothing but the joining of tiles can
-find what is longer than a tile.
+The detector has no errors and detects nothing in images of more than two inputs, so objects longer than a tile are
+found by merging tiles only.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Sides = tuple[int, int, int, int]
 
 
 class NearsightedDetector(BlobDetector):
-    """Sees nothing in an image that would have to be shrunk by more than half."""
+    """Detects nothing in an image that must be reduced by more than half."""
 
     def _detect_blobs(self, image: UInt8Image) -> tuple[DetectedBox, ...]:
         return () if max(image.shape[:2]) > 2 * INPUT_PX + 1 else super()._detect_blobs(image)
@@ -62,7 +62,7 @@ SEAM = (LEFTS[2], LEFTS[2] - 1, RIGHTS[2], RIGHTS[2] - 1, (LEFTS[3] + RIGHTS[2])
     ("x", "thick", "masks"), [*((x, thick, False) for x in SEAM for thick in (1, 3, 8)), (SEAM[0], 1, True)]
 )
 def test_a_crack_along_a_seam_is_one(x: int, thick: int, masks: bool) -> None:
-    """Exactly on the border of a tile, beside it, and in the middle of the overlap: no tile shows it better."""
+    """On the border of a tile, beside it, and in the centre of the overlap, where both tiles are equal."""
     image = make_wall()
     image[300:700, x - thick // 2 : x - thick // 2 + thick] = 0
     assert round_boxes(detect_image(NearsightedDetector(INPUT_PX, masks=masks), image)) == list_blobs(image)
@@ -77,7 +77,9 @@ def test_a_crack_along_a_seam_is_one(x: int, thick: int, masks: bool) -> None:
         pytest.param(
             [(50, 500), (200, 300), (350, 700), (500, 300), (650, 700), (800, 300), (950, 700)],
             False,
-            marks=pytest.mark.xfail(reason="boxes alone do not tell how a line that turns in every tile goes on"),
+            marks=pytest.mark.xfail(
+                reason="boxes alone do not determine how a line that turns in every tile continues"
+            ),
         ),
         ([(50, 500), (200, 300), (350, 700)], True),
     ],
@@ -89,7 +91,7 @@ def test_a_crack_across_many_tiles_is_one(crack: list[tuple[int, int]], masks: b
 
 
 def test_a_winding_crack_is_one_where_there_are_masks_and_at_most_two_where_not() -> None:
-    """Boxes alone do not say that both arms of a U are one crack; masks do."""
+    """Boxes alone do not show that both arms of a U are one crack; masks do."""
     image = draw_lines([(200, 100), (200, 800), (900, 800), (900, 100)])
     assert round_boxes(detect_image(NearsightedDetector(INPUT_PX, masks=True), image)) == list_blobs(image)
     apart = round_boxes(detect_image(NearsightedDetector(INPUT_PX), image))
@@ -105,20 +107,20 @@ def test_ten_cracks_side_by_side_stay_ten(masks: bool) -> None:
 
 @pytest.mark.parametrize("gap", [20, 40])
 def test_dashes_in_one_line_stay_apart(gap: int) -> None:
-    """A line of separate cracks is no crack: what ends in a tile is not joined to what begins behind it."""
+    """Separate cracks in one line are not merged: a crack that ends in a tile does not continue in the next."""
     image = draw_lines(*[[(x, 500), (x + 80, 500)] for x in range(60, 1380, 80 + gap)])
     assert round_boxes(detect_image(NearsightedDetector(INPUT_PX), image)) == list_blobs(image)
 
 
-def test_spots_without_number_are_told_once_each() -> None:
-    """Nearly two thousand, a hundred in each tile and on every seam."""
+def test_two_thousand_spots_are_detected_once_each() -> None:
+    """About a hundred in each tile and on every seam."""
     image = make_wall()
     for y in range(10, 490, 15):
         for x in range(10, 890, 15):
             image[y : y + 4, x : x + 4] = 0
     truth = list_blobs(image)
     assert len(truth) > 1800
-    # Next to a border two spots may be taken for the ends of one; at 11 px apart that is rare.
+    # Next to a border, two spots may be merged as ends of one; with gaps of 11 px this is rare.
     found = round_boxes(detect_image(NearsightedDetector(INPUT_PX), image))
     assert len(set(truth) & set(found)) >= 0.97 * len(truth)
     assert len(found) == len(set(found))
@@ -129,7 +131,7 @@ def test_spots_without_number_are_told_once_each() -> None:
     [(1, 1), (2, 2), (1, 5000), (5000, 1), (159, 159), (160, 160), (320, 320), (321, 321), (321, 10), (500, 20000)],
 )
 def test_photographs_of_any_shape_are_covered(height: int, width: int) -> None:
-    """From one pixel to a panorama: every pixel lies in a tile of the finest look, no tile reaches beyond."""
+    """From one pixel to a panorama: every pixel is in a tile of the finest pass, no tile extends beyond."""
     tiles = plan_tile_passes(make_blob_card(INPUT_PX).input, width_px=width, height_px=height)[0].tiles
     seen = np.zeros((height, width), dtype=bool)
     for tile in tiles:
@@ -153,14 +155,14 @@ TARGETS: dict[str, Callable[[], np.ndarray]] = {
 
 
 @pytest.mark.parametrize("target", TARGETS.values(), ids=list(TARGETS))
-def test_a_target_of_another_size_lies_over_the_whole_photograph(target: Callable[[], np.ndarray]) -> None:
+def test_a_target_of_another_size_covers_the_whole_photograph(target: Callable[[], np.ndarray]) -> None:
     image = make_wall()
     image[498:503, 755:765] = 0
     found = round_boxes(detect_image(NearsightedDetector(INPUT_PX), image, target=target()))
     assert found == [(755, 498, 10, 5)]
 
 
-def test_an_empty_target_is_not_looked_at_and_half_of_one_halves_the_work() -> None:
+def test_an_empty_target_is_not_processed_and_half_a_target_halves_the_work() -> None:
     blind = NearsightedDetector(INPUT_PX)
     assert detect_image(blind, draw_lines([(0, 0), (1400, 900)]), target=np.zeros((5, 5), dtype=bool)) == ()
     assert blind.processed_sizes == []
@@ -172,8 +174,8 @@ def test_an_empty_target_is_not_looked_at_and_half_of_one_halves_the_work() -> N
 
 
 @pytest.mark.parametrize("gsd_mm", [float("nan"), 0.0, -1.0])
-def test_a_gsd_that_cannot_be_is_as_good_as_none(gsd_mm: float) -> None:
-    """It must not make the detector look at a shrunken photograph alone."""
+def test_an_invalid_gsd_is_ignored(gsd_mm: float) -> None:
+    """The detector must not process the reduced photograph only."""
     image = draw_lines([(50, 50), (1400, 900)])
     seeing = NearsightedDetector(INPUT_PX, gsd_mm=(1.0, 3.0))
     assert round_boxes(detect_image(seeing, image, gsd_mm=gsd_mm)) == list_blobs(image)

@@ -1,4 +1,4 @@
-"""A detector that cannot err: every dark blob of a picture is a crack, its box and mask are the blob's own."""
+"""A detector without errors: every dark blob is a crack with the blob's exact box and mask."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from facadelake.detection.inference.detector import DetectedBox
 
 
 def make_blob_card(input_px: int, gsd_mm: Sequence[float] = ()) -> ModelCard:
-    """The card of a model whose input is ``input_px`` squared."""
+    """The card of a model with an input of ``input_px`` x ``input_px``."""
     content: dict[str, Any] = {
         "name": "blobs",
         "licence": "none",
@@ -36,7 +36,7 @@ def make_blob_card(input_px: int, gsd_mm: Sequence[float] = ()) -> ModelCard:
 
 
 class BlobDetector:
-    """Dark blobs (below 128) of each image; ``processed_sizes`` keeps the sizes (height, width) of all images looked at."""
+    """Dark blobs (below 128) of each image; ``processed_sizes``: height and width of all images."""
 
     def __init__(self, input_px: int = 160, *, masks: bool = False, gsd_mm: Sequence[float] = ()) -> None:
         self.card = make_blob_card(input_px, gsd_mm)

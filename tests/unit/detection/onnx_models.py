@@ -1,4 +1,4 @@
-"""Tiny ONNX graphs that answer with a given array, and the cards that go with them."""
+"""Small ONNX graphs with fixed outputs, and their cards."""
 
 from __future__ import annotations
 
@@ -26,35 +26,35 @@ def list_cells() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def save_model(
     path: Path,
-    answer: NDArray[Any] | Mapping[str, NDArray[Any]],
+    outputs: NDArray[Any] | Mapping[str, NDArray[Any]],
     *,
     shape: tuple[int | str, ...] = (1, 3, HEIGHT, WIDTH),
     kind: int = TensorProto.FLOAT,
     metadata: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
-    """A model that adds zero times its input's sum to ``make_output``: one output, or one for each name."""
+    """Save a model with fixed ``outputs``, to which zero times the input's sum is added: one, or one for each name."""
     dtype = helper.tensor_dtype_to_np_dtype(kind)
-    answers = answer if isinstance(answer, Mapping) else {"output": answer}
+    named_outputs = outputs if isinstance(outputs, Mapping) else {"output": outputs}
     nodes = [
         helper.make_node("ReduceSum", ["images"], ["sum"], keepdims=0),
         helper.make_node("Mul", ["sum", "zero"], ["nothing"]),
     ]
     constants = [numpy_helper.from_array(np.zeros((), dtype=dtype), "zero")]
-    for name, values in answers.items():
+    for name, values in named_outputs.items():
         nodes.append(helper.make_node("Add", [f"{name} values", "nothing"], [name]))
         constants.append(numpy_helper.from_array(values.astype(dtype), f"{name} values"))
     graph = helper.make_graph(
         nodes,
         "fixed",
         [helper.make_tensor_value_info("images", kind, shape)],
-        [helper.make_tensor_value_info(name, kind, values.shape) for name, values in answers.items()],
+        [helper.make_tensor_value_info(name, kind, values.shape) for name, values in named_outputs.items()],
         constants,
     )
     return _save(graph, path, metadata)
 
 
-def save_triple_model(path: Path, answers: Mapping[str, NDArray[Any]]) -> Path:
-    """A model of layout rtdetr_triple: its boxes (normalised corners) are scaled to its second input, width first."""
+def save_triple_model(path: Path, outputs: Mapping[str, NDArray[Any]]) -> Path:
+    """Save a model of layout rtdetr_triple: boxes (normalised corners) are scaled to its second input, width first."""
     nodes = [
         helper.make_node("ReduceSum", ["images"], ["sum"], keepdims=0),
         helper.make_node("Mul", ["sum", "zero"], ["nothing"]),
@@ -69,9 +69,9 @@ def save_triple_model(path: Path, answers: Mapping[str, NDArray[Any]]) -> Path:
     constants = {
         "zero": np.zeros((), dtype=np.float32),
         "one": np.array([1], dtype=np.int64),
-        "corners": answers["boxes"].astype(np.float32),
-        "score values": answers["scores"].astype(np.float32),
-        "label values": answers["labels"].astype(np.int64),
+        "corners": outputs["boxes"].astype(np.float32),
+        "score values": outputs["scores"].astype(np.float32),
+        "label values": outputs["labels"].astype(np.int64),
     }
     kinds = {"labels": TensorProto.INT64, "boxes": TensorProto.FLOAT, "scores": TensorProto.FLOAT}
     graph = helper.make_graph(
@@ -81,14 +81,14 @@ def save_triple_model(path: Path, answers: Mapping[str, NDArray[Any]]) -> Path:
             helper.make_tensor_value_info("images", TensorProto.FLOAT, (1, 3, HEIGHT, WIDTH)),
             helper.make_tensor_value_info("orig_target_sizes", TensorProto.INT64, (1, 2)),
         ],
-        [helper.make_tensor_value_info(name, kind, answers[name].shape) for name, kind in kinds.items()],
+        [helper.make_tensor_value_info(name, kind, outputs[name].shape) for name, kind in kinds.items()],
         [numpy_helper.from_array(values, name) for name, values in constants.items()],
     )
     return _save(graph, path, {})
 
 
 def save_spot_model(path: Path, *, batch: int | str) -> Path:
-    """A model of layout nms6 that measures its image: a box of 2 px around the centre of brightness of each channel.
+    """Save a model of layout nms6 with a box of 2 px at the centroid of brightness of each channel.
 
     Class 0 is the first channel's, class 1 the second's; the score is the channel's brightest value / 255.
     """
@@ -140,7 +140,7 @@ def _save(graph: Any, path: Path, metadata: Mapping[str, str]) -> Path:
 
 
 def make_card(layout: str, **changes: Any) -> dict[str, Any]:
-    """A card's content for a model of WIDTH x HEIGHT."""
+    """The content of a card for a model of WIDTH x HEIGHT."""
     content = {
         "name": "fixed",
         "licence": "Apache-2.0",
@@ -154,7 +154,7 @@ def make_card(layout: str, **changes: Any) -> dict[str, Any]:
 
 
 def make_output(layout: str, boxes: list[tuple[int, float, float, float, float, float, int]]) -> NDArray[np.float64]:
-    """An output that holds ``boxes`` (candidate, centre x, centre y, width, height, score, class) in input pixels.
+    """An output with ``boxes`` (candidate, centre x, centre y, width, height, score, class) in input pixels.
 
     All other candidates are as large as their cell and have score 0.
     """
@@ -168,7 +168,7 @@ def make_output(layout: str, boxes: list[tuple[int, float, float, float, float, 
         centres[candidate], sizes[candidate], scores[candidate, c] = (x, y), (w, h), score
     if layout == "yolov8":
         return np.column_stack([centres, sizes, scores]).T[None]
-    if layout == "yolox":  # the inverse of its decoding, by hand
+    if layout == "yolox":  # the inverse of its decoding
         centres = (centres - corners) / strides[:, None]
         sizes = np.log(sizes / strides[:, None])
     # Objectness 0.8 where there is a box: the product is the score.
@@ -185,7 +185,7 @@ def make_outputs(
     boxes: list[tuple[int, float, float, float, float, float, int]],
     planes: Mapping[int, HalfPlane] = MappingProxyType({}),
 ) -> dict[str, NDArray[np.float64]]:
-    """The outputs of the layouts of several, or normalised, outputs, for the same ``boxes``.
+    """The outputs for ``boxes`` of layouts with several outputs or with normalised boxes.
 
     ``planes`` (candidate -> a, b, c): its mask is where a*x + b*y + c > 0 in pixels of the input. Prototypes are x, y
     and 1, so such masks are exact; a candidate without a plane has an empty mask.
@@ -221,7 +221,7 @@ def make_outputs(
         for _, cx, cy, w, h, score, c in boxes:
             maps[c, (np.abs(y - cy) < h / 2) & (np.abs(x - cx) < w / 2)] = score
         return {"output": (maps if layout == "map" else np.log(maps) - np.log1p(-maps))[None]}
-    # RF-DETR's last column stands for no object; it is sure of that here, and must not be heard.
+    # The last column of RF-DETR means no object; its high logits must be ignored.
     nothing = np.full((QUERIES, 1), 6.0)
     given = {"dets": centred[None], "labels": np.column_stack([logits, nothing])[None]}
     if layout == "rfdetr_seg":

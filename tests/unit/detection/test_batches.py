@@ -1,4 +1,4 @@
-"""A model that measures its image finds spots where they were drawn, to half a pixel, alone and in a batch."""
+"""Spots are detected at their drawn positions to half a pixel, singly and in a batch."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def draw_spots(width: int, height: int, seed: int) -> tuple[NDArray[np.uint8], N
     """A black photograph with a red and a green spot, and their centres (2: red, green; x, y)."""
     rng = np.random.default_rng(seed)
     image = np.zeros((height, width, 3), dtype=np.uint8)
-    # Bells of 1.5 px of the input: what has edges is moved by sampling itself.
+    # Gaussians of 1.5 px of the input: resampling would shift sharp edges.
     sigma = 1.5 * max(1.0, width / WIDTH, height / HEIGHT)
     centres = []
     for channel in (2, 1):
@@ -58,7 +58,7 @@ def test_spots_are_found_to_half_a_pixel(tmp_path: Path, resize: str, width: int
 
 
 @pytest.mark.parametrize(("batch", "together"), [("n", True), (1, False)])
-def test_a_batch_gives_what_each_photograph_gives(tmp_path: Path, batch: int | str, together: bool) -> None:
+def test_a_batch_equals_single_photographs(tmp_path: Path, batch: int | str, together: bool) -> None:
     finder = make_detector(tmp_path / "spots.onnx", batch=batch, resize="letterbox_centre")
     assert finder.supports_batches is together
     images = [draw_spots(width, height, seed)[0] for seed, (width, height) in enumerate(SIZES)]
@@ -69,7 +69,7 @@ def test_a_batch_gives_what_each_photograph_gives(tmp_path: Path, batch: int | s
     assert finder.detect_batch(images[:1]) == alone[:1]
 
 
-def test_a_part_of_a_photograph_needs_no_copy(tmp_path: Path) -> None:
+def test_a_view_of_a_photograph_needs_no_copy(tmp_path: Path) -> None:
     finder = make_detector(tmp_path / "spots.onnx")
     image, drawn = draw_spots(400, 300, 3)
     left, top = (int(side) for side in np.clip(drawn.min(axis=0) - 20, 0, (400 - WIDTH, 300 - HEIGHT)))
@@ -78,14 +78,14 @@ def test_a_part_of_a_photograph_needs_no_copy(tmp_path: Path) -> None:
     assert finder.detect(tile) == finder.detect(tile.copy())
 
 
-def test_a_batch_that_the_graph_only_promises_is_run_one_by_one(tmp_path: Path) -> None:
+def test_a_graph_whose_batches_fail_is_run_one_by_one(tmp_path: Path) -> None:
     path = save_spot_model(tmp_path / "spots.onnx", batch="n")
     model = onnx.load(path)
-    # A static reshape, as exporters fold it, keeps the first image of a batch for all.
+    # A static reshape in an export can return the first image of a batch for all.
     (last,) = [node for node in model.graph.node if "output" in node.output]
-    last.output[0] = "honest"
+    last.output[0] = "per image"
     model.graph.initializer.append(helper.make_tensor("only first", TensorProto.INT64, [1], [0]))
-    model.graph.node.append(helper.make_node("Gather", ["honest", "only first"], ["output"], axis=0))
+    model.graph.node.append(helper.make_node("Gather", ["per image", "only first"], ["output"], axis=0))
     onnx.save(model, path)
     finder = OnnxDetector(path, ModelCard.model_validate(make_card("nms6", score_threshold=0.01)))
     assert not finder.supports_batches
@@ -109,7 +109,7 @@ def test_calibrated_scores_and_their_threshold(tmp_path: Path) -> None:
     assert stricter == ()
 
 
-def test_the_shipped_model_sees_the_same_in_a_batch() -> None:
+def test_the_shipped_model_gives_the_same_in_a_batch() -> None:
     model = Path(__file__).parents[3] / "data" / "detector" / "facadelake-nano.onnx"
     everything = find_card(model).model_copy(update={"score_threshold": 0.0, "nms_iou": 1.0, "max_detections": 50})
     shipped = OnnxDetector(model, everything, threads=1)

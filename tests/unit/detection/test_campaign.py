@@ -1,4 +1,4 @@
-"""A detector over a folder of photographs: the same table as an import, and one bad file stops nothing."""
+"""A detector run on a folder of photographs: the same table as an import; a bad file does not stop the run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
     (root / "near").mkdir(parents=True)
     cv2.imwrite(str(root / "near" / "wide.jpg"), np.zeros((80, 192, 3), dtype=np.uint8))
     (root / "near" / "torn.jpg").write_bytes(b"\xff\xd8\xff torn")
-    # EXIF says "turn me by 90 degrees": boxes stay in the pixels as stored.
+    # The EXIF orientation is a rotation by 90 degrees: boxes are in the pixels as stored.
     exif = PillowImage.Exif()
     exif[0x0112] = 6
     PillowImage.new("RGB", (192, 80)).save(root / "near" / "turned.jpg", exif=exif)
@@ -56,7 +56,7 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
         assert crack["box_x_px"] == pytest.approx(48, rel=0, abs=0.01)  # px
         assert (car["detection_outcome"], car["defect_class"], car["source_class"]) == ("unknown_class", None, "car")
         assert "class 'car' is none of crack, spalling, moisture" in car["reason"]
-        # 32 px from -6 to 26, cut at the border.
+        # 32 px from -6 to 26, clipped at the border.
         assert overhanging["detection_outcome"] == "accepted"
         assert [overhanging["box_x_px"], overhanging["box_width_px"]] == pytest.approx([0, 26], rel=0, abs=0.01)  # px
         assert "extends beyond the photograph (192 x 80 px) by 6.0 px" in overhanging["reason"]
@@ -65,13 +65,13 @@ def test_rows_of_a_campaign(tmp_path: Path, caplog: pytest.LogCaptureFixture) ->
         assert (crack["detector"], crack["detector_sha256"]) == ("onnx:fixed", detector.sha256)
     named = detect_photographs(photos, root, detector, class_names={"car": "moisture"}).to_pylist()
     assert [row["defect_class"] for row in named[:2]] == ["crack", "moisture"]
-    told = detect_photographs(
+    remarked = detect_photographs(
         photos, root, detector, find_region=lambda photo_id: SearchRegion(remark=f"{photo_id} has no pose")
     )
-    assert told.column("reason").to_pylist()[0] == "near/wide.jpg has no pose"
+    assert remarked.column("reason").to_pylist()[0] == "near/wide.jpg has no pose"
 
 
-def test_nothing_is_looked_for_where_the_building_is_not(tmp_path: Path) -> None:
+def test_nothing_is_detected_outside_the_building(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "sky.jpg"), np.zeros((80, 192, 3), dtype=np.uint8))
     row = {"photo_id": "sky.jpg", "sha256": "0", "bytes": 1, "photo_outcome": "accepted"}
     photos = table_from_rows("photos", [{**row, "prior_source": "none", "prior_height_datum": "unknown"}])

@@ -1,4 +1,4 @@
-"""Cards in YAML, JSON and metadata; without one, a draft that reads as a card."""
+"""Cards in YAML, JSON and metadata; without a card, a draft that is a valid card."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FULL: dict[str, Any] = {
 }
 
 
-def test_yaml_json_and_metadata_say_the_same(tmp_path: Path) -> None:
+def test_yaml_json_and_metadata_are_equivalent(tmp_path: Path) -> None:
     model = save_model(
         tmp_path / "crack.onnx", make_output("yolov8", [CRACK]), metadata={"facadelake.card": json.dumps(FULL)}
     )
@@ -45,7 +45,7 @@ def test_yaml_json_and_metadata_say_the_same(tmp_path: Path) -> None:
     assert load_detector(model, beside).name == "json"
 
 
-def test_json_keeps_its_small_numbers(tmp_path: Path) -> None:
+def test_json_keeps_small_numbers(tmp_path: Path) -> None:
     text = json.dumps({**FULL, "metrics": {"loss": 1e-5}})
     assert parse_card(text, "card").metrics == {"loss": 1e-5}
     with pytest.raises(ModelError, match=r"model x, metadata facadelake.card cannot be read as YAML or JSON"):
@@ -73,12 +73,12 @@ def test_an_old_card_reads_as_before() -> None:
     assert (old.score_calibration.slope, old.score_calibration.intercept) == (1.0, 0.0)
 
 
-def test_a_card_written_reads_as_it_was() -> None:
+def test_a_card_survives_a_round_trip() -> None:
     whole = ModelCard.model_validate({**FULL, "input": {**FULL["input"], "gsd_mm": [1.5, 6]}})
     assert parse_card(format_card(whole), "card") == whole
 
 
-def test_figures_in_a_card_make_no_detection_again(tmp_path: Path) -> None:
+def test_metrics_in_a_card_do_not_change_the_hash(tmp_path: Path) -> None:
     model = save_model(tmp_path / "crack.onnx", make_output("yolov8", [CRACK]))
     prints = []
     for changes in ({}, {"metrics": {"ap50": 0.9}}, {"licence": "MIT"}, {"score_calibration": {"slope": 2}}):
@@ -88,12 +88,12 @@ def test_figures_in_a_card_make_no_detection_again(tmp_path: Path) -> None:
 
 
 def get_draft(model: Path) -> tuple[str, ModelCard]:
-    """What is said of a model without a card, and the draft that it ends with."""
+    """The message for a model without a card, and the draft at its end."""
     with pytest.raises(ModelError) as raised:
         load_detector(model)
-    said, text = str(raised.value).split(":\n\n")
+    message, text = str(raised.value).split(":\n\n")
     locate_card(model).write_text(text)
-    return said, read_card(locate_card(model))
+    return message, read_card(locate_card(model))
 
 
 def test_a_draft_from_the_metadata_of_ultralytics_is_ready_to_use(tmp_path: Path) -> None:
@@ -103,9 +103,9 @@ def test_a_draft_from_the_metadata_of_ultralytics_is_ready_to_use(tmp_path: Path
     }  # fmt: skip
     outputs = make_outputs("yolov8_seg", [CRACK], {10: (1.0, 0.0, -28.3)})
     model = save_model(tmp_path / "walls.onnx", outputs, shape=("n", 3, "h", "w"), metadata=metadata)
-    said, draft = get_draft(model)
-    assert "walls.card.yaml does not exist; every detector needs one beside it" in said
-    assert "A draft from its metadata and a probe image, layout yolov8_seg. Check it and save it as" in said
+    message, draft = get_draft(model)
+    assert "walls.card.yaml does not exist; every detector needs one beside it" in message
+    assert "A draft from its metadata and a probe image, layout yolov8_seg. Check it and save it as" in message
     assert (draft.name, draft.licence[:8], draft.class_names) == ("walls", "AGPL-3.0", CLASSES)
     assert (draft.input.width_px, draft.input.height_px, draft.input.colour) == (WIDTH, HEIGHT, "rgb")
     assert draft.input.scale == pytest.approx(1 / 255, rel=1e-12)
@@ -117,21 +117,23 @@ def test_a_draft_from_the_metadata_of_ultralytics_is_ready_to_use(tmp_path: Path
 def test_a_draft_without_metadata_finds_layout_and_number_of_classes(tmp_path: Path, layout: str) -> None:
     single = layout in ("yolox", "yolov5", "yolov8", "nms6")
     outputs = make_output(layout, [CRACK]) if single else make_outputs(layout, [CRACK])
-    said, draft = get_draft(save_model(tmp_path / "walls.onnx", outputs))
-    # RF-DETR's column of no object is a class to whoever does not know better.
-    assert draft.output.layout == layout, said
-    assert "class names are unknown" in said
+    message, draft = get_draft(save_model(tmp_path / "walls.onnx", outputs))
+    # Without class names, RF-DETR's column for no object counts as a class.
+    assert draft.output.layout == layout, message
+    assert "class names are unknown" in message
     assert load_detector(tmp_path / "walls.onnx").detect(IMAGE)
 
 
-def test_a_draft_for_an_input_that_no_grid_of_yolox_fits(tmp_path: Path) -> None:
+def test_a_draft_for_an_input_that_is_no_multiple_of_yolox_strides(tmp_path: Path) -> None:
     """RF-DETR is exported at 560 px."""
     boxes, logits = np.full((1, 300, 4), 0.3), np.linspace(-4, 2, 1200).reshape(1, 300, 4)
-    said, draft = get_draft(save_model(tmp_path / "rf.onnx", {"dets": boxes, "labels": logits}, shape=(1, 3, 560, 560)))
-    assert (draft.output.layout, draft.input.width_px) == (OutputLayout.RFDETR, 560), said
+    message, draft = get_draft(
+        save_model(tmp_path / "rf.onnx", {"dets": boxes, "labels": logits}, shape=(1, 3, 560, 560))
+    )
+    assert (draft.output.layout, draft.input.width_px) == (OutputLayout.RFDETR, 560), message
 
 
-def test_a_draft_of_outputs_that_nothing_fits(tmp_path: Path) -> None:
-    said, draft = get_draft(save_model(tmp_path / "walls.onnx", np.zeros((1, 1000))))
-    assert r"This draft is a guess: no layout fits the outputs for a probe image (output (1, 1000))" in said
+def test_a_draft_for_outputs_of_no_layout(tmp_path: Path) -> None:
+    message, draft = get_draft(save_model(tmp_path / "walls.onnx", np.zeros((1, 1000))))
+    assert r"This draft is a guess: no layout fits the outputs for a probe image (output (1, 1000))" in message
     assert (draft.licence, draft.input.width_px) == ("unknown", WIDTH)

@@ -1,4 +1,4 @@
-"""COCO masks, as polygons and as run lengths, become outlines in pixels; what is no mask leaves its box."""
+"""COCO masks, as polygons and as run lengths, become outlines in pixels; where a mask is invalid, its box is used."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SLANTING = [100, 100, 200, 190, 200, 200, 100, 110]  # a crack 10 px high, 100 p
 
 
 def encode_run_lengths(pixels: NDArray[np.bool_]) -> list[int]:
-    """Run lengths down the columns, beginning with what is not masked: by stepping, not by cumulative sums."""
+    """Column-major run lengths, starting with background; computed pixel by pixel, not by cumulative sums."""
     runs, value, length = [], False, 0
     for pixel in pixels.T.ravel().tolist():
         if pixel != value:
@@ -29,7 +29,7 @@ def encode_run_lengths(pixels: NDArray[np.bool_]) -> list[int]:
 
 
 def compress_run_lengths(runs: list[int]) -> str:
-    """cocoapi's rleToString, written down from maskApi.c."""
+    """rleToString of cocoapi, after maskApi.c."""
     text = ""
     for i, run in enumerate(runs):
         x = run - runs[i - 2] if i > 2 else run
@@ -43,7 +43,7 @@ def compress_run_lengths(runs: list[int]) -> str:
 
 
 def draw_blob() -> NDArray[np.bool_]:
-    """A disc with a hole, and a bar that runs to the photograph's bottom and on from its top."""
+    """A disc with a hole, and a bar that continues from the photograph's bottom to the top of the next column."""
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     away = np.hypot(x - 150, y - 100)
     pixels = (away < 40) & (away > 15)
@@ -52,7 +52,7 @@ def draw_blob() -> NDArray[np.bool_]:
     return pixels
 
 
-def test_a_polygon_comes_as_it_is_and_the_crack_has_its_width(tmp_path: Path) -> None:
+def test_a_polygon_and_its_crack_width_are_unchanged(tmp_path: Path) -> None:
     path = write_coco_file(
         tmp_path,
         {"bbox": [100, 100, 100, 100], "segmentation": [SLANTING], "attributes": {"crack_width_px": 2.5}},
@@ -80,14 +80,14 @@ def test_run_lengths_plain_and_compressed_are_one_mask_of_whole_pixels(tmp_path:
     mask = shapely.from_wkt(plain["mask"])
     rows, columns = np.nonzero(np.ones_like(pixels))
     inside = shapely.contains_xy(mask, columns + 0.5, rows + 0.5).reshape(pixels.shape)
-    # The staircase is straightened by half a pixel: no more than pixels along the outlines change sides.
+    # Outlines are simplified by half a pixel: only pixels along them may differ.
     assert (inside != pixels).sum() < 0.02 * pixels.sum()
     np.testing.assert_allclose(mask.area, pixels.sum(), rtol=0, atol=0.01 * pixels.sum())  # px2
     assert not inside[100, 150]  # the hole
     assert inside[470, 300] and inside[10, 301] and not inside[470, 301]
 
 
-def test_several_polygons_are_one_mask_and_crossing_lines_are_mended() -> None:
+def test_several_polygons_are_one_mask_and_crossing_rings_are_repaired() -> None:
     whole = Box(x_px=0, y_px=0, width_px=100, height_px=100)
     squares = [[10, 10, 20, 10, 20, 20, 10, 20], [50, 50, 60, 50, 60, 60, 50, 60]]
     two = parse_segmentation(squares, whole, WIDTH, HEIGHT).outline
@@ -97,7 +97,7 @@ def test_several_polygons_are_one_mask_and_crossing_lines_are_mended() -> None:
     np.testing.assert_allclose(bow.area, 800.0, rtol=0, atol=1e-6)  # px2
 
 
-def test_a_mask_is_cut_to_the_photograph_with_its_box(tmp_path: Path) -> None:
+def test_a_mask_is_clipped_to_the_photograph_with_its_box(tmp_path: Path) -> None:
     row = import_rows(
         write_coco_file(tmp_path, {"bbox": [-20, 10, 60, 40], "segmentation": [[-20, 10, 40, 10, 40, 50]]})
     )[0]
@@ -105,7 +105,7 @@ def test_a_mask_is_cut_to_the_photograph_with_its_box(tmp_path: Path) -> None:
     assert "extends beyond" in row["reason"]
 
 
-def test_a_mask_without_box_has_the_box_about_it(tmp_path: Path) -> None:
+def test_a_mask_without_box_has_its_bounding_box(tmp_path: Path) -> None:
     row = import_rows(write_coco_file(tmp_path, {"segmentation": [SLANTING]}))[0]
     assert row["detection_outcome"] == "accepted"
     assert [row[f"box_{name}_px"] for name in ("x", "y", "width", "height")] == [100, 100, 100, 100]
@@ -113,13 +113,13 @@ def test_a_mask_without_box_has_the_box_about_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("segmentation", [None, [], {}, [[100, 100, 200, 100, 200, 200, 100, 200]]])
-def test_no_mask_or_one_that_is_its_box_leaves_the_box_without_a_word(tmp_path: Path, segmentation: Any) -> None:
+def test_no_mask_or_one_equal_to_its_box_leaves_the_box_without_a_reason(tmp_path: Path, segmentation: Any) -> None:
     row = import_rows(write_coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "segmentation": segmentation}))[0]
     assert (row["detection_outcome"], row["mask"], row["reason"]) == ("accepted", None, None)
 
 
 @pytest.mark.parametrize(
-    ("segmentation", "said"),
+    ("segmentation", "reason"),
     [
         ([[1, 2, 3, 4]], "polygon 0 is not 3 or more points"),
         ([[1, 2, 3, 4, 5, None]], "polygon 0 is not 3 or more points"),
@@ -135,15 +135,15 @@ def test_no_mask_or_one_that_is_its_box_leaves_the_box_without_a_word(tmp_path: 
         ([[300, 300, 320, 300, 320, 320]], "lies outside its box"),
     ],
 )
-def test_a_mask_that_cannot_be_used_leaves_the_box_and_says_why(tmp_path: Path, segmentation: Any, said: str) -> None:
+def test_an_unusable_mask_leaves_the_box_with_the_reason(tmp_path: Path, segmentation: Any, reason: str) -> None:
     row = import_rows(write_coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "segmentation": segmentation}))[0]
     assert (row["detection_outcome"], row["mask"]) == ("accepted", None)
-    assert said in row["reason"]
+    assert reason in row["reason"]
     assert "its box is used instead" in row["reason"]
 
 
 @pytest.mark.parametrize("width", [-1, "wide", True, float("inf")])
-def test_a_crack_width_that_is_none_is_left_out(tmp_path: Path, width: Any) -> None:
+def test_an_invalid_crack_width_is_ignored(tmp_path: Path, width: Any) -> None:
     path = write_coco_file(tmp_path, {"bbox": [100, 100, 100, 100], "crack_width_px": width})
     row = import_rows(path)[0]
     assert (row["detection_outcome"], row["crack_width_px"]) == ("accepted", None)

@@ -8,7 +8,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import build_crosswalk
 from schemas.vocabulary import DefectClass
 
-# Written down from the sets' own lists: dacl10k-toolkit's TARGET_LIST, CODEBRIM's paper.
+# From the data sets' publications: TARGET_LIST of dacl10k-toolkit, the paper of CODEBRIM.
 DACL10K = {
     "Crack": "crack", "ACrack": "crack", "Wetspot": "moisture", "Efflorescence": "moisture", "Rust": None,
     "Rockpocket": None, "Hollowareas": None, "Cavity": None, "Spalling": "spalling", "Graffiti": None,
@@ -34,11 +34,11 @@ def test_every_name_is_known(name: str, counterpart: str | None) -> None:
         assert " (it is one of " in crosswalk.explain_unknown(name)
 
 
-def test_the_sets_are_whole() -> None:
+def test_the_taxonomies_are_complete() -> None:
     assert (len(DACL10K), len(CODEBRIM)) == (19, 6)
 
 
-def test_a_strange_name_is_not_guessed() -> None:
+def test_an_unknown_name_is_not_guessed() -> None:
     crosswalk = build_crosswalk()
     assert crosswalk.find_defect_class("cracked pipe") is None
     assert crosswalk.explain_unknown("cat") == (
@@ -48,7 +48,7 @@ def test_a_strange_name_is_not_guessed() -> None:
     assert crosswalk.explain_unknown("Rust").endswith("detector (it is one of dacl10k's damages)")
 
 
-def test_a_building_stands_over_a_card_and_a_card_over_the_table() -> None:
+def test_a_building_overrides_a_card_and_a_card_the_built_in_crosswalk() -> None:
     card, building = {"Rust": DefectClass.MOISTURE, "Efflorescence": "spalling"}, {"rust": "spalling"}
     crosswalk = build_crosswalk(card, building)
     assert crosswalk.find_defect_class("RUST") is DefectClass.SPALLING

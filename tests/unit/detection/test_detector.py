@@ -1,4 +1,4 @@
-"""Every declared layout gives the boxes that were put into it; whatever is not as declared is refused with words."""
+"""Every layout returns the encoded boxes; a model that is not as declared is refused with the reason."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from facadelake.detection.inference.detector import OnnxDetector, hash_detector,
 from tests.unit.detection.onnx_models import CLASSES, list_cells, make_card, make_output, save_model
 
 LAYOUTS = ("yolox", "yolov5", "yolov8", "nms6")
-# candidate, centre x, centre y, width, height (px of the input), score, class. The third is what suppression removes.
+# candidate, centre x, centre y, width, height (px of the input), score, class. AGAIN is suppressed.
 CRACK = (10, 30.0, 20.0, 12.0, 8.0, 0.75, 0)
 CAR = (70, 60.0, 40.0, 20.0, 30.0, 0.5, 1)
 AGAIN = (11, 31.0, 20.0, 12.0, 8.0, 0.6, 0)
@@ -29,11 +29,11 @@ def make_detector(tmp_path: Path, layout: str, output: Any, **changes: Any) -> O
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_boxes_come_back_in_pixels_of_a_wide_photograph(tmp_path: Path, layout: str) -> None:
+def test_boxes_are_in_pixels_of_a_wide_photograph(tmp_path: Path, layout: str) -> None:
     found = make_detector(tmp_path, layout, make_output(layout, [CAR, CRACK])).detect(
         np.zeros((150, 960, 3), dtype=np.uint8)
     )
-    # 960 px into 96: ten photograph pixels for each of the input, by hand.
+    # 960 px into 96: ten pixels of the photograph per pixel of the input.
     crack, car = found
     assert (crack.class_name, car.class_name) == CLASSES
     assert (crack.score, car.score) == pytest.approx((0.75, 0.5), rel=0, abs=1e-6)
@@ -65,7 +65,7 @@ def test_suppression_is_within_a_class(tmp_path: Path, layout: str) -> None:
     assert strict == ()
 
 
-def test_half_precision_and_free_sizes(tmp_path: Path) -> None:
+def test_half_precision_and_symbolic_dimensions(tmp_path: Path) -> None:
     declared = ModelCard.model_validate(make_card("yolov8"))
     image = np.zeros((64, 96, 3), dtype=np.uint8)
     half = save_model(tmp_path / "half.onnx", make_output("yolov8", [CRACK]), kind=TensorProto.FLOAT16)
@@ -86,7 +86,7 @@ def test_another_layout_than_declared_is_refused(tmp_path: Path, layout: str, de
         make_detector(tmp_path, declared, output)
 
 
-def test_the_refusal_says_expected_and_found_shape(tmp_path: Path) -> None:
+def test_the_message_has_expected_and_actual_shape(tmp_path: Path) -> None:
     with pytest.raises(ModelError) as raised:
         make_detector(tmp_path, "yolov5", make_output("yolov8", [CRACK]))
     message = str(raised.value)
@@ -128,7 +128,7 @@ def test_a_class_without_a_name_is_refused(tmp_path: Path) -> None:
         make_detector(tmp_path, "nms6", output).detect(np.zeros((64, 96, 3), dtype=np.uint8))
 
 
-def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_model_is_refused(tmp_path: Path) -> None:
     declared = ModelCard.model_validate(make_card("yolov8"))
     with pytest.raises(ModelError, match=r"model .*none.onnx does not exist; correct the detector's path"):
         OnnxDetector(tmp_path / "none.onnx", declared)
@@ -153,14 +153,14 @@ def write_card(model: Path, content: Any) -> Path:
         ({"input": {"width_px": 96}}, "input.height_px: Field required; input.colour: Field required"),
     ],
 )  # fmt: skip
-def test_a_card_is_read_with_clear_refusals(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_a_card_is_validated(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     path = write_card(tmp_path / "fixed.onnx", make_card("yolov8", **changes))
     with pytest.raises(ModelError, match=message) as raised:
         read_card(path)
     assert str(path) in str(raised.value)
 
 
-def test_cards_that_cannot_be_right(tmp_path: Path) -> None:
+def test_inconsistent_and_missing_cards_are_refused(tmp_path: Path) -> None:
     content = make_card("yolox")
     content["input"]["width_px"] = 100
     with pytest.raises(ModelError, match="is 100 x 64 px; layout yolox needs multiples of its largest stride, 32"):
@@ -171,7 +171,7 @@ def test_cards_that_cannot_be_right(tmp_path: Path) -> None:
         read_card(write_card(tmp_path / "fixed.onnx", "crack"))
 
 
-def test_the_fingerprint_follows_model_card_and_names(tmp_path: Path) -> None:
+def test_the_hash_depends_on_model_card_and_class_names(tmp_path: Path) -> None:
     model = save_model(tmp_path / "fixed.onnx", make_output("yolov8", [CRACK]))
     write_card(model, make_card("yolov8"))
     assert load_detector(model).name == "fixed"

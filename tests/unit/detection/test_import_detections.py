@@ -1,4 +1,4 @@
-"""COCO boxes become rows, good or not, and a file that cannot be right is refused with its reason."""
+"""COCO boxes become rows, usable or not; a malformed file is refused with the reason."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def import_rows(path: Path, photos: pa.Table = PHOTOS, **class_names: str) -> li
     return list(import_coco(path, photos, class_names=class_names).to_pylist())
 
 
-def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
+def test_a_valid_box_is_unchanged(tmp_path: Path) -> None:
     path = write_coco_file(tmp_path, {"bbox": [10.25, 20.5, 30, 40], "score": 0.75}, {"bbox": [1, 2, 3, 4]})
     first, second = import_rows(path)
     assert first == {
@@ -77,7 +77,7 @@ def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
         "detector": "coco:boxes.json",
         "detector_sha256": hash_file(path),
     }
-    assert second["score"] == 1.0  # a person's box
+    assert second["score"] == 1.0  # drawn by a person
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def test_a_good_box_is_kept_as_it_is(tmp_path: Path) -> None:
         (None, "bad_box", None, "bbox is None"),
     ],
 )  # fmt: skip
-def test_boxes_are_judged(
+def test_boxes_are_checked(
     tmp_path: Path, bbox: Any, outcome: str, kept: tuple[float, ...] | None, reason: str | None
 ) -> None:
     (row,) = import_rows(write_coco_file(tmp_path, {"bbox": bbox}))
@@ -110,7 +110,7 @@ def test_boxes_are_judged(
 
 
 @pytest.mark.parametrize("score", [1.5, -0.1, "high", float("nan")])
-def test_a_score_that_is_none_is_said(tmp_path: Path, score: Any) -> None:
+def test_an_invalid_score_is_reported(tmp_path: Path, score: Any) -> None:
     (row,) = import_rows(write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4], "score": score}))
     assert row["detection_outcome"] == "bad_box"
     assert f"score is {score!r}; it must be a number from 0 to 1" in row["reason"]
@@ -150,7 +150,7 @@ def test_an_unknown_class_is_a_row_and_a_building_may_name_it(tmp_path: Path) ->
         ("./near/IMG_2.JPG", "near/IMG_2.JPG"),
     ],
 )
-def test_file_names_match_by_their_tail(tmp_path: Path, file_name: str, photo_id: str) -> None:
+def test_file_names_match_by_their_last_parts(tmp_path: Path, file_name: str, photo_id: str) -> None:
     (row,) = import_rows(write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, images=[{"id": 1, "file_name": file_name}]))
     assert (row["photo_id"], row["detection_outcome"]) == (photo_id, "accepted")
 
@@ -163,7 +163,7 @@ def test_file_names_match_by_their_tail(tmp_path: Path, file_name: str, photo_id
         ("IMG_9.JPG", "'IMG_9.JPG' is not among the campaign's photographs"),
     ],
 )
-def test_a_name_that_means_no_photograph_is_a_row(tmp_path: Path, file_name: str, reason: str) -> None:
+def test_a_name_without_photograph_is_a_row(tmp_path: Path, file_name: str, reason: str) -> None:
     images = [{"id": 1, "file_name": "near/IMG_1.JPG"}, {"id": 2, "file_name": file_name}]
     path = write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, {"bbox": [1, 2, 3, 4], "image_id": 2}, images=images)
     good, lost = import_rows(path)
@@ -171,7 +171,7 @@ def test_a_name_that_means_no_photograph_is_a_row(tmp_path: Path, file_name: str
     assert (lost["detection_outcome"], lost["photo_id"], lost["reason"]) == ("unknown_photo", file_name, reason)
 
 
-def test_an_annotation_of_no_image_and_of_another_size(tmp_path: Path) -> None:
+def test_annotations_of_an_unknown_image_and_of_another_size(tmp_path: Path) -> None:
     images = [
         {"id": 1, "file_name": "near/IMG_1.JPG"},
         {"id": 2, "file_name": "far/IMG_2.JPG", "width": HEIGHT, "height": WIDTH},
@@ -214,12 +214,12 @@ def test_a_file_that_is_not_coco_is_refused(tmp_path: Path, text: str, message: 
     assert str(path) in str(raised.value)
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"nowhere.json does not exist; correct the path"):
         import_rows(tmp_path / "nowhere.json")
 
 
-def test_a_file_that_fits_nothing_is_refused(tmp_path: Path) -> None:
+def test_a_file_without_accepted_boxes_is_refused(tmp_path: Path) -> None:
     box = {"bbox": [1, 2, 3, 4]}
     with pytest.raises(InputDataError, match="none of its 1 boxes is on an accepted photograph of the campaign's 3"):
         import_rows(write_coco_file(tmp_path, box, images=[{"id": 1, "file_name": "other.png"}]))

@@ -1,4 +1,4 @@
-"""Layouts of several outputs, or of normalised boxes: the boxes and masks put in come out, and nothing else passes."""
+"""Layouts of several outputs or normalised boxes return the encoded boxes and masks; others are refused."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ PLANES = {10: (1.0, 0.0, -28.3), 15: (1.0, 2.0, -130.0)}
 IMAGE = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
 
 
-# For maps: boxes of whole cells, more than even odds.
+# For maps: a box of whole cells with a probability above 0.5.
 LARGE = (15, 60.0, 40.0, 24.0, 32.0, 0.625, 1)
 
 
@@ -66,10 +66,10 @@ def make_model_card(layout: str, **changes: object) -> ModelCard:
 
 
 @pytest.mark.parametrize("layout", OTHER_LAYOUTS)
-def test_boxes_come_back_in_pixels_of_a_wide_photograph(tmp_path: Path, layout: str) -> None:
+def test_boxes_are_in_pixels_of_a_wide_photograph(tmp_path: Path, layout: str) -> None:
     detector = OnnxDetector(save_layout_model(tmp_path, layout, [CAR, CRACK]), make_model_card(layout))
     crack, car = detector.detect(np.zeros((150, 960, 3), dtype=np.uint8))
-    # 960 px into 96: ten photograph pixels for each of the input, by hand.
+    # 960 px into 96: ten pixels of the photograph per pixel of the input.
     assert (crack.class_name, car.class_name) == CLASSES
     assert (crack.score, car.score) == pytest.approx((0.75, 0.5), rel=0, abs=1e-6)
     sides = [[b.box.x_px, b.box.y_px, b.box.width_px, b.box.height_px] for b in (crack, car)]
@@ -79,12 +79,12 @@ def test_boxes_come_back_in_pixels_of_a_wide_photograph(tmp_path: Path, layout: 
 
 @pytest.mark.parametrize("resize", ["letterbox_corner", "letterbox_centre", "stretch"])
 @pytest.mark.parametrize("layout", ["rtdetr", "rtdetr_triple", "rfdetr"])
-def test_normalised_boxes_go_back_through_every_resize(tmp_path: Path, layout: str, resize: str) -> None:
+def test_normalised_boxes_are_transformed_back_for_every_resize_mode(tmp_path: Path, layout: str, resize: str) -> None:
     content = make_card(layout)
     content["input"]["resize"] = resize
     detector = OnnxDetector(save_layout_model(tmp_path, layout, [CRACK]), ModelCard.model_validate(content))
     (crack,) = detector.detect(np.zeros((640, 320, 3), dtype=np.uint8))
-    # 640 high into 64; 320 wide into 32 of 96, at the left, in the middle, or stretched to all of it.
+    # 640 high into 64; 320 wide into 32 of 96, at the left, centred, or stretched to the full width.
     left = {"letterbox_corner": 24 * 10, "letterbox_centre": (24 - 32) * 10, "stretch": 24 * 320 / 96}[resize]
     width = {"stretch": 12 * 320 / 96}.get(resize, 120)
     box = crack.box
@@ -101,13 +101,13 @@ def test_only_overlapping_layouts_are_suppressed(tmp_path: Path, layout: str) ->
 
 
 @pytest.mark.parametrize("layout", SEGMENTERS)
-def test_masks_are_outlines_cut_to_the_box(tmp_path: Path, layout: str) -> None:
+def test_masks_are_outlines_clipped_to_the_box(tmp_path: Path, layout: str) -> None:
     content = make_card(layout)
     content["input"]["resize"] = "letterbox_centre"
     detector = OnnxDetector(save_layout_model(tmp_path, layout, [CRACK, CAR]), ModelCard.model_validate(content))
-    # 480 wide into 96, 200 high into 40 of 64: five photograph pixels an input pixel, 12 of padding above.
+    # 480 wide into 96, 200 high into 40 of 64: five pixels of the photograph per pixel of the input, 12 of padding above.
     crack, car = detector.detect(np.zeros((200, 480, 3), dtype=np.uint8))
-    # Half-planes cut with boxes, by hand, in input pixels; then x * 5, (y - 12) * 5.
+    # Half-planes intersected with boxes, in pixels of the input; then x * 5, (y - 12) * 5.
     for found, corners in (
         (crack, [(28.3, 16), (36, 16), (36, 24), (28.3, 24)]),
         (car, [(70, 30), (70, 55), (50, 55), (50, 40)]),
@@ -119,7 +119,7 @@ def test_masks_are_outlines_cut_to_the_box(tmp_path: Path, layout: str) -> None:
         assert shapely.hausdorff_distance(found.mask, shape) < 0.5  # px
 
 
-def test_an_empty_mask_is_none_and_detectors_give_none(tmp_path: Path) -> None:
+def test_an_empty_mask_is_none_as_of_a_model_without_masks(tmp_path: Path) -> None:
     (found,) = OnnxDetector(
         save_layout_model(tmp_path, "yolov8_seg", [CRACK], {}), make_model_card("yolov8_seg")
     ).detect(IMAGE)
@@ -128,7 +128,7 @@ def test_an_empty_mask_is_none_and_detectors_give_none(tmp_path: Path) -> None:
     assert found.mask is None
 
 
-def test_a_ring_keeps_its_hole_and_two_spots_stay_two() -> None:
+def test_a_ring_keeps_its_hole_and_two_spots_stay_separate() -> None:
     rows, columns = GRID
     x, y = np.meshgrid((np.arange(columns) + 0.5) * 4, (np.arange(rows) + 0.5) * 4)
     away = np.hypot(x - 48, y - 32)
@@ -157,7 +157,7 @@ def test_a_mask_reaches_the_border_of_the_photograph() -> None:
     assert trace_mask(masks, 0, np.array([97, 5, 99, 9], dtype=np.float32), box) is None
 
 
-# Read as another layout and right all the same: fewer outputs of the same model, or no column for no object.
+# Layouts that are correct, too: fewer outputs of the same model, or without the column for no object.
 COMPATIBLE = {("rtdetr", "rfdetr"), ("rfdetr_seg", "rfdetr")}
 
 
@@ -172,8 +172,8 @@ def test_another_layout_than_declared_is_refused(tmp_path: Path, layout: str) ->
             OnnxDetector(path, make_model_card(other))
 
 
-def test_outputs_are_told_apart_by_name_then_shape_then_card(tmp_path: Path) -> None:
-    # Three classes and no object: logits as wide as boxes.
+def test_outputs_are_assigned_by_name_then_shape_then_card(tmp_path: Path) -> None:
+    # Three classes and a column for no object: logits have the shape of boxes.
     given = make_outputs("rfdetr", [CRACK])
     boxes, logits = given["dets"], np.concatenate([given["labels"][..., :2], given["labels"][..., 2:] - 12.0], axis=2)
     logits = np.concatenate([logits, logits[..., 2:]], axis=2)
@@ -185,8 +185,8 @@ def test_outputs_are_told_apart_by_name_then_shape_then_card(tmp_path: Path) -> 
         ModelError, match=r"could be boxes and logits in 2 ways; state which is which in the card: output.names"
     ):
         OnnxDetector(unnamed, make_model_card("rfdetr", class_names=names))
-    said = make_model_card("rfdetr", class_names=names, output={"layout": "rfdetr", "names": ["second", "first"]})
-    assert OnnxDetector(unnamed, said).detect(IMAGE)[0].class_name == "crack"
+    stated = make_model_card("rfdetr", class_names=names, output={"layout": "rfdetr", "names": ["second", "first"]})
+    assert OnnxDetector(unnamed, stated).detect(IMAGE)[0].class_name == "crack"
     by_shape = save_model(tmp_path / "shape.onnx", {"first": given["labels"], "second": boxes})
     assert OnnxDetector(by_shape, make_model_card("rfdetr")).detect(IMAGE)[0].class_name == "crack"
 
@@ -199,18 +199,18 @@ def test_outputs_are_told_apart_by_name_then_shape_then_card(tmp_path: Path) -> 
         (["labels", "dets"], r"its outputs are dets \(1, 20, 4\), labels \(1, 20, 3\), layout rfdetr with 2 classes"),
     ],
 )  # fmt: skip
-def test_names_of_outputs_that_cannot_be_right(tmp_path: Path, names: list[str], message: str) -> None:
+def test_wrong_names_of_outputs_are_refused(tmp_path: Path, names: list[str], message: str) -> None:
     path = save_layout_model(tmp_path, "rfdetr", [CRACK])
     with pytest.raises(ModelError, match=message):
         OnnxDetector(path, make_model_card("rfdetr", output={"layout": "rfdetr", "names": names}))
 
 
-def test_two_ways_of_naming_are_refused() -> None:
+def test_name_and_names_together_are_refused() -> None:
     with pytest.raises(ValueError, match="keep one of them"):
         make_model_card("rfdetr", output={"layout": "rfdetr", "name": "dets", "names": ["dets", "labels"]})
 
 
-def test_probabilities_in_place_of_logits_and_pixels_in_place_of_shares(tmp_path: Path) -> None:
+def test_probabilities_instead_of_logits_and_pixels_instead_of_fractions(tmp_path: Path) -> None:
     given = make_outputs("rtdetr", [CRACK])
     sure = {**given, "logits": 1 / (1 + np.exp(-given["logits"]))}
     with pytest.raises(ModelError, match="they are probabilities already; export the model without its sigmoid"):
@@ -220,7 +220,7 @@ def test_probabilities_in_place_of_logits_and_pixels_in_place_of_shares(tmp_path
         OnnxDetector(save_model(tmp_path / "pixels.onnx", pixels), make_model_card("rtdetr"))
 
 
-def test_a_wrong_number_of_class_names_says_the_right_one(tmp_path: Path) -> None:
+def test_a_wrong_number_of_class_names_is_reported_with_the_right_one(tmp_path: Path) -> None:
     path = save_layout_model(tmp_path, "yolov8_seg", [CRACK])
     with pytest.raises(
         ModelError, match=r"candidates \(1, 7\+k, N\) and prototypes \(1, k, h, w\); with 2 class_names"
@@ -235,30 +235,30 @@ def test_every_class_of_a_query_counts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("layout", ["map", "map_logits"])
-def test_what_hangs_together_in_a_map_is_one_box_with_its_mask(tmp_path: Path, layout: str) -> None:
+def test_a_connected_component_of_a_map_is_one_box_with_its_mask(tmp_path: Path, layout: str) -> None:
     again = (0, 62.0, 8.0, 4.0, 8.0, 0.8, 0)
     content = make_card(layout)
     content["input"]["resize"] = "stretch"
     path = save_layout_model(tmp_path, layout, [CRACK, LARGE, again])
     small, crack, car = OnnxDetector(path, ModelCard.model_validate(content)).detect(np.zeros((640, 192, 3), np.uint8))
-    # Two photograph pixels across and ten down for each of the input.
+    # Two pixels of the photograph across and ten down per pixel of the input.
     sides = [(b.box.x_px, b.box.y_px, b.box.width_px, b.box.height_px) for b in (small, crack, car)]
     assert sides == [(120, 40, 8, 80), (48, 160, 24, 80), (96, 240, 48, 320)]
     assert [b.class_name for b in (small, crack, car)] == ["crack", "crack", "car"]
     assert [b.score for b in (small, crack, car)] == pytest.approx([0.8, 0.75, 0.625], rel=0, abs=1e-5)
     for found in (small, crack, car):
         assert found.mask is not None
-        # The line of even odds runs between the centres of cells (8 x 40 px): the mask ends up to half a cell inside.
+        # The contour of 0.5 lies between centres of cells (8 x 40 px): the mask ends up to half a cell inside.
         box = found.box
         assert found.mask.within(shapely.box(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px))
-        middle = shapely.Point(box.x_px + box.width_px / 2, box.y_px + box.height_px / 2)
-        assert found.mask.contains(middle)
+        centre = shapely.Point(box.x_px + box.width_px / 2, box.y_px + box.height_px / 2)
+        assert found.mask.contains(centre)
         across, down = found.mask.bounds[2] - found.mask.bounds[0], found.mask.bounds[3] - found.mask.bounds[1]
         assert box.width_px - 8 < across <= box.width_px
         assert box.height_px - 40 < down <= box.height_px
 
 
-def test_a_background_is_no_finding_and_makes_a_softmax(tmp_path: Path) -> None:
+def test_a_background_class_is_ignored_and_selects_softmax(tmp_path: Path) -> None:
     maps = np.zeros((1, 3, *GRID))
     maps[0, 1, 4:8, 4:12] = np.log(6)  # 6 : 1 : 1
     maps[0, 0, 8:] = 5.0
@@ -270,9 +270,7 @@ def test_a_background_is_no_finding_and_makes_a_softmax(tmp_path: Path) -> None:
     assert (box.x_px, box.y_px, box.width_px, box.height_px) == (16, 16, 32, 16)
 
 
-def test_numbers_that_are_none_are_refused_at_load_and_told_later(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_nan_is_refused_at_load_and_reported_later(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     for layout in OutputLayout:
         path = tmp_path / "fixed.onnx"
         given = (
@@ -287,7 +285,7 @@ def test_numbers_that_are_none_are_refused_at_load_and_told_later(
                 ModelError, match=r"\d+ values of the outputs for a probe image are not numbers \(NaN\)"
             ):
                 OnnxDetector(path, make_model_card(layout))
-    # The root of 200 less the mean: none where an image is brighter than the noise of the probe.
+    # The square root of 200 minus the mean: NaN for an image brighter than the probe's noise.
     model = onnx.load(save_model(path, make_output("yolov8", [CRACK])))
     del model.graph.node[0]
     for node in reversed(
@@ -315,7 +313,7 @@ def test_numbers_of_a_card_are_finite(changes: dict) -> None:
         make_model_card("yolov8", **changes)
 
 
-def test_a_short_list_is_drafted_as_a_list(tmp_path: Path) -> None:
+def test_a_short_list_of_boxes_is_drafted_as_nms6(tmp_path: Path) -> None:
     rows = np.zeros((1, 20, 6))
     rows[0, :3] = [(10, 10, 20, 30, 0.8, 0), (40, 30, 60, 50, 0.5, 0), (5, 40, 20, 60, 0.3, 0)]
     with pytest.raises(ModelError, match="layout nms6"):

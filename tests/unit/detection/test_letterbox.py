@@ -1,4 +1,4 @@
-"""A mark in a photograph is found where the letterbox says, to half a pixel of the photograph."""
+"""A rectangle is at the position that the letterbox states, to half a pixel of the photograph."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ SIZES = [(3072, 2048), (2048, 3072), (4000, 501), (333, 1999), (200, 150), (416,
 
 @pytest.mark.parametrize("resize", list(ResizeMode))
 @pytest.mark.parametrize(("width", "height"), SIZES[:5])
-def test_a_rectangle_comes_back_where_it_was(resize: ResizeMode, width: int, height: int) -> None:
+def test_a_rectangle_is_transformed_back_to_its_position(resize: ResizeMode, width: int, height: int) -> None:
     left, top, right, bottom = width // 5, height // 3, width - width // 7, height - height // 9
     image = np.zeros((height, width, 3), dtype=np.uint8)
     image[top:bottom, left:right] = 255
     box = fit_letterbox(CardInput(**INPUT, resize=resize), image_width_px=width, image_height_px=height)
     values = box.input_from_image(image)[0, 0]
-    # The rectangle's own moments in the input: a path that knows no gain and no padding.
+    # Moments of the rectangle in the input: independent of gain and padding.
     centre, spread = np.zeros(2), np.zeros(2)
     for axis in (0, 1):
         profile, at = values.sum(axis=axis), np.arange(values.shape[1 - axis]) + 0.5
@@ -30,7 +30,7 @@ def test_a_rectangle_comes_back_where_it_was(resize: ResizeMode, width: int, hei
     half = np.sqrt(3 * spread)  # of a uniform rectangle
     found = box.image_from_input(np.concatenate([centre - half, centre + half])[None])[0]
     assert (found[:2] + found[2:]) / 2 == pytest.approx([(left + right) / 2, (top + bottom) / 2], rel=0, abs=0.5)  # px
-    # Blur of a shrunk edge widens the second moment a little: up to half a pixel of the input.
+    # Blur of a reduced edge increases the second moment by up to half a pixel of the input.
     edge_px = 0.5 * max(width / box.resized_width_px, height / box.resized_height_px, 1.0)
     assert found == pytest.approx([left, top, right, bottom], rel=0, abs=edge_px)  # px
 
@@ -69,8 +69,8 @@ def test_colours_scaling_and_padding() -> None:
     assert values[0, :, 32, 0] == pytest.approx([(grey - 0.1) / 0.5, (grey - 0.2) / 0.25, (grey - 0.3) / 0.2], abs=1e-6)
 
 
-def test_resizing_of_opencv_measures_from_the_corner() -> None:
-    """The assumption under the mapping: a step at x of a wide image lands at x * gain of the small one."""
+def test_opencv_resizes_about_the_corner() -> None:
+    """Assumption of the transform: an edge at x of a wide image is at x * gain of the reduced one."""
     image = np.zeros((4, 1000), dtype=np.float32)
     image[:, 437:] = 1
     for method in (cv2.INTER_AREA, cv2.INTER_LINEAR):

@@ -1,4 +1,4 @@
-"""Tiles cover the target and nothing else, at the scale that card and photograph ask for."""
+"""Tiles cover the target and nothing else, at the scale that card and photograph require."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def test_native_tiles_cover_the_photograph_overlap_and_stay_inside(width: int, h
     [
         ((1.0,), 0.5, [0.5]),
         ((1.0, 3.0), 0.5, [0.5, 0.5 / 3]),
-        ((1.0, 1.2), 0.5, [0.5]),  # nearly the same: once
+        ((1.0, 1.2), 0.5, [0.5]),  # nearly the same scale: one pass
         ((1.0,), 4.0, [1.25]),  # nothing is enlarged by more than a quarter
         ((1.0,), None, [1.0, 416 / 8000]),
         ((), 0.5, [1.0, 416 / 8000]),
-        ((12.0,), 0.5, [416 / 8000]),  # coarser than the whole in one input
+        ((12.0,), 0.5, [416 / 8000]),  # coarser than the whole photograph in one input
     ],
 )
 def test_scales_follow_the_facade(wants_mm: tuple[float, ...], gsd_mm: float | None, gains: list[float]) -> None:
@@ -53,7 +53,7 @@ def test_scales_follow_the_facade(wants_mm: tuple[float, ...], gsd_mm: float | N
 
 
 @pytest.mark.parametrize("size", [(832, 832), (416, 300), (100, 60)])
-def test_up_to_two_inputs_a_photograph_is_looked_at_whole(size: tuple[int, int]) -> None:
+def test_a_photograph_up_to_two_inputs_is_one_tile(size: tuple[int, int]) -> None:
     (whole,) = plan_passes(*size, wants_mm=(1.0,), gsd_mm=1.0)
     assert len(whole.tiles) == 1
     assert (whole.tiles[0].right, whole.tiles[0].bottom) == size
@@ -61,10 +61,10 @@ def test_up_to_two_inputs_a_photograph_is_looked_at_whole(size: tuple[int, int])
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 79), st.integers(0, 59), st.integers(1, 40), st.integers(1, 40))
-def test_every_tile_shows_the_target_and_all_of_it_is_shown(left: int, top: int, wide: int, high: int) -> None:
+def test_tiles_cover_all_of_the_target_and_each_contains_a_part(left: int, top: int, wide: int, high: int) -> None:
     target = np.zeros((60, 80), dtype=bool)
     target[top : top + high, left : left + wide] = True
-    target[0, 0] = True  # far from the rest: what lies between is left out
+    target[0, 0] = True  # far from the rest: tiles between are omitted
     look = plan_tile_passes(
         make_blob_card(416, (1.0,)).input, width_px=8000, height_px=6000, gsd_mm=1.0, target=target
     )[0]
@@ -77,6 +77,6 @@ def test_every_tile_shows_the_target_and_all_of_it_is_shown(left: int, top: int,
     assert shown[large].all()
 
 
-def test_no_target_is_no_look() -> None:
+def test_an_empty_target_has_no_pass() -> None:
     target = np.zeros((60, 80), dtype=bool)
     assert plan_tile_passes(make_blob_card(416).input, width_px=8000, height_px=6000, target=target) == ()

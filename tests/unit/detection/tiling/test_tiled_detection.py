@@ -1,4 +1,4 @@
-"""A photograph in tiles gives what the photograph as a whole would: no crack doubled, cut or glued to its neighbour."""
+"""Tiles give the detections of the whole photograph: no crack is duplicated, cut or merged with its neighbour."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def detect_whole(image: UInt8Image) -> NDArray[np.float64]:
 
 
 def detect_fine(image: UInt8Image, *, masks: bool = False) -> NDArray[np.float64]:
-    """The boxes of the tiles alone, without a look at the whole."""
+    """The boxes of the pass of tiles, without the pass of the whole photograph."""
     return sort_corners(detect_image(BlobDetector(masks=masks, gsd_mm=(2.0,)), image, gsd_mm=2.0))
 
 
@@ -80,7 +80,7 @@ def test_a_patch_across_tiles_is_one_box(wide: int, high: int) -> None:
         assert detect_fine(image) == pytest.approx(detect_whole(image), rel=0, abs=1)  # px
 
 
-def test_spots_are_told_once_wherever_they_lie() -> None:
+def test_spots_are_detected_once_at_any_position() -> None:
     image = make_wall()
     for x in range(15, 1000, 61):
         for y in range(15, 700, 53):
@@ -89,7 +89,7 @@ def test_spots_are_told_once_wherever_they_lie() -> None:
     assert detect_tiled(image) == pytest.approx(detect_whole(image), rel=0, abs=1)  # px
 
 
-def test_masks_of_the_parts_make_the_mask_of_the_whole() -> None:
+def test_masks_of_parts_are_united() -> None:
     image = make_wall()
     draw_crack(image, (20, 100), (980, 600), thick=5)
     (found,) = detect_image(BlobDetector(masks=True), image)
@@ -97,19 +97,19 @@ def test_masks_of_the_parts_make_the_mask_of_the_whole() -> None:
     assert found.mask.area == pytest.approx(float((image[..., 0] < 128).sum()), rel=0, abs=1)  # px2
 
 
-def test_workers_change_nothing() -> None:
+def test_workers_do_not_change_the_result() -> None:
     image = make_wall()
     draw_crack(image, (15, 12), (985, 690))
     assert detect_image(BlobDetector(), image, workers=3) == detect_image(BlobDetector(), image)
 
 
-def test_a_small_image_is_looked_at_whole_and_once() -> None:
+def test_a_small_image_is_processed_once() -> None:
     detector = BlobDetector()
     detect_image(detector, make_wall(320, 300))
     assert detector.processed_sizes == [(300, 320)]
 
 
-def test_where_there_is_no_target_nothing_is_looked_at() -> None:
+def test_nothing_is_processed_for_an_empty_target() -> None:
     detector = BlobDetector()
     image = make_wall()
     draw_crack(image, (20, 350), (980, 350))
