@@ -13,7 +13,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from facadelake.building import BuildingModel
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64x3
 from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour
 from facadelake.reporting.inspection import Inspection
 from schemas.vocabulary import PhotoOutcome
@@ -24,7 +24,7 @@ _MARGIN_M = 4.0
 
 
 def draw_plan(inspection: Inspection, path: Path) -> Path:
-    """Write the plan as a PNG: metres east and north of the site's origin, north up."""
+    """Write the plan as a PNG: metres east and north of the site's origin, north up; returns ``path``."""
     figure = Figure(figsize=(_WIDTH_IN, _WIDTH_IN), dpi=_DPI, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -38,10 +38,10 @@ def draw_plan(inspection: Inspection, path: Path) -> Path:
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
-    shape = (high - low)[1] / (high - low)[0]
-    figure.set_size_inches(_WIDTH_IN, float(np.clip(_WIDTH_IN * shape * 0.95 + 1.2, 4.0, 14.0)))
-    axes.set_xlabel("metres east", fontsize=8)
-    axes.set_ylabel("metres north", fontsize=8)
+    height_to_width = (high - low)[1] / (high - low)[0]
+    figure.set_size_inches(_WIDTH_IN, float(np.clip(_WIDTH_IN * height_to_width * 0.95 + 1.2, 4.0, 14.0)))
+    axes.set_xlabel("east (m)", fontsize=8)
+    axes.set_ylabel("north (m)", fontsize=8)
     axes.tick_params(labelsize=8)
     axes.grid(color="#e4e4e4", linewidth=0.6)
     axes.set_axisbelow(True)
@@ -53,7 +53,7 @@ def draw_plan(inspection: Inspection, path: Path) -> Path:
 
 
 def _draw_cameras(axes: Axes, inspection: Inspection, extent_m: float) -> None:
-    """An arrow along each localised camera's viewing direction; its length is the direction's share in the plan."""
+    """Draw the localised cameras with arrows: the horizontal component of their viewing directions."""
     roles = dict(
         zip(inspection.photos.column("photo_id").to_pylist(), inspection.photos.column("role").to_pylist(), strict=True)
     )
@@ -75,46 +75,55 @@ def _draw_cameras(axes: Axes, inspection: Inspection, extent_m: float) -> None:
 
 
 def _draw_unlocalised(axes: Axes, inspection: Inspection, low: Float64Array, high: Float64Array) -> None:
-    """Crosses where photographs without a pose say they were taken, by their GPS."""
-    lost = [
+    """Draw crosses at the GPS positions of photographs that were not localised."""
+    unlocalised = [
         row
         for row in inspection.photos.to_pylist()
         if row["photo_outcome"] == PhotoOutcome.ACCEPTED and row["photo_id"] not in inspection.posed
     ]
-    if not lost:
+    if not unlocalised:
         return
     origin = inspection.building.origin
-    known = [row for row in lost if row["prior_lon_deg"] is not None and row["prior_lat_deg"] is not None]
-    geo = [[row["prior_lon_deg"], row["prior_lat_deg"], origin.height_ellipsoidal_m] for row in known]
+    with_position = [
+        row for row in unlocalised if row["prior_lon_deg"] is not None and row["prior_lat_deg"] is not None
+    ]
+    geo = [[row["prior_lon_deg"], row["prior_lat_deg"], origin.height_ellipsoidal_m] for row in with_position]
     site = origin.site_from_geo(np.array(geo).reshape(-1, 3))[:, :2]
     inside = ((site >= low) & (site <= high)).all(axis=1)
-    off = len(lost) - int(inside.sum())
-    label = f"photograph not localised ({len(lost)}" + (f", {off} off the plan)" if off else ")")
+    outside = len(unlocalised) - int(inside.sum())
+    label = f"photograph not localised ({len(unlocalised)}" + (f", {outside} not shown)" if outside else ")")
     axes.plot(*site[inside].T, "x", color="#b00020", markersize=7, label=label, linestyle="none", zorder=4)
 
 
 def _draw_defects(axes: Axes, inspection: Inspection) -> None:
     counts = Counter(inspection.defects.column("defect_class").to_pylist())
-    words = np.array(inspection.defects.column("defect_class").to_pylist(), dtype=object)
+    classes = np.array(inspection.defects.column("defect_class").to_pylist(), dtype=object)
     x = np.array(inspection.defects.column("x_site_m").to_pylist(), dtype=np.float64)
     y = np.array(inspection.defects.column("y_site_m").to_pylist(), dtype=np.float64)
-    for (word, count), marker in zip(sorted(counts.items()), "os^Dv*", strict=False):
-        mine = words == word
+    for (defect_class, count), marker in zip(sorted(counts.items()), "os^Dv*", strict=False):
+        own = classes == defect_class
         axes.plot(
-            x[mine], y[mine], marker, color=get_class_colour(word), markersize=4.5, markeredgecolor="white",
-            markeredgewidth=0.4, label=f"{word} ({count})", linestyle="none", zorder=5,
+            x[own], y[own], marker, color=get_class_colour(defect_class), markersize=4.5, markeredgecolor="white",
+            markeredgewidth=0.4, label=f"{defect_class} ({count})", linestyle="none", zorder=5,
         )  # fmt: skip
 
 
 def draw_model(
-    axes: Axes, building: BuildingModel, across: Float64Array, up: Float64Array
+    axes: Axes, building: BuildingModel, right: Float64x3, up: Float64x3
 ) -> tuple[Float64Array, Float64Array]:
-    """Draw the elements' triangles seen against ``across`` x ``up`` (unit vectors (3,) of site), the nearest last.
+    """Draw an orthographic view of the model's triangles, shaded by depth, the nearest last.
 
-    Returns the corners (2,) of their extent along ``across`` and ``up``, metres.
+    Args:
+        axes: axes to draw into; metres.
+        building: building model.
+        right: unit vector in site that points to the right in the view.
+        up: unit vector in site that points up in the view.
+
+    Returns:
+        Lower left and upper right corner (2,) of the model in the view, metres.
     """
     corners = building.vertices_site_m[building.triangles]
-    flat, near = corners @ np.column_stack([across, up]), corners @ np.cross(across, up)
+    flat, near = corners @ np.column_stack([right, up]), corners @ np.cross(right, up)
     is_area = np.abs(shapely.area(shapely.polygons(flat))) > 1e-4
     order = np.argsort(near[is_area].max(axis=1))
     depth = near[is_area].max(axis=1)[order]

@@ -117,7 +117,7 @@ def _draw_defects(
     base_m: float,
     px_per_m: float,
 ) -> None:
-    """Draw outlines and labels: filled labels for the facade's own defects, hollow ones for those of other facades."""
+    """Draw outlines and labels: filled labels for the facade's own defects, hollow ones for other facades' defects."""
     all_marks = [*marks, *others]
     if not all_marks:
         return
@@ -142,14 +142,14 @@ def _draw_defects(
             axes.plot(*np.array([nearest, centre]).T, color=colour, linewidth=0.8, zorder=3.1)
         text_colour, fill, edge = ("white", colour, "white") if index < len(marks) else (colour, "white", colour)
         axes.text(
-            centre[0], centre[1], mark.label, fontsize=6.5, color=text_colour, ha="center", va="center_baseline", zorder=4,
+            *centre, mark.label, fontsize=6.5, color=text_colour, ha="center", va="center_baseline", zorder=4,
             bbox={"boxstyle": "round,pad=0.18", "facecolor": fill, "edgecolor": edge, "linewidth": 0.6},
         )  # fmt: skip
 
 
 def _draw_deviations(
-    figure: Figure, axes: Axes, facade: Facade, marks: Sequence[DefectMark], base_m: float, total_in: tuple[float, float],
-    bars_in: float,
+    figure: Figure, axes: Axes, facade: Facade, marks: Sequence[DefectMark], base_m: float,
+    total_in: tuple[float, float], bars_in: float,
 ) -> None:  # fmt: skip
     """Draw a dot for each triangulated defect, coloured by its deviation from the model, with a colour bar."""
     measured = [(mark, mark.deviation_m) for mark in marks if mark.deviation_m is not None]
