@@ -19,7 +19,7 @@ from schemas.vocabulary import ControlKind, PositionSource
 from tests.synthetic.test_georeference import ORIGIN, Scene, ring
 
 ROW = "456630.3296 5421032.8544 182.1937 662.29 1415.99 multiview/IMG_0005.JPG"
-WANTED = "wanted are x y z pixel_x pixel_y photograph [name]"
+WANTED = "expected x y z pixel_x pixel_y photograph [name]"
 HEADER = (
     "write an EPSG code (EPSG:25832), a PROJ string (+proj=utm ...) or 'WGS84 UTM 32N' in the first line"
 )  # fmt: skip
@@ -28,15 +28,15 @@ HEADER = (
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "control points {path} is empty; the first line must name the CRS, such as EPSG:25832"),
-        (ROW, "{path}, line 1: '" + ROW + "' is no CRS; " + HEADER),
-        ("EPSG:999999\n" + ROW, "{path}, line 1: 'EPSG:999999' is no CRS; " + HEADER),
+        ("", "control points {path}: the file is empty; its first line must be a CRS (EPSG:25832)"),
+        (ROW, "{path}, line 1: '" + ROW + "' is not a CRS; " + HEADER),
+        ("EPSG:999999\n" + ROW, "{path}, line 1: 'EPSG:999999' is not a CRS; " + HEADER),
         ("EPSG:25832\n1 2 3 4 a.jpg\n", "{path}, line 2: 5 columns in '1 2 3 4 a.jpg'; " + WANTED),
-        ("EPSG:25832\n\n1 2,5 3 4 5 a.jpg\n", "{path}, line 3: y is '2,5'; a finite number is wanted"),
-        ("EPSG:25832\n1 2 NaN 4 5 a.jpg\n", "{path}, line 2: z is 'NaN'; a finite number is wanted"),
+        ("EPSG:25832\n\n1 2,5 3 4 5 a.jpg\n", "{path}, line 3: y is '2,5'; expected a finite number"),
+        ("EPSG:25832\n1 2 NaN 4 5 a.jpg\n", "{path}, line 2: z is 'NaN'; expected a finite number"),
         (
             "EPSG:25832\n1 2 3 4 5 a.jpg G1\n1 2 9 4 5 b.jpg G1\n",
-            "{path}, line 3: G1 is at (1.0, 2.0, 9.0), but in line 2 at (1.0, 2.0, 3.0); one name means one point",
+            "{path}, line 3: G1 is at (1.0, 2.0, 9.0), but in line 2 at (1.0, 2.0, 3.0); use one name for one point",
         ),
     ],
     ids=["empty", "no header", "unknown CRS", "a column missing", "decimal comma", "NaN", "one name, two places"],
@@ -127,7 +127,7 @@ def test_neither_control_points_nor_gps() -> None:
     with pytest.raises(GeoreferenceError) as raised:
         placed(ControlKind.GCP, None, photos)
     assert str(raised.value) == (
-        "georeference by control points was asked for, but none were given; add a gcp_list.txt"
+        "georeferencing by control points was requested, but none are given; add a gcp_list.txt"
     )
 
 
@@ -145,7 +145,7 @@ def swapped_gps() -> pa.Table:
         (
             CONTROL,
             swapped_gps(),
-            "placed by control points, the block is turned or stretched against its GPS positions: the median "
+            "placed by control points, the block is rotated or scaled against its GPS positions: the median "
             "photograph is … sigmas off (limit 1); check the control points or the model, "
             "or the photographs' GPS (latitude and longitude swapped?)",
         ),

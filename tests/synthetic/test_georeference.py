@@ -212,7 +212,7 @@ def test_gps_leaves_its_common_bias_and_averages_its_noise() -> None:
     sigma_m = [found.row[f"sigma_{axis}_m"] for axis in ("east", "north", "up")]
     # the priors' own sigmas, 3 and 5 m with a datum that nobody names: what is common to them stays
     np.testing.assert_allclose(sigma_m, [3.0, 3.0, 50.2], rtol=0, atol=0.2)  # m
-    assert "do not name their datum" in found.row["remarks"]
+    assert "have no stated datum" in found.row["remarks"]
     assert "common to all GPS positions" in found.row["remarks"]
 
 
@@ -295,7 +295,7 @@ def test_too_few_control_points() -> None:
     assert "2 of 2 control points of gcp_list.txt can be used (3 are needed)" in found.row["remarks"]
     with pytest.raises(GeoreferenceError, match=r"2 of 2 control points .* 3 are needed"):
         scene.placed(ControlKind.GCP, control_points=two)
-    with pytest.raises(GeoreferenceError, match="none were given"):
+    with pytest.raises(GeoreferenceError, match="none are given"):
         scene.placed(ControlKind.GCP)
 
 
@@ -338,7 +338,7 @@ def test_cameras_on_a_line_need_attitudes() -> None:
         for i, (_, truth) in zip(scene.ids(), scene.poses, strict=True)
     ]
     assert 0.05 < np.mean(turned) < 3.5  # deg; yaw was off by 2
-    with pytest.raises(GeoreferenceError, match="carry no gimbal attitude"):
+    with pytest.raises(GeoreferenceError, match="have no gimbal attitude"):
         Scene(line(), attitude=False).placed(ControlKind.GPS)
 
 
