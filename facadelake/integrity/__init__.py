@@ -1,4 +1,4 @@
-"""The as-built surface against the building model."""
+"""Comparison of the as-built surface with the building model."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""How alike two depth images of one view are: SSIM and plain differences, where both show a surface.
+"""Similarity of two depth images of one view: SSIM and differences where both show a surface.
 
-The paper's Eq. 12 has a ``+`` between SSIM's two factors; it is a product (Wang et al. 2004, IEEE TIP 13(4)):
+Eq. 12 of the paper has a ``+`` between the two factors of SSIM; it is a product (Wang et al. 2004, IEEE TIP 13(4)):
 ``(2 mu_i mu_j + C1)(2 sigma_ij + C2) / ((mu_i^2 + mu_j^2 + C1)(sigma_i^2 + sigma_j^2 + C2))``.
 """
 
@@ -15,15 +15,17 @@ from skimage.metrics import structural_similarity
 from facadelake.core.arrays import BoolArray, Float64Array
 
 SIGMA_PX = 1.5
-WINDOW_PX = 11  # where scikit-image cuts the Gaussian of 1.5 px off
+WINDOW_PX = 11  # support of scikit-image's Gaussian of 1.5 px
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthComparison:
-    """``ssim`` is the mean over pixels whose whole window both images fill; NaN, like the differences, where none is.
+    """Result of a comparison.
 
-    ``windows`` counts those pixels. ``compared_share``: share of the model's pixels that the as-built surface covers.
-    Differences are as-built minus model, in metres along the camera's z.
+    ``ssim`` is the mean over the pixels whose window is complete in both images; ``windows`` is their number.
+    ``compared_share`` is the share of the model's pixels that the as-built surface covers. Differences are as-built
+    minus model, in metres along the z axis of the camera; the 95th percentile is that of their absolute values. SSIM
+    and differences are NaN where there are no pixels to compare.
     """
 
     ssim: float
@@ -34,7 +36,7 @@ class DepthComparison:
 
 
 def compare_depth(model_depth_m: Float64Array, as_built_depth_m: Float64Array) -> DepthComparison:
-    """Compare two depth images (h, w) of one view, metres; a pixel that is not finite shows no surface."""
+    """Compare two depth images (h, w) of one view, metres; pixels without a surface are not finite."""
     model, as_built = np.isfinite(model_depth_m), np.isfinite(as_built_depth_m)
     both = model & as_built
     share = float(both.sum() / model.sum()) if model.any() else 0.0
@@ -43,25 +45,25 @@ def compare_depth(model_depth_m: Float64Array, as_built_depth_m: Float64Array) -
             ssim=np.nan, windows=0, compared_share=share, difference_median_m=np.nan, difference_p95_m=np.nan
         )
     difference = as_built_depth_m[both] - model_depth_m[both]
-    whole: BoolArray = binary_erosion(both, np.ones((WINDOW_PX, WINDOW_PX)))
+    complete: BoolArray = binary_erosion(both, np.ones((WINDOW_PX, WINDOW_PX)))
     return DepthComparison(
-        ssim=_compute_masked_ssim(model_depth_m, as_built_depth_m, both, whole),
-        windows=int(whole.sum()),
+        ssim=_compute_masked_ssim(model_depth_m, as_built_depth_m, both, complete),
+        windows=int(complete.sum()),
         compared_share=share,
         difference_median_m=float(np.median(difference)),
         difference_p95_m=float(np.percentile(np.abs(difference), 95)),
     )
 
 
-def _compute_masked_ssim(a: Float64Array, b: Float64Array, both: BoolArray, whole: BoolArray) -> float:
-    """Mean SSIM over ``whole``; what fills the other pixels lies outside every window that counts."""
-    if not whole.any():
+def _compute_masked_ssim(a: Float64Array, b: Float64Array, both: BoolArray, complete: BoolArray) -> float:
+    """Mean SSIM over the pixels ``complete``; fill values of other pixels are outside their windows."""
+    if not complete.any():
         return float("nan")
     low = min(a[both].min(), b[both].min())
     data_range = max(a[both].max(), b[both].max()) - low
     if data_range == 0:
-        return 1.0  # both are one and the same plane square to the axis
-    # C1 depends on where zero is: depths count from the nearest surface, as in an image stretched to its range.
+        return 1.0  # both are the same plane, perpendicular to the viewing axis
+    # C1 depends on the origin: depths are relative to the nearest surface, as in an image stretched to its range.
     filled = [np.where(both, image - low, 0.0) for image in (a, b)]
     _, similarity = structural_similarity(
         *filled,
@@ -71,4 +73,4 @@ def _compute_masked_ssim(a: Float64Array, b: Float64Array, both: BoolArray, whol
         use_sample_covariance=False,
         full=True,
     )
-    return float(similarity[whole].mean())
+    return float(similarity[complete].mean())

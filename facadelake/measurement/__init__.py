@@ -1,4 +1,4 @@
-"""measurement."""
+"""Length and width of cracks in photographs, in pixels, with standard deviations and resolution limits."""
 
 import lazy_loader
 

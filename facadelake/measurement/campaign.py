@@ -1,11 +1,10 @@
-"""The cracks of a campaign measured: one photograph in memory at a time, and a piece of it about each crack."""
+"""Measure the cracks of a campaign: one photograph in memory at a time, and a crop of it around each crack."""
 
 from __future__ import annotations
 
 import logging
 from collections import Counter, defaultdict
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,28 +13,26 @@ import shapely
 
 from facadelake.core.arrays import BoolArray, UInt8Image
 from facadelake.core.progress import report_progress
-from facadelake.core.tables import table_from_rows
+from facadelake.core.tables import Row, table_from_rows
 from facadelake.detection.inference import read_photograph
 from facadelake.measurement.blur import TYPICAL_BLUR, Blur, estimate_blur, grey_from_bgr, linearise_srgb
 from facadelake.measurement.crack import CrackMeasurement, measure_crack
 from schemas.vocabulary import CrackWidthOutcome, DefectClass, DetectionOutcome
 
 _log = logging.getLogger(__name__)
-_MARGIN_PX = 40  # of photograph about a box, so that the wall beside a crack at its edge is seen
-_MASK_BUFFER_PX = 1.5  # a mask follows its crack this closely at best
-_MAX_CROP_PIXELS = 12_000_000  # of one piece (half a gigabyte of work); a larger box holds more than one crack
-_BLUR_PIECE_PX, _BLUR_PIECES = 512, 16  # a photograph's blur is the median of that of pieces across it
-_LINE_TOLERANCE_PX = 0.3  # bends smaller than this are left out of a line that is stored
-
-Row = dict[str, Any]
+_MARGIN_PX = 40  # around a box, so that the crop shows the wall beside a crack at the border of its box
+_MASK_BUFFER_PX = 1.5  # accuracy at which a mask follows its crack
+_MAX_CROP_PIXELS = 12_000_000  # half a gigabyte of memory; a larger box holds more than one crack
+_BLUR_PIECE_PX, _BLUR_PIECES = 512, 16  # size and number of the pieces whose median blur is that of the photograph
+_LINE_TOLERANCE_PX = 0.3  # of the simplification of stored centrelines
 
 
 def measure_detections(detections: pa.Table, root: Path) -> pa.Table:
-    """Table ``detections`` with the columns of accepted cracks' widths and lengths filled.
+    """Table ``detections`` with width and length of its accepted cracks.
 
-    ``photo_id`` is a path below ``root``. A width that the detections' file states is kept (outcome ``stated``); the
-    length of such a crack is measured all the same. Coordinates are pixels as the boxes' are. A photograph that cannot
-    be read leaves its cracks ``not_readable``.
+    ``photo_id`` is a path below ``root``. A width stated in the file of detections is kept (outcome ``stated``), and
+    only the length is measured. Coordinates are pixels, as those of the boxes. Cracks in a photograph that cannot be
+    read have the outcome ``not_readable``.
     """
     rows = detections.to_pylist()
     cracks: dict[str, list[Row]] = defaultdict(list)
@@ -58,7 +55,7 @@ def measure_detections(detections: pa.Table, root: Path) -> pa.Table:
 
 
 def measure_in_photograph(image: UInt8Image, row: Row, blur: Blur) -> CrackMeasurement:
-    """The crack of a row of table ``detections`` in its photograph (h, w, 3: blue, green, red)."""
+    """Measure the crack of a row of table ``detections`` in its photograph (h, w, 3: blue, green, red)."""
     left, top = row["box_x_px"], row["box_y_px"]
     right, bottom = left + row["box_width_px"], top + row["box_height_px"]
     x0, y0 = max(0, int(left) - _MARGIN_PX), max(0, int(top) - _MARGIN_PX)
@@ -68,58 +65,58 @@ def measure_in_photograph(image: UInt8Image, row: Row, blur: Blur) -> CrackMeasu
         return CrackMeasurement(outcome=CrackWidthOutcome.NO_LINE)
     mask = _rasterise_mask(row["mask"], x0, y0, crop.shape[:2]) if row["mask"] else None
     inside = _rasterise_box(crop.shape[:2], left - x0, top - y0, right - x0, bottom - y0) if mask is None else mask
-    found = measure_crack(crop, inside, is_mask=mask is not None, blur=blur)
-    return found.shift(x0, y0)
+    return measure_crack(crop, inside, is_mask=mask is not None, blur=blur).shift(x0, y0)
 
 
 def estimate_photograph_blur(image: UInt8Image) -> Blur:
-    """Median blur of pieces spread over a photograph, of those that have edges to tell it."""
+    """Median blur of pieces distributed over a photograph (h, w, 3), without those that have too few edges."""
     height, width = image.shape[:2]
     side = int(np.sqrt(_BLUR_PIECES))
-    known = []
+    estimates = []
     for top in np.linspace(0, max(0, height - _BLUR_PIECE_PX), side).astype(int):
         for left in np.linspace(0, max(0, width - _BLUR_PIECE_PX), side).astype(int):
             piece = image[top : top + _BLUR_PIECE_PX, left : left + _BLUR_PIECE_PX]
             blur = estimate_blur(linearise_srgb(grey_from_bgr(piece)))
             if blur is not TYPICAL_BLUR:
-                known.append(blur)
-    if not known:
+                estimates.append(blur)
+    if not estimates:
         return TYPICAL_BLUR
-    return Blur(sigma_px=float(np.median([blur.sigma_px for blur in known])), relative_sigma=known[0].relative_sigma)
+    sigma_px = float(np.median([blur.sigma_px for blur in estimates]))
+    return Blur(sigma_px=sigma_px, relative_sigma=estimates[0].relative_sigma)
 
 
-def _build_columns(row: Row, found: CrackMeasurement | None) -> Row:
-    """Columns of a crack; those of its width stay as stated where a person stated it."""
+def _build_columns(row: Row, measurement: CrackMeasurement | None) -> Row:
+    """Columns of a crack; a stated width is not changed. No measurement means that the photograph is unreadable."""
     stated = row["crack_width_px"] is not None
-    if found is None:
+    if measurement is None:
         return {"crack_width_outcome": str(CrackWidthOutcome.STATED if stated else CrackWidthOutcome.NOT_READABLE)}
-    columns: Row = {"crack_width_outcome": str(CrackWidthOutcome.STATED if stated else found.outcome)}
-    if found.line_px is None or found.width is None:
+    columns: Row = {"crack_width_outcome": str(CrackWidthOutcome.STATED if stated else measurement.outcome)}
+    if measurement.line_px is None or measurement.width is None:
         return columns
-    line = shapely.simplify(shapely.linestrings(found.line_px), _LINE_TOLERANCE_PX)
-    columns |= {"crack_line": shapely.to_wkt(line, rounding_precision=2), "crack_length_px": found.length_px}
+    line = shapely.simplify(shapely.linestrings(measurement.line_px), _LINE_TOLERANCE_PX)
+    columns |= {"crack_line": shapely.to_wkt(line, rounding_precision=2), "crack_length_px": measurement.length_px}
     if stated:
         return columns
-    columns["crack_width_limit_px"] = found.width.limit_px
-    if found.outcome is CrackWidthOutcome.MEASURED:
-        columns["crack_width_px"] = found.width.mean_px
-        columns["crack_width_max_px"] = found.width.largest_px
-        columns["crack_width_sigma_px"] = found.width.sigma_px
+    columns["crack_width_limit_px"] = measurement.width.limit_px
+    if measurement.outcome is CrackWidthOutcome.MEASURED:
+        columns["crack_width_px"] = measurement.width.mean_px
+        columns["crack_width_max_px"] = measurement.width.largest_px
+        columns["crack_width_sigma_px"] = measurement.width.sigma_px
     return columns
 
 
 def _rasterise_box(shape: tuple[int, ...], left: float, top: float, right: float, bottom: float) -> BoolArray:
-    """The pixels (h, w) of a box, one wider all about: boxes cut cracks' rims."""
+    """The pixels (h, w) of a box, enlarged by one pixel on each side: boxes cut off the edges of cracks."""
     out = np.zeros(shape, dtype=bool)
     out[max(0, int(top) - 1) : int(np.ceil(bottom)) + 1, max(0, int(left) - 1) : int(np.ceil(right)) + 1] = True
     return out
 
 
 def _rasterise_mask(text: str, x0: int, y0: int, shape: tuple[int, ...]) -> BoolArray | None:
-    """The pixels (h, w) of a mask with its rim; None where it holds none."""
-    shape_px = shapely.buffer(shapely.make_valid(shapely.from_wkt(text)), _MASK_BUFFER_PX)
+    """The pixels (h, w) of a mask, enlarged by its accuracy; None where it contains none."""
+    polygon = shapely.buffer(shapely.make_valid(shapely.from_wkt(text)), _MASK_BUFFER_PX)
     out = np.zeros(shape, dtype=np.uint8)
-    for part in shapely.get_parts(shape_px):
+    for part in shapely.get_parts(polygon):
         if part.is_empty:
             continue
         rings = [part.exterior, *part.interiors]

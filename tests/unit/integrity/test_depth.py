@@ -106,7 +106,7 @@ def test_a_wall_built_20_cm_too_far_back(posed):
     np.testing.assert_allclose(at["depth_difference_p95_m"], 0.2, rtol=0, atol=1e-6)  # m
     assert at["compared_share"] > 0.95
     assert rows["away"]["integrity_outcome"] == "too_little_surface"
-    assert "the model fills 0.0%" in rows["away"]["reason"]
+    assert "the model covers 0.0%" in rows["away"]["reason"]
 
 
 def test_a_view_with_little_as_built_surface_has_that_reason(posed):
