@@ -1,4 +1,4 @@
-"""What there is to place a campaign by: control points, earlier campaigns, the building model, GPS."""
+"""The control available for a campaign besides GPS: surveyed points, earlier campaigns, the building model."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from schemas.vocabulary import ControlKind
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Control:
-    """What there is to place a campaign by.
+    """The control available for a campaign.
 
-    ``kind`` None: the best there is, in the order control points, earlier campaign, model, GPS. ``references``: of
-    earlier campaigns, the preferred one first, with the descriptors of this block's points. ``placement_sigma_max_m``:
-    what the campaign must be known to; GPS that was asked for by name is excused.
+    ``kind``: the control requested; None for the best available, in the order control points, earlier campaign, model,
+    GPS. ``references``: points of earlier campaigns, the preferred one first, each with the descriptors of this block's
+    tie points. ``placement_sigma_max_m``: largest sigma of the campaign's position; not applied to GPS that was
+    requested by name.
     """
 
     kind: ControlKind | None = None

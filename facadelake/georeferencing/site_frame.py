@@ -1,4 +1,4 @@
-"""Where the site frame of a building lies, as georeferencing needs it."""
+"""The site frame of a building, as georeferencing needs it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from facadelake.core.geodesy import SiteOrigin
 
 @dataclass(frozen=True, kw_only=True)
 class SiteFrame:
-    """Where the site frame lies: its origin, the model's projected CRS and vertical datum ("ellipsoidal" or a vertical
-    CRS), and how the model is georeferenced (LoGeoRef)."""
+    """The site frame and the georeference of its model.
+
+    ``origin``: origin of the site frame; ``map_crs``: the model's projected CRS; ``vertical_datum``: "ellipsoidal" or a
+    vertical CRS; ``georeference_level``: how the model states its georeference (LoGeoRef, Clemen and Goerne 2019).
+    """
 
     origin: SiteOrigin
     map_crs: str

@@ -1,8 +1,8 @@
-"""Control points: OpenDroneMap's gcp_list.txt, and which photographs its names mean.
+"""Surveyed points (control and check points): OpenDroneMap's gcp_list.txt, and the photographs it names.
 
-Pixels are taken in the product's convention: (0, 0) is the image's corner and (0.5, 0.5) the centre of the top left
-pixel, which is what viewers and marking tools report. (OpenSfM, inside OpenDroneMap, reads them with (0, 0) as that
-centre: half a pixel, about 2 mm on a facade at 10 m.)
+Pixels are in the product's convention: (0, 0) is the image's corner and (0.5, 0.5) the centre of the top left pixel,
+which is what viewers and marking tools report. (OpenSfM, inside OpenDroneMap, reads them with (0, 0) as that centre:
+half a pixel, about 2 mm on a facade at 10 m.)
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pyproj
 from pyproj.crs import CompoundCRS
 from pyproj.exceptions import CRSError
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Nx3
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
 
@@ -27,7 +27,7 @@ _UTM = re.compile(r"^WGS\s*84\s+UTM\s+(\d{1,2})\s*([NS])$", re.IGNORECASE)
 
 @dataclass(frozen=True, kw_only=True)
 class ImageMark:
-    """Where a control point was marked in a photograph (the name as written in the file)."""
+    """The pixel at which a surveyed point was marked in a photograph (the name as written in the file)."""
 
     photo_name: str
     x_px: float
@@ -36,7 +36,7 @@ class ImageMark:
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyedPoint:
-    """A surveyed point, x (east or longitude) before y, in the file's CRS, and where it was marked."""
+    """A surveyed point, x (east or longitude) before y, in the file's CRS, and its image marks."""
 
     name: str
     x: float
@@ -56,7 +56,7 @@ class SurveyedPoints:
 
 @dataclass(frozen=True, kw_only=True)
 class _PointRecord:
-    """One line of the file, read."""
+    """One parsed line of the file."""
 
     number: int
     xyz: tuple[float, float, float]
@@ -67,8 +67,8 @@ class _PointRecord:
 def read_surveyed_points(path: Path) -> SurveyedPoints:
     """Read an OpenDroneMap gcp_list.txt: a header with the CRS, then ``x y z pixel_x pixel_y photograph [name]``.
 
-    Header: an EPSG code, a PROJ string or "WGS84 UTM 32N". Columns are parted by tabs or blanks; lines that are empty
-    or begin with # are skipped. Lines without a name belong together where their coordinates are the same.
+    Header: an EPSG code, a PROJ string or "WGS84 UTM 32N". Columns are separated by tabs or blanks; empty lines and
+    lines that begin with # are skipped. Lines without a name and with equal coordinates are marks of one point.
     Raises InputDataError with file, line and value.
     """
     try:
@@ -78,10 +78,10 @@ def read_surveyed_points(path: Path) -> SurveyedPoints:
     numbered = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
     content = [(number, line) for number, line in numbered if line and not line.startswith("#")]
     if not content:
-        raise InputDataError(f"control points {path} is empty; the first line must name the CRS, such as EPSG:25832")
+        raise InputDataError(f"control points {path}: the file is empty; its first line must be a CRS (EPSG:25832)")
     crs = _parse_header(path, *content[0])
-    lines = [_parse_line(path, number, line) for number, line in content[1:]]
-    return SurveyedPoints(source=path.name, crs=crs, points=_group_by_point(path, lines))
+    records = [_parse_line(path, number, line) for number, line in content[1:]]
+    return SurveyedPoints(source=path.name, crs=crs, points=_group_by_point(path, records))
 
 
 def _parse_header(path: Path, number: int, line: str) -> str:
@@ -91,7 +91,7 @@ def _parse_header(path: Path, number: int, line: str) -> str:
         promote_to_3d(text)
     except GeoreferenceError as error:
         raise InputDataError(
-            f"{path}, line {number}: '{line}' is no CRS; write an EPSG code (EPSG:25832), a PROJ string "
+            f"{path}, line {number}: '{line}' is not a CRS; write an EPSG code (EPSG:25832), a PROJ string "
             "(+proj=utm ...) or 'WGS84 UTM 32N' in the first line"
         ) from error
     return text
@@ -101,7 +101,7 @@ def _parse_line(path: Path, number: int, line: str) -> _PointRecord:
     fields = [part.strip() for part in line.split("\t")] if line.count("\t") >= 5 else line.split()
     if len(fields) < 6:
         raise InputDataError(
-            f"{path}, line {number}: {len(fields)} columns in '{line}'; wanted are "
+            f"{path}, line {number}: {len(fields)} columns in '{line}'; expected "
             "x y z pixel_x pixel_y photograph [name]"
         )
     values: list[float] = []
@@ -111,7 +111,7 @@ def _parse_line(path: Path, number: int, line: str) -> _PointRecord:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise InputDataError(f"{path}, line {number}: {column} is '{field}'; a finite number is wanted")
+            raise InputDataError(f"{path}, line {number}: {column} is '{field}'; expected a finite number")
         values.append(value)
     x, y, z, x_px, y_px = values
     return _PointRecord(
@@ -122,72 +122,72 @@ def _parse_line(path: Path, number: int, line: str) -> _PointRecord:
     )
 
 
-def _group_by_point(path: Path, lines: Sequence[_PointRecord]) -> tuple[SurveyedPoint, ...]:
+def _group_by_point(path: Path, records: Sequence[_PointRecord]) -> tuple[SurveyedPoint, ...]:
     groups: dict[str, list[_PointRecord]] = {}
     unnamed: dict[tuple[float, float, float], str] = {}
-    for line in lines:
-        name = line.name or unnamed.setdefault(line.xyz, f"point {len(unnamed) + 1}")
-        first = groups.setdefault(name, [line])[0]
-        if first is line:
+    for record in records:
+        name = record.name or unnamed.setdefault(record.xyz, f"point {len(unnamed) + 1}")
+        first = groups.setdefault(name, [record])[0]
+        if first is record:
             continue
-        if first.xyz != line.xyz:
+        if first.xyz != record.xyz:
             raise InputDataError(
-                f"{path}, line {line.number}: {name} is at {line.xyz}, but in line {first.number} at {first.xyz}; "
-                "one name means one point"
+                f"{path}, line {record.number}: {name} is at {record.xyz}, but in line {first.number} at {first.xyz}; "
+                "use one name for one point"
             )
-        groups[name].append(line)
+        groups[name].append(record)
     return tuple(
         SurveyedPoint(
             name=name,
             x=group[0].xyz[0],
             y=group[0].xyz[1],
             z=group[0].xyz[2],
-            marks=tuple(line.mark for line in group),
+            marks=tuple(record.mark for record in group),
         )
         for name, group in groups.items()
     )
 
 
 def match_photo_names(names: Sequence[str], photo_ids: Sequence[str]) -> dict[str, str]:
-    """Which photograph each name means: its id, else the only id with that end of path, letters' case aside."""
+    """The photograph that each name stands for: its id, else the only id that ends with it (case-insensitive)."""
     found: dict[str, str] = {}
     parts_of = {photo_id: PurePosixPath(photo_id.lower()).parts for photo_id in photo_ids}
     for name in set(names):
         parts = PurePosixPath(name.lower()).parts
-        fits = [photo_id for photo_id, own in parts_of.items() if own[-len(parts) :] == parts]
+        candidates = [photo_id for photo_id, id_parts in parts_of.items() if id_parts[-len(parts) :] == parts]
         if name in parts_of:
             found[name] = name
-        elif len(fits) == 1:
-            found[name] = fits[0]
+        elif len(candidates) == 1:
+            found[name] = candidates[0]
     return found
 
 
-def transform_to_site(control_points: SurveyedPoints, *, origin: SiteOrigin, vertical_datum: str) -> Float64Array:
+def transform_to_site(surveyed: SurveyedPoints, *, origin: SiteOrigin, vertical_datum: str) -> Float64Nx3:
     """The points (n, 3) in site metres.
 
-    A file whose CRS has no vertical part gives heights in the model's vertical datum (``vertical_datum``:
-    "ellipsoidal" or a vertical CRS such as "EPSG:5783"): surveyor and model share it far more often than not.
+    Where the file's CRS has no vertical part, heights are taken in ``vertical_datum`` ("ellipsoidal" or a vertical CRS
+    such as "EPSG:5783"), the model's: surveyor and model share it in most cases.
     """
-    xyz = np.array([[point.x, point.y, point.z] for point in control_points.points]).reshape(-1, 3)
-    return origin.site_from_geo(transform(xyz, add_vertical_datum(control_points.crs, vertical_datum), GEO))
+    xyz = np.array([[point.x, point.y, point.z] for point in surveyed.points]).reshape(-1, 3)
+    return origin.site_from_geo(transform(xyz, add_vertical_datum(surveyed.crs, vertical_datum), GEO))
 
 
 def has_own_heights(crs: str) -> bool:
-    """Whether the file's CRS says what its heights refer to."""
-    own = pyproj.CRS.from_user_input(crs)
-    return bool(own.is_compound or len(own.axis_info) == 3)
+    """Whether the CRS has a height axis, compound or three-dimensional."""
+    parsed = pyproj.CRS.from_user_input(crs)
+    return bool(parsed.is_compound or len(parsed.axis_info) == 3)
 
 
 def add_vertical_datum(crs: str, vertical_datum: str) -> str:
-    """The file's CRS with a height: its own, else that of ``vertical_datum``."""
+    """``crs`` with heights: its own, else those of ``vertical_datum``."""
     if has_own_heights(crs) or not vertical_datum.upper().startswith("EPSG:"):
         return crs
     try:
-        own, vertical = pyproj.CRS.from_user_input(crs), pyproj.CRS.from_user_input(vertical_datum)
-        compound = CompoundCRS(name=f"{own.name} + {vertical.name}", components=[own, vertical])
+        horizontal, vertical = pyproj.CRS.from_user_input(crs), pyproj.CRS.from_user_input(vertical_datum)
+        compound = CompoundCRS(name=f"{horizontal.name} + {vertical.name}", components=[horizontal, vertical])
     except CRSError as error:
         raise GeoreferenceError(
-            f"the control points' CRS {crs} cannot take heights of {vertical_datum}: {error}; "
+            f"the control points' CRS {crs} cannot be combined with the vertical CRS {vertical_datum}: {error}; "
             "name a compound CRS in the header of the control points"
         ) from error
     return str(compound.to_wkt())

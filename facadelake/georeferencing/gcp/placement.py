@@ -1,4 +1,4 @@
-"""Where a block begins on the globe: a similarity by control points, by GPS, or by the walls of the model."""
+"""Initial placement by control points: marks are intersected in the free block, then a similarity is fitted."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
+from facadelake.core.arrays import BoolArray, Float64Nx2, Float64Nx3, Float64x3, Int64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
@@ -20,50 +20,50 @@ from facadelake.georeferencing.similarity_fit import fit_similarity
 from facadelake.georeferencing.triangulation import ImageRay, Intersection, intersect_rays
 from facadelake.sfm import Reconstruction
 
-# Survey, marking and the free block's own bending together; a control point farther off (3.5 times) is a blunder.
+# Survey, marking and the bending of the free block together; a control point beyond 3.5 times this is a gross error.
 _CONTROL_SIGMA_M = 0.15
 MIN_CONTROL_POINTS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IntersectedMarks:
-    """Where a control point was marked and the marks agree: ``photo`` (k,) rows of the block, ``xy_img`` (k, 2), and
-    the point in sfm by the marks alone (3,)."""
+    """The marks of a point that agree, and their intersection.
+
+    ``photo`` (k,) rows of the block's photographs, ``xy_img`` (k, 2), ``xyz_sfm`` (3,) by the marks alone.
+    """
 
     photo: Int64Array
-    xy_img: Float64Array
-    xyz_sfm: Float64Array
+    xy_img: Float64Nx2
+    xyz_sfm: Float64x3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlPointPlacement:
-    """A start by control points.
+    """An initial placement by control points.
 
-    ``xyz_site_m`` (p, 3) of all points, ``marks`` of those that can be used (None: fewer than two agreeing marks),
-    ``agree`` (p,) those that agree with one another.
+    ``names`` (p) and ``xyz_site_m`` (p, 3) of all points; ``marks`` of the usable ones (None: fewer than two agreeing
+    marks); ``agree`` (p,): the point agrees with the fitted similarity.
     """
 
     site_from_sfm: Similarity
     names: tuple[str, ...]
-    xyz_site_m: Float64Array
+    xyz_site_m: Float64Nx3
     marks: tuple[IntersectedMarks | None, ...]
     agree: BoolArray
     remarks: tuple[str, ...]
 
 
-def intersect_marks(
-    reconstruction: Reconstruction, control_points: SurveyedPoints
-) -> tuple[IntersectedMarks | None, ...]:
+def intersect_marks(reconstruction: Reconstruction, surveyed: SurveyedPoints) -> tuple[IntersectedMarks | None, ...]:
     """The agreeing marks of each point in photographs of the block; None where fewer than two agree."""
     index = {photo.photo_id: row for row, photo in enumerate(reconstruction.photos)}
-    names = [sighting.photo_name for point in control_points.points for sighting in point.marks]
+    names = [mark.photo_name for point in surveyed.points for mark in point.marks]
     photo_of = match_photo_names(names, list(index))
     out: list[IntersectedMarks | None] = []
-    for point in control_points.points:
-        seen = [sighting for sighting in point.marks if sighting.photo_name in photo_of]
-        rows = np.array([index[photo_of[sighting.photo_name]] for sighting in seen], dtype=np.int64)
-        xy = np.array([[sighting.x_px, sighting.y_px] for sighting in seen]).reshape(-1, 2)
-        found = _intersect(reconstruction, rows, xy) if len(seen) >= 2 else None
+    for point in surveyed.points:
+        marks = [mark for mark in point.marks if mark.photo_name in photo_of]
+        rows = np.array([index[photo_of[mark.photo_name]] for mark in marks], dtype=np.int64)
+        xy = np.array([[mark.x_px, mark.y_px] for mark in marks]).reshape(-1, 2)
+        found = _intersect(reconstruction, rows, xy) if len(marks) >= 2 else None
         out.append(
             None
             if found is None
@@ -72,7 +72,7 @@ def intersect_marks(
     return tuple(out)
 
 
-def _intersect(reconstruction: Reconstruction, photo: Int64Array, xy_img: Float64Array) -> Intersection | None:
+def _intersect(reconstruction: Reconstruction, photo: Int64Array, xy_img: Float64Nx2) -> Intersection | None:
     photos = [reconstruction.photos[row] for row in photo]
     return intersect_rays(
         [
@@ -83,42 +83,54 @@ def _intersect(reconstruction: Reconstruction, photo: Int64Array, xy_img: Float6
 
 
 def place_by_control_points(
-    reconstruction: Reconstruction, control_points: SurveyedPoints | None, origin: SiteOrigin, vertical_datum: str
+    reconstruction: Reconstruction, surveyed: SurveyedPoints | None, origin: SiteOrigin, vertical_datum: str
 ) -> ControlPointPlacement:
     """Similarity to the control points that agree with one another.
 
-    Raises GeoreferenceError for fewer than three usable points, or where no majority agrees.
+    Args:
+        reconstruction: The free block.
+        surveyed: The control points with their marks.
+        origin: Origin of the site frame.
+        vertical_datum: Datum of heights whose CRS has no vertical part.
+
+    Returns:
+        The placement, with remarks on points that are not used.
+
+    Raises:
+        GeoreferenceError: Fewer than three points can be used, or no majority of them agrees.
     """
-    if control_points is None:
-        raise GeoreferenceError("georeference by control points was asked for, but none were given; add a gcp_list.txt")
-    names = tuple(point.name for point in control_points.points)
-    xyz_site = transform_to_site(control_points, origin=origin, vertical_datum=vertical_datum)
-    marks = intersect_marks(reconstruction, control_points)
+    if surveyed is None:
+        raise GeoreferenceError(
+            "georeferencing by control points was requested, but none are given; add a gcp_list.txt"
+        )
+    names = tuple(point.name for point in surveyed.points)
+    xyz_site = transform_to_site(surveyed, origin=origin, vertical_datum=vertical_datum)
+    marks = intersect_marks(reconstruction, surveyed)
     usable = np.array([mark is not None for mark in marks])
-    lost = [name for name, good in zip(names, usable, strict=True) if not good]
+    unusable = [name for name, good in zip(names, usable, strict=True) if not good]
     if usable.sum() < MIN_CONTROL_POINTS:
         raise GeoreferenceError(
-            f"{usable.sum()} of {len(names)} control points of {control_points.source} can be used, "
+            f"{usable.sum()} of {len(names)} control points of {surveyed.source} can be used, "
             f"{MIN_CONTROL_POINTS} are needed; each must be marked in 2 or more localised photographs whose names "
-            f"match the files (not usable: {', '.join(lost) or 'none'})"
+            f"match the files (not usable: {', '.join(unusable) or 'none'})"
         )
     xyz_sfm = np.array([mark.xyz_sfm for mark in marks if mark is not None])
     fit = fit_similarity(xyz_sfm, xyz_site[usable], np.full(xyz_sfm.shape, _CONTROL_SIGMA_M))
     if 2 * fit.used.sum() <= usable.sum():
         raise GeoreferenceError(
-            f"only {int(fit.used.sum())} of {usable.sum()} control points of {control_points.source} agree with one "
+            f"only {int(fit.used.sum())} of {usable.sum()} control points of {surveyed.source} agree with one "
             "another (more than half must): check their coordinates, CRS and marks, or georeference by gps"
         )
     agree = usable.copy()
     agree[usable] = fit.used
     remarks = []
-    if lost:
-        remarks.append(f"control points not usable (fewer than 2 agreeing marks): {', '.join(lost)}")
+    if unusable:
+        remarks.append(f"control points not usable (fewer than 2 agreeing marks): {', '.join(unusable)}")
     if not fit.used.all():
-        blunders = [names[row] for row in np.flatnonzero(usable & ~agree)]
-        remarks.append(f"control points left out as gross errors: {', '.join(blunders)}")
-    if not has_own_heights(control_points.crs):
-        remarks.append(f"the control points' heights name no datum: taken in the model's ({vertical_datum})")
+        gross_errors = [names[row] for row in np.flatnonzero(usable & ~agree)]
+        remarks.append(f"control points left out as gross errors: {', '.join(gross_errors)}")
+    if not has_own_heights(surveyed.crs):
+        remarks.append(f"the control points' heights have no stated datum: taken in the model's ({vertical_datum})")
     return ControlPointPlacement(
         site_from_sfm=fit.target_from_source,
         names=names,
