@@ -42,7 +42,7 @@ def test_a_truncated_model_is_refused_before_it_is_parsed(write_ifc: WriteIfc, s
     size = int(share * len(whole))
     path.write_bytes(whole[:size])
     assert refused(ModelError, path) == (
-        f"building model {path} is cut off: {size} bytes without the closing END-ISO-10303-21; copy or export it again"
+        f"building model {path} is truncated: {size} bytes without the closing END-ISO-10303-21; copy or export it again"
     )
     path.write_bytes(whole)
     assert len(load_ifc_building(path, settings=BY_IFC).elements) == 1
@@ -51,14 +51,14 @@ def test_a_truncated_model_is_refused_before_it_is_parsed(write_ifc: WriteIfc, s
 @pytest.mark.parametrize(
     ("content", "what"),
     [
-        (b"", f"is not an IFC in STEP text: it begins with b'', not ISO-10303-21; {NOT_STEP}"),
+        (b"", f"is not an IFC in STEP text: it starts with b'', not ISO-10303-21; {NOT_STEP}"),
         (
             b"PK\x03\x04 zipped",
-            f"is not an IFC in STEP text: it begins with b'PK\\x03\\x04 zipped', not ISO-10303-21; {NOT_STEP}",
+            f"is not an IFC in STEP text: it starts with b'PK\\x03\\x04 zipped', not ISO-10303-21; {NOT_STEP}",
         ),
         (
             b"<?xml version='1.0'?><ifc/>",
-            f'is not an IFC in STEP text: it begins with b"<?xml version=\'1", not ISO-10303-21; {NOT_STEP}',
+            f'is not an IFC in STEP text: it starts with b"<?xml version=\'1", not ISO-10303-21; {NOT_STEP}',
         ),
         (
             STEP % b"NONSENSE",
@@ -68,11 +68,11 @@ def test_a_truncated_model_is_refused_before_it_is_parsed(write_ifc: WriteIfc, s
             b"ISO-10303-21;\n\x00\xff\xfe garbage ((((\nEND-ISO-10303-21;\n",
             f"is damaged or of an unknown schema (Unable to parse IFC SPF header); {OTHER_SCHEMA}",
         ),
-        (STEP % b"IFC4", "holds no IfcProject; export the whole model, not a library or a part"),
+        (STEP % b"IFC4", "has no IfcProject; export the whole model, not a library or a part"),
     ],
     ids=["zero bytes", "zipped", "xml", "unknown schema", "garbage", "no project"],
 )
-def test_what_is_no_model(tmp_path: Path, content: bytes, what: str) -> None:
+def test_a_file_that_is_not_a_model(tmp_path: Path, content: bytes, what: str) -> None:
     path = tmp_path / "model.ifc"
     path.write_bytes(content)
     assert refused(ModelError, path) == f"building model {path} {what}"
@@ -81,10 +81,10 @@ def test_what_is_no_model(tmp_path: Path, content: bytes, what: str) -> None:
 def test_a_missing_model_and_one_without_bodies(tmp_path: Path, write_ifc: WriteIfc) -> None:
     path = tmp_path / "nothing.ifc"
     assert refused(ModelError, path) == (
-        f"building model {path} cannot be read (No such file or directory); check the registry's model path"
+        f"building model {path} cannot be read (No such file or directory); check the path of model in the registry"
     )
     assert refused(ModelError, write_ifc(Ifc(boxes=[], crs=CRS, conversion=CONVERSION))) == (
-        "the building model has 0 elements with a body and none gave a surface; "
+        "the building model has 0 elements with a body, and none of them could be meshed; "
         "export it with body geometry (design transfer or reference view)"
     )
 

@@ -58,8 +58,8 @@ def test_json_keeps_small_numbers(tmp_path: Path) -> None:
         ("classes", {"car": "rust"}, "classes.car is 'rust': Input should be 'crack', 'spalling' or 'moisture'"),
         ("score_calibration", {"slope": -1}, "score_calibration.slope is -1: Input should be greater than 0"),
         ("training_data", "walls", "training_data is 'walls': Input should be a valid tuple"),
-        ("input", {**make_card("yolov8")["input"], "gsd_mm": [1, 2, 3]}, r"input.gsd_mm is .*: Tuple should have at most 2"),
-        ("input", {**make_card("yolov8")["input"], "gsd_mm": [0]}, r"input.gsd_mm.0 is 0: Input should be greater than 0"),
+        ("input", {**FULL["input"], "gsd_mm": [1, 2, 3]}, r"input.gsd_mm is .*: Tuple should have at most 2"),
+        ("input", {**FULL["input"], "gsd_mm": [0]}, r"input.gsd_mm.0 is 0: Input should be greater than 0"),
     ],
 )  # fmt: skip
 def test_new_keys_are_checked(key: str, value: Any, message: str) -> None:

@@ -105,7 +105,7 @@ def test_masks_are_outlines_clipped_to_the_box(tmp_path: Path, layout: str) -> N
     content = make_card(layout)
     content["input"]["resize"] = "letterbox_centre"
     detector = OnnxDetector(save_layout_model(tmp_path, layout, [CRACK, CAR]), ModelCard.model_validate(content))
-    # 480 wide into 96, 200 high into 40 of 64: five pixels of the photograph per pixel of the input, 12 of padding above.
+    # 480 wide into 96, 200 high into 40 of 64: gain 0.2, 12 px of padding above.
     crack, car = detector.detect(np.zeros((200, 480, 3), dtype=np.uint8))
     # Half-planes intersected with boxes, in pixels of the input; then x * 5, (y - 12) * 5.
     for found, corners in (

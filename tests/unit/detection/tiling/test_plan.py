@@ -46,10 +46,10 @@ def test_native_tiles_cover_the_photograph_overlap_and_stay_inside(width: int, h
 )
 def test_scales_follow_the_facade(wants_mm: tuple[float, ...], gsd_mm: float | None, gains: list[float]) -> None:
     found = plan_passes(wants_mm=wants_mm, gsd_mm=gsd_mm)
-    assert [look.gain for look in found] == pytest.approx(gains, rel=0, abs=1e-9)
-    for look in found[:1]:
-        tile = look.tiles[0]
-        assert (tile.right - tile.left) * look.gain == pytest.approx(416, rel=0, abs=1)  # px of the input
+    assert [tile_pass.gain for tile_pass in found] == pytest.approx(gains, rel=0, abs=1e-9)
+    for tile_pass in found[:1]:
+        tile = tile_pass.tiles[0]
+        assert (tile.right - tile.left) * tile_pass.gain == pytest.approx(416, rel=0, abs=1)  # px of the input
 
 
 @pytest.mark.parametrize("size", [(832, 832), (416, 300), (100, 60)])
@@ -65,12 +65,12 @@ def test_tiles_cover_all_of_the_target_and_each_contains_a_part(left: int, top: 
     target = np.zeros((60, 80), dtype=bool)
     target[top : top + high, left : left + wide] = True
     target[0, 0] = True  # far from the rest: tiles between are omitted
-    look = plan_tile_passes(
+    tile_pass = plan_tile_passes(
         make_blob_card(416, (1.0,)).input, width_px=8000, height_px=6000, gsd_mm=1.0, target=target
     )[0]
     shown = np.zeros((6000, 8000), dtype=bool)
     large = np.kron(target, np.ones((100, 100), dtype=bool))
-    for tile in look.tiles:
+    for tile in tile_pass.tiles:
         part = (slice(tile.top, tile.bottom), slice(tile.left, tile.right))
         assert large[part].any()
         shown[part] = True
