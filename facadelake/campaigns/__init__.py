@@ -1,4 +1,4 @@
-"""campaigns."""
+"""Inspections planned, and committed campaigns read, registered on and regraded."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What can be told before any work begins: files that an inspection needs and that are not there."""
+"""Checks before an inspection begins: missing files, contradictory options, unusable detectors."""
 
 from __future__ import annotations
 
@@ -17,57 +17,72 @@ AUTO = "auto"
 
 
 def resolve_campaign(building: Building, campaign_id: str) -> str:
-    """The campaign itself, or the building's newest for 'latest'. Raises InputDataError where there is none."""
+    """The campaign, or for 'latest' the building's newest; InputDataError where it has none."""
     if campaign_id != LATEST:
         return campaign_id
     known = building.list_campaigns()
     if not known:
         raise InputDataError(
-            f"building '{building.id}' has no campaign with photographs yet; looked for {building.photographs}"
+            f"building '{building.id}' has no campaign with photographs; searched {building.photographs}"
         )
     return known[-1]
 
 
 def choose_poses(building: Building, campaign_id: str, georeference: str, poses: str | None) -> Path | None:
-    """The poses to import: those asked for, else the registry's unless a control is named; None: to be found anew.
+    """The poses to import: those of the option, otherwise the registry's unless a control is named; None: reconstruct
+    them.
 
-    Raises InputDataError where poses are named and not there, or asked for together with a control.
+    Args:
+        building: the registered building.
+        campaign_id: its campaign.
+        georeference: a control, or 'auto'.
+        poses: a file or folder of poses, None: not given.
+
+    Raises:
+        InputDataError: where named poses do not exist, or are given together with a control.
     """
     if georeference == AUTO:
-        found = building.locate_poses(campaign_id, poses)
-        if found is not None:
-            list_pose_files(found)
-        return found
+        path = building.locate_poses(campaign_id, poses)
+        if path is not None:
+            list_pose_files(path)
+        return path
     if poses is not None:
         raise InputDataError(
-            f"--poses {poses} and --georeference {georeference} contradict one another: imported poses are placed "
-            "already; leave one out"
+            f"--poses {poses} and --georeference {georeference} are contradictory: imported poses are georeferenced "
+            "already; omit one of them"
         )
     return None
 
 
 def check_control(building: Building, campaign_id: str, georeference: str, poses: str | None) -> None:
-    """Raise InputDataError for a control that a building without a model (``model: as-built``) cannot have."""
+    """Check that the control is possible for a building without a model (``model: as-built``).
+
+    Args:
+        building: the registered building.
+        campaign_id: its campaign.
+        georeference: a control, or 'auto'.
+        poses: a file or folder of poses, None: not given.
+
+    Raises:
+        InputDataError: for the model as control, and for imported poses.
+    """
     if building.surface_kind is not SurfaceKind.AS_BUILT:
         return
     if georeference == ControlKind.MODEL:
         raise InputDataError(
-            f"building '{building.id}' has no model (model: as-built), so --georeference model has nothing to hold to; "
-            "use gcp, campaign or gps, or give the registry a model"
+            f"building '{building.id}' has no model (model: as-built), so --georeference model is not possible; "
+            "use gcp, campaign or gps, or name a model in the registry"
         )
     if choose_poses(building, campaign_id, georeference, poses) is not None:
         raise InputDataError(
             f"building '{building.id}' has no model (model: as-built): its surface is made of tie points, which "
-            "imported poses do not bring; let the poses be found (--georeference gcp, campaign or gps), or give the "
-            "registry a mesh"
+            "imported poses do not have; reconstruct the poses (--georeference gcp, campaign or gps), or name a mesh "
+            "in the registry"
         )
 
 
 def check_files(building: Building, campaign_id: str, detections: str | None) -> tuple[str, ...]:
-    """Raise InputDataError for the first file that an inspection needs and that is not there.
-
-    Returns warnings of what is missing but can be done without.
-    """
+    """Warnings for optional files that are missing; InputDataError for the first required file that is missing."""
     if building.surface_kind is not SurfaceKind.AS_BUILT:
         building.locate_model()
         building.locate_offset_file()
@@ -80,19 +95,19 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
             f"--detections '{detections}' is for buildings whose detector reads COCO files; '{building.id}' has a model"
         )
     else:
-        load_configured_detector(building.detector)  # a model that cannot be used is told before the hours of work
+        load_configured_detector(building.detector)  # an unusable model is reported before the hours of work
     if building.control_points is not None and building.locate_control_points(campaign_id) is None:
         path = building.control_points.replace("{campaign}", campaign_id)
-        return (f"the registry names control points, but {path} does not exist; without them GPS is the control",)
+        return (f"the registry names control points, but {path} does not exist; the control is GPS",)
     return ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedInspection:
-    """An inspection that can begin: all that it was asked for is there.
+    """An inspection whose inputs exist.
 
-    ``building`` names the detector's file, so that a promotion does not reach a run under way; ``control`` None: the
-    best there is; ``poses``: the file or folder to import them from, None: they are found.
+    ``building`` names the detector's file, so that a promotion during the run has no effect; ``control`` None: the best
+    available; ``poses``: file or folder of poses to import, None: they are reconstructed.
     """
 
     building: Building
@@ -105,16 +120,18 @@ class PlannedInspection:
 def plan_inspection(
     building: Building, campaign_id: str, *, georeference: str, detections: str | None, poses: str | None
 ) -> PlannedInspection:
-    """What is to be done, after everything that can be told before any work begins was checked.
+    """Plan an inspection after checking its inputs.
 
     Args:
         building: the registered building.
-        campaign_id: its campaign; 'latest' is the newest that has photographs.
+        campaign_id: its campaign; 'latest' is the newest with photographs.
         georeference: a control, or 'auto'.
         detections: other detections than the registry's: the name of an alternative, or a COCO file.
         poses: a file or folder of poses of another program.
 
-    Raises InputDataError for what is missing or contradicts itself, ModelError for a detector that cannot be used.
+    Raises:
+        InputDataError: for missing files and contradictory options.
+        ModelError: for a detector that cannot be used.
     """
     campaign = resolve_campaign(building, campaign_id)
     warnings = check_files(building, campaign, detections)

@@ -1,4 +1,4 @@
-"""Other detections of a committed campaign, registered and merged on its poses, in memory."""
+"""Registration and merging of other detections on the poses of a committed campaign, in memory."""
 
 from __future__ import annotations
 
@@ -17,10 +17,16 @@ from facadelake.registry import Building
 def register_on_committed_poses(
     building: Building, campaign_id: str, model: BuildingModel, detections: pa.Table, tables: Mapping[str, pa.Table]
 ) -> MergeResult:
-    """Observations and defects of ``detections`` on the poses of a committed campaign.
+    """Observations and defects of other detections on the poses of a committed campaign.
 
-    ``tables``: the campaign's ``poses`` and ``georeference``. What stands before the building is told by exclusion
-    masks and the model alone, because tie points are not in the lake.
+    The lake does not store tie points, so occluders are found by exclusion masks and the model alone.
+
+    Args:
+        building: the registered building.
+        campaign_id: its campaign.
+        model: its model.
+        detections: table ``detections``.
+        tables: the campaign's tables ``poses`` and ``georeference``.
     """
     passport, poses = tables["georeference"].to_pylist()[0], tables["poses"]
     root = building.locate_photographs(campaign_id)

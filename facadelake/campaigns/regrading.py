@@ -1,4 +1,4 @@
-"""Grade committed campaigns by another rule pack, and publish them with their new grades."""
+"""Regrading of committed campaigns by another rule pack, and publishing of the new grades."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from facadelake.severity import find_rule_file
 
 
 def find_registered_rules(portfolio: Path, building_id: str) -> str | None:
-    """The rule pack that the registry names for a building, None where it does not know the building."""
+    """The rule pack that the registry names for a building; None where the building is not registered."""
     if not portfolio.exists():
         return None
     known = {building.id: building.severity_rules for building in read_portfolio(portfolio).buildings}
@@ -20,27 +20,45 @@ def find_registered_rules(portfolio: Path, building_id: str) -> str | None:
 
 
 def describe_replaced_regrading(building: Building, campaign_id: str, rules: str) -> str:
-    """What to tell of a regrading that a new inspection has replaced by the registry's grades."""
+    """Notice that a new inspection replaced a regrading by the registry's rule pack."""
     return (
-        f"the earlier version was regraded by {rules}, this one is graded by the registry's {building.severity_rules}; "
-        f"'facadelake regrade {building.id} {campaign_id} --rules {rules}' grades it so again"
+        f"the previous version was regraded by {rules}, this one is graded by the registry's "
+        f"{building.severity_rules}; to grade it by {rules}: facadelake regrade {building.id} {campaign_id} --rules {rules}"
     )
 
 
 def preview_grades(lake: Path, building_id: str, campaign_id: str | None, rules: str) -> Regrading:
-    """What ``regrade_campaigns`` would change; nothing is written."""
+    """What ``regrade_campaigns`` would change; nothing is written.
+
+    Args:
+        lake: path of the lake.
+        building_id: the building.
+        campaign_id: its campaign; None: all.
+        rules: name of the rule pack.
+    """
     return preview_regrading(lake, building_id=building_id, campaign_id=campaign_id, rule_file=find_rule_file(rules))
 
 
 def regrade_campaigns(
     lake: Path, building_id: str, campaign_id: str | None, rules: str
 ) -> tuple[Regrading, Sequence[Path]]:
-    """The regrading of one campaign (None: of all) and the releases that show it.
+    """Regrade one campaign or all of a building, and publish the releases with the new grades.
 
-    A regrading whose publishing was cut off is published by the next call. Raises FacadelakeError where the pack or the
-    campaign is unknown, or the lake cannot be written.
+    A regrading whose publishing was interrupted is published by the next call.
+
+    Args:
+        lake: path of the lake.
+        building_id: the building.
+        campaign_id: its campaign; None: all.
+        rules: name of the rule pack.
+
+    Returns:
+        The regrading, and the folders of the releases.
+
+    Raises:
+        FacadelakeError: where the rule pack or the campaign is unknown, or the lake cannot be written.
     """
-    done = regrade(lake, building_id=building_id, campaign_id=campaign_id, rule_file=find_rule_file(rules))
+    regrading = regrade(lake, building_id=building_id, campaign_id=campaign_id, rule_file=find_rule_file(rules))
     newest = {
         row["campaign_id"]: row
         for row in list_versions(lake).to_pylist()
@@ -51,4 +69,4 @@ def regrade_campaigns(
         for campaign, row in sorted(newest.items())
         if row["regraded_by"] is not None and campaign_id in (None, campaign)
     ]
-    return done, releases
+    return regrading, releases

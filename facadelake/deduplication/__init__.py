@@ -1,4 +1,4 @@
-"""deduplication."""
+"""Deduplication: observations of one physical defect become one row of table ``defects``."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What the sightings of one crack say together about its width."""
+"""Width of a crack from all its observations."""
 
 from __future__ import annotations
 
@@ -7,80 +7,104 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from facadelake.core.arrays import Float64Array, RowIndices
+from facadelake.core.arrays import Float64N, RowIndices
 from facadelake.deduplication.group_statistics import compute_weighted_medians
 from facadelake.deduplication.observations import read_column
 from schemas.vocabulary import CrackWidthOutcome
 
-_BLUR_SIGMAS = 2.0  # sigmas: a width so far above what a better photograph leaves room for is a coarse one's blur
-_OUTCOMES = tuple(str(word) for word in CrackWidthOutcome)  # the best evidence first
+# A measured width this far above the resolution limit of a better photograph is the blur of a coarse one.
+_BLUR_SIGMAS = 2.0
+_OUTCOMES = tuple(str(word) for word in CrackWidthOutcome)  # the best first
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrackWidthEstimate:
-    """Of g groups, in mm: width, largest, one sigma and limit (g,), NaN where there is none; ``outcome`` (g,) words."""
+    """Widths of g groups in mm: width, maximum, one sigma and resolution limit (g,), NaN where there is none;
+    ``outcome`` (g,) text.
+    """
 
-    width_mm: Float64Array
-    width_max_mm: Float64Array
-    sigma_mm: Float64Array
-    limit_mm: Float64Array
+    width_mm: Float64N
+    width_max_mm: Float64N
+    sigma_mm: Float64N
+    limit_mm: Float64N
     outcome: pa.Array
 
 
-def estimate_crack_widths(seen: pa.Table, group: RowIndices, weight: Float64Array, groups: int) -> CrackWidthEstimate:
-    """The widths of registered rows ``seen`` (n,) in ``group`` (n,), each sighting with ``weight`` (n,).
+def estimate_crack_widths(
+    registered_rows: pa.Table, group: RowIndices, weight: Float64N, groups: int
+) -> CrackWidthEstimate:
+    """Combine the crack widths of observations.
 
-    What a person stated goes before what was measured. Measured widths are weighed by their variance; one that lies
-    beyond the limit of a photograph that could not tell the width any more is left out, for it is no better than its
-    blur. Where none is left, the smallest limit is the crack's upper bound. Sightings share what is wrong with blur and
-    scale, so many of them are never surer than the best, and are less sure where they disagree.
+    Stated widths take precedence over measured ones. Measured widths are weighted by their variance; one above the
+    resolution limit of a photograph that could not resolve the width is discarded as blur. Where none is left, the
+    smallest limit is the upper bound. Observations share the errors of blur and scale, so their combination is never
+    more accurate than the best, and less accurate where they disagree.
+
+    Args:
+        registered_rows: registered rows (n) of table ``observations``.
+        group: group (n,) of each.
+        weight: weight (n,) of each, for stated widths.
+        groups: number of groups.
     """
     names = ("crack_width_mm", "crack_width_max_mm", "crack_width_sigma_mm", "crack_width_limit_mm")
-    width, largest, sigma, limit = (read_column(seen, name) for name in names)
-    words = seen.column("crack_width_outcome").to_pylist()
-    rank = np.array([_OUTCOMES.index(word) if word is not None else len(_OUTCOMES) for word in words], dtype=np.int64)
-    stated, told, below = (
-        rank == _OUTCOMES.index(word)
-        for word in (CrackWidthOutcome.STATED, CrackWidthOutcome.MEASURED, CrackWidthOutcome.BELOW_LIMIT)
+    width, largest, sigma, limit = (read_column(registered_rows, name) for name in names)
+    outcomes = registered_rows.column("crack_width_outcome").to_pylist()
+    rank = np.array(
+        [_OUTCOMES.index(outcome) if outcome is not None else len(_OUTCOMES) for outcome in outcomes], dtype=np.int64
     )
-    bound = _compute_minima(group, np.where(below, limit, np.nan), groups)
+    stated, measured, below_limit = (
+        rank == _OUTCOMES.index(outcome)
+        for outcome in (CrackWidthOutcome.STATED, CrackWidthOutcome.MEASURED, CrackWidthOutcome.BELOW_LIMIT)
+    )
+    bound = _compute_minima(group, np.where(below_limit, limit, np.nan), groups)
     with np.errstate(invalid="ignore"):
-        coarse = told & (width - _BLUR_SIGMAS * sigma > bound[group])
-    rank = np.where(coarse, len(_OUTCOMES), rank)
-    told = told & ~coarse
-    best = np.full(groups, len(_OUTCOMES), dtype=np.int64)
-    np.minimum.at(best, group, rank)
-    weighed = np.where(told, 1 / np.maximum(np.where(told, sigma, 1.0), 1e-6) ** 2, weight)
-    counts = np.where(best[group] == rank, stated | told, False)
-    chosen = np.where(counts, width, np.nan)
-    middle = compute_weighted_medians(group, chosen, weighed, groups)
+        is_blur = measured & (width - _BLUR_SIGMAS * sigma > bound[group])
+    rank = np.where(is_blur, len(_OUTCOMES), rank)
+    measured = measured & ~is_blur
+    best_rank = np.full(groups, len(_OUTCOMES), dtype=np.int64)
+    np.minimum.at(best_rank, group, rank)
+    combined_weight = np.where(measured, 1 / np.maximum(np.where(measured, sigma, 1.0), 1e-6) ** 2, weight)
+    used = np.where(best_rank[group] == rank, stated | measured, False)
+    used_width = np.where(used, width, np.nan)
+    width_mm = compute_weighted_medians(group, used_width, combined_weight, groups)
     return CrackWidthEstimate(
-        width_mm=middle,
-        width_max_mm=compute_weighted_medians(group, np.where(counts, largest, np.nan), weighed, groups),
-        sigma_mm=_combine_sigmas(group, np.where(counts & told, width - middle[group], np.nan), sigma, weighed, groups),
-        limit_mm=np.where(
-            best == _OUTCOMES.index(CrackWidthOutcome.BELOW_LIMIT), bound, _compute_minima(group, limit, groups)
+        width_mm=width_mm,
+        width_max_mm=compute_weighted_medians(group, np.where(used, largest, np.nan), combined_weight, groups),
+        sigma_mm=_combine_sigmas(
+            group, np.where(used & measured, width - width_mm[group], np.nan), sigma, combined_weight, groups
         ),
-        outcome=pa.array([*_OUTCOMES, None], pa.string()).take(pa.array(best)),
+        limit_mm=np.where(
+            best_rank == _OUTCOMES.index(CrackWidthOutcome.BELOW_LIMIT), bound, _compute_minima(group, limit, groups)
+        ),
+        outcome=pa.array([*_OUTCOMES, None], pa.string()).take(pa.array(best_rank)),
     )
 
 
-def _combine_sigmas(
-    group: RowIndices, gap: Float64Array, sigma: Float64Array, weight: Float64Array, groups: int
-) -> Float64Array:
-    """One sigma (groups,): the smallest of the sightings', and their scatter over the root of their number."""
-    used = np.isfinite(gap)
+def _combine_sigmas(group: RowIndices, residual: Float64N, sigma: Float64N, weight: Float64N, groups: int) -> Float64N:
+    """One sigma of the combined widths: the smallest of the observations', and the standard error of their scatter.
+
+    Args:
+        group: group (n,) of each observation.
+        residual: difference (n,) from the combined width; NaN where not used.
+        sigma: one sigma (n,).
+        weight: weight (n,).
+        groups: number of groups.
+
+    Returns:
+        One sigma (groups,).
+    """
+    used = np.isfinite(residual)
     owner = group[used]
     number = np.bincount(owner, minlength=groups)
     total = np.bincount(owner, weights=weight[used], minlength=groups)
-    square = np.bincount(owner, weights=weight[used] * gap[used] ** 2, minlength=groups)
+    square = np.bincount(owner, weights=weight[used] * residual[used] ** 2, minlength=groups)
     with np.errstate(invalid="ignore", divide="ignore"):
         scatter = square / total / number
-    out: Float64Array = np.sqrt(_compute_minima(group, np.where(used, sigma, np.nan), groups) ** 2 + scatter)
+    out: Float64N = np.sqrt(_compute_minima(group, np.where(used, sigma, np.nan), groups) ** 2 + scatter)
     return out
 
 
-def _compute_minima(group: RowIndices, value: Float64Array, groups: int) -> Float64Array:
+def _compute_minima(group: RowIndices, value: Float64N, groups: int) -> Float64N:
     """The smallest value (groups,) that is not NaN; NaN where there is none."""
     out = np.full(groups, np.inf)
     np.minimum.at(out, group, np.where(np.isfinite(value), value, np.inf))

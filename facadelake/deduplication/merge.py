@@ -1,4 +1,4 @@
-"""Observations to defects: every real defect once."""
+"""Merging of observations into defects: each physical defect once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import shapely
 from facadelake.building import BuildingModel, find_storeys
 from facadelake.building.facades import collect_facades
 from facadelake.building.surface import Surface
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64x6x6
 from facadelake.core.camera import PosedCamera
 from facadelake.deduplication.appearance import PhotographSource
 from facadelake.deduplication.clustering import cluster_observations
@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class MergeResult:
-    """Table ``defects``, table ``observations`` with ``defect_id`` filled for the registered ones, table ``merges``."""
+    """Table ``defects``; table ``observations`` with ``defect_id`` of the registered ones; table ``merges``."""
 
     defects: pa.Table
     observations: pa.Table
@@ -47,76 +47,111 @@ def merge_observations(
     *,
     prefix: str,
     settings: MergeSettings | None = None,
-    covariances: Mapping[str, Float64Array] | None = None,
+    covariances: Mapping[str, Float64x6x6] | None = None,
     photographs: PhotographSource | None = None,
 ) -> MergeResult:
-    """Defects of the registered ``observations``; boxes and scores come from ``detections``, rays from ``posed``.
+    """Merge the registered observations of a campaign into defects; the result does not depend on the order of rows.
 
-    ``covariances`` (6, 6) by photo_id are the poses' (centre in m, attitude in rad). With ``photographs``, doubtful
-    pairs are compared by their pictures; without, or where they cannot be read, geography alone decides. Ids are
-    ``<prefix>-D0001`` on, by facade, storey from the top, and place along the facade. The result does not depend on
-    the order of the rows.
-    Severity is left to the lake's rules ("ungraded", rule "none").
+    Args:
+        observations: table ``observations``.
+        detections: table ``detections``, for boxes and scores.
+        building: the building's surface, elements and storeys.
+        posed: cameras of the localised photographs by photo_id.
+        prefix: defect ids are ``<prefix>-D0001`` on, by facade, storey from the top, and position along the facade.
+        settings: gate, priors and control of the campaign; None: the defaults.
+        covariances: covariances (6, 6) of poses by photo_id: centre (m, site), attitude (rad, about the camera's axes).
+        photographs: where ambiguous pairs are compared by appearance; None, or where a photograph cannot be read: by
+            position alone.
+
+    Returns:
+        The three tables; severity is "ungraded" by rule "none" until a rule pack grades the defects.
     """
     settings = settings or MergeSettings()
-    registered = pc.equal(observations.column("observation_outcome"), str(ObservationOutcome.REGISTERED))
-    seen = observations.filter(registered).sort_by("detection_id")
-    sightings = read_observations(seen, detections, posed, covariances or {})
-    compare = None if photographs is None else photographs.prepare_comparison(_list_photo_ids(seen))
-    grouping = cluster_observations(sightings, settings)
-    moved = reassign_to_rear_surface(sightings, grouping, settings, Surface(building))
-    if moved is not None:
-        seen, sightings = _update_reassigned_rows(seen, moved, building), moved.observations
-    if moved is not None or compare is not None:
-        grouping = cluster_observations(sightings, settings, compare)
-    group = grouping.group
-    positions = estimate_positions(grouping.unit_observations, grouping.unit_group, grouping.noise, settings)
+    is_registered = pc.equal(observations.column("observation_outcome"), str(ObservationOutcome.REGISTERED))
+    registered_rows = observations.filter(is_registered).sort_by("detection_id")
+    arrays = read_observations(registered_rows, detections, posed, covariances or {})
+    compare = None if photographs is None else photographs.prepare_comparison(_list_photo_ids(registered_rows))
+    clustering = cluster_observations(arrays, settings)
+    reassigned = reassign_to_rear_surface(arrays, clustering, settings, Surface(building))
+    if reassigned is not None:
+        registered_rows, arrays = (
+            _update_reassigned_rows(registered_rows, reassigned, building),
+            reassigned.observations,
+        )
+    if reassigned is not None or compare is not None:
+        clustering = cluster_observations(arrays, settings, compare)
+    group = clustering.group
+    positions = estimate_positions(clustering.unit_observations, clustering.unit_group, clustering.noise, settings)
     scores = read_column(detections, "score")[
-        pc.index_in(seen.column("detection_id"), detections.column("detection_id").combine_chunks()).to_numpy()
+        pc.index_in(
+            registered_rows.column("detection_id"), detections.column("detection_id").combine_chunks()
+        ).to_numpy()
     ]
-    named = build_defects_table(seen, sightings, group, scores, positions, building, prefix=prefix)
-    ids = named.table.column("defect_id").combine_chunks().take(pa.array(named.row[group]))
-    at = pc.index_in(observations.column("detection_id"), seen.column("detection_id").combine_chunks())
-    place = observations.schema.get_field_index("defect_id")
-    _log.info("%d registered observations of %d defects", len(seen), len(named.table))
+    defects = build_defects_table(registered_rows, arrays, group, scores, positions, building, prefix=prefix)
+    ids = defects.table.column("defect_id").combine_chunks().take(pa.array(defects.row[group]))
+    row_of_registered = pc.index_in(
+        observations.column("detection_id"), registered_rows.column("detection_id").combine_chunks()
+    )
+    column_index = observations.schema.get_field_index("defect_id")
+    _log.info("merged %d registered observations into %d defects", len(registered_rows), len(defects.table))
     return MergeResult(
-        defects=named.table,
-        observations=observations.set_column(place, observations.schema.field(place), ids.take(at.combine_chunks())),
-        merges=build_merges_table(seen.column("detection_id").combine_chunks(), ids, sightings, grouping, settings),
+        defects=defects.table,
+        observations=observations.set_column(
+            column_index, observations.schema.field(column_index), ids.take(row_of_registered.combine_chunks())
+        ),
+        merges=build_merges_table(
+            registered_rows.column("detection_id").combine_chunks(), ids, arrays, clustering, settings
+        ),
     )
 
 
-def _list_photo_ids(seen: pa.Table) -> list[str]:
-    return [str(name) for name in encode_column(seen, "photo_id")[1]]
+def _list_photo_ids(registered_rows: pa.Table) -> list[str]:
+    """What the codes of photographs in ``read_observations`` stand for."""
+    return [str(name) for name in encode_column(registered_rows, "photo_id")[1]]
 
 
-def _update_reassigned_rows(seen: pa.Table, moved: ReassignedObservations, building: BuildingModel) -> pa.Table:
-    """The rows ``assign_facade`` with element, storey, facade and outline of those moved to what they look at behind."""
+def _update_reassigned_rows(
+    registered_rows: pa.Table, reassigned: ReassignedObservations, building: BuildingModel
+) -> pa.Table:
+    """The rows with element, storey, facade and patch of those that were reassigned to a rear surface."""
     guids, storeys, facades = (
         building.elements.column(name).to_pylist() for name in ("element_guid", "storey", "facade")
     )
-    sightings, rows = moved.observations, moved.rows
-    places, normals = sightings.xyz_site_m[rows], sightings.normal_site[rows]
+    arrays, rows = reassigned.observations, reassigned.rows
+    positions, normals = arrays.xyz_site_m[rows], arrays.normal_site[rows]
     directions = collect_facades(building.elements)
     across, upward = compute_tangents(normals)
-    wide, high = across * sightings.width_m[rows, None] / 2, upward * sightings.height_m[rows, None] / 2
-    corners = np.stack([places - wide - high, places + wide - high, places + wide + high, places - wide + high], axis=1)
+    half_across, half_upward = across * arrays.width_m[rows, None] / 2, upward * arrays.height_m[rows, None] / 2
+    corners = np.stack(
+        [
+            positions - half_across - half_upward,
+            positions + half_across - half_upward,
+            positions + half_across + half_upward,
+            positions - half_across + half_upward,
+        ],
+        axis=1,
+    )
     outlines = shapely.polygons(building.origin.geo_from_site(corners.reshape(-1, 3)).reshape(-1, 4, 3))
-    told = {
-        "element_guid": [guids[row] for row in moved.element],
+    columns = {
+        "element_guid": [guids[row] for row in reassigned.element],
         "storey": find_storeys(
-            building.storeys, storeys, building.compute_vertical_extents(), moved.element, places[:, 2]
+            building.storeys, storeys, building.compute_vertical_extents(), reassigned.element, positions[:, 2]
         ),
         "facade": [
-            directions.assign_facade(facades[row], normal) for row, normal in zip(moved.element, normals, strict=True)
+            directions.assign_facade(facades[row], normal)
+            for row, normal in zip(reassigned.element, normals, strict=True)
         ],
         "patch": shapely.to_wkb(outlines, output_dimension=3).tolist(),
     }
-    for name, values in told.items():
-        place = seen.schema.get_field_index(name)
-        column_ = seen.column(name).combine_chunks()
-        mask = np.zeros(len(seen), dtype=bool)
+    for name, values in columns.items():
+        column_index = registered_rows.schema.get_field_index(name)
+        column = registered_rows.column(name).combine_chunks()
+        mask = np.zeros(len(registered_rows), dtype=bool)
         mask[rows] = True
-        ordered = pa.array([values[i] for i in np.argsort(rows)], column_.type)
-        seen = seen.set_column(place, seen.schema.field(place), pc.replace_with_mask(column_, pa.array(mask), ordered))
-    return seen
+        ordered = pa.array([values[i] for i in np.argsort(rows)], column.type)
+        registered_rows = registered_rows.set_column(
+            column_index,
+            registered_rows.schema.field(column_index),
+            pc.replace_with_mask(column, pa.array(mask), ordered),
+        )
+    return registered_rows

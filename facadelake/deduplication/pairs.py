@@ -1,9 +1,10 @@
-"""Which two sightings may be of one defect: normalised distances between sightings.
+"""Pairs of observations that may be of one defect, and their Mahalanobis distances.
 
-The paper's Algorithm 1 takes a fixed 0.5 m an axis (0.71 m), which merges neighbouring cracks. Here the gate follows
-from the patches' extents, from what is left of the poses, and from the building's relief: a real surface that stands
-off the model's shifts each sighting along its own ray, so two sightings of one place part in a known direction. What
-the poses of a block share moves both sightings alike and widens no gate.
+The paper's Algorithm 1 has a fixed limit of 0.5 m per axis (0.71 m), which merges neighbouring cracks. Here the gate
+follows from the extents of the patches, the residual error of the poses and the relief of the building: where the real
+surface deviates from the model, each observation is shifted along its own ray, so two observations of one point are
+separated in a known direction. An error that the poses of a block share shifts both observations alike and does not
+widen the gate.
 """
 
 from __future__ import annotations
@@ -14,23 +15,26 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from facadelake.core.arrays import BoolArray, Float64Array, Int64Array, RowIndices
+from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64Nx3, Float64Nx3x3, Int64Array, RowIndices
 from facadelake.core.parallel import map_blocks
 from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration import compute_tangents
 
-_GRAZING_COSINE = 0.15  # a ray flatter than this says nothing more of relief
-_FACING_MIN = -0.2  # surfaces that turn further from one another do not show one defect
-_SLAB_OBSERVATIONS = 40_000  # sightings whose pairs are found at a time
-_BATCH_PAIRS = 20_000  # pairs measured at a time: what fits the processor's cache
-_BATCH_LARGE = 2_000
+_GRAZING_COSINE = 0.15  # limits the shift by relief along rays at a larger incidence
+_FACING_MIN = -0.2  # cosine of two normals; surfaces that face further apart do not show one defect
+_SLAB_OBSERVATIONS = 40_000  # observations per search for pairs
+_BATCH_PAIRS = 20_000  # pairs measured at once: fits the processor's cache
+_BATCH_LARGE = 2_000  # large observations per search
 
 
 @dataclass(frozen=True, kw_only=True)
 class PositionNoise:
-    """One sigma of a sighting's place: ``size_share`` of its extents along the surface, ``floor_m`` in all directions,
-    and ``relief_m`` of the real surface off the model's, which all sightings of a place share."""
+    """One sigma of an observation's position.
+
+    ``size_share``: share of the patch's extents, along the surface; ``floor_m``: in all directions; ``relief_m``:
+    distance of the real surface from the model, which all observations of a point share.
+    """
 
     size_share: float
     floor_m: float
@@ -39,17 +43,18 @@ class PositionNoise:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObservationPairs:
-    """Pairs of sightings near one another: ``first`` < ``second`` (k,) rows.
+    """Pairs of observations near one another: rows ``first`` < ``second`` (k,).
 
-    ``separation_m`` (k,), ``sigmas`` (k,): the Mahalanobis distance; ``overlap`` (k,): area both patches share over the
-    smaller one's, with the relief's shift taken out; ``touching`` (k,): they share some, to the accuracy of the places.
+    ``separation_m`` (k,); ``sigmas`` (k,): Mahalanobis distance; ``overlap`` (k,): common area of both patches over the
+    area of the smaller one, after removing the shift by relief; ``touching`` (k,): the patches overlap, to the accuracy
+    of the positions.
     """
 
     first: RowIndices
     second: RowIndices
-    separation_m: Float64Array
-    sigmas: Float64Array
-    overlap: Float64Array
+    separation_m: Float64N
+    sigmas: Float64N
+    overlap: Float64N
     touching: BoolArray
 
     def __len__(self) -> int:
@@ -67,77 +72,110 @@ class ObservationPairs:
         )
 
 
-def compute_observation_covariance(sightings: ObservationArrays, noise: PositionNoise) -> Float64Array:
-    """Covariance (n, 3, 3) in m2 of each sighting's place for itself, beside what the poses and the relief share."""
-    across, upward = sightings.compute_tangents()
-    wide = (noise.size_share * sightings.width_m)[:, None] * across
-    high = (noise.size_share * sightings.height_m)[:, None] * upward
-    floor = noise.floor_m**2 + (0.29 * sightings.gsd_m) ** 2  # a pixel's rounding is uniform
-    spread: Float64Array = (
+def compute_observation_covariance(observations: ObservationArrays, noise: PositionNoise) -> Float64Nx3x3:
+    """Covariance (n, 3, 3) in m2 of each observation's own error of position, without what poses and relief share."""
+    across, upward = observations.compute_tangents()
+    wide = (noise.size_share * observations.width_m)[:, None] * across
+    high = (noise.size_share * observations.height_m)[:, None] * upward
+    variance = noise.floor_m**2 + (0.29 * observations.gsd_m) ** 2  # rounding to a pixel is uniform
+    covariance: Float64Array = (
         wide[:, :, None] * wide[:, None, :]
         + high[:, :, None] * high[:, None, :]
-        + floor[:, None, None] * np.eye(3)[None]
+        + variance[:, None, None] * np.eye(3)[None]
     )
-    return spread
+    return covariance
 
 
 def find_pairs(
-    sightings: ObservationArrays, noise: PositionNoise, settings: MergeSettings, *, within_sigmas: float
+    observations: ObservationArrays, noise: PositionNoise, settings: MergeSettings, *, within_sigmas: float
 ) -> ObservationPairs:
-    """Every pair of sightings within ``within_sigmas``, whatever their class or photograph; nearly linear in n."""
-    placing = compute_observation_covariance(sightings, noise)
+    """All pairs of observations within a Mahalanobis distance, of any class and photograph; nearly linear in n.
 
-    def near(rows: Int64Array) -> ObservationPairs:
-        pairs = measure_pairs(sightings, rows, placing, noise, settings)
+    Args:
+        observations: the observations (n).
+        noise: their noise.
+        settings: gate, ceiling and offset of the campaign.
+        within_sigmas: limit of the Mahalanobis distance.
+    """
+    covariance = compute_observation_covariance(observations, noise)
+
+    def measure_within(rows: Int64Array) -> ObservationPairs:
+        pairs = measure_pairs(observations, rows, covariance, noise, settings)
         return pairs.take(pairs.sigmas <= within_sigmas)
 
-    found = [part for rows in _find_candidates(sightings, settings) for part in map_blocks(near, _split_batches(rows))]
-    whole = concatenate_pairs(found)
-    return whole.take(np.lexsort((whole.second, whole.first)))
+    found = [
+        part
+        for rows in _find_candidates(observations, settings)
+        for part in map_blocks(measure_within, _split_batches(rows))
+    ]
+    concatenated = concatenate_pairs(found)
+    return concatenated.take(np.lexsort((concatenated.second, concatenated.first)))
 
 
 def update_pairs(
-    sightings: ObservationArrays, pairs: ObservationPairs, noise: PositionNoise, settings: MergeSettings
+    observations: ObservationArrays, pairs: ObservationPairs, noise: PositionNoise, settings: MergeSettings
 ) -> ObservationPairs:
-    """The same pairs by another noise."""
-    placing = compute_observation_covariance(sightings, noise)
+    """The same pairs measured with another noise.
+
+    Args:
+        observations: the observations (n).
+        pairs: pairs of them.
+        noise: the new noise.
+        settings: gate and offset of the campaign.
+    """
+    covariance = compute_observation_covariance(observations, noise)
     rows = np.column_stack([pairs.first, pairs.second])
-    parts = map_blocks(lambda part: measure_pairs(sightings, part, placing, noise, settings), _split_batches(rows))
-    return concatenate_pairs(parts)
+    measured = map_blocks(
+        lambda batch: measure_pairs(observations, batch, covariance, noise, settings), _split_batches(rows)
+    )
+    return concatenate_pairs(measured)
 
 
 def _split_batches(pairs: Int64Array) -> list[Int64Array]:
+    """Rows of pairs (k, 2) in batches."""
     return [pairs[start : start + _BATCH_PAIRS] for start in range(0, len(pairs), _BATCH_PAIRS)]
 
 
 def measure_pairs(
-    sightings: ObservationArrays,
+    observations: ObservationArrays,
     pairs: Int64Array,
-    placing: Float64Array,
+    covariance: Float64Nx3x3,
     noise: PositionNoise,
     settings: MergeSettings,
 ) -> ObservationPairs:
-    """Distance and overlap of ``pairs`` (k, 2).
+    """Mahalanobis distance and overlap of pairs.
 
-    A surface that stands b off the model along its normal moves a sighting by ``b / (normal . ray) * ray``; both see
-    the same b, of the relief and of ``offset_m`` (one sigma), so their difference varies by the difference of those
-    two shifts alone. Surfaces that face away from one another are infinitely far apart.
+    A surface at distance b from the model along its normal shifts an observation by ``b / (normal . ray) * ray``. Both
+    observations have the same b, whose variance is that of the relief and of ``settings.offset_m``, so the variance of
+    their difference is that of the difference of the two shifts. Surfaces that face apart are infinitely far.
+
+    Args:
+        observations: the observations (n).
+        pairs: rows (k, 2).
+        covariance: covariances (n, 3, 3) of the observations' own errors, as ``compute_observation_covariance`` gives
+            them.
+        noise: their noise.
+        settings: gate and offset of the campaign.
     """
     i, j = pairs[:, 0], pairs[:, 1]
-    normal = sightings.normal_site[i] + sightings.normal_site[j]
-    facing = np.einsum("ij,ij->i", sightings.normal_site[i], sightings.normal_site[j])
+    normal = observations.normal_site[i] + observations.normal_site[j]
+    facing = np.einsum("ij,ij->i", observations.normal_site[i], observations.normal_site[j])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]
-    part = _compute_relief_shift(sightings, i, normal) - _compute_relief_shift(sightings, j, normal)
-    difference = sightings.xyz_site_m[i] - sightings.xyz_site_m[j]
-    total = placing[i] + placing[j]
-    solved = np.linalg.solve(total, np.stack([difference, part], axis=2))
+    shift = _compute_relief_shift(observations, i, normal) - _compute_relief_shift(observations, j, normal)
+    difference = observations.xyz_site_m[i] - observations.xyz_site_m[j]
+    pair_covariance = covariance[i] + covariance[j]
+    solved = np.linalg.solve(pair_covariance, np.stack([difference, shift], axis=2))
     plain = np.einsum("ij,ij->i", difference, solved[:, :, 0])
-    mixed = np.einsum("ij,ij->i", part, solved[:, :, 0])
-    along = np.einsum("ij,ij->i", part, solved[:, :, 1])
+    mixed = np.einsum("ij,ij->i", shift, solved[:, :, 0])
+    along = np.einsum("ij,ij->i", shift, solved[:, :, 1])
     variance = noise.relief_m**2 + settings.offset_m**2
-    off = variance * mixed / (1 + variance * along)  # how far the pair says that the surface stands off (Woodbury)
-    sigmas = np.sqrt(np.maximum(plain - mixed * off, 0.0))
-    share, touching = _measure_overlap(sightings, i, j, normal, difference - part * off[:, None], noise, settings)
+    surface_offset = (
+        variance * mixed / (1 + variance * along)
+    )  # the pair's estimate of the surface's distance (Woodbury identity)
+    sigmas = np.sqrt(np.maximum(plain - mixed * surface_offset, 0.0))
+    share, touching = _measure_overlap(
+        observations, i, j, normal, difference - shift * surface_offset[:, None], noise, settings
+    )
     return ObservationPairs(
         first=i,
         second=j,
@@ -148,38 +186,52 @@ def measure_pairs(
     )
 
 
-def _compute_relief_shift(sightings: ObservationArrays, rows: RowIndices, normal: Float64Array) -> Float64Array:
-    own, ray = sightings.normal_site[rows], sightings.ray_site[rows]
-    cosine = np.minimum(np.einsum("ij,ij->i", own, ray), -_GRAZING_COSINE)
-    shift: Float64Array = ray * (np.einsum("ij,ij->i", own, normal) / cosine)[:, None]
+def _compute_relief_shift(observations: ObservationArrays, rows: RowIndices, normal: Float64Nx3) -> Float64Nx3:
+    """Shift (k, 3) of observations ``rows`` (k,) for a surface 1 m in front of the model along ``normal`` (k, 3)."""
+    own_normal, ray = observations.normal_site[rows], observations.ray_site[rows]
+    cosine = np.minimum(np.einsum("ij,ij->i", own_normal, ray), -_GRAZING_COSINE)
+    shift: Float64Array = ray * (np.einsum("ij,ij->i", own_normal, normal) / cosine)[:, None]
     return shift
 
 
 def _measure_overlap(
-    sightings: ObservationArrays,
+    observations: ObservationArrays,
     i: RowIndices,
     j: RowIndices,
-    normal: Float64Array,
-    apart: Float64Array,
+    normal: Float64Nx3,
+    difference: Float64Nx3,
     noise: PositionNoise,
     settings: MergeSettings,
-) -> tuple[Float64Array, BoolArray]:
-    """Share of the smaller patch that both cover (k,), and whether they touch, as rectangles along the surface."""
+) -> tuple[Float64N, BoolArray]:
+    """Overlap of the patches of pairs, as rectangles along the surface.
+
+    Args:
+        observations: the observations (n).
+        i: first rows (k,).
+        j: second rows (k,).
+        normal: unit normals (k, 3) of the pairs.
+        difference: differences of position (k, 3) in m, after removing the shift by relief.
+        noise: noise of the observations.
+        settings: the gate.
+
+    Returns:
+        Common area over the area of the smaller patch (k,), and whether the patches touch (k,).
+    """
     across, upward = compute_tangents(normal)
-    slack = settings.gate_sigma * np.sqrt(2) * noise.floor_m
-    common, touching = np.ones(len(i)), np.ones(len(i), dtype=bool)
-    for axis, extent in ((across, sightings.width_m), (upward, sightings.height_m)):
-        gap = np.abs(np.einsum("ij,ij->i", apart, axis)) - (extent[i] + extent[j]) / 2
-        common *= np.clip(-gap, 0.0, np.minimum(extent[i], extent[j]))
-        touching &= gap <= slack
-    area = sightings.width_m * sightings.height_m
-    share = np.divide(common, np.minimum(area[i], area[j]), out=np.zeros(len(i)), where=common > 0)
+    tolerance = settings.gate_sigma * np.sqrt(2) * noise.floor_m
+    common_area, touching = np.ones(len(i)), np.ones(len(i), dtype=bool)
+    for axis, extent in ((across, observations.width_m), (upward, observations.height_m)):
+        gap = np.abs(np.einsum("ij,ij->i", difference, axis)) - (extent[i] + extent[j]) / 2
+        common_area *= np.clip(-gap, 0.0, np.minimum(extent[i], extent[j]))
+        touching &= gap <= tolerance
+    area = observations.width_m * observations.height_m
+    share = np.divide(common_area, np.minimum(area[i], area[j]), out=np.zeros(len(i)), where=common_area > 0)
     return np.minimum(share, 1.0), touching
 
 
-def _find_candidates(sightings: ObservationArrays, settings: MergeSettings) -> Iterator[Int64Array]:
-    """Pairs (k, 2), first < second, no further apart than the ceiling or half their extents together; each once."""
-    xyz = sightings.xyz_site_m
+def _find_candidates(observations: ObservationArrays, settings: MergeSettings) -> Iterator[Int64Array]:
+    """Pairs (k, 2), first < second, no farther apart than the ceiling or half their extents together; each once."""
+    xyz = observations.xyz_site_m
     if len(xyz) < 2:
         return
     axis = int(np.argmax(np.ptp(xyz, axis=0)))
@@ -190,10 +242,10 @@ def _find_candidates(sightings: ObservationArrays, settings: MergeSettings) -> I
         last = int(np.searchsorted(along, along[stop - 1] + settings.reach_m, side="right"))
         rows = order[start:last]
         near = cKDTree(xyz[rows]).query_pairs(settings.reach_m, output_type="ndarray")
-        near = near[near.min(axis=1) < stop - start]  # the others belong to a later slab
+        near = near[near.min(axis=1) < stop - start]  # others belong to a later slab
         yield np.sort(rows[near], axis=1)
-    # A defect larger than the ceiling may be cut differently by each photograph: those few look further.
-    half = sightings.half_diagonal_m
+    # Photographs may show different parts of a defect larger than the ceiling: these few are searched farther.
+    half = observations.half_diagonal_m
     large = np.flatnonzero(2 * half > settings.reach_m)
     if len(large) == 0:
         return
@@ -201,28 +253,33 @@ def _find_candidates(sightings: ObservationArrays, settings: MergeSettings) -> I
     for start in range(0, len(large), _BATCH_LARGE):
         rows = large[start : start + _BATCH_LARGE]
         lists = tree.query_ball_point(xyz[rows], 2 * half[rows])
-        mine = np.repeat(rows, [len(found) for found in lists])
+        owner = np.repeat(rows, [len(found) for found in lists])
         other = np.concatenate([np.asarray(found, dtype=np.int64) for found in lists])
-        gap = np.linalg.norm(xyz[mine] - xyz[other], axis=1)
-        # A pair of two large ones is met twice: from the larger, of equals from the first.
-        once = (half[mine] > half[other]) | ((half[mine] == half[other]) & (mine < other))
-        kept = once & (gap > settings.reach_m) & (gap <= half[mine] + half[other])
-        yield np.sort(np.column_stack([mine[kept], other[kept]]), axis=1)
+        gap = np.linalg.norm(xyz[owner] - xyz[other], axis=1)
+        # A pair of two large observations is found twice; it is kept from the larger one, of equal ones from the first.
+        unique = (half[owner] > half[other]) | ((half[owner] == half[other]) & (owner < other))
+        kept = unique & (gap > settings.reach_m) & (gap <= half[owner] + half[other])
+        yield np.sort(np.column_stack([owner[kept], other[kept]]), axis=1)
 
 
 def concatenate_pairs(parts: list[ObservationPairs]) -> ObservationPairs:
     """Pairs one after the other."""
-    none = np.zeros(0)
-    rows = np.zeros(0, dtype=np.int64)
+    no_values = np.zeros(0)
+    no_rows = np.zeros(0, dtype=np.int64)
     empty = ObservationPairs(
-        first=rows, second=rows, separation_m=none, sigmas=none, overlap=none, touching=np.zeros(0, dtype=bool)
+        first=no_rows,
+        second=no_rows,
+        separation_m=no_values,
+        sigmas=no_values,
+        overlap=no_values,
+        touching=np.zeros(0, dtype=bool),
     )
-    whole = [empty, *parts]
+    with_empty = [empty, *parts]
     return ObservationPairs(
-        first=np.concatenate([p.first for p in whole]),
-        second=np.concatenate([p.second for p in whole]),
-        separation_m=np.concatenate([p.separation_m for p in whole]),
-        sigmas=np.concatenate([p.sigmas for p in whole]),
-        overlap=np.concatenate([p.overlap for p in whole]),
-        touching=np.concatenate([p.touching for p in whole]),
+        first=np.concatenate([p.first for p in with_empty]),
+        second=np.concatenate([p.second for p in with_empty]),
+        separation_m=np.concatenate([p.separation_m for p in with_empty]),
+        sigmas=np.concatenate([p.sigmas for p in with_empty]),
+        overlap=np.concatenate([p.overlap for p in with_empty]),
+        touching=np.concatenate([p.touching for p in with_empty]),
     )

@@ -1,10 +1,10 @@
-"""What merging is told; every limit has its reason here."""
+"""Settings of merging; each limit states its reason."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import hypot, inf
+from math import inf
 from typing import Any
 
 from facadelake.core.errors import InputDataError
@@ -12,23 +12,23 @@ from schemas.vocabulary import ControlKind
 
 _CHECK_POINTS_MIN = 3
 _MEAN_ERROR_3D = 1.596  # mean length of a vector of three errors of one sigma each
-GPS_OFFSET_M = 2.0  # one sigma of what all positions of an uncorrected receiver share, after tens of minutes
+GPS_OFFSET_M = 2.0  # one sigma of the common error of uncorrected GPS positions over tens of minutes
 
 
 @dataclass(frozen=True, kw_only=True)
 class MergeSettings:
-    """When two sightings are of one defect.
+    """When two observations are of one defect.
 
-    ``size_share``: one sigma of where boxes of one defect have their centres, as a share of the patch's extent: two
-    photographs may show different parts of it. ``centre_share``: the same for boxes that show the same part, which
-    places the defect. ``floor_m``: one sigma of what is left of the pose; no gate is narrower. ``relief_m``: one sigma
-    of how far the real surface stands off the model's. ``gate_sigma``: the normalised distance within which two
-    sightings may be one; 3.03 holds 99 % in the plane of the surface. ``ceiling_m``: no two sightings further apart
-    than this, or than half their extents together, are one. ``offset_m``: one sigma of how far the whole campaign may
-    stand off the model; 0 where control points or the model placed it, the GPS's own error where GPS alone did.
-    ``agreement``: share of the pairs between two groups that must lie in the gate to join them. ``block_sigma_m``: one
-    sigma, in the mean of the axes, of what moves all places alike, where it was measured; the poses' own covariances
-    state more.
+    ``size_share``: one sigma of the box centres of one defect, as a share of the patch's extent: two photographs may
+    show different parts of it; it sets the gate. ``centre_share``: the same for boxes that show the same part; it
+    weighs the rays of the triangulation. ``floor_m``: one sigma of the residual error of the poses; the minimum width
+    of the gate. ``relief_m``: one sigma of the distance of the real surface from the model. ``gate_sigma``: limit of
+    the Mahalanobis distance; 3.03 contains 99 % of the errors in the plane of the surface (chi-square, two degrees of
+    freedom). ``ceiling_m``: maximum distance of two observations of one defect, unless half their extents together are
+    more. ``offset_m``: one sigma of the offset of the whole campaign from the model; 0 with control points or the model
+    as control, the error of the GPS with GPS alone. ``agreement``: share of the pairs between two groups that must be
+    in the gate to join them. ``block_sigma_m``: one sigma, mean of the axes, of the common error of all positions,
+    where check points measured it; otherwise inf, and the covariances of the poses hold.
     """
 
     size_share: float = 0.15
@@ -45,34 +45,32 @@ class MergeSettings:
     def build_for_control(
         cls, control: ControlKind, *, checked_m: float | None = None, check_points: int = 0
     ) -> MergeSettings:
-        """The settings for a campaign placed by ``control``: GPS alone leaves it metres off the model.
+        """The settings for a campaign with this control; GPS alone leaves an offset of metres.
 
-        ``checked_m``: mean distance that ``check_points`` held-out points came out from where they were surveyed.
+        ``checked_m``: mean residual at ``check_points`` check points.
         """
-        checked = checked_m is not None and check_points >= _CHECK_POINTS_MIN
+        is_checked = checked_m is not None and check_points >= _CHECK_POINTS_MIN
         return cls(
             offset_m=GPS_OFFSET_M if control is ControlKind.GPS else 0.0,
-            block_sigma_m=(checked_m or 0.0) / _MEAN_ERROR_3D if checked else inf,
+            block_sigma_m=(checked_m or 0.0) / _MEAN_ERROR_3D if is_checked else inf,
         )
 
     def __post_init__(self) -> None:
         values = (self.size_share, self.centre_share, self.floor_m, self.relief_m, self.gate_sigma, self.ceiling_m)
         if min(values) <= 0 or self.offset_m < 0 or not 0 < self.agreement <= 1:
-            raise InputDataError(f"merge settings {self} are out of range: all positive, agreement at most 1")
-
-    @property
-    def stand_off_m(self) -> float:
-        """One sigma of how far the real surface stands off the model as this campaign sees it."""
-        return hypot(self.relief_m, self.offset_m)
+            raise InputDataError(
+                f"merge settings are out of range: {self}; required: size_share, centre_share, floor_m, relief_m, "
+                "gate_sigma and ceiling_m > 0, offset_m >= 0, agreement in (0, 1]"
+            )
 
     @property
     def reach_m(self) -> float:
-        """How far apart two sightings of one small defect may be registered."""
+        """Maximum distance of two observations of one small defect, in m."""
         return max(self.ceiling_m, 3 * self.offset_m)
 
 
 def resolve_merge_settings(passport: Mapping[str, Any]) -> MergeSettings:
-    """What the campaign's row of table ``georeference`` tells the merging."""
+    """The settings for a campaign, from its row of table ``georeference``."""
     return MergeSettings.build_for_control(
         ControlKind(passport["control"]),
         checked_m=passport["check_residual_mean_m"],

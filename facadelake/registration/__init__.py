@@ -1,4 +1,4 @@
-"""registration."""
+"""Registration: detections to observations on the surface, with covariance, element and outcome."""
 
 import lazy_loader
 

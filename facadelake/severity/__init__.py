@@ -1,4 +1,4 @@
-"""severity."""
+"""Severity of defects by versioned rule packs."""
 
 import lazy_loader
 

@@ -1,6 +1,7 @@
-"""Severity by rule packs: one SELECT a file over ``defects``, giving defect_id and severity; versions are new files.
+"""Severity by rule packs: a pack is an SQL file with one SELECT over ``defects``, which returns defect_id and severity.
 
-Every scheme has its own words (FISP's UNSAFE, SWARMP, SAFE): the header's ``-- severities:`` lists them, worst first.
+Every pack has its own severities (UNSAFE, SWARMP and SAFE in FISP), listed in its header ``-- severities:``, worst
+first. A changed pack is a new file with the next version.
 """
 
 from __future__ import annotations
@@ -19,41 +20,44 @@ from schemas.tables import TABLES
 
 RULES = locate_source("data/severity")
 GRADES = ("severity", "severity_rule", "graded_by")
-BY_RULES = "rules"  # graded_by: a proposal; a person's grade has the person's name
+BY_RULES = "rules"  # value of graded_by for a proposal by rules; a person's grade has the person's name
 _SEVERITIES = re.compile(r"^-- severities: (.+)$", re.MULTILINE)
 _NAME = re.compile(r"[a-z][a-z0-9_]*_v[0-9]+")
 
 
 def list_rule_packs(folder: Path = RULES) -> tuple[str, ...]:
-    """The names of the rule packs that there are, in order."""
+    """Names of the rule packs in ``folder``, sorted."""
     return tuple(sorted(found.stem for found in folder.glob("*_v*.sql")))
 
 
 def find_rule_file(name: str, folder: Path = RULES) -> Path:
-    """The file of rule pack ``name`` such as ``extent_v1``. Raises InputDataError, naming those there are."""
+    """The file of rule pack ``name``, such as ``extent_v1``.
+
+    Raises InputDataError, with the names of the packs that exist.
+    """
     path = folder / f"{name}.sql"
     if not _NAME.fullmatch(name) or not path.is_file():
-        there = ", ".join(list_rule_packs(folder)) or "none"
-        raise InputDataError(f"there is no severity rule pack {name} in {folder}; there are {there}")
+        available = ", ".join(list_rule_packs(folder)) or "none"
+        raise InputDataError(f"there is no severity rule pack {name} in {folder}; available: {available}")
     return path
 
 
 def grade_defects(defects: pa.Table, rule_file: Path) -> pa.Table:
-    """The defects with ``severity``, ``severity_rule`` (the file's name) and ``graded_by`` filled by the rule pack.
+    """The defects with ``severity``, ``severity_rule`` (the file's name) and ``graded_by`` from the rule pack.
 
-    These columns may be absent or hold anything before, which the rule does not see; the others keep their order.
-    Raises InputDataError for a rule that is no plain SELECT over ``defects``; SchemaError where it leaves a defect
-    without a severity, grades one twice or one that does not exist, or gives a word that is none of its severities.
+    These columns may be absent or filled before; the rule does not see them. The other columns keep their order. Raises
+    InputDataError for a rule that is not a plain SELECT over ``defects``; SchemaError where it leaves a defect without
+    a severity, grades one twice or one that does not exist, or returns a severity that its header does not list.
     """
     try:
         rule = rule_file.read_text("utf-8")
     except OSError as error:
         raise InputDataError(f"the severity rule {rule_file} cannot be read: {error}") from error
-    words = _parse_severities(rule, rule_file.name)
-    given = defects.drop_columns([name for name in GRADES if name in defects.column_names])
+    severities = _parse_severities(rule, rule_file.name)
+    ungraded = defects.drop_columns([name for name in GRADES if name in defects.column_names])
     with closing(open_duckdb()) as connection:
         require_plain_select(connection, rule, frozenset({"defects"}))
-        connection.register("defects", given)
+        connection.register("defects", ungraded)
         connection.execute("SET enable_external_access = false")
         try:
             graded = connection.execute(
@@ -61,43 +65,58 @@ def grade_defects(defects: pa.Table, rule_file: Path) -> pa.Table:
             ).to_arrow_table()
         except SqlError as error:
             raise InputDataError(f"the severity rule {rule_file.name} cannot be run: {error}") from error
-    return _fill_grades(defects, graded, rule_file.stem, words)
-
-
-def severities(rule_file: Path) -> tuple[str, ...]:
-    """The words of a rule pack, worst first. Raises InputDataError where its header does not list them."""
-    return tuple(_parse_severities(rule_file.read_text("utf-8"), rule_file.name))
+    return _fill_grades(defects, graded, rule_file.stem, severities)
 
 
 def _parse_severities(rule: str, name: str) -> list[str]:
-    found = _SEVERITIES.search(rule)
-    if found is None:
-        raise InputDataError(f"the severity rule {name} does not say '-- severities: worst, ..., least'; add that line")
-    return [word.strip() for word in found[1].split(",")]
+    """The severities in the header of the rule ``name``, worst first."""
+    header = _SEVERITIES.search(rule)
+    if header is None:
+        raise InputDataError(
+            f"the severity rule {name} has no header '-- severities: worst, ..., least'; add that line"
+        )
+    return [severity.strip() for severity in header[1].split(",")]
 
 
-def _fill_grades(defects: pa.Table, graded: pa.Table, rule: str, words: list[str]) -> pa.Table:
+def _fill_grades(defects: pa.Table, graded: pa.Table, rule: str, severities: list[str]) -> pa.Table:
+    """The defects with the grades of a rule pack.
+
+    Args:
+        defects: table ``defects``.
+        graded: defect_id and severity, as the rule returned them.
+        rule: name of the rule pack.
+        severities: its severities.
+
+    Raises:
+        SchemaError: where the grades do not cover the defects exactly once, or are not of the listed severities.
+    """
     ids = graded.column("defect_id").to_pylist()
-    words_of = dict(zip(ids, graded.column("severity").to_pylist(), strict=True))
-    wanted = defects.column("defect_id").to_pylist()
+    severity_by_id = dict(zip(ids, graded.column("severity").to_pylist(), strict=True))
+    defect_ids = defects.column("defect_id").to_pylist()
     faults = {
-        "defects without a severity": [one for one in wanted if words_of.get(one) is None],
-        "defects graded twice": sorted({one for one in ids if ids.count(one) > 1}) if len(ids) > len(words_of) else [],
-        "defects that do not exist": sorted(words_of.keys() - set(wanted)),
-        f"severities that are none of {', '.join(words)}": sorted(
-            {str(word) for word in words_of.values() if word is not None and word not in words}
+        "defects without a severity": [one for one in defect_ids if severity_by_id.get(one) is None],
+        "defects graded twice": sorted({one for one in ids if ids.count(one) > 1})
+        if len(ids) > len(severity_by_id)
+        else [],
+        "defects that do not exist": sorted(severity_by_id.keys() - set(defect_ids)),
+        f"severities that are not one of {', '.join(severities)}": sorted(
+            {
+                str(severity)
+                for severity in severity_by_id.values()
+                if severity is not None and severity not in severities
+            }
         ),
     }
     for fault, examples in faults.items():
         if examples:
             raise SchemaError(
-                f"the severity rule {rule} gives {len(examples)} {fault}, such as {examples[0]!r}; "
+                f"the severity rule {rule} returns {len(examples)} {fault}, such as {examples[0]!r}; "
                 "correct it in a new version of the file"
             )
     columns = {
-        "severity": [words_of[one] for one in wanted],
-        "severity_rule": [rule] * len(wanted),
-        "graded_by": [BY_RULES] * len(wanted),
+        "severity": [severity_by_id[one] for one in defect_ids],
+        "severity_rule": [rule] * len(defect_ids),
+        "graded_by": [BY_RULES] * len(defect_ids),
     }
     table = defects
     for name, values in columns.items():

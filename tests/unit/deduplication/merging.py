@@ -1,12 +1,12 @@
-"""Sightings on a wall y = 0 that faces south, for the tests of merging."""
+"""Observations on a wall y = 0 that faces south, for the tests of merging."""
 
 import numpy as np
 
 from facadelake.deduplication.observations import ObservationArrays
 
 
-def sightings_on_wall(places, photo, *, size_m=0.2, kinds=None, boxes=None, eyes=None):
-    """Sightings at ``places`` (n, 2: x, z), each in ``photo`` (n,), from ``eyes`` (n, 3) or square-on from 10 m.
+def make_observations(places, photo, *, size_m=0.2, kinds=None, boxes=None, eyes=None):
+    """Observations at ``places`` (n, 2: x, z), each in ``photo`` (n,), from ``eyes`` (n, 3) or square-on from 10 m.
 
     ``size_m``: a number, or width and height of each (n, 2).
     """

@@ -1,4 +1,4 @@
-"""Sightings compared by their pictures: the same place under other light, a neighbour aside, nothing to see."""
+"""Observations compared by appearance: the same place under other light, a neighbour aside, nothing to see."""
 
 import cv2
 import numpy as np
@@ -45,7 +45,7 @@ def posed(x, y, z):
     )
 
 
-def sightings_of(places, photo, cameras, size_m=0.15):
+def make_observations(places, photo, cameras, size_m=0.15):
     """Boxes at ``places`` (n, 2: x, z) of the wall in the photographs of ``photo``."""
     xyz = np.array([[x, 0.0, z] for x, z in places])
     away = xyz - np.array([list(cameras.values())[number].centre_site_m for number in photo])
@@ -66,44 +66,44 @@ def sightings_of(places, photo, cameras, size_m=0.15):
     )
 
 
-def likeness(folder, places, photo):
+def compare_pair(folder, places, photo):
     root, cameras = folder
-    sightings = sightings_of(places, photo, cameras)
+    observations = make_observations(places, photo, cameras)
     pictures = PhotographSource(root=root, posed=cameras)
-    return pictures.compare_pairs(sightings, list(cameras), np.array([0]), np.array([1]), np.array([0.06]))
+    return pictures.compare_pairs(observations, list(cameras), np.array([0]), np.array([1]), np.array([0.06]))
 
 
 def test_one_place_looks_the_same_from_aside_and_in_other_light(folder):
-    found = likeness(folder, [(0.1, 2.1), (0.12, 2.09)], [0, 1])
+    found = compare_pair(folder, [(0.1, 2.1), (0.12, 2.09)], [0, 1])
     assert 0.8 < found.score[0] <= 1.0
     assert found.same[0]
     assert not found.differs[0]
 
 
 def test_a_neighbour_20_cm_away_is_found_aside(folder):
-    found = likeness(folder, [(0.1, 2.1), (0.3, 2.1)], [0, 1])
+    found = compare_pair(folder, [(0.1, 2.1), (0.3, 2.1)], [0, 1])
     assert found.score[0] < 0.5
     assert found.differs[0]
     assert not found.same[0]
 
 
 def test_what_cannot_be_read_is_not_compared(folder):
-    found = likeness(folder, [(0.1, 2.1), (0.1, 2.1)], [0, 2])
+    found = compare_pair(folder, [(0.1, 2.1), (0.1, 2.1)], [0, 2])
     assert np.isnan(found.score[0])
     assert not found.same[0]
     assert not found.differs[0]
 
 
 def test_a_place_at_the_photographs_end_is_not_compared(folder):
-    found = likeness(folder, [(1.75, 2.1), (1.75, 2.1)], [0, 1])
+    found = compare_pair(folder, [(1.75, 2.1), (1.75, 2.1)], [0, 1])
     assert np.isnan(found.score[0])
 
 
 @pytest.mark.parametrize(
-    ("registered_x", "shown_x", "by_places", "by_pictures"), [(0.27, 0.1, 1, 0), (0.22, 0.45, 0, 1)]
+    ("registered_x", "shown_x", "by_position", "by_appearance"), [(0.27, 0.1, 1, 0), (0.22, 0.45, 0, 1)]
 )
-def test_pictures_join_what_a_pose_parts_and_part_what_it_brings_together(
-    folder, registered_x, shown_x, by_places, by_pictures
+def test_appearance_joins_what_a_pose_error_separates_and_separates_what_it_joins(
+    folder, registered_x, shown_x, by_position, by_appearance
 ):
     """The second photograph's pose is aside by as much as its box is registered beside what it shows."""
     root, cameras = folder
@@ -111,9 +111,9 @@ def test_pictures_join_what_a_pose_parts_and_part_what_it_brings_together(
     real = cameras["b.png"].site_from_cam
     stated = Similarity(rotation=real.rotation, translation=real.translation + aside)
     placed = {**cameras, "b.png": PosedCamera(camera=CAMERA, site_from_cam=stated)}
-    sightings = sightings_of([(0.1, 2.1), (registered_x, 2.1)], [0, 1], placed, size_m=0.2)
+    observations = make_observations([(0.1, 2.1), (registered_x, 2.1)], [0, 1], placed, size_m=0.2)
     compare = PhotographSource(root=root, posed=placed).prepare_comparison(list(placed))
-    assert cluster_observations(sightings, MergeSettings()).group.tolist() == [0, by_places]
-    told = cluster_observations(sightings, MergeSettings(), compare)
-    assert told.group.tolist() == [0, by_pictures]
-    assert told.differs.tolist() == [bool(by_pictures)]
+    assert cluster_observations(observations, MergeSettings()).group.tolist() == [0, by_position]
+    compared = cluster_observations(observations, MergeSettings(), compare)
+    assert compared.group.tolist() == [0, by_appearance]
+    assert compared.differs.tolist() == [bool(by_appearance)]

@@ -1,4 +1,4 @@
-"""Sightings to defects: the corrected Algorithm 1, its gate, its order, and where it puts a defect."""
+"""Observations to defects: the corrected Algorithm 1, its gate, its order, and where it puts a defect."""
 
 from dataclasses import replace
 
@@ -20,8 +20,8 @@ from tests.unit.registration.wall_scene import looking
 MERGE = MergeSettings()
 
 
-def sightings_at(x_m, photo, size_m=0.2, defect_class=None):
-    """Sightings at places along a wall y = 0, seen square-on."""
+def place_observations(x_m, photo, size_m=0.2, defect_class=None):
+    """Observations at positions along a wall y = 0, seen square-on."""
     n = len(x_m)
     return ObservationArrays(
         xyz_site_m=np.column_stack([x_m, np.zeros(n), np.zeros(n)]),
@@ -38,8 +38,8 @@ def sightings_at(x_m, photo, size_m=0.2, defect_class=None):
     )
 
 
-def merged(sightings):
-    return cluster_observations(sightings, MERGE).group.tolist()
+def cluster(observations):
+    return cluster_observations(observations, MERGE).group.tolist()
 
 
 def paper_algorithm_1(x_m, threshold_m):
@@ -53,31 +53,31 @@ def paper_algorithm_1(x_m, threshold_m):
 
 def test_new_only_if_far_from_all_where_the_paper_counts_again():
     x, photo = np.array([0.0, 5.0, 0.01, 5.01, 0.02, 5.02]), np.array([0, 0, 1, 1, 2, 2])
-    assert merged(sightings_at(x, photo)) == [0, 1, 0, 1, 0, 1]
+    assert cluster(place_observations(x, photo)) == [0, 1, 0, 1, 0, 1]
     assert paper_algorithm_1(x, threshold_m=0.5) == 6  # two defects, seen three times each
 
 
 def test_neighbours_20_cm_apart_stay_apart_where_the_papers_half_metre_joins_them():
     rng = np.random.default_rng(3)
     true = np.repeat([0.0, 0.2, 0.4], 8)
-    sightings = sightings_at(true + rng.normal(0, 0.02, 24), np.tile(np.arange(8), 3))
-    assert merged(sightings) == np.repeat([0, 1, 2], 8).tolist()
-    assert paper_algorithm_1(sightings.xyz_site_m[:, 0], threshold_m=0.5) == 1
+    observations = place_observations(true + rng.normal(0, 0.02, 24), np.tile(np.arange(8), 3))
+    assert cluster(observations) == np.repeat([0, 1, 2], 8).tolist()
+    assert paper_algorithm_1(observations.xyz_site_m[:, 0], threshold_m=0.5) == 1
 
 
 def test_two_detections_of_one_photograph_never_join():
-    assert merged(sightings_at(np.array([0.0, 0.01, 0.02]), np.array([4, 4, 5]))) == [0, 1, 1]
+    assert cluster(place_observations(np.array([0.0, 0.01, 0.02]), np.array([4, 4, 5]))) == [0, 1, 1]
 
 
 def test_two_classes_at_one_place_are_two_defects():
-    sightings = sightings_at(np.array([0.0, 0.0]), np.array([0, 1]), defect_class=[0, 1])
-    assert merged(sightings) == [0, 1]
+    observations = place_observations(np.array([0.0, 0.0]), np.array([0, 1]), defect_class=[0, 1])
+    assert cluster(observations) == [0, 1]
 
 
 def test_a_chain_of_neighbours_does_not_become_one():
     """Each in the gate of the next, the ends a metre apart: at least half the pairs of two groups must agree."""
     x = np.arange(0, 1.01, 0.1)
-    groups = merged(sightings_at(x, np.arange(len(x))))
+    groups = cluster(place_observations(x, np.arange(len(x))))
     for group in set(groups):
         assert np.ptp(x[np.array(groups) == group]) < 0.35  # m
 
@@ -88,9 +88,9 @@ def test_groups_do_not_depend_on_the_order_of_equal_input(order, seed):
     """Sorted by id before, so any order of rows gives the same sets."""
     rng = np.random.default_rng(seed)
     x, photo = rng.uniform(0, 1.0, 12), rng.integers(0, 6, 12)
-    straight = merged(sightings_at(x, photo))
+    straight = cluster(place_observations(x, photo))
     index = np.asarray(order)
-    shuffled = merged(sightings_at(x[index], photo[index]))
+    shuffled = cluster(place_observations(x[index], photo[index]))
     sets = {frozenset(np.flatnonzero(np.array(straight) == g).tolist()) for g in set(straight)}
     again = {frozenset(index[np.array(shuffled) == g].tolist()) for g in set(shuffled)}
     assert sets == again
@@ -101,18 +101,18 @@ def test_groups_do_not_depend_on_the_order_of_equal_input(order, seed):
 def test_no_group_holds_a_photograph_twice(seed):
     rng = np.random.default_rng(seed)
     photo = rng.integers(0, 5, 40)
-    groups = np.array(merged(sightings_at(rng.uniform(0, 2, 40), photo)))
+    groups = np.array(cluster(place_observations(rng.uniform(0, 2, 40), photo)))
     for group in np.unique(groups):
         assert len(set(photo[groups == group])) == (groups == group).sum()
 
 
-def test_relief_parts_oblique_sightings_in_a_known_direction():
+def test_relief_separates_oblique_observations_in_a_known_direction():
     """10 cm of relief, seen from 45 degrees left and right: the hits part by 20 cm along the wall, not upward."""
     rays = np.array([[1.0, 1, 0], [-1.0, 1, 0]]) / np.sqrt(2)
-    base = replace(sightings_at(np.array([-0.1, 0.1]), np.array([0, 1])), ray_site=rays)
+    base = replace(place_observations(np.array([-0.1, 0.1]), np.array([0, 1])), ray_site=rays)
     upward = replace(base, xyz_site_m=np.array([[0.0, 0, -0.1], [0, 0, 0.1]]))
-    assert merged(base) == [0, 0]
-    assert merged(upward) == [0, 1]
+    assert cluster(base) == [0, 0]
+    assert cluster(upward) == [0, 1]
 
 
 def test_a_campaign_that_stands_off_the_model_still_merges(wall, detections_of):
@@ -136,12 +136,12 @@ def test_a_campaign_that_stands_off_the_model_still_merges(wall, detections_of):
 
 def test_large_patches_may_differ_by_more_than_the_ceiling():
     far = np.array([0.0, 0.9])
-    assert merged(sightings_at(far, np.array([0, 1]), size_m=3.0)) == [0, 0]
-    assert merged(sightings_at(far, np.array([0, 1]), size_m=0.3)) == [0, 1]
+    assert cluster(place_observations(far, np.array([0, 1]), size_m=3.0)) == [0, 0]
+    assert cluster(place_observations(far, np.array([0, 1]), size_m=0.3)) == [0, 1]
 
 
 def test_nothing_to_merge():
-    assert merged(sightings_at(np.zeros(0), np.zeros(0, dtype=np.int64))) == []
+    assert cluster(place_observations(np.zeros(0), np.zeros(0, dtype=np.int64))) == []
 
 
 # From detections to tables
@@ -217,10 +217,10 @@ def test_what_is_not_registered_belongs_to_no_defect(wall, detections_of):
     assert len(result.observations) == 2
 
 
-def test_ten_thousand_sightings_merge_in_seconds():
+def test_ten_thousand_observations_merge_in_seconds():
     """Nearly linear: pairs come from a spatial index, never from a table of all with all."""
     rng = np.random.default_rng(8)
     true = np.repeat(np.arange(2000) * 1.0, 5)
-    sightings = sightings_at(true + rng.normal(0, 0.015, len(true)), np.tile(np.arange(5), 2000))
-    groups = np.array(merged(sightings))
+    observations = place_observations(true + rng.normal(0, 0.015, len(true)), np.tile(np.arange(5), 2000))
+    groups = np.array(cluster(observations))
     assert groups.tolist() == np.repeat(np.arange(2000), 5).tolist()

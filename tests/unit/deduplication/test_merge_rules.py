@@ -1,4 +1,4 @@
-"""Who joins whom: neighbours, classes, seams, and parts of the model that photographs look past."""
+"""Rules of merging: neighbours, classes, seams, and defects behind parts of the model."""
 
 import numpy as np
 import pyarrow as pa
@@ -9,14 +9,14 @@ from facadelake.deduplication.clustering import cluster_observations
 from facadelake.deduplication.merge_decisions import build_merges_table
 from facadelake.deduplication.rear_surface import reassign_to_rear_surface
 from facadelake.deduplication.settings import MergeSettings
-from tests.unit.deduplication.merging import sightings_on_wall
+from tests.unit.deduplication.merging import make_observations
 from tests.unit.registration.wall_scene import sheet
 
 SETTINGS = MergeSettings()
 
 
-def groups(sightings):
-    return cluster_observations(sightings, SETTINGS).group.tolist()
+def cluster(observations):
+    return cluster_observations(observations, SETTINGS).group.tolist()
 
 
 @pytest.mark.parametrize("size_m", [0.03, 0.15, 0.35])
@@ -34,14 +34,14 @@ def test_defects_20_cm_apart_stay_apart_small_and_large_exact_and_noisy(size_m, 
                     places.append(centre + rng.normal(0, np.hypot(jitter * size_m, 0.005), 2))
                     photo.append(10 * pair + number)
                     truth.append(2 * pair + member)
-    found = np.array(groups(sightings_on_wall(places, photo, size_m=size_m)))
+    found = np.array(cluster(make_observations(places, photo, size_m=size_m)))
     assert len(np.unique(found)) == 120
     assert len(np.unique(np.column_stack([found, truth]), axis=0)) == 120
 
 
 def test_a_single_wrong_class_is_outvoted():
-    sightings = sightings_on_wall([(0, 1), (0.01, 1), (0, 1.01), (0.01, 1.01)], [0, 1, 2, 3], kinds=[0, 0, 1, 0])
-    assert groups(sightings) == [0, 0, 0, 0]
+    observations = make_observations([(0, 1), (0.01, 1), (0, 1.01), (0.01, 1.01)], [0, 1, 2, 3], kinds=[0, 0, 1, 0])
+    assert cluster(observations) == [0, 0, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -49,33 +49,33 @@ def test_a_single_wrong_class_is_outvoted():
     [
         ([0, 1, 2, 0], [0, 0, 0, 1]),  # one photograph shows both
         ([0, 1, 2, 3, 4], [0, 0, 0, 1, 1]),  # two photographs agree on the other class
-        ([0, 1], [0, 1]),  # nobody outvotes the other
+        ([0, 1], [0, 1]),  # no majority
     ],
 )
 def test_two_classes_at_one_place_from_exact_boxes_are_two_defects(photo, kinds):
-    found = groups(sightings_on_wall([(0, 1)] * len(photo), photo, kinds=kinds))
+    found = cluster(make_observations([(0, 1)] * len(photo), photo, kinds=kinds))
     assert len(set(found)) == 2
     assert len({(group, kind) for group, kind in zip(found, kinds, strict=True)}) == 2
 
 
-def test_strays_never_become_the_majority():
-    """Two alike and two strays of two classes: one stray joins, for with both nobody would have the majority."""
-    found = groups(sightings_on_wall([(0, 1)] * 4, [0, 1, 2, 3], kinds=[0, 0, 1, 2]))
+def test_class_outliers_never_become_the_majority():
+    """Two of one class and two outliers of other classes: one joins, as with both no class had the majority."""
+    found = cluster(make_observations([(0, 1)] * 4, [0, 1, 2, 3], kinds=[0, 0, 1, 2]))
     assert found[0] == found[1]
     assert sorted(found.count(group) for group in set(found)) == [1, 3]
 
 
-def test_a_stray_beside_the_defect_is_not_drawn_in():
-    assert groups(sightings_on_wall([(0, 1), (0.01, 1), (0.2, 1)], [0, 1, 2], kinds=[0, 0, 1])) == [0, 0, 1]
+def test_an_outlier_beside_the_defect_is_not_assigned():
+    assert cluster(make_observations([(0, 1), (0.01, 1), (0.2, 1)], [0, 1, 2], kinds=[0, 0, 1])) == [0, 0, 1]
 
 
-def test_strays_of_two_neighbours_are_not_a_third_defect():
-    """Each of two neighbours was called by the same wrong name once, from different photographs."""
+def test_outliers_of_two_neighbours_are_not_a_third_defect():
+    """Each of two neighbours was given the same wrong class once, in different photographs."""
     places = [(0, 1)] * 4 + [(0.14, 1)] * 4
-    sightings = sightings_on_wall(places, [0, 1, 2, 3, 1, 2, 3, 4], kinds=[1, 0, 0, 0, 0, 0, 0, 1])
-    alone = sightings_on_wall([places[0], places[7]], [0, 4], kinds=[1, 1])
-    assert groups(alone) == [0, 0]  # without their companions they would be one
-    assert groups(sightings) == [0, 0, 0, 0, 1, 1, 1, 1]
+    observations = make_observations(places, [0, 1, 2, 3, 1, 2, 3, 4], kinds=[1, 0, 0, 0, 0, 0, 0, 1])
+    alone = make_observations([places[0], places[7]], [0, 4], kinds=[1, 1])
+    assert cluster(alone) == [0, 0]  # without their companions they would be one
+    assert cluster(observations) == [0, 0, 0, 0, 1, 1, 1, 1]
 
 
 # A crack 1 m long; in photograph 0 a drain pipe hides its middle, or a tile ends there.
@@ -85,11 +85,13 @@ BOXES_APART = [(100, 100, 147, 33), (287, 100, 147, 33)]
 BOXES_MEETING = [(100, 100, 167, 33), (267, 100, 167, 33)]
 
 
-def test_what_an_occluder_cut_is_one_where_others_see_it_whole():
+def test_parts_cut_by_an_occluder_are_one_where_other_photographs_show_the_whole():
     whole = [(0.0, 2.0), (0.01, 2.0)]
     size = np.array([HALF_SIZE, HALF_SIZE, (1.0, 0.1), (1.0, 0.1)])
-    sightings = sightings_on_wall(HALVES + whole, [0, 0, 1, 2], size_m=size, boxes=BOXES_APART + [(0, 0, 300, 33)] * 2)
-    found = cluster_observations(sightings, SETTINGS)
+    observations = make_observations(
+        HALVES + whole, [0, 0, 1, 2], size_m=size, boxes=BOXES_APART + [(0, 0, 300, 33)] * 2
+    )
+    found = cluster_observations(observations, SETTINGS)
     assert found.group.tolist() == [0, 0, 0, 0]
     assert found.unit.tolist() == [0, 0, 1, 2]
     np.testing.assert_allclose(found.unit_observations.width_m[0], 1.0, rtol=0, atol=1e-9)  # m
@@ -99,28 +101,28 @@ def test_what_an_occluder_cut_is_one_where_others_see_it_whole():
 def test_neighbours_in_line_are_two_where_others_see_two():
     size = np.tile(HALF_SIZE, (6, 1))
     places, photo = HALVES * 3, [0, 0, 1, 1, 2, 2]
-    found = groups(sightings_on_wall(places, photo, size_m=size, boxes=BOXES_APART * 3))
+    found = cluster(make_observations(places, photo, size_m=size, boxes=BOXES_APART * 3))
     assert found == [0, 1, 0, 1, 0, 1]
 
 
 def test_boxes_that_meet_at_a_seam_are_one_unless_others_see_two():
     places, size = [(-0.25, 2.0), (0.25, 2.0)], np.tile([0.5, 0.1], (2, 1))
-    assert groups(sightings_on_wall(places, [0, 0], size_m=size, boxes=BOXES_MEETING)) == [0, 0]
-    twice = sightings_on_wall(places * 2, [0, 0, 1, 1], size_m=np.tile(size, (2, 1)), boxes=BOXES_MEETING + BOXES_APART)
-    assert groups(twice) == [0, 1, 0, 1]
+    assert cluster(make_observations(places, [0, 0], size_m=size, boxes=BOXES_MEETING)) == [0, 0]
+    twice = make_observations(places * 2, [0, 0, 1, 1], size_m=np.tile(size, (2, 1)), boxes=BOXES_MEETING + BOXES_APART)
+    assert cluster(twice) == [0, 1, 0, 1]
     uneven = [(100, 100, 167, 33), (267, 90, 167, 60)]  # a corner: they touch, but the sides do not go on
-    assert groups(sightings_on_wall(places, [0, 0], size_m=size, boxes=uneven)) == [0, 1]
+    assert cluster(make_observations(places, [0, 0], size_m=size, boxes=uneven)) == [0, 1]
 
 
 def test_every_join_is_explained_once():
     rng = np.random.default_rng(2)
     places = np.repeat([(0, 1), (0.2, 1), (3, 1)], 5, axis=0) + rng.normal(0, 0.01, (15, 2))
     kinds = [0, 0, 0, 0, 1, *[0] * 10]
-    sightings = sightings_on_wall(places, np.tile(np.arange(5), 3), kinds=kinds)
-    found = cluster_observations(sightings, SETTINGS)
+    observations = make_observations(places, np.tile(np.arange(5), 3), kinds=kinds)
+    found = cluster_observations(observations, SETTINGS)
     names = pa.array([f"d{i:02d}" for i in range(15)])
     defects = pa.array([f"D{group}" for group in found.group])
-    rows = build_merges_table(names, defects, sightings, found, SETTINGS).to_pylist()
+    rows = build_merges_table(names, defects, observations, found, SETTINGS).to_pylist()
     joined = {row["detection_id"] for row in rows if row["merge_decision"] == "joined"}
     joined |= {row["other_detection_id"] for row in rows if row["merge_decision"] == "joined"}
     assert joined == set(names.to_pylist())
@@ -133,11 +135,11 @@ def test_every_join_is_explained_once():
     assert len(rows) <= 15 * 3
 
 
-# Looking past the model
+# Rear surfaces
 
 
-def behind_a_pillar(eyes, place):
-    """Sightings of ``place`` on the wall y = 0 from ``eyes``: rays meet a pillar of the model that is not there."""
+def observe_behind_pillar(eyes, place):
+    """Observations of ``place`` on the wall y = 0 from ``eyes``; a pillar on their rays is in the model only."""
     pillar = sheet([-0.6, -2, 0], [1.2, 0, 0], [0, 0, 4])
     wall = sheet([-10, 0, 0], [20, 0, 0], [0, 0, 6])
     surface = Surface.from_mesh(
@@ -145,34 +147,38 @@ def behind_a_pillar(eyes, place):
     )
     rays = np.asarray(place, dtype=float) - eyes
     hits = surface.cast(eyes, rays)
-    sightings = sightings_on_wall(hits.xyz_site_m[:, [0, 2]], np.arange(len(eyes)), eyes=eyes)
+    observations = make_observations(hits.xyz_site_m[:, [0, 2]], np.arange(len(eyes)), eyes=eyes)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     made = {"xyz_site_m": hits.xyz_site_m, "ray_site": rays, "distance_m": hits.distance_m}
-    return surface, hits.element, type(sightings)(**{**vars(sightings), **made})
+    return surface, hits.element, type(observations)(**{**vars(observations), **made})
 
 
-def test_rays_that_cross_behind_a_part_of_the_model_are_of_what_lies_behind():
+def test_rays_that_intersect_behind_a_part_of_the_model_are_reassigned_to_the_rear_surface():
     eyes = np.array([[-2.0, -10, 2], [-0.5, -10, 2], [0.5, -10, 2], [2, -10, 2]])
-    surface, element, sightings = behind_a_pillar(eyes, [0.1, 0.0, 2.0])
+    surface, element, observations = observe_behind_pillar(eyes, [0.1, 0.0, 2.0])
     assert element.tolist() == [1, 1, 1, 1]
-    first = cluster_observations(sightings, SETTINGS)
-    moved = reassign_to_rear_surface(sightings, first, SETTINGS, surface)
-    assert moved is not None
-    assert moved.element.tolist() == [0] * len(moved.rows)
-    assert sorted(moved.rows.tolist()) == [0, 1, 2, 3]
-    np.testing.assert_allclose(moved.observations.xyz_site_m, np.tile([0.1, 0, 2], (4, 1)), rtol=0, atol=1e-6)  # m
-    assert groups(moved.observations) == [0, 0, 0, 0]
+    first = cluster_observations(observations, SETTINGS)
+    reassigned = reassign_to_rear_surface(observations, first, SETTINGS, surface)
+    assert reassigned is not None
+    assert reassigned.element.tolist() == [0] * len(reassigned.rows)
+    assert sorted(reassigned.rows.tolist()) == [0, 1, 2, 3]
+    np.testing.assert_allclose(reassigned.observations.xyz_site_m, np.tile([0.1, 0, 2], (4, 1)), rtol=0, atol=1e-6)  # m
+    assert cluster(reassigned.observations) == [0, 0, 0, 0]
 
 
 def test_a_defect_on_the_pillar_stays_there():
     eyes = np.array([[-2.0, -10, 2], [-0.5, -10, 2], [0.5, -10, 2], [2, -10, 2]])
-    surface, element, sightings = behind_a_pillar(eyes, [0.1, -2.0, 2.0])
+    surface, element, observations = observe_behind_pillar(eyes, [0.1, -2.0, 2.0])
     assert element.tolist() == [1, 1, 1, 1]
-    assert reassign_to_rear_surface(sightings, cluster_observations(sightings, SETTINGS), SETTINGS, surface) is None
+    assert (
+        reassign_to_rear_surface(observations, cluster_observations(observations, SETTINGS), SETTINGS, surface) is None
+    )
 
 
-def test_under_gps_alone_nothing_is_moved():
+def test_with_gps_alone_nothing_is_reassigned():
     eyes = np.array([[-2.0, -10, 2], [-0.5, -10, 2], [0.5, -10, 2], [2, -10, 2]])
-    surface, _, sightings = behind_a_pillar(eyes, [0.1, 0.0, 2.0])
+    surface, _, observations = observe_behind_pillar(eyes, [0.1, 0.0, 2.0])
     doubtful = MergeSettings(offset_m=2.0)
-    assert reassign_to_rear_surface(sightings, cluster_observations(sightings, doubtful), doubtful, surface) is None
+    assert (
+        reassign_to_rear_surface(observations, cluster_observations(observations, doubtful), doubtful, surface) is None
+    )

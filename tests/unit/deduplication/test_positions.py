@@ -15,7 +15,7 @@ EYES = np.array([[-6.0, -8, 1], [5.0, -9, 2], [0.5, -10, 0], [-2.0, -7, 3], [3.0
 NOISE = PositionNoise(size_share=0.02, floor_m=0.003, relief_m=0.05)
 
 
-def sightings_of_place(place, eyes=EYES, aside=None, size_m=0.2, pose_m2=None):
+def observe_place(place, eyes=EYES, aside=None, size_m=0.2, pose_covariance_m2=None):
     """What cameras at ``eyes`` make of a place before or behind a model whose wall is y = 0; hits moved ``aside``."""
     ray = (place if aside is None else place + aside) - eyes
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
@@ -32,59 +32,61 @@ def sightings_of_place(place, eyes=EYES, aside=None, size_m=0.2, pose_m2=None):
         photo=np.arange(n),
         defect_class=np.zeros(n, dtype=np.int64),
         box_img=np.full((n, 4), np.nan),
-        pose_covariance_m2=np.zeros((n, 3, 3)) if pose_m2 is None else pose_m2,
+        pose_covariance_m2=np.zeros((n, 3, 3)) if pose_covariance_m2 is None else pose_covariance_m2,
     )
 
 
-def one(sightings, noise=NOISE, settings=None):
-    found = estimate_positions(sightings, np.zeros(len(sightings), dtype=np.int64), noise, settings or MergeSettings())
+def one(observations, noise=NOISE, settings=None):
+    found = estimate_positions(
+        observations, np.zeros(len(observations), dtype=np.int64), noise, settings or MergeSettings()
+    )
     return found
 
 
 def test_crossing_rays_find_the_relief_that_the_model_lacks():
     """The real place stands 8 cm before the model's wall; the hits lie where each ray met the model."""
     place = np.array([0.3, -0.08, 1.2])
-    found = one(sightings_of_place(place))
+    found = one(observe_place(place))
     assert 0.0 < np.linalg.norm(found.xyz_site_m[0] - place) < 0.002  # m: the surface holds it back a little
     assert 0.077 < found.deviation_m[0] < 0.08  # m, before the wall
     assert found.triangulated[0]
-    mean_of_hits = sightings_of_place(place).xyz_site_m.mean(axis=0)
+    mean_of_hits = observe_place(place).xyz_site_m.mean(axis=0)
     assert abs(mean_of_hits[1]) < 1e-9  # m: no mean of hits can leave the model
 
 
 def test_one_ray_stays_on_the_surface_with_the_relief_along_it():
-    sighting = sightings_of_place(np.array([0.3, -0.08, 1.2]), EYES[:1])
-    found = one(sighting)
-    np.testing.assert_allclose(found.xyz_site_m[0], sighting.xyz_site_m[0], rtol=0, atol=1e-12)  # m
+    observation = observe_place(np.array([0.3, -0.08, 1.2]), EYES[:1])
+    found = one(observation)
+    np.testing.assert_allclose(found.xyz_site_m[0], observation.xyz_site_m[0], rtol=0, atol=1e-12)  # m
     assert not found.triangulated[0]
     np.testing.assert_allclose(found.deviation_sigma_m[0], 0.05, rtol=0, atol=1e-6)  # m
-    along = sighting.ray_site[0] @ found.covariance_m2[0] @ sighting.ray_site[0]
-    cosine = abs(sighting.ray_site[0, 1])
+    along = observation.ray_site[0] @ found.covariance_m2[0] @ observation.ray_site[0]
+    cosine = abs(observation.ray_site[0, 1])
     np.testing.assert_allclose(along**0.5, 0.05 / cosine, rtol=0, atol=0.002)  # m: along the ray the relief is longer
 
 
 def test_rays_side_by_side_leave_the_place_on_the_surface():
     eyes = np.array([[0.0, -10, 1], [0.05, -10, 1]])
-    found = one(sightings_of_place(np.array([0.3, -0.08, 1.2]), eyes))
+    found = one(observe_place(np.array([0.3, -0.08, 1.2]), eyes))
     assert abs(found.xyz_site_m[0, 1]) < 0.01  # m
     assert not found.triangulated[0]
 
 
-def test_one_wrong_sighting_does_not_carry_the_defect_away():
+def test_one_wrong_observation_hardly_shifts_the_defect():
     place = np.array([0.3, -0.03, 1.2])
     aside = np.zeros((5, 3))
     aside[1] = [0.5, 0, 0.3]
-    right, wrong = one(sightings_of_place(place)), one(sightings_of_place(place, aside=aside))
+    right, wrong = one(observe_place(place)), one(observe_place(place, aside=aside))
     assert np.linalg.norm(right.xyz_site_m[0] - place) < 0.002  # m
     assert np.linalg.norm(wrong.xyz_site_m[0] - place) < 0.005  # m
-    hits = sightings_of_place(place, aside=aside).xyz_site_m
+    hits = observe_place(place, aside=aside).xyz_site_m
     assert np.linalg.norm(hits.mean(axis=0) - place) > 0.1  # m: the plain mean
 
 
-def test_under_gps_alone_the_surface_is_the_better_word():
+def test_with_gps_alone_the_surface_dominates():
     """The whole block 0.8 m too far forward: its rays cross there, and the wall is where the model has it."""
-    sightings = sightings_of_place(np.array([0.3, -0.8, 1.2]))
-    trusted, doubted = one(sightings), one(sightings, settings=MergeSettings(offset_m=2.0))
+    observations = observe_place(np.array([0.3, -0.8, 1.2]))
+    trusted, doubted = one(observations), one(observations, settings=MergeSettings(offset_m=2.0))
     assert abs(trusted.xyz_site_m[0, 1] + 0.8) < 0.05  # m
     assert abs(doubted.xyz_site_m[0, 1]) < 0.01  # m
     np.testing.assert_allclose(doubted.xyz_site_m[0, [0, 2]], [0.3, 1.2], rtol=0, atol=0.01)  # m: what GPS leaves
@@ -95,11 +97,11 @@ def test_under_gps_alone_the_surface_is_the_better_word():
 
 def test_what_the_poses_share_does_not_average_out():
     place, shared = np.array([0.3, -0.03, 1.2]), np.diag([0.02, 0.01, 0.015]) ** 2
-    free = one(sightings_of_place(place)).covariance_m2[0]
-    held = one(sightings_of_place(place, pose_covariance_m2=np.tile(shared, (5, 1, 1)))).covariance_m2[0]
+    free = one(observe_place(place)).covariance_m2[0]
+    held = one(observe_place(place, pose_covariance_m2=np.tile(shared, (5, 1, 1)))).covariance_m2[0]
     np.testing.assert_allclose(held - free, shared, rtol=0, atol=1e-9)  # m2
     measured = one(
-        sightings_of_place(place, pose_covariance_m2=np.tile(shared, (5, 1, 1))),
+        observe_place(place, pose_covariance_m2=np.tile(shared, (5, 1, 1))),
         settings=MergeSettings(block_sigma_m=0.005),
     ).covariance_m2[0]
     np.testing.assert_allclose(np.trace(measured - free) / 3, 0.005**2, rtol=0, atol=1e-9)  # m2
@@ -113,7 +115,7 @@ def test_the_covariance_holds_what_is_off(views):
     along = np.hypot(0.02 * 0.2, 0.003)
     places = [np.array([0.3, offset, 1.2]) for offset in rng.normal(0, 0.05, 400)]
     made = [
-        sightings_of_place(place, EYES[:views], aside=rng.normal(0, 1, (views, 3)) * [along, 0.003, along])
+        observe_place(place, EYES[:views], aside=rng.normal(0, 1, (views, 3)) * [along, 0.003, along])
         for place in places
     ]
     whole = ObservationArrays(

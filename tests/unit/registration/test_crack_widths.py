@@ -1,4 +1,4 @@
-"""Cracks from pixels to millimetres on the wall, and what several sightings say together."""
+"""Cracks from pixels to millimetres on the wall, and the combination of several observations."""
 
 from __future__ import annotations
 
@@ -70,19 +70,19 @@ def test_below_the_limit_there_is_a_limit_and_no_width(wall, detections_of):
     np.testing.assert_allclose(row["crack_width_limit_mm"], 1.5 * 10000 / 1500 / 0.6, rtol=0.01, atol=0)  # mm
 
 
-def together(*sightings: tuple[str | None, float | None, float | None, float | None]) -> CrackWidthEstimate:
-    """One crack of sightings (outcome, width, sigma, limit), all equally well seen."""
+def combine(*observations: tuple[str | None, float | None, float | None, float | None]) -> CrackWidthEstimate:
+    """One crack of observations (outcome, width, sigma, limit), all of equal weight."""
     names = ("crack_width_outcome", "crack_width_mm", "crack_width_sigma_mm", "crack_width_limit_mm")
-    columns = {name: [one[i] for one in sightings] for i, name in enumerate(names)}
+    columns = {name: [one[i] for one in observations] for i, name in enumerate(names)}
     types = {name: pa.string() if name.endswith("outcome") else pa.float64() for name in names}
     table = pa.table({name: pa.array(values, types[name]) for name, values in columns.items()})
     table = table.append_column("crack_width_max_mm", table.column("crack_width_mm"))
-    count = len(sightings)
+    count = len(observations)
     return estimate_crack_widths(table, np.zeros(count, dtype=np.int64), np.ones(count), 1)
 
 
-def test_the_surest_sighting_has_most_to_say_and_none_is_surer_than_it():
-    found = together(("measured", 4.0, 0.2, 1.0), ("measured", 4.1, 2.0, 3.0), ("measured", 6.0, 2.0, 3.0))
+def test_the_most_accurate_observation_dominates_and_the_combination_is_not_more_accurate():
+    found = combine(("measured", 4.0, 0.2, 1.0), ("measured", 4.1, 2.0, 3.0), ("measured", 6.0, 2.0, 3.0))
     assert found.outcome.to_pylist() == ["measured"]
     np.testing.assert_allclose(found.width_mm, 4.0, rtol=0, atol=0.11)  # mm
     assert 0.2 < found.sigma_mm[0] < 0.4  # mm
@@ -90,29 +90,29 @@ def test_the_surest_sighting_has_most_to_say_and_none_is_surer_than_it():
 
 
 def test_one_measurement_goes_before_any_limit_and_the_smallest_limit_is_the_bound():
-    assert together(("below_limit", None, None, 5.0), ("measured", 4.0, 0.5, 2.0)).outcome.to_pylist() == ["measured"]
-    bound = together(("below_limit", None, None, 5.0), ("below_limit", None, None, 3.0), ("no_line", None, None, None))
+    assert combine(("below_limit", None, None, 5.0), ("measured", 4.0, 0.5, 2.0)).outcome.to_pylist() == ["measured"]
+    bound = combine(("below_limit", None, None, 5.0), ("below_limit", None, None, 3.0), ("no_line", None, None, None))
     assert bound.outcome.to_pylist() == ["below_limit"]
     assert np.isnan(bound.width_mm[0])
     np.testing.assert_allclose(bound.limit_mm, 3.0, rtol=0, atol=0)  # mm
 
 
 def test_a_coarse_photographs_width_beyond_a_better_ones_bound_is_left_out():
-    found = together(("measured", 9.0, 1.0, 6.0), ("below_limit", None, None, 3.0))
+    found = combine(("measured", 9.0, 1.0, 6.0), ("below_limit", None, None, 3.0))
     assert found.outcome.to_pylist() == ["below_limit"]
     np.testing.assert_allclose(found.limit_mm, 3.0, rtol=0, atol=0)  # mm
-    near = together(("measured", 4.0, 1.0, 3.0), ("below_limit", None, None, 3.0))
+    near = combine(("measured", 4.0, 1.0, 3.0), ("below_limit", None, None, 3.0))
     assert near.outcome.to_pylist() == ["measured"]
 
 
 def test_what_a_person_stated_goes_before_what_was_measured():
-    found = together(("measured", 9.0, 0.1, 1.0), ("stated", 3.0, None, None))
+    found = combine(("measured", 9.0, 0.1, 1.0), ("stated", 3.0, None, None))
     assert found.outcome.to_pylist() == ["stated"]
     np.testing.assert_allclose(found.width_mm, 3.0, rtol=0, atol=0)  # mm
     assert np.isnan(found.sigma_mm[0])
 
 
 def test_other_classes_have_no_outcome():
-    found = together((None, None, None, None))
+    found = combine((None, None, None, None))
     assert found.outcome.to_pylist() == [None]
     assert np.isnan([found.width_mm[0], found.limit_mm[0]]).all()

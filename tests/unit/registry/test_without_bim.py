@@ -103,7 +103,7 @@ def test_a_building_without_a_model_needs_no_file_but_a_control_that_is_not_the_
     with pytest.raises(InputDataError, match=r"has no model \(model: as-built\).*--georeference model"):
         check_control(building, "2026-04", "model", None)
     (tmp_path / "poses.csv").write_text("photo_id\n")
-    with pytest.raises(InputDataError, match="tie points, which imported poses do not bring"):
+    with pytest.raises(InputDataError, match="tie points, which imported poses do not have"):
         check_control(building, "2026-04", AUTO, str(tmp_path / "poses.csv"))
     check_control(registered(tmp_path), "2026-04", "model", None)  # a mesh can hold a campaign
     with pytest.raises(InputDataError, match=r"the model .*hall\.obj of building 'hall' does not exist"):

@@ -19,8 +19,9 @@ from facadelake.reporting.inspection import PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
 from facadelake.reporting.page.defects import sort_by_severity
 from facadelake.reporting.page.report import write_report
-from facadelake.severity.rule_packs import find_rule_file, list_rule_packs, severities
+from facadelake.severity.rule_packs import list_rule_packs
 from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
+from tests.unit.severity.rule_headers import read_severities
 
 COARSE = PictureSettings(cell_m=0.03, overlay_width_px=500)
 
@@ -91,7 +92,7 @@ def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, 
 
 @pytest.mark.parametrize("pack", list_rule_packs())
 def test_the_words_of_every_rule_pack_stand_worst_first(pack: str) -> None:
-    words = severities(find_rule_file(pack))
+    words = read_severities(pack)
     rows = [{"severity": word, "area_m2": float(place), "defect_id": word} for place, word in enumerate(words)]
     found = sort_by_severity(pa.Table.from_pylist(rows[::-1]))
     assert [row["severity"] for row in found] == list(words)

@@ -10,8 +10,9 @@ from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement_file, read_statements
 from facadelake.core.tables import check_table
-from facadelake.severity.rule_packs import RULES, find_rule_file, grade_defects, list_rule_packs, severities
+from facadelake.severity.rule_packs import RULES, find_rule_file, grade_defects, list_rule_packs
 from tests.unit.lake.small_campaign import stage_tables
+from tests.unit.severity.rule_headers import read_severities
 
 HEADER = "-- severities: bad, good\n"
 
@@ -48,8 +49,8 @@ def test_extent_rule(row: tuple[str, float, float, float], severity: str) -> Non
     assert result["severity_rule"].to_pylist() == ["extent_v1"]
 
 
-def worded(pack: str, **values: object) -> str:
-    """The word that a pack gives one defect: a crack of 0.4 x 0.3 m on an element without a material, unless said."""
+def grade_one(pack: str, **values: object) -> str:
+    """The severity of one defect: by default a crack of 0.4 x 0.3 m on an element without a material."""
     crack = {
         "defect_id": "d", "defect_class": "crack", "width_m": 0.4, "height_m": 0.3, "length_m": None, "area_m2": 0.12,
         "crack_width_mm": None, "crack_width_limit_mm": None, "crack_width_outcome": None, "material": None,
@@ -72,7 +73,7 @@ def worded(pack: str, **values: object) -> str:
 
 
 @pytest.mark.parametrize(
-    ("pack", "width_mm", "word"),
+    ("pack", "width_mm", "severity"),
     [
         ("paper_crack_width_v1", 0.0, "minor"),
         ("paper_crack_width_v1", 0.199, "minor"),
@@ -97,19 +98,19 @@ def worded(pack: str, **values: object) -> str:
         ("nyc_fisp_v1", 5.0, "UNSAFE"),
     ],
 )
-def test_cracks_by_their_width(pack: str, width_mm: float, word: str) -> None:
-    assert worded(pack, crack_width_mm=width_mm) == word
+def test_cracks_by_their_width(pack: str, width_mm: float, severity: str) -> None:
+    assert grade_one(pack, crack_width_mm=width_mm) == severity
 
 
 @pytest.mark.parametrize("pack", ["paper_crack_width_v1", "bre251_v1", "concrete_03_v1"])
 def test_a_width_that_was_not_measured_is_not_guessed(pack: str) -> None:
-    assert worded(pack, width_m=9.0, area_m2=30.0) == "not_measured"
+    assert grade_one(pack, width_m=9.0, area_m2=30.0) == "not_measured"
     for other in ("spalling", "moisture"):
-        assert worded(pack, defect_class=other, crack_width_mm=9.0) == "not_covered"
+        assert grade_one(pack, defect_class=other, crack_width_mm=9.0) == "not_covered"
 
 
 @pytest.mark.parametrize(
-    ("pack", "limit_mm", "word"),
+    ("pack", "limit_mm", "severity"),
     [
         ("paper_crack_width_v1", 0.2, "minor"),
         ("paper_crack_width_v1", 0.5, "moderate"),
@@ -124,22 +125,24 @@ def test_a_width_that_was_not_measured_is_not_guessed(pack: str) -> None:
         ("nyc_fisp_v1", 0.2, "SWARMP"),
     ],
 )
-def test_narrower_than_the_photographs_can_tell_is_graded_by_the_bound(pack: str, limit_mm: float, word: str) -> None:
-    assert worded(pack, crack_width_outcome="below_limit", crack_width_limit_mm=limit_mm) == word
+def test_narrower_than_the_resolution_is_graded_by_the_bound(pack: str, limit_mm: float, severity: str) -> None:
+    assert grade_one(pack, crack_width_outcome="below_limit", crack_width_limit_mm=limit_mm) == severity
     # A limit is no bound where the width was measured, or where no line was found.
-    assert worded(pack, crack_width_outcome="measured", crack_width_mm=9.0, crack_width_limit_mm=limit_mm) != word
+    assert (
+        grade_one(pack, crack_width_outcome="measured", crack_width_mm=9.0, crack_width_limit_mm=limit_mm) != severity
+    )
     if pack != "nyc_fisp_v1":
-        assert worded(pack, crack_width_outcome="no_line") == "not_measured"
+        assert grade_one(pack, crack_width_outcome="no_line") == "not_measured"
 
 
 def test_a_long_crack_narrower_than_a_millimetre_is_not_proposed_unsafe() -> None:
     long = {"height_m": 3.1, "crack_width_outcome": "below_limit"}
-    assert worded("nyc_fisp_v1", **long, crack_width_limit_mm=0.9) == "SWARMP"
-    assert worded("nyc_fisp_v1", **long, crack_width_limit_mm=4.0) == "UNSAFE"
+    assert grade_one("nyc_fisp_v1", **long, crack_width_limit_mm=0.9) == "SWARMP"
+    assert grade_one("nyc_fisp_v1", **long, crack_width_limit_mm=4.0) == "UNSAFE"
 
 
 @pytest.mark.parametrize(
-    ("material", "word"),
+    ("material", "severity"),
     [
         ("Concrete, Cast In Situ", "over_limit"),
         ("Stahlbeton C30/37; Putz", "over_limit"),
@@ -150,12 +153,12 @@ def test_a_long_crack_narrower_than_a_millimetre_is_not_proposed_unsafe() -> Non
         (None, "over_limit"),
     ],
 )
-def test_concrete_is_told_by_the_material(material: str | None, word: str) -> None:
-    assert worded("concrete_03_v1", crack_width_mm=0.4, material=material) == word
+def test_concrete_is_recognised_by_the_material(material: str | None, severity: str) -> None:
+    assert grade_one("concrete_03_v1", crack_width_mm=0.4, material=material) == severity
 
 
 @pytest.mark.parametrize(
-    ("values", "word"),
+    ("values", "severity"),
     [
         ({}, "SWARMP"),
         ({"height_m": 3.0}, "SWARMP"),
@@ -169,17 +172,17 @@ def test_concrete_is_told_by_the_material(material: str | None, word: str) -> No
         ({"defect_class": "moisture", "width_m": 9.0, "height_m": 9.0, "area_m2": 81.0}, "SWARMP"),
     ],
 )
-def test_fisp_errs_towards_the_worse_word(values: dict[str, object], word: str) -> None:
-    assert worded("nyc_fisp_v1", **values) == word
+def test_fisp_errs_towards_the_worse_severity(values: dict[str, object], severity: str) -> None:
+    assert grade_one("nyc_fisp_v1", **values) == severity
 
 
-def test_every_pack_tells_what_it_is_and_the_lake_ranks_its_words() -> None:
+def test_every_pack_has_a_meaning_and_the_lake_ranks_its_severities() -> None:
     assert {"extent_v1", "paper_crack_width_v1", "bre251_v1", "concrete_03_v1", "nyc_fisp_v1"} <= set(list_rule_packs())
     (view,) = (view for view in read_statements(locate_source("sql/views")) if view.name == "severities")
     ranked: dict[str, list[str]] = {}
-    for pack, word, _ in open_duckdb().execute(f"{view.sql} ORDER BY severity_rule, severity_rank").fetchall():
-        ranked.setdefault(pack, []).append(word)
-    assert ranked == {pack: list(severities(find_rule_file(pack))) for pack in list_rule_packs()}
+    for pack, severity, _ in open_duckdb().execute(f"{view.sql} ORDER BY severity_rule, severity_rank").fetchall():
+        ranked.setdefault(pack, []).append(severity)
+    assert ranked == {pack: read_severities(pack) for pack in list_rule_packs()}
     for pack in list_rule_packs():
         (statement,) = read_statement_file(RULES / f"{pack}.sql")
         assert statement.meaning
@@ -200,12 +203,12 @@ def test_rule_that_does_not_grade_every_defect_once(tmp_path: Path) -> None:
         graded(tmp_path, "SELECT defect_id, 'bad' AS severity FROM defects, range(2)")
     with pytest.raises(SchemaError, match="1 defects that do not exist, such as 'x'"):
         graded(tmp_path, "SELECT defect_id, 'bad' AS severity FROM defects UNION ALL SELECT 'x', 'bad'")
-    with pytest.raises(SchemaError, match="severities that are none of bad, good, such as 'ugly'"):
+    with pytest.raises(SchemaError, match="severities that are not one of bad, good, such as 'ugly'"):
         graded(tmp_path, "SELECT defect_id, 'ugly' AS severity FROM defects")
 
 
 def test_rule_that_cannot_be_used(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match=r"no severity rule pack extent_v9 in .*; there are bre251_v1, "):
+    with pytest.raises(InputDataError, match=r"no severity rule pack extent_v9 in .*; available: bre251_v1, "):
         find_rule_file("extent_v9")
     with pytest.raises(InputDataError, match="no severity rule pack"):
         find_rule_file("../severity/extent_v1")
@@ -216,5 +219,5 @@ def test_rule_that_cannot_be_used(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match="cannot be run"):
         graded(tmp_path, "SELECT defect_id, crack_depth_mm AS severity FROM defects")
     (tmp_path / "silent_v1.sql").write_text("SELECT defect_id, 'bad' AS severity FROM defects")
-    with pytest.raises(InputDataError, match="does not say '-- severities"):
+    with pytest.raises(InputDataError, match="has no header '-- severities"):
         grade_defects(defects(("crack", 1.0, 1.0, 1.0)), tmp_path / "silent_v1.sql")
