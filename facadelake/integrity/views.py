@@ -32,9 +32,7 @@ class IntegritySettings:
 
     def __post_init__(self) -> None:
         if self.width_px < 32 or not (0 <= self.model_share_min <= 1 and 0 <= self.compared_share_min <= 1):
-            raise InputDataError(
-                f"integrity settings {self} are out of range; width_px must be 32 or more, shares 0..1"
-            )
+            raise InputDataError(f"integrity settings {self} are out of range: width_px from 32, shares 0..1")
 
 
 def compare_views(

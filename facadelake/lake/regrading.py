@@ -21,7 +21,7 @@ from facadelake.lake.connect import LOCK_TIMEOUT_S
 from facadelake.lake.migrate import open_to_write
 from facadelake.lake.read import read_table
 from facadelake.lake.transaction import get_last_version, make_version
-from facadelake.severity import BY_RULES, GRADES, grade_defects
+from facadelake.severity import GRADE_COLUMNS, GRADED_BY_RULES, grade_defects
 
 logger = logging.getLogger(__name__)
 
@@ -119,12 +119,12 @@ def _judged(lake: Path, building_id: str, campaign_id: str | None, rule_file: Pa
             f"the lake {lake} has no defects of {building_id}{f', campaign {campaign_id}' if campaign_id else ''}, "
             "so there is nothing to grade; 'facadelake campaigns' lists what it holds"
         )
-    persons = pc.fill_null(pc.not_equal(defects.column("graded_by"), BY_RULES), fill_value=False)
+    persons = pc.fill_null(pc.not_equal(defects.column("graded_by"), GRADED_BY_RULES), fill_value=False)
     graded = []
     for campaign in defects.column("campaign_id").unique().to_pylist():  # a rule may compare defects of a campaign
         ours = pc.equal(defects.column("campaign_id"), campaign)
-        new = grade_defects(defects.filter(ours), rule_file).select(["campaign_id", "defect_id", *GRADES])
-        old = defects.filter(ours).select(GRADES[:2]).rename_columns(["severity_before", "rule_before"])
+        new = grade_defects(defects.filter(ours), rule_file).select(["campaign_id", "defect_id", *GRADE_COLUMNS])
+        old = defects.filter(ours).select(GRADE_COLUMNS[:2]).rename_columns(["severity_before", "rule_before"])
         both = pa.Table.from_arrays([*new.columns, *old.columns], names=[*new.column_names, *old.column_names])
         graded.append(both.filter(pc.invert(persons.filter(ours))))
     table = pa.concat_tables(graded)
@@ -158,7 +158,7 @@ def _write(connection: duckdb.DuckDBPyConnection, found: Regrading, changed: pa.
     message = f"{found.building_id} {', '.join(found.campaigns)} regraded by {found.rules}"
     with make_version(connection, message, origin):
         connection.execute(
-            f"UPDATE defects SET {', '.join(f'{name} = graded.{name}' for name in GRADES)} FROM graded "
+            f"UPDATE defects SET {', '.join(f'{name} = graded.{name}' for name in GRADE_COLUMNS)} FROM graded "
             "WHERE defects.building_id = ? AND defects.campaign_id = graded.campaign_id "
             "AND defects.defect_id = graded.defect_id",
             [found.building_id],

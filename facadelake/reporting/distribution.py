@@ -175,7 +175,7 @@ def _write_totals(figure: Figure, distribution: Distribution, width: float, heig
         )
         for name in distribution.classes
     ]
-    rows.append(("all", [distribution.count_defects(facade) for facade in facades] + [distribution.count_defects()]))
+    rows.append(("all", [distribution.count_defects(facade) for facade in (*facades, None)]))
     first = 0.3 + 0.085 * max(len(name) for name, _ in rows)
     step = min((width - first - 0.3) / len(heads), 1.1)
 

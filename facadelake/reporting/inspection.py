@@ -1,4 +1,4 @@
-"""What the pictures are made of: one campaign's tables, poses and building model, and the settings of the pictures."""
+"""Input of reports and pictures: one campaign's tables, poses and building model, and the settings of pictures."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from facadelake.core.errors import InputDataError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Inspection:
-    """One campaign: stage tables as schemas/ has them, ``posed`` by photo_id, photographs in ``photographs_root``.
+    """One campaign: its tables (columns as in schemas/), its building model and its poses.
 
-    ``placement_sigma_max_m`` is what the building wants the campaign's place known to.
+    ``photographs_root``: folder of the photographs. ``posed``: cameras with poses, by photo_id.
+    ``placement_sigma_max_m``: largest permitted standard deviation of the campaign's position, metres.
     """
 
     building_name: str
@@ -38,34 +39,37 @@ class Inspection:
     placement_sigma_max_m: float = 0.5
 
     def locate_photograph(self, photo_id: str) -> Path:
-        """Path of a photograph."""
+        """Path of a photograph; the file need not exist."""
         return self.photographs_root / photo_id
 
     @property
     def control(self) -> str:
-        """What placed the campaign on the globe, in words; "unknown" where the passport is empty."""
+        """Description of the georeferencing method; "unknown" where table ``georeference`` is empty."""
         return str(self.georeference.column("method")[0]) if len(self.georeference) else "unknown"
 
     @property
     def detectors(self) -> str:
-        """Who found the detections, as column ``detector`` has it; "nobody" where there are none."""
-        return ", ".join(sorted(set(self.detections.column("detector").to_pylist()))) or "nobody"
+        """Names of the detectors, from column ``detector``; "no detector" where there are no detections."""
+        return ", ".join(sorted(set(self.detections.column("detector").to_pylist()))) or "no detector"
 
 
 @dataclass(frozen=True, kw_only=True)
 class PictureSettings:
-    """How fine and how large the pictures are.
+    """Resolution and limits of pictures.
 
-    ``cell_m``: side of an elevation's cell; made larger where a facade would have more than ``max_cells``.
-    ``visibility_step``: which photograph is best is decided every so many cells.
-    ``visibility_tolerance_m``: a surface this much in front of a cell does not hide it.
+    ``cell_m``: size of an elevation's cell, metres; larger where a facade would have more than ``max_cells``.
+    ``visibility_step``: spacing, in cells, of the grid on which photographs are selected.
+    ``visibility_tolerance_m``: a surface up to this distance in front of a cell does not hide it.
+    ``max_incidence_deg``: largest angle between viewing ray and surface normal for a photograph to be used.
     ``feather_m``: width of the transition between two photographs.
-    ``clip_m``: an elevation looks from this far in front of its facade; what is nearer to the viewer is cut away.
-    ``min_facade_share``: facades with less of the walls' area are left out unless they carry a defect.
-    ``card_observations``: at most so many sightings stand on a card, the best ones.
-    ``report_cards``, ``report_observations``, ``report_overlays``: the report has cards of so many defects, the worst,
-    with so many sightings each, and overlays of so many photographs. That bounds its time: cards read at most the
-    product of the first two in photographs.
+    ``clip_m``: distance of an elevation's view plane from the foremost wall of its facade; objects nearer to the
+    viewer are not drawn.
+    ``min_facade_share``: facades with a smaller share of the walls' area are drawn only if they carry a defect.
+    ``thumbnail_px``: width of a defect's crop. ``overlay_width_px``: width of an overlay.
+    ``card_observations``: largest number of observations on a card.
+    ``report_cards``, ``report_observations``, ``report_overlays``: largest numbers in a report of cards (of the most
+    severe defects), of observations on a card, and of overlays. They limit the time of a report: its cards read at
+    most the product of the first two in photographs.
     """
 
     cell_m: float = 0.015
@@ -86,6 +90,6 @@ class PictureSettings:
     def __post_init__(self) -> None:
         if not (0.001 <= self.cell_m <= 1.0 and self.max_cells >= 10_000 and self.visibility_step >= 1):
             raise InputDataError(
-                f"picture settings cell_m {self.cell_m}, max_cells {self.max_cells}, visibility_step "
-                f"{self.visibility_step} cannot be used; want 0.001 to 1 m, at least 10000, at least 1"
+                f"invalid picture settings: cell_m {self.cell_m}, max_cells {self.max_cells}, visibility_step "
+                f"{self.visibility_step}; permitted are 0.001 to 1 m, at least 10000 and at least 1"
             )

@@ -91,7 +91,8 @@ def _draw_unlocalised(axes: Axes, inspection: Inspection, low: Float64Array, hig
     site = origin.site_from_geo(np.array(geo).reshape(-1, 3))[:, :2]
     inside = ((site >= low) & (site <= high)).all(axis=1)
     outside = len(unlocalised) - int(inside.sum())
-    label = f"photograph not localised ({len(unlocalised)}" + (f", {outside} not shown)" if outside else ")")
+    not_shown = f", {outside} not shown" if outside else ""
+    label = f"photograph not localised ({len(unlocalised)}{not_shown})"
     axes.plot(*site[inside].T, "x", color="#b00020", markersize=7, label=label, linestyle="none", zorder=4)
 
 

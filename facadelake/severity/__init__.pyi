@@ -1,4 +1,4 @@
-from .rule_packs import BY_RULES as BY_RULES
-from .rule_packs import GRADES as GRADES
+from .rule_packs import GRADE_COLUMNS as GRADE_COLUMNS
+from .rule_packs import GRADED_BY_RULES as GRADED_BY_RULES
 from .rule_packs import find_rule_file as find_rule_file
 from .rule_packs import grade_defects as grade_defects

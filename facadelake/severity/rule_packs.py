@@ -18,19 +18,19 @@ from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_guard import require_plain_select
 from schemas.tables import TABLES
 
-RULES = locate_source("data/severity")
-GRADES = ("severity", "severity_rule", "graded_by")
-BY_RULES = "rules"  # value of graded_by for a proposal by rules; a person's grade has the person's name
+RULE_FOLDER = locate_source("data/severity")
+GRADE_COLUMNS = ("severity", "severity_rule", "graded_by")
+GRADED_BY_RULES = "rules"  # value of graded_by for a proposal by rules; a person's grade has the person's name
 _SEVERITIES = re.compile(r"^-- severities: (.+)$", re.MULTILINE)
 _NAME = re.compile(r"[a-z][a-z0-9_]*_v[0-9]+")
 
 
-def list_rule_packs(folder: Path = RULES) -> tuple[str, ...]:
+def list_rule_packs(folder: Path = RULE_FOLDER) -> tuple[str, ...]:
     """Names of the rule packs in ``folder``, sorted."""
     return tuple(sorted(found.stem for found in folder.glob("*_v*.sql")))
 
 
-def find_rule_file(name: str, folder: Path = RULES) -> Path:
+def find_rule_file(name: str, folder: Path = RULE_FOLDER) -> Path:
     """The file of rule pack ``name``, such as ``extent_v1``.
 
     Raises InputDataError, with the names of the packs that exist.
@@ -54,7 +54,7 @@ def grade_defects(defects: pa.Table, rule_file: Path) -> pa.Table:
     except OSError as error:
         raise InputDataError(f"the severity rule {rule_file} cannot be read: {error}") from error
     severities = _parse_severities(rule, rule_file.name)
-    ungraded = defects.drop_columns([name for name in GRADES if name in defects.column_names])
+    ungraded = defects.drop_columns([name for name in GRADE_COLUMNS if name in defects.column_names])
     with closing(open_duckdb()) as connection:
         require_plain_select(connection, rule, frozenset({"defects"}))
         connection.register("defects", ungraded)
@@ -116,7 +116,7 @@ def _fill_grades(defects: pa.Table, graded: pa.Table, rule: str, severities: lis
     columns = {
         "severity": [severity_by_id[one] for one in defect_ids],
         "severity_rule": [rule] * len(defect_ids),
-        "graded_by": [BY_RULES] * len(defect_ids),
+        "graded_by": [GRADED_BY_RULES] * len(defect_ids),
     }
     table = defects
     for name, values in columns.items():

@@ -42,7 +42,8 @@ def test_a_truncated_model_is_refused_before_it_is_parsed(write_ifc: WriteIfc, s
     size = int(share * len(whole))
     path.write_bytes(whole[:size])
     assert refused(ModelError, path) == (
-        f"building model {path} is truncated: {size} bytes without the closing END-ISO-10303-21; copy or export it again"
+        f"building model {path} is truncated: {size} bytes without the closing END-ISO-10303-21; copy or "
+        "export it again"
     )
     path.write_bytes(whole)
     assert len(load_ifc_building(path, settings=BY_IFC).elements) == 1

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from facadelake.building.facades.openness import COMPASS, INSIDE, LEVEL, compass_from_direction
-from facadelake.core.arrays import Float64Array, Float64N, Float64x3
+from facadelake.building.facades.openness import COMPASS, INSIDE, LEVEL, compass_from_direction, find_open_sides
+from facadelake.building.surface.raycasting import Surface
+from facadelake.core.arrays import Float64Array, Float64N, Float64x3, RowIndices
 
 _BIN_DEG = 0.5
 _MEAN_HALF_WIDTH_DEG = 10.0  # a facade's direction is the mean of walls within this
@@ -55,6 +56,14 @@ class Facades:
         return self.find_facade(normal_site) if is_rear else element_facade
 
 
+@dataclass(frozen=True, kw_only=True)
+class FacadeAssignment:
+    """An element's facade and its outward azimuth in degrees; None for "level", "inside" and "around"."""
+
+    name: str
+    azimuth_deg: float | None
+
+
 def collect_facades(elements: pa.Table) -> Facades:
     """Collect the facades named in a table ``elements``; a facade without an azimuth has its compass direction."""
     found: dict[str, float] = {}
@@ -97,6 +106,24 @@ def name_facades(azimuths_deg: Sequence[float] | Float64Array) -> tuple[str, ...
         point if points.count(point) == 1 else f"{point}-{round(float(azimuth)) % 360:03d}"
         for point, azimuth in zip(points, azimuths_deg, strict=True)
     )
+
+
+def find_facades(surface: Surface, element_of_triangle: RowIndices, elements: int) -> list[FacadeAssignment]:
+    """Find the facade of each element by clustering the outward directions of its open sides."""
+    sides = find_open_sides(surface, element_of_triangle, elements)
+    has_direction = np.isfinite(sides.azimuth_deg)
+    directions = cluster_directions(sides.azimuth_deg[has_direction], sides.area_m2[has_direction])
+    names = name_facades(directions)
+    assignments = []
+    for label, azimuth in zip(sides.labels, sides.azimuth_deg, strict=True):
+        if label:
+            assignments.append(FacadeAssignment(name=label, azimuth_deg=None))
+        else:
+            nearest = int(np.argmin(measure_turn_deg(directions, float(azimuth))))
+            assignments.append(
+                FacadeAssignment(name=names[nearest], azimuth_deg=round(float(directions[nearest]), 2) % 360.0)
+            )
+    return assignments
 
 
 def azimuth_from_direction(direction_site: Float64Array) -> float:

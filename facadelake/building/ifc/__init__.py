@@ -1,1 +1,1 @@
-"""ifc."""
+"""Read IFC models: meshes, spatial structure, materials and table ``elements``."""

@@ -1,11 +1,10 @@
-"""Table ``elements`` of an IFC: attributes, property sets and level of detail of each element, and its facade."""
+"""Build table ``elements`` of an IFC: attributes, property sets, level of detail and facade of each element."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import ifcopenshell
@@ -17,25 +16,24 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from facadelake.building.facades.directions import cluster_directions, measure_turn_deg, name_facades
-from facadelake.building.facades.openness import LEVEL, find_open_sides
+from facadelake.building.facades.directions import FacadeAssignment, find_facades
+from facadelake.building.facades.openness import LEVEL
 from facadelake.building.ifc.materials import json_from_layers, read_layers, read_material_names
 from facadelake.building.ifc.meshes import ElementMesh
 from facadelake.building.ifc.structure import IfcStorey, assign_storey, find_building, find_host, label_building
 from facadelake.building.surface.footprint import compute_outline, lon_lat_from_site
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.arrays import Float64Array, Int64Array
+from facadelake.core.arrays import Float64x3, Float64x3x3
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.progress import track
 from facadelake.core.tables import table_from_rows
 
-
-@dataclass(frozen=True, kw_only=True)
-class FacadeAssignment:
-    """An element's facade, and its outward azimuth in degrees; None for "level", "inside" and "around"."""
-
-    name: str
-    azimuth_deg: float | None
+_MAX_CHARACTERS = 8192  # some exporters attach whole specifications to every window
+_OMITTED = "_left_out"  # key of the list of omitted sets
+_MAX_BOX_PLANES = 6
+_MAX_BODY_PLANES = 100
+_MIN_DETAILED_BODIES = 3  # a frame, its panes, its handle
+_SAME_PLANE_M = 0.002
 
 
 def build_elements_table(
@@ -43,60 +41,54 @@ def build_elements_table(
     meshes: Sequence[ElementMesh],
     surface: Surface,
     *,
-    site_from_ifc: Float64Array,
+    site_from_ifc: Float64x3x3,
     origin: SiteOrigin,
     storeys: Sequence[IfcStorey],
 ) -> pa.Table:
-    """One row a mesh, whose triangles follow one another in ``surface``; ``site_from_ifc`` (3, 3) turns directions."""
+    """Build table ``elements`` with one row per mesh.
+
+    Args:
+        model: the IFC.
+        meshes: one mesh per element, in the model's axes.
+        surface: the surface in site, with the meshes' triangles in the same order.
+        site_from_ifc: rotation (3, 3) of directions.
+        origin: origin of the site frame.
+        storeys: the model's storeys, sorted by level.
+
+    Returns:
+        A table of kind ``elements``.
+    """
     ends = np.cumsum([len(mesh.triangles) for mesh in meshes])
-    owner = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])
-    facades = find_facades(surface, owner, len(meshes))
-    areas = np.bincount(owner, weights=surface.areas_m2, minlength=len(meshes))
+    element_of_triangle = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])
+    facades = find_facades(surface, element_of_triangle, len(meshes))
+    areas = np.bincount(element_of_triangle, weights=surface.areas_m2, minlength=len(meshes))
     unit_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
     rows: list[dict[str, Any]] = []
-    for index, mesh in enumerate(track(meshes, label="Describing elements")):
+    for index, mesh in enumerate(track(meshes, label="Reading elements")):
         corners = surface.vertices_site_m[surface.triangles[ends[index] - len(mesh.triangles) : ends[index]]]
         outline = lon_lat_from_site(compute_outline(corners), float(corners[:, :, 2].min()), origin)
         facade = facades[index]
-        said = _read_attributes(
+        attributes = _read_attributes(
             model.by_guid(mesh.guid), mesh, storeys, _outward_from_facade(facade, site_from_ifc), unit_m
         )
-        seen = {
+        computed = {
             "facade": facade.name,
             "facade_azimuth_deg": facade.azimuth_deg,
             "surface_area_m2": float(areas[index]),
             "geometry": shapely.to_wkb(outline),
         }
-        rows.append(said | seen)
+        rows.append(attributes | computed)
     return table_from_rows("elements", rows)
-
-
-def find_facades(surface: Surface, element_of_triangle: Int64Array, elements: int) -> list[FacadeAssignment]:
-    """Facade of each element: walls clustered by the way they look, however the compass divides them."""
-    sides = find_open_sides(surface, element_of_triangle, elements)
-    faced = np.isfinite(sides.azimuth_deg)
-    directions = cluster_directions(sides.azimuth_deg[faced], sides.area_m2[faced])
-    names = name_facades(directions)
-    found = []
-    for word, azimuth in zip(sides.labels, sides.azimuth_deg, strict=True):
-        if word:
-            found.append(FacadeAssignment(name=word, azimuth_deg=None))
-        else:
-            nearest = int(np.argmin(measure_turn_deg(directions, float(azimuth))))
-            found.append(
-                FacadeAssignment(name=names[nearest], azimuth_deg=round(float(directions[nearest]), 2) % 360.0)
-            )
-    return found
 
 
 def _read_attributes(
     element: ifcopenshell.entity_instance,
     mesh: ElementMesh,
     storeys: Sequence[IfcStorey],
-    outward_ifc: Float64Array | None,
+    outward_ifc: Float64x3 | None,
     unit_m: float,
 ) -> dict[str, Any]:
-    """The columns that the IFC tells; None where it is silent."""
+    """The columns that the IFC states; None where it states nothing."""
     storey = assign_storey(element, storeys, float(mesh.vertices_ifc_m[:, 2].min()))
     host, building = find_host(element), find_building(element)
     sets = read_property_sets(element)
@@ -119,58 +111,54 @@ def _read_attributes(
 
 
 def _read_predefined_type(element: ifcopenshell.entity_instance) -> str | None:
-    """PredefinedType of the element, else of its type, or their own word for it; None where there is none."""
-    for holder, own_word in ((element, "ObjectType"), (ifcopenshell.util.element.get_type(element), "ElementType")):
-        found = getattr(holder, "PredefinedType", None)
-        if found == "USERDEFINED":
-            found = getattr(holder, own_word, None)
-        if found and found != "NOTDEFINED":
-            return str(found)
+    """PredefinedType of the element, else of its type; a user-defined one by its name; None if there is none."""
+    for entity, attribute in ((element, "ObjectType"), (ifcopenshell.util.element.get_type(element), "ElementType")):
+        predefined = getattr(entity, "PredefinedType", None)
+        if predefined == "USERDEFINED":
+            predefined = getattr(entity, attribute, None)
+        if predefined and predefined != "NOTDEFINED":
+            return str(predefined)
     return None
 
 
-def _outward_from_facade(facade: FacadeAssignment, site_from_ifc: Float64Array) -> Float64Array | None:
-    """The facade's outward direction in the model's axes; up for what is level."""
+def _outward_from_facade(facade: FacadeAssignment, site_from_ifc: Float64x3x3) -> Float64x3 | None:
+    """The facade's outward direction in the model's axes; upward for "level", None for "inside" and "around"."""
     if facade.name == LEVEL:
         return np.array([0.0, 0.0, 1.0])
     if facade.azimuth_deg is None:
         return None
     angle = np.radians(facade.azimuth_deg)
-    outward: Float64Array = site_from_ifc.T @ np.array([np.sin(angle), np.cos(angle), 0.0])
+    outward: Float64x3 = site_from_ifc.T @ np.array([np.sin(angle), np.cos(angle), 0.0])
     return outward
 
 
-_MAX_CHARACTERS = 8192  # some exporters hang whole specifications on every window
-_LEFT_OUT = "_left_out"
-
-
 def read_property_sets(element: ifcopenshell.entity_instance) -> dict[str, dict[str, Any]]:
-    """Values of the element's property sets, its own before its type's, by set and name."""
-    found = ifcopenshell.util.element.get_psets(element, psets_only=True)
+    """Read the element's property sets by set and property name; its own values override its type's."""
+    sets = ifcopenshell.util.element.get_psets(element, psets_only=True)
     return {
         name: {key: _convert_to_json(value) for key, value in values.items() if key != "id"}
-        for name, values in found.items()
+        for name, values in sets.items()
     }
 
 
 def json_from_property_sets(sets: dict[str, dict[str, Any]]) -> str:
-    """The sets as JSON of at most 8192 characters; where they are more, the largest are left out and named."""
+    """The sets as JSON of at most 8192 characters; beyond that the largest are omitted and listed by name."""
     kept = {name: json.dumps(values, ensure_ascii=False, sort_keys=True) for name, values in sets.items() if values}
-    left: list[str] = []
-    # IFC's own Pset_ stay longest: they are what queries ask for.
+    omitted: list[str] = []
+    # The standard's Pset_ are omitted last: queries use them.
     for name in sorted(kept, key=lambda name: (name.startswith("Pset_"), -len(kept[name]))):
         if sum(len(text) + len(key) + 6 for key, text in kept.items()) <= _MAX_CHARACTERS:
             break
-        left.append(name)
+        omitted.append(name)
         del kept[name]
     parts = [f"{json.dumps(name, ensure_ascii=False)}: {kept[name]}" for name in sorted(kept)]
-    if left:
-        parts.append(f"{json.dumps(_LEFT_OUT)}: {json.dumps(sorted(left)[:20], ensure_ascii=False)}")
+    if omitted:
+        parts.append(f"{json.dumps(_OMITTED)}: {json.dumps(sorted(omitted)[:20], ensure_ascii=False)}")
     return "{" + ", ".join(parts) + "}" if parts else ""
 
 
 def is_external(sets: dict[str, dict[str, Any]]) -> bool | None:
-    """IsExternal of the element's common property set; None where it is not said."""
+    """IsExternal of the element's common property set; None if it is not set."""
     for name, values in sets.items():
         if name.startswith("Pset_") and name.endswith("Common") and isinstance(values.get("IsExternal"), bool):
             return bool(values["IsExternal"])
@@ -178,7 +166,7 @@ def is_external(sets: dict[str, dict[str, Any]]) -> bool | None:
 
 
 def _convert_to_json(value: Any) -> Any:
-    """A value that JSON can hold: entities by their text, no NaN."""
+    """Convert to a value that JSON can represent: entities and NaN become text."""
     if isinstance(value, dict):
         return {str(key): _convert_to_json(inner) for key, inner in value.items() if key != "id"}
     if isinstance(value, (list, tuple)):
@@ -188,14 +176,11 @@ def _convert_to_json(value: Any) -> Any:
     return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
 
 
-_MAX_BOX_PLANES = 6
-_MAX_BODY_PLANES = 100
-_MIN_DETAILED_BODIES = 3  # a frame, its panes, its handle
-_SAME_PLANE_M = 0.002
-
-
 def classify_detail(mesh: ElementMesh) -> str:
-    """``box``: at most six planes; ``detailed``: three separate bodies or more, or over 100 planes; else ``body``."""
+    """Classify the level of detail.
+
+    ``box``: at most six planes; ``detailed``: three separate bodies or more, or over 100 planes; else ``body``.
+    """
     corners = mesh.vertices_ifc_m[mesh.triangles] - mesh.vertices_ifc_m.mean(axis=0)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The triangles of an IFC's elements in the model's own axes, in metres (ifcopenshell's iterator), without strays."""
+"""Mesh an IFC's elements in the model's axes, in metres, with ifcopenshell's geometry iterator, and check the size."""
 
 from __future__ import annotations
 
@@ -14,28 +14,31 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from facadelake.building.ifc.structure import find_building
-from facadelake.core.arrays import Float64Array, Int64Array
+from facadelake.core.arrays import Float64Array, Float64Nx3, Int64Nx3
 from facadelake.core.errors import ModelError
 from facadelake.core.progress import report_progress
 
 _log = logging.getLogger(__name__)
-_BATCH = 500  # elements an iterator is given: it holds all its shapes until it goes
+_BATCH = 500  # elements per iterator, which keeps all its shapes in memory
+_MAX_DISTANCE_M = 5_000.0  # from the median element; within it rays in float32 keep 0.3 mm
+_MAX_HEIGHT_M = 1_200.0  # no building is higher
+_MIN_SIZE_M = 0.5
 _HEAD, _TAIL = b"ISO-10303-21;", b"END-ISO-10303-21;"
-# Holes, virtual boundaries, terrain and trees are elements of IFC but no part of the building's surface.
+# Openings, virtual boundaries, terrain and trees are elements in IFC but not part of the building's surface.
 _LEFT_OUT = ("IfcFeatureElement", "IfcVirtualElement", "IfcGeographicElement", "IfcOpeningElement")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ElementMesh:
-    """One element's surface: ``vertices_ifc_m`` (n, 3), ``triangles`` (m, 3) wound outward where the body is closed."""
+    """Surface of one element: ``vertices_ifc_m`` (n, 3), ``triangles`` (m, 3), those of closed bodies wound outward."""
 
     guid: str
-    vertices_ifc_m: Float64Array
-    triangles: Int64Array
+    vertices_ifc_m: Float64Nx3
+    triangles: Int64Nx3
 
 
 def open_ifc(path: Path) -> ifcopenshell.file:
-    """The IFC at ``path``; raises ModelError where it is missing, truncated, not STEP text or not an IFC."""
+    """Open the IFC at ``path``. Raises ModelError if it is missing, truncated, not STEP text or not an IFC."""
     try:
         size = path.stat().st_size
         with path.open("rb") as stream:
@@ -44,17 +47,17 @@ def open_ifc(path: Path) -> ifcopenshell.file:
             tail = stream.read()
     except OSError as error:
         raise ModelError(
-            f"building model {path} cannot be read ({error.strerror}); check the registry's model path"
+            f"building model {path} cannot be read ({error.strerror}); check the path of model in the registry"
         ) from error
-    # Checked before the parser sees it: a cut file parses without an error and lacks elements.
+    # Checked before parsing: a truncated file parses without an error and lacks elements.
     if not head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(_HEAD):
         raise ModelError(
-            f"building model {path} is not an IFC in STEP text: it begins with {head[:16]!r}, not ISO-10303-21; "
+            f"building model {path} is not an IFC in STEP text: it starts with {head[:16]!r}, not ISO-10303-21; "
             "export it as .ifc (IFC2x3, IFC4 or IFC4.3), not zipped or as XML"
         )
     if _TAIL not in tail:
         raise ModelError(
-            f"building model {path} is cut off: {size} bytes without the closing END-ISO-10303-21; "
+            f"building model {path} is truncated: {size} bytes without the closing END-ISO-10303-21; "
             "copy or export it again"
         )
     try:
@@ -66,19 +69,30 @@ def open_ifc(path: Path) -> ifcopenshell.file:
             "export it again as IFC2x3, IFC4 or IFC4.3"
         ) from error
     if not projects:
-        raise ModelError(f"building model {path} holds no IfcProject; export the whole model, not a library or a part")
+        raise ModelError(f"building model {path} has no IfcProject; export the whole model, not a library or a part")
     return model
 
 
 def mesh_elements(
     model: ifcopenshell.file, *, deflection_m: float, workers: int, building_guid: str = ""
 ) -> list[ElementMesh]:
-    """Every element's surface in model axes, openings cut out; spaces, sites, openings and annotations are left out.
+    """Mesh every element with its openings cut out; spaces, sites, openings and annotations are omitted.
 
-    Where ``building_guid`` names an IfcBuilding, elements of the file's other buildings are left out too. An element
-    whose geometry fails is logged by its GlobalId and left out; raises ModelError where none is left.
+    An element whose geometry fails is omitted and logged by its GlobalId.
+
+    Args:
+        model: the IFC.
+        deflection_m: largest distance of a triangle from the curved surface it approximates.
+        workers: number of threads.
+        building_guid: GlobalId of an IfcBuilding; elements of the file's other buildings are omitted. Empty takes all.
+
+    Returns:
+        One mesh per element in the model's axes, sorted by GlobalId.
+
+    Raises:
+        ModelError: no element could be meshed.
     """
-    wanted = [
+    elements = [
         element
         for kind in ("IfcElement", "IfcProxy")
         for element in _list_entities(model, kind)
@@ -87,30 +101,30 @@ def mesh_elements(
         and not (building_guid and _is_in_other_building(element, building_guid))
     ]
     settings = ifcopenshell.geom.settings()
-    # Shapes come about their own placement, where coordinates are small, and are moved in float64 afterwards: at map
-    # coordinates of 5e6 m the kernel's tolerances are coarse.
+    # Shapes are meshed relative to their placement, where coordinates are small, and transformed in float64 afterwards:
+    # at map coordinates of 5e6 m the kernel's tolerances are coarse.
     settings.set("use-world-coords", False)
     settings.set("weld-vertices", True)
     settings.set("no-normals", True)
     settings.set("mesher-linear-deflection", deflection_m)
     settings.set("mesher-angular-deflection", 0.35)
     meshes: list[ElementMesh] = []
-    with report_progress("Meshing elements", len(wanted)) as step:
-        for start in range(0, len(wanted), _BATCH):
-            for mesh in _iterate_shapes(model, settings, workers, wanted[start : start + _BATCH]):
+    with report_progress("Meshing elements", len(elements)) as step:
+        for start in range(0, len(elements), _BATCH):
+            for mesh in _iterate_shapes(model, settings, workers, elements[start : start + _BATCH]):
                 if len(mesh.triangles):
                     meshes.append(mesh)
                 step.advance()
     if not meshes:
         raise ModelError(
-            f"the building model has {len(wanted)} elements with a body and none gave a surface; "
+            f"the building model has {len(elements)} elements with a body, and none of them could be meshed; "
             "export it with body geometry (design transfer or reference view)"
         )
     meshes = _merge_by_guid(meshes)
-    missing = {element.GlobalId for element in wanted} - {mesh.guid for mesh in meshes}
+    missing = {element.GlobalId for element in elements} - {mesh.guid for mesh in meshes}
     if missing:
         _log.warning(
-            "%d of %d elements have no surface: %s", len(missing), len(wanted), ", ".join(sorted(missing)[:10])
+            "%d of %d elements have no surface: %s", len(missing), len(elements), ", ".join(sorted(missing)[:10])
         )
     return meshes
 
@@ -119,24 +133,25 @@ def _iterate_shapes(
     model: ifcopenshell.file,
     settings: ifcopenshell.geom.settings,
     workers: int,
-    wanted: list[ifcopenshell.entity_instance],
+    elements: list[ifcopenshell.entity_instance],
 ) -> Iterator[ElementMesh]:
-    """Surfaces of the elements in the model's axes; those whose geometry fails are missing."""
-    iterator = ifcopenshell.geom.iterator(settings, model, workers, include=wanted)
+    """Yield meshes of the elements in the model's axes; elements whose geometry fails are missing."""
+    iterator = ifcopenshell.geom.iterator(settings, model, workers, include=elements)
     more = iterator.initialize()
     while more:
         shape = iterator.get()
         vertices = np.frombuffer(shape.geometry.verts_buffer, dtype=np.float64).reshape(-1, 3)
         triangles = np.frombuffer(shape.geometry.faces_buffer, dtype=np.int32).reshape(-1, 3).astype(np.int64)
         mesh = _clean_mesh(shape.guid, vertices, triangles)
-        ifc_from_own = np.frombuffer(shape.transformation_buffer, dtype=np.float64).reshape(4, 4).T
-        yield replace(mesh, vertices_ifc_m=_transform_points(mesh.vertices_ifc_m, ifc_from_own))
+        ifc_from_element = np.frombuffer(shape.transformation_buffer, dtype=np.float64).reshape(4, 4).T
+        yield replace(mesh, vertices_ifc_m=_transform_points(mesh.vertices_ifc_m, ifc_from_element))
         more = iterator.next()
 
 
-def _transform_points(points: Float64Array, matrix: Float64Array) -> Float64Array:
-    moved: Float64Array = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved
+def _transform_points(points: Float64Nx3, matrix: Float64Array) -> Float64Nx3:
+    """Apply a matrix (4, 4) to points (n, 3)."""
+    transformed: Float64Nx3 = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return transformed
 
 
 def _is_in_other_building(element: ifcopenshell.entity_instance, building_guid: str) -> bool:
@@ -144,10 +159,10 @@ def _is_in_other_building(element: ifcopenshell.entity_instance, building_guid: 
     return building is not None and building.GlobalId != building_guid
 
 
-def _clean_mesh(guid: str, vertices: Float64Array, triangles: Int64Array) -> ElementMesh:
-    """Without slivers, and each connected body turned inside out where its volume came out negative.
+def _clean_mesh(guid: str, vertices: Float64Nx3, triangles: Int64Nx3) -> ElementMesh:
+    """Remove triangles without area, and reverse the winding of connected bodies with a negative volume.
 
-    The kernel's own reorienting of shells costs three times the whole meshing.
+    The kernel's own reorientation of shells takes three times as long as the whole meshing.
     """
     corners = vertices[triangles]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -164,28 +179,28 @@ def _clean_mesh(guid: str, vertices: Float64Array, triangles: Int64Array) -> Ele
 
 
 def _merge_by_guid(meshes: list[ElementMesh]) -> list[ElementMesh]:
-    """One mesh an element, by GlobalId: the iterator gives one shape for each of an element's contexts."""
+    """Merge meshes to one per GlobalId: the iterator gives one shape for each context of an element."""
     by_guid: dict[str, list[ElementMesh]] = {}
     for mesh in meshes:
         by_guid.setdefault(mesh.guid, []).append(mesh)
-    whole = []
+    merged = []
     for guid in sorted(by_guid):
         parts = by_guid[guid]
         starts = np.cumsum([0, *(len(part.vertices_ifc_m) for part in parts[:-1])])
-        whole.append(
+        merged.append(
             ElementMesh(
                 guid=guid,
                 vertices_ifc_m=np.vstack([part.vertices_ifc_m for part in parts]),
                 triangles=np.vstack([part.triangles + start for part, start in zip(parts, starts, strict=True)]),
             )
         )
-    return whole
+    return merged
 
 
 def _list_entities(model: ifcopenshell.file, kind: str) -> list[ifcopenshell.entity_instance]:
     try:
         return list(model.by_type(kind))
-    except RuntimeError:  # the schema has no such class (IfcProxy left in IFC4.3)
+    except RuntimeError:  # the schema has no such class (IFC4.3 has no IfcProxy)
         return []
 
 
@@ -196,35 +211,31 @@ def _is_a(element: ifcopenshell.entity_instance, kind: str) -> bool:
         return False
 
 
-_MAX_DISTANCE_M = 5_000.0  # from the middle element; float32 rays keep 0.3 mm within it
-_MAX_HEIGHT_M = 1_200.0  # no building is higher
-_MIN_SIZE_M = 0.5
-
-
 def drop_distant_elements(meshes: Sequence[ElementMesh]) -> tuple[list[ElementMesh], str]:
-    """The meshes without those more than 5 km from the middle one, and words about what was left out.
+    """Drop elements more than 5 km from the median one; returns the others, and a remark on those dropped.
 
-    Such elements are left at the file's zero, or at map coordinates, by mistake. Raises ModelError where what is left
-    is too large or too small for a building, so that its unit is wrong.
+    Such elements were left at the file's origin, or at map coordinates, by mistake. Raises ModelError if the others are
+    too large or too small for a building, which means a wrong unit.
     """
-    middles = np.array([(mesh.vertices_ifc_m.min(axis=0) + mesh.vertices_ifc_m.max(axis=0)) / 2 for mesh in meshes])
-    off = np.linalg.norm(middles - np.median(middles, axis=0), axis=1)
-    kept = [mesh for mesh, far in zip(meshes, off > _MAX_DISTANCE_M, strict=True) if not far]
-    strays = [mesh.guid for mesh, far in zip(meshes, off > _MAX_DISTANCE_M, strict=True) if far]
-    if len(strays) > len(meshes) / 2:
+    centres = np.array([(mesh.vertices_ifc_m.min(axis=0) + mesh.vertices_ifc_m.max(axis=0)) / 2 for mesh in meshes])
+    distance = np.linalg.norm(centres - np.median(centres, axis=0), axis=1)
+    kept = [mesh for mesh, is_far in zip(meshes, distance > _MAX_DISTANCE_M, strict=True) if not is_far]
+    dropped = [mesh.guid for mesh, is_far in zip(meshes, distance > _MAX_DISTANCE_M, strict=True) if is_far]
+    if len(dropped) > len(meshes) / 2:
         raise ModelError(
-            f"the elements of the building model lie up to {off.max() / 1000:.0f} km apart; is its length unit wrong, "
-            "or are some at map coordinates and others at zero? export it again"
+            f"the elements of the building model are up to {distance.max() / 1000:.0f} km apart; its length unit is "
+            "wrong, or some elements are at map coordinates and others near zero: export it again"
         )
     size = np.ptp(np.vstack([mesh.vertices_ifc_m for mesh in kept]), axis=0)
     if size[2] > _MAX_HEIGHT_M or size.max() < _MIN_SIZE_M:
         raise ModelError(
-            f"the building model is {size[0]:.3g} x {size[1]:.3g} m in plan and {size[2]:.3g} m high, which no "
-            "building is; its length unit (IfcUnitAssignment) is wrong: export it again"
+            f"the building model is {size[0]:.3g} x {size[1]:.3g} m in plan and {size[2]:.3g} m high (limits: largest "
+            f"dimension {_MIN_SIZE_M:g} m or more, height {_MAX_HEIGHT_M:,.0f} m or less); its length unit "
+            "(IfcUnitAssignment) is wrong: export it again"
         )
-    if not strays:
+    if not dropped:
         return kept, ""
-    named = ", ".join(strays[:5]) + (" ..." if len(strays) > 5 else "")
-    said = f"{len(strays)} elements more than {_MAX_DISTANCE_M / 1000:g} km from the others were left out ({named})"
-    _log.warning("%s", said)
-    return kept, said
+    guids = ", ".join(dropped[:5]) + (" ..." if len(dropped) > 5 else "")
+    remark = f"{len(dropped)} elements more than {_MAX_DISTANCE_M / 1000:g} km from the others were omitted ({guids})"
+    _log.warning("%s", remark)
+    return kept, remark

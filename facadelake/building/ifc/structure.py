@@ -34,7 +34,7 @@ class StoreyAssignment:
 
 
 def find_host(element: ifcopenshell.entity_instance) -> ifcopenshell.entity_instance | None:
-    """Find the element whose opening this one fills, or of which it is a part (a plate's curtain wall); None if none."""
+    """Find the element whose opening this one fills, or of which it is a part, as a plate of a curtain wall."""
     for filling in getattr(element, "FillsVoids", None) or ():
         for voiding in filling.RelatingOpeningElement.VoidsElements or ():
             return voiding.RelatingBuildingElement
@@ -62,14 +62,14 @@ def find_building(element: ifcopenshell.entity_instance) -> ifcopenshell.entity_
 
 
 def get_building(model: ifcopenshell.file, name: str) -> ifcopenshell.entity_instance:
-    """Get the IfcBuilding by GlobalId, Name or LongName. Raises ModelError, which lists all, if none or several match."""
+    """Get the IfcBuilding by GlobalId, Name or LongName. Raises ModelError if none or several match."""
     buildings = model.by_type("IfcBuilding")
     found = [building for building in buildings if name in (building.GlobalId, building.Name, building.LongName)]
     if len(found) != 1:
         known = ", ".join(f"'{label_building(building)}' ({building.GlobalId})" for building in buildings) or "none"
         raise ModelError(
-            f"model_building '{name}' in the registry names {len(found)} of the IFC's buildings, which are {known}; "
-            "use one of these names or GlobalIds"
+            f"model_building '{name}' in the registry matches {len(found)} of the IFC's buildings ({known}); use one "
+            "of these names or GlobalIds"
         )
     return found[0]
 
@@ -96,8 +96,7 @@ def read_storeys(model: ifcopenshell.file, building_guid: str = "") -> list[IfcS
         guid = building.GlobalId if building is not None else ""
         if building_guid and guid and guid != building_guid:
             continue
-        use_elevation = placement_level is None or placements_equal
-        level = float(entity.Elevation or 0.0) if use_elevation else placement_level
+        level = float(entity.Elevation or 0.0) if placement_level is None or placements_equal else placement_level
         storeys.append(IfcStorey(name=_name_storey(entity), level_m=level * unit_m, building=guid))
     return sorted(storeys, key=lambda storey: (storey.level_m, storey.name))
 

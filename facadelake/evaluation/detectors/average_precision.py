@@ -1,8 +1,8 @@
-"""Which predictions hit a labelled defect, and average precision: pycocotools' rules, one class at a time.
+"""Matching of predictions with labelled boxes, and average precision, by pycocotools, one class at a time.
 
-COCO's definition: predictions of a photograph in order of score each take the best overlapping free truth of their
-class with an intersection over union of at least the threshold; precision is the envelope at 101 recalls
-(Lin et al., ECCV 2014; pycocotools.cocoeval).
+COCO's definition: in order of score, each prediction of a photograph takes the free labelled box of its class with the
+largest IoU of at least the threshold. Average precision is the mean of the precision envelope at 101 recalls (Lin et
+al., Microsoft COCO, ECCV 2014; pycocotools.cocoeval).
 """
 
 from __future__ import annotations
@@ -17,38 +17,38 @@ import numpy as np
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
+from facadelake.core.arrays import BoolArray, Float64Array, Float64N, RowIndices
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Prediction
 from schemas.vocabulary import DefectClass
 
 IOU_THRESHOLDS = np.linspace(0.5, 0.95, 10)
 RECALLS = np.linspace(0.0, 1.0, 101)
-COCO_BOXES_MAX = 100  # boxes of a photograph that COCO counts
+COCO_BOXES_MAX = 100  # predictions of a photograph, as in COCO
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictionMatches:
-    """Predictions of one class in the photographs that have labels of it.
+    """The matches of one class in the photographs with labels of that class (``images``).
 
-    ``images``: those photographs. Of each of n predictions, in order of falling score: ``image`` (n,) index into
-    ``images``, ``rank`` (n,) index into that photograph's predictions of the class, ``score`` (n,), ``hit`` and
-    ``ignored`` (10, n) at each of ``IOU_THRESHOLDS``. Of each of m labelled boxes that count: ``truth_image`` (m,),
-    ``truth_rank`` (m,) index into the photograph's boxes, ``found`` (10, m). ``coco_precision`` (10,): average
-    precision as pycocotools accumulates it, NaN where there is no truth.
+    n predictions in order of falling score: ``image`` (n,) index into ``images``; ``rank`` (n,) index into the
+    photograph's predictions; ``score`` (n,); ``hit`` and ``ignored`` (10, n) at each of ``IOU_THRESHOLDS``. m labelled
+    boxes that are not ignored: ``truth_image`` (m,) index into ``images``; ``truth_rank`` (m,) index into the
+    photograph's boxes; ``found`` (10, m). ``coco_precision`` (10,): average precision accumulated by pycocotools, NaN
+    without labelled boxes.
     """
 
     defect_class: DefectClass
     images: tuple[LabelledImage, ...]
     image: RowIndices
     rank: RowIndices
-    score: Float64Array
+    score: Float64N
     hit: BoolArray
     ignored: BoolArray
     truth_image: RowIndices
     truth_rank: RowIndices
     found: BoolArray
-    coco_precision: Float64Array
+    coco_precision: Float64N
 
 
 def match_predictions(
@@ -56,20 +56,27 @@ def match_predictions(
     predictions: Mapping[str, tuple[Prediction, ...]],
     defect_class: DefectClass,
     *,
-    most: int = COCO_BOXES_MAX,
+    boxes_max: int = COCO_BOXES_MAX,
 ) -> PredictionMatches:
-    """Match the predictions of a class; at most the ``most`` best of a photograph count."""
+    """Match the predictions of a class with the labelled boxes.
+
+    Args:
+        images: The labelled photographs.
+        predictions: Predictions by the photograph's key.
+        defect_class: The class; photographs without labels of it are left out.
+        boxes_max: Only so many predictions of a photograph count, those of the highest scores.
+    """
     chosen = tuple(image for image in images if defect_class in image.labelled)
     truths = _list_boxes_of_class([image.boxes for image in chosen], defect_class)
-    guesses = _list_boxes_of_class([predictions[image.key] for image in chosen], defect_class)
-    evaluation = _run_pycocotools(chosen, truths, guesses, most)
+    predicted = _list_boxes_of_class([predictions[image.key] for image in chosen], defect_class)
+    evaluation = _run_pycocotools(chosen, truths, predicted, boxes_max)
     parts = [one for one in evaluation.evalImgs if one is not None]
-    guess_ids, truth_ids = ([id_ for one in parts for id_ in one[key]] for key in ("dtIds", "gtIds"))
+    predicted_ids, truth_ids = ([id_ for one in parts for id_ in one[key]] for key in ("dtIds", "gtIds"))
     score = np.array([one for part in parts for one in part["dtScores"]], dtype=np.float64)
     order = np.argsort(-score, kind="mergesort")  # as pycocotools orders equal scores
     counting = ~_concatenate_results(parts, "gtIgnore").astype(np.bool_).ravel()
-    guess_places = np.array([guesses[id_ - 1][:2] for id_ in guess_ids], dtype=np.int64).reshape(-1, 2)
-    truth_places = np.array([truths[id_ - 1][:2] for id_ in truth_ids], dtype=np.int64).reshape(-1, 2)
+    predicted_indices = np.array([predicted[id_ - 1][:2] for id_ in predicted_ids], dtype=np.int64).reshape(-1, 2)
+    truth_indices = np.array([truths[id_ - 1][:2] for id_ in truth_ids], dtype=np.int64).reshape(-1, 2)
     ignored = _concatenate_results(parts, "dtIgnore").astype(np.bool_)
     precision = (
         evaluation.eval["precision"][:, :, 0, 0, 0].mean(axis=1) if parts else np.full(len(IOU_THRESHOLDS), -1.0)
@@ -77,75 +84,77 @@ def match_predictions(
     return PredictionMatches(
         defect_class=defect_class,
         images=chosen,
-        image=guess_places[order, 0],
-        rank=guess_places[order, 1],
+        image=predicted_indices[order, 0],
+        rank=predicted_indices[order, 1],
         score=score[order],
         hit=((_concatenate_results(parts, "dtMatches") > 0) & ~ignored)[:, order],
         ignored=ignored[:, order],
-        truth_image=truth_places[counting, 0],
-        truth_rank=truth_places[counting, 1],
+        truth_image=truth_indices[counting, 0],
+        truth_rank=truth_indices[counting, 1],
         found=_concatenate_results(parts, "gtMatches")[:, counting] > 0,
         coco_precision=np.where(precision < 0, np.nan, precision),
     )
 
 
 def compute_average_precision(
-    matches: PredictionMatches, weights: Float64Array | None = None, *, thresholds: int = len(IOU_THRESHOLDS)
-) -> Float64Array:
-    """Average precision at the first ``thresholds`` of ``IOU_THRESHOLDS``, NaN where there is no truth.
+    matches: PredictionMatches, weights: Float64N | None = None, *, thresholds: int = len(IOU_THRESHOLDS)
+) -> Float64N:
+    """Average precision at the first ``thresholds`` of ``IOU_THRESHOLDS``; NaN without labelled boxes.
 
-    ``weights`` (one a photograph) repeat or leave out photographs: matches do not depend on one another across them, so
-    sites and resampled sets need no new matching.
+    ``weights`` (one for each photograph) repeat photographs or leave them out: matches in one photograph do not depend
+    on others, so that sites and resampled sets are not matched again.
     """
     curves = [compute_precision_at_recalls(matches, i, weights) for i in range(thresholds)]
-    means: Float64Array = np.array([curve.mean() for curve in curves])
+    means: Float64N = np.array([curve.mean() for curve in curves])
     return means
 
 
 def compute_precision_at_recalls(
-    matches: PredictionMatches, threshold: int, weights: Float64Array | None = None
-) -> Float64Array:
-    """The precision's envelope (101,) at ``RECALLS`` for the IoU threshold of that index; NaN where no truth is."""
+    matches: PredictionMatches, threshold: int, weights: Float64N | None = None
+) -> Float64N:
+    """Precision envelope (101,) at ``RECALLS`` for the IoU threshold of that index; NaN without labelled boxes."""
     weight = np.ones(len(matches.images)) if weights is None else weights
     truths = weight[matches.truth_image].sum()
     if truths <= 0:
         return np.full(len(RECALLS), np.nan)
-    each = weight[matches.image]
-    hits = np.cumsum(each * matches.hit[threshold])
-    wrong = np.cumsum(each * ~(matches.hit[threshold] | matches.ignored[threshold]))
-    precision = hits / np.maximum(hits + wrong, np.finfo(np.float64).tiny)
+    prediction_weight = weight[matches.image]
+    hits = np.cumsum(prediction_weight * matches.hit[threshold])
+    false_alarms = np.cumsum(prediction_weight * ~(matches.hit[threshold] | matches.ignored[threshold]))
+    precision = hits / np.maximum(hits + false_alarms, np.finfo(np.float64).tiny)
     envelope = np.maximum.accumulate(precision[::-1])[::-1]
-    at = np.searchsorted(hits / truths, RECALLS, side="left")
-    reached: Float64Array = np.where(at < len(envelope), np.append(envelope, 0.0)[np.minimum(at, len(envelope))], 0.0)
-    return reached
+    index = np.searchsorted(hits / truths, RECALLS, side="left")
+    at_recalls: Float64N = np.where(
+        index < len(envelope), np.append(envelope, 0.0)[np.minimum(index, len(envelope))], 0.0
+    )
+    return at_recalls
 
 
 def _list_boxes_of_class(boxes: Sequence[Sequence[Any]], defect_class: DefectClass) -> list[tuple[int, int, Any]]:
-    """Index of photograph, index in it, and box, of all boxes of a class."""
+    """(index of the photograph, index in the photograph, box) of all boxes of a class."""
     return [
-        (i, rank, one)
-        for i, many in enumerate(boxes)
-        for rank, one in enumerate(many)
-        if one.defect_class is defect_class
+        (i, rank, box)
+        for i, of_photograph in enumerate(boxes)
+        for rank, box in enumerate(of_photograph)
+        if box.defect_class is defect_class
     ]
 
 
 def _run_pycocotools(
     images: Sequence[LabelledImage],
     truths: Sequence[tuple[int, int, Any]],
-    guesses: Sequence[tuple[int, int, Any]],
-    most: int,
+    predicted: Sequence[tuple[int, int, Any]],
+    boxes_max: int,
 ) -> Any:
-    """pycocotools' evaluation, which prints."""
+    """The evaluation of pycocotools, without its output to the terminal."""
     with redirect_stdout(io.StringIO()):
         evaluation = COCOeval(
             _build_coco(images, truths, lambda one: {"iscrowd": int(one.ignored)}),
-            _build_coco(images, guesses, lambda one: {"score": one.score}),
+            _build_coco(images, predicted, lambda one: {"score": one.score}),
             "bbox",
         )
         evaluation.params.iouThrs = IOU_THRESHOLDS
         evaluation.params.recThrs = RECALLS
-        evaluation.params.maxDets = [most]
+        evaluation.params.maxDets = [boxes_max]
         evaluation.params.areaRng, evaluation.params.areaRngLbl = [[0.0, 1e10]], ["all"]
         evaluation.evaluate()
         evaluation.accumulate()
@@ -155,7 +164,7 @@ def _run_pycocotools(
 def _build_coco(
     images: Sequence[LabelledImage],
     boxes: Sequence[tuple[int, int, Any]],
-    more: Callable[[Any], dict[str, float]],
+    extra_keys: Callable[[Any], dict[str, float]],
 ) -> Any:
     coco = COCO()
     coco.dataset = {
@@ -169,9 +178,9 @@ def _build_coco(
                 "bbox": [one.box.x_px, one.box.y_px, one.box.width_px, one.box.height_px],
                 "area": one.box.width_px * one.box.height_px,
                 "iscrowd": 0,
-                **more(one),
+                **extra_keys(one),
             }
-            for id_, (i, _, one) in enumerate(boxes, start=1)  # 0 would mean no match
+            for id_, (i, _, one) in enumerate(boxes, start=1)  # pycocotools reads 0 as no match
         ],
     }
     coco.createIndex()
@@ -179,7 +188,7 @@ def _build_coco(
 
 
 def _concatenate_results(parts: Sequence[Mapping[str, Any]], key: str) -> Float64Array:
-    """The (10, n) or (n,) arrays of all photographs, joined."""
+    """The arrays (10, n) or (n,) of all photographs, concatenated."""
     arrays = [np.asarray(one[key], dtype=np.float64) for one in parts]
     if not arrays:
         return np.zeros((len(IOU_THRESHOLDS), 0)) if key != "gtIgnore" else np.zeros(0)

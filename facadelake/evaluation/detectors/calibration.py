@@ -1,4 +1,4 @@
-"""Whether a score of 0.7 is right seven times in ten."""
+"""Calibration of scores: whether a score is the probability of a hit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BINS = 10
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationBin:
-    """Predictions with a score from ``low`` to ``high``: how many, their mean score, the share that hit."""
+    """Predictions with a score from ``low`` to ``high``: their number, mean score and precision."""
 
     low: float
     high: float
@@ -24,11 +24,11 @@ class CalibrationBin:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationFigures:
-    """Scores against hits at an IoU of 0.5, on these photographs: where defects are rarer, precision is lower.
+    """Calibration at an IoU of 0.5 on the evaluated photographs; where defects are rarer, precision is lower.
 
-    ``ece``: expected calibration error (Guo et al., ICML 2017), the mean distance of score and precision over
-    ``BINS`` equal bins, weighted by count, of all predictions; ``ece_shown`` of those from the threshold up, whose
-    mean score is ``expected_precision`` and whose share of hits ``precision_shown``. None where there are none.
+    ``ece``: expected calibration error (Guo et al., On Calibration of Modern Neural Networks, ICML 2017): mean absolute
+    difference of score and precision over ``BINS`` equal bins, weighted by count, of all predictions. ``*_shown``: of
+    the predictions from the threshold up, whose mean score is ``expected_precision``. None without predictions.
     """
 
     count: int
@@ -41,7 +41,7 @@ class CalibrationFigures:
 
 
 def compute_calibration(matches: PredictionMatches, threshold: float) -> CalibrationFigures:
-    """The calibration of one class's scores."""
+    """Calibration of the scores of one class; ``threshold``: the least score of the predictions that are shown."""
     counted = ~matches.ignored[0]
     score, hit = matches.score[counted], matches.hit[0][counted]
     shown = score >= threshold

@@ -1,4 +1,4 @@
-"""Figures written into a model's card, where they stay with the model, and read back from it."""
+"""Evaluations in a model's card: written under ``metrics.evaluations`` and read back."""
 
 from __future__ import annotations
 
@@ -25,10 +25,23 @@ _BLOCK = re.compile(r"^metrics:.*\n(?:(?:[ \t-].*)?\n)*", re.MULTILINE)
 def write_results(
     model: Path, figures: DetectorFigures | None, image_level: Sequence[ImageLevelFigures], *, command: str
 ) -> Path:
-    """Write the figures into the card beside ``model`` under ``metrics.evaluations``; the rest of the card stays.
+    """Write figures into the card beside a model; the rest of the card does not change.
 
-    An earlier evaluation of the same model on data of the same name and split is replaced; those of another model's
-    hash are dropped, because they are not this model's. Raises ModelError where there is no card beside the model.
+    An earlier evaluation of the same kind on data of the same name and split is replaced. Evaluations with the hash of
+    another model file are dropped.
+
+    Args:
+        model: The ONNX file.
+        figures: Figures on labelled photographs and photographs without defects, if any.
+        image_level: Figures on photographs labelled as a whole.
+        command: The command of the evaluation.
+
+    Returns:
+        The card's path.
+
+    Raises:
+        ModelError: There is no card beside the model.
+        StoreError: The card cannot be written.
     """
     path = _find_card_beside(model)
     sha256 = hash_file(model)
@@ -56,14 +69,14 @@ def write_results(
         read_card(part)
         part.replace(path)
     except OSError as error:
-        raise StoreError(f"card {path} cannot be written: {error}; it stays as it was") from error
+        raise StoreError(f"card {path} cannot be written: {error}; it is unchanged") from error
     finally:
         part.unlink(missing_ok=True)
     return path
 
 
 def list_evaluations(metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The evaluations that a card's ``metrics`` hold."""
+    """The evaluations in the ``metrics`` of a card."""
     found = metrics.get(KEY, [])
     return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
 
@@ -73,7 +86,7 @@ def _find_card_beside(model: Path) -> Path:
     for path in (beside, beside.with_suffix(".yml"), beside.with_suffix(".json")):
         if path.is_file():
             return path
-    raise ModelError(f"there is no card {beside} to write figures to; a card in the model's metadata cannot be changed")
+    raise ModelError(f"card {beside} does not exist; figures cannot be written into a card in the model's metadata")
 
 
 def _identify_entry(entry: Mapping[str, Any]) -> tuple[object, ...]:
@@ -137,15 +150,15 @@ def _build_class_entry(one: ClassFigures) -> dict[str, Any]:
 def _build_negatives_entry(
     alarms: FalseAlarmFigures, threshold: float, split: str | None, head: Mapping[str, str]
 ) -> dict[str, Any]:
-    every = alarms.rates[0]
+    all_classes = alarms.rates[0]
     return {
         "kind": "without defects",
         "data": alarms.name,
         "split": split,
         **head,
         "threshold": threshold,
-        "photographs": every.photographs,
-        "area_m2": every.area_m2,
+        "photographs": all_classes.photographs,
+        "area_m2": all_classes.area_m2,
         "gsd_mm": alarms.gsd_mm,
         "rates": [
             {
@@ -188,7 +201,7 @@ def _build_image_level_entry(figures: ImageLevelFigures, head: Mapping[str, str]
 
 
 def _round_numbers(value: Any) -> Any:
-    """The same with floats of four decimals, which is more than any of them is worth."""
+    """The value with floats rounded to four decimals, recursively."""
     if isinstance(value, float):
         return round(value, 4)
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""A detector judged on labelled photographs: files opened, everything looked at once, figures made."""
+"""Evaluation of a detector on labelled photographs: reads the labels, collects the predictions, computes the figures."""
 
 from __future__ import annotations
 
@@ -26,9 +26,12 @@ from schemas.vocabulary import DefectClass
 
 @dataclass(frozen=True, kw_only=True)
 class DetectorEvaluationRequest:
-    """What to judge on. ``sites`` and ``split`` hold for labelled photographs and for those without defects alike.
+    """The data of an evaluation.
 
-    ``labelled``: the classes that the data has labels of, where its list of classes says more; None: as it says.
+    ``data``: labelled photographs, in ``label_format``; ``class_names``: names of YOLO's class numbers. ``sites`` and
+    ``split`` apply to labelled photographs and to ``negatives`` (photographs without defects). ``labelled``: the classes
+    that are labelled, where the data lists more; None: all listed ones. ``scale``: a CSV with GSD or area.
+    ``image_labels``: folders of photographs labelled as a whole.
     """
 
     data: tuple[Path, ...] = ()
@@ -44,7 +47,7 @@ class DetectorEvaluationRequest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DetectorEvaluation:
-    """``boxes``: on labelled photographs and those without defects; ``image_labels``: a folder each."""
+    """``boxes``: the evaluation on labelled photographs and those without defects; ``image_labels``: one a folder."""
 
     boxes: BoxEvaluation | None
     collected: CollectedPredictions
@@ -53,44 +56,44 @@ class DetectorEvaluation:
 
 
 def locate_model_file(model: str) -> Path:
-    """The file that ``--model`` names: an ONNX model, a COCO file, or ``default``."""
+    """The file of ``--model``: an ONNX model, a COCO file, or that of the default detector for ``default``."""
     path = find_default_model() if model == "default" else Path(model)
     if path.suffix.lower() not in {".onnx", ".json"} or not path.is_file():
         raise InputDataError(
-            f"--model {model} is no file to be judged; give 'default', an ONNX model (.onnx), or detections in a COCO "
-            "file (.json)"
+            f"--model {model} is not a file that can be evaluated; give 'default', an ONNX model (.onnx), or a COCO file "
+            "of detections (.json)"
         )
     return path
 
 
 def open_prediction_source(path: Path, threshold: float | None) -> tuple[PredictionSource, Crosswalk]:
-    """What looks, and how its class names are read; ``threshold`` goes over the card's."""
+    """The source of predictions of a file, and the crosswalk of its class names; ``threshold`` overrides the card's."""
     if path.suffix.lower() == ".json":
         return CocoPredictionSource(path, threshold or 0.0), build_crosswalk({})
-    looker = OnnxPredictionSource(path, threshold=threshold)
-    return looker, build_crosswalk(looker.card.classes)
+    source = OnnxPredictionSource(path, threshold=threshold)
+    return source, build_crosswalk(source.card.classes)
 
 
 def evaluate_prediction_source(
-    looker: PredictionSource, crosswalk: Crosswalk, question: DetectorEvaluationRequest
+    source: PredictionSource, crosswalk: Crosswalk, request: DetectorEvaluationRequest
 ) -> DetectorEvaluation:
-    """Open what there is to judge on, look at all of it, and make the figures."""
-    if not (question.data or question.negatives or question.image_labels):
-        raise InputDataError("there is nothing to judge on; give --data, --negatives or --image-labels")
-    labelled, negatives = _assign_scale(_open_labelled(question, crosswalk), _open_negatives(question), question.scale)
-    folders = [open_image_labels(folder, crosswalk) for folder in question.image_labels]
-    if isinstance(looker, CocoPredictionSource):
-        everything = [labelled, negatives, *(one.labelled for one in folders)]
-        looker.require_photographs([image for one in everything if one is not None for image in one.images])
-    collected = collect_predictions(looker, labelled.images if labelled else (), crosswalk)
-    collected_negatives = None if negatives is None else collect_predictions(looker, negatives.images, crosswalk)
+    """Evaluate a source of predictions. Raises InputDataError where there is no data, or where it cannot be used."""
+    if not (request.data or request.negatives or request.image_labels):
+        raise InputDataError("no data to evaluate on; give --data, --negatives or --image-labels")
+    labelled, negatives = _assign_scale(_open_labelled(request, crosswalk), _open_negatives(request), request.scale)
+    folders = [open_image_labels(folder, crosswalk) for folder in request.image_labels]
+    if isinstance(source, CocoPredictionSource):
+        sets = [labelled, negatives, *(one.labelled for one in folders)]
+        source.require_photographs([image for one in sets if one is not None for image in one.images])
+    collected = collect_predictions(source, labelled.images if labelled else (), crosswalk)
+    collected_negatives = None if negatives is None else collect_predictions(source, negatives.images, crosswalk)
     boxes = None
     if labelled is not None or negatives is not None:
         boxes = evaluate_boxes(
-            looker,
+            source,
             labelled or LabelledSet(name="", label_format="", images=()),
             collected,
-            split=question.split,
+            split=request.split,
             negatives=negatives,
             collected_negatives=collected_negatives,
         )
@@ -99,38 +102,38 @@ def evaluate_prediction_source(
         collected=collected,
         collected_negatives=collected_negatives,
         image_labels=tuple(
-            evaluate_image_labels(looker, one, collect_predictions(looker, one.labelled.images, crosswalk))
+            evaluate_image_labels(source, one, collect_predictions(source, one.labelled.images, crosswalk))
             for one in folders
         ),
     )
 
 
-def _open_labelled(question: DetectorEvaluationRequest, crosswalk: Crosswalk) -> LabelledSet | None:
+def _open_labelled(request: DetectorEvaluationRequest, crosswalk: Crosswalk) -> LabelledSet | None:
     sets = [
         assign_sites(
             open_labels(
                 data,
                 crosswalk,
-                label_format=question.label_format,
-                class_names=question.class_names,
-                split=question.split,
-                sited=question.sites is not None,
+                label_format=request.label_format,
+                class_names=request.class_names,
+                split=request.split,
+                has_sites=request.sites is not None,
             ),
-            question.sites,
-            question.split,
+            request.sites,
+            request.split,
         )
-        for data in question.data
+        for data in request.data
     ]
     if not sets:
         return None
-    whole = combine_sets(sets)
-    return whole if question.labelled is None else restrict_to_classes(whole, question.labelled)
+    combined = combine_sets(sets)
+    return combined if request.labelled is None else restrict_to_classes(combined, request.labelled)
 
 
-def _open_negatives(question: DetectorEvaluationRequest) -> LabelledSet | None:
+def _open_negatives(request: DetectorEvaluationRequest) -> LabelledSet | None:
     sets = [
-        assign_sites(open_sound_photographs(folder), question.sites, question.split if question.sites else None)
-        for folder in question.negatives
+        assign_sites(open_sound_photographs(folder), request.sites, request.split if request.sites else None)
+        for folder in request.negatives
     ]
     return combine_sets(sets) if sets else None
 
@@ -138,7 +141,7 @@ def _open_negatives(question: DetectorEvaluationRequest) -> LabelledSet | None:
 def _assign_scale(
     labelled: LabelledSet | None, negatives: LabelledSet | None, file: Path | None
 ) -> tuple[LabelledSet | None, LabelledSet | None]:
-    """Both with GSD and area where the file tells of them."""
+    """Both sets with the GSD and the area that ``file`` states."""
     if file is None:
         return labelled, negatives
     sets: Sequence[LabelledSet | None] = (labelled, negatives)

@@ -1,4 +1,4 @@
-"""How often a detector sees a defect where there is none: for each square metre of facade, and each photograph."""
+"""False alarms on photographs without defects: per square metre of facade and per photograph."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ TEN_M2 = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class FalseAlarmRate:
-    """False alarms of one class (None: of all) on ``area_m2`` of facade (None: unknown) in ``photographs``.
+    """False alarms of one class (None: of all classes) on ``area_m2`` of facade (None: unknown).
 
-    ``low`` and ``high`` hold the rate per 10 m2 with 95 %: the wider of the exact Poisson interval (Garwood 1936) and
-    of photographs drawn again, because false alarms come in clusters.
+    ``with_one``: photographs with a false alarm. ``low_per_10_m2`` and ``high_per_10_m2``: the 95 % interval, the wider
+    of the exact Poisson interval (Garwood 1936) and of the bootstrap by sites, because false alarms are clustered.
     """
 
     defect_class: DefectClass | None
@@ -38,7 +38,7 @@ class FalseAlarmRate:
 
 @dataclass(frozen=True, kw_only=True)
 class FalseAlarmsAtThreshold:
-    """False alarms per 10 m2 and per photograph if only boxes from ``score`` up were shown."""
+    """False alarms per 10 m2 and per photograph for a threshold of ``score``."""
 
     score: float
     count: int
@@ -48,11 +48,10 @@ class FalseAlarmsAtThreshold:
 
 @dataclass(frozen=True, kw_only=True)
 class FalseAlarmFigures:
-    """Photographs without defects: rates at the card's threshold (all first, then by class), and by threshold.
+    """Rates of false alarms at the detector's threshold (of all classes, then by class), and by threshold.
 
-    Facade that several photographs show counts as often, and so does what is seen on it; it is what a detector does
-    before observations are merged. Where the photographs have no known scale, only counts are given; ``gsd_mm`` is the
-    median of theirs (mm a pixel): coarse photographs show little that could be taken for a defect.
+    Facade in several photographs counts several times, and so do its false alarms: these are the rates before
+    deduplication. Without the area of every photograph only counts are given. ``gsd_mm``: median GSD, mm/px.
     """
 
     name: str
@@ -64,19 +63,26 @@ class FalseAlarmFigures:
 def compute_false_alarms(
     name: str,
     images: Sequence[LabelledImage],
-    shown: Mapping[str, tuple[Prediction, ...]],
-    down_to_floor: Mapping[str, tuple[Prediction, ...]],
+    above_threshold: Mapping[str, tuple[Prediction, ...]],
+    above_floor: Mapping[str, tuple[Prediction, ...]],
 ) -> FalseAlarmFigures:
-    """Every box in these photographs is a false alarm; areas count where all photographs have one.
+    """Count the predictions on photographs without defects as false alarms.
 
-    Raises InputDataError where there is no photograph.
+    Args:
+        name: Name of the data.
+        images: The photographs.
+        above_threshold: Predictions at the detector's threshold, by the photograph's key.
+        above_floor: Predictions down to the lowest score.
+
+    Raises:
+        InputDataError: There is no photograph.
     """
     if not images:
-        raise InputDataError(f"none of the photographs without defects ({name}) can be read; give others")
+        raise InputDataError(f"none of the photographs without defects ({name}) can be read; give other photographs")
     areas = [image.area_m2 for image in images]
     known = [area for area in areas if area is not None]
     total = sum(known) if known and len(known) == len(images) else None
-    scores = np.array([one.score for image in images for one in down_to_floor[image.key]])
+    scores = np.array([one.score for image in images for one in above_floor[image.key]])
     by_threshold = []
     for score in np.round(np.arange(0.05, 1.0, 0.05), 2).tolist():
         count = int((scores >= score).sum())
@@ -89,7 +95,7 @@ def compute_false_alarms(
             )
         )
     classes: list[DefectClass | None] = [None, *DefectClass]
-    rates = tuple(_compute_rate(images, shown, one, total) for one in classes)
+    rates = tuple(_compute_rate(images, above_threshold, one, total) for one in classes)
     gsds = [image.gsd_mm for image in images if image.gsd_mm is not None]
     gsd = float(np.median(gsds)) if gsds else None
     return FalseAlarmFigures(name=name, gsd_mm=gsd, rates=rates, by_threshold=tuple(by_threshold))
@@ -97,33 +103,33 @@ def compute_false_alarms(
 
 def _compute_rate(
     images: Sequence[LabelledImage],
-    shown: Mapping[str, tuple[Prediction, ...]],
+    above_threshold: Mapping[str, tuple[Prediction, ...]],
     defect_class: DefectClass | None,
     total_m2: float | None,
 ) -> FalseAlarmRate:
-    of_image: Counter[str] = Counter(
+    count_by_image: Counter[str] = Counter(
         image.key
         for image in images
-        for one in shown[image.key]
+        for one in above_threshold[image.key]
         if defect_class is None or one.defect_class is defect_class
     )
-    count = sum(of_image.values())
+    count = sum(count_by_image.values())
     low = high = None
     if total_m2:
         low = TEN_M2 * (float(chi2.ppf(0.025, 2 * count)) / 2 if count else 0.0) / total_m2
         high = TEN_M2 * float(chi2.ppf(0.975, 2 * (count + 1))) / 2 / total_m2
-        counts = np.array([of_image[image.key] for image in images], dtype=np.float64)
+        counts = np.array([count_by_image[image.key] for image in images], dtype=np.float64)
         areas = np.array([image.area_m2 for image in images], dtype=np.float64)
-        drawn = estimate_interval(
+        bootstrap = estimate_interval(
             images, lambda weight: TEN_M2 * float(weight @ counts) / float(weight @ areas), by_site=True
         )
-        if drawn is not None:
-            low, high = min(low, drawn.low), max(high, drawn.high)
+        if bootstrap is not None:
+            low, high = min(low, bootstrap.low), max(high, bootstrap.high)
     return FalseAlarmRate(
         defect_class=defect_class,
         count=count,
         photographs=len(images),
-        with_one=len(of_image),
+        with_one=len(count_by_image),
         area_m2=total_m2,
         per_10_m2=TEN_M2 * count / total_m2 if total_m2 else None,
         low_per_10_m2=low,

@@ -142,7 +142,8 @@ def _draw_defects(
             axes.plot(*np.array([nearest, centre]).T, color=colour, linewidth=0.8, zorder=3.1)
         text_colour, fill, edge = ("white", colour, "white") if index < len(marks) else (colour, "white", colour)
         axes.text(
-            *centre, mark.label, fontsize=6.5, color=text_colour, ha="center", va="center_baseline", zorder=4,
+            centre[0], centre[1], mark.label, fontsize=6.5, color=text_colour, ha="center", va="center_baseline",
+            zorder=4,
             bbox={"boxstyle": "round,pad=0.18", "facecolor": fill, "edgecolor": edge, "linewidth": 0.6},
         )  # fmt: skip
 

@@ -10,9 +10,8 @@ import pytest
 import shapely
 import trimesh
 
-from facadelake.building.facades.directions import Facades
+from facadelake.building.facades.directions import Facades, find_facades
 from facadelake.building.facades.openness import COMPASS, compass_from_direction, find_open_sides
-from facadelake.building.ifc.elements import find_facades
 from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.ifc.meshes import mesh_elements, open_ifc
 from facadelake.building.surface.raycasting import Surface

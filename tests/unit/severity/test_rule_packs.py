@@ -10,7 +10,7 @@ from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement_file, read_statements
 from facadelake.core.tables import check_table
-from facadelake.severity.rule_packs import RULES, find_rule_file, grade_defects, list_rule_packs
+from facadelake.severity.rule_packs import RULE_FOLDER, find_rule_file, grade_defects, list_rule_packs
 from tests.unit.lake.small_campaign import stage_tables
 from tests.unit.severity.rule_headers import read_severities
 
@@ -184,7 +184,7 @@ def test_every_pack_has_a_meaning_and_the_lake_ranks_its_severities() -> None:
         ranked.setdefault(pack, []).append(severity)
     assert ranked == {pack: read_severities(pack) for pack in list_rule_packs()}
     for pack in list_rule_packs():
-        (statement,) = read_statement_file(RULES / f"{pack}.sql")
+        (statement,) = read_statement_file(RULE_FOLDER / f"{pack}.sql")
         assert statement.meaning
 
 
