@@ -83,7 +83,7 @@ def test_a_valid_box_is_unchanged(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("bbox", "outcome", "kept", "reason"),
     [
-        ([-5, -7, 20, 20], "accepted", (0, 0, 15, 13), "beyond the photograph (640 x 480 px) by 7.0 px and was clipped"),
+        ([-5, -7, 20, 20], "accepted", (0, 0, 15, 13), "(640 x 480 px) by 7.0 px and was clipped"),
         ([630, 470, 20, 20], "accepted", (630, 470, 10, 10), "by 10.0 px"),
         ([-0.4, 0, 20, 480.6], "accepted", (0, 0, 19.6, 480), None),
         ([640, 10, 5, 5], "outside_image", (640, 10, 5, 5), "box at 640, 10 of 5 x 5 px lies outside the photograph"),

@@ -114,21 +114,21 @@ def test_from_task_to_promotion(tower: tuple[Portfolio, Path], tmp_path: Path) -
     assert better.comparison.review_counts["confirmed_gained"] == 1
     assert better.comparison.lost == ()
 
-    shelf = tmp_path / "shelf"
-    shelf.mkdir()
+    models_folder = tmp_path / "models"
+    models_folder.mkdir()
     for suffix in (".onnx", ".card.yaml"):
-        shutil.copy(finds.with_suffix(suffix), shelf / f"facadelake-nano{suffix}")
-    settings = {"lake": lake, "report": None, "by": "A. Mason", "why": "a trial", "models": shelf}
+        shutil.copy(finds.with_suffix(suffix), models_folder / f"facadelake-nano{suffix}")
+    settings = {"lake": lake, "report": None, "by": "A. Mason", "why": "a trial", "models": models_folder}
     with pytest.raises(ModelError, match=r"(?s)was not promoted.*loses 1 of the 1 confirmed defects.*defect-0000"):
         promote_model(blind, **settings, lost_max=0, confirmed_min=1)
-    assert read_promotions(shelf) == ()
+    assert read_promotions(models_folder) == ()
     entry, evidence = promote_model(blind, **settings, lost_max=1, confirmed_min=1)
     assert (entry.by, entry.replaces) == ("A. Mason", hash_file(finds))
     assert "1 of 1 confirmed defects lost (allowed 1)" in evidence
-    assert hash_file(find_default_model(shelf)) == hash_file(blind)
+    assert hash_file(find_default_model(models_folder)) == hash_file(blind)
     assert promote_model(blind, **settings, lost_max=0, confirmed_min=1)[0] == entry
     back, _ = promote_model(finds, **settings, lost_max=0, confirmed_min=1)
-    assert (back.replaces, len(read_promotions(shelf))) == (hash_file(blind), 2)
+    assert (back.replaces, len(read_promotions(models_folder))) == (hash_file(blind), 2)
 
 
 def test_command_line_exports_imports_and_lists(tower: tuple[Portfolio, Path], tmp_path: Path) -> None:
