@@ -1,4 +1,4 @@
-"""The portfolio: which buildings are inspected, from which files, how, and when."""
+"""The portfolio file: the buildings to be inspected, with their files, settings and schedules."""
 
 import lazy_loader
 

@@ -1,174 +1,37 @@
-"""One building of the registry, as a person writes it and as the flow uses it."""
+"""One building of the registry, and the files of its campaigns."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Literal, Self
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+from typing import Annotated, Self
 
-from cronsim import CronSim, CronSimError
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from facadelake.core.errors import InputDataError
+from facadelake.registry.settings import (
+    BuildingCrs,
+    CocoDetectorSetting,
+    Identifier,
+    OnnxDetectorSetting,
+    Schedule,
+    StoreySetting,
+    StrictModel,
+    Tolerances,
+)
 from facadelake.registry.surface_kinds import infer_surface_kind, require_applicable_keys
-from schemas.vocabulary import DefectClass, SurfaceKind
+from schemas.vocabulary import SurfaceKind
 
 CAMPAIGN = "{campaign}"
 
 
-class StrictModel(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-def _check_time_zone(name: str) -> str:
-    try:
-        ZoneInfo(name)
-    except (ZoneInfoNotFoundError, ValueError) as error:
-        raise ValueError("not a time zone; use a name of the IANA list such as Europe/Berlin or UTC") from error
-    return name
-
-
-def _check_cron(expression: str) -> str:
-    try:
-        CronSim(expression, datetime(2026, 1, 1, tzinfo=UTC))
-    except CronSimError as error:
-        raise ValueError(
-            f"not a cron expression ({error}); use five fields: minute hour day month weekday, such as '0 6 1 4,10 *'"
-        ) from error
-    return expression
-
-
-def _check_identifier(word: str) -> str:
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", word):
-        raise ValueError("an id is letters, digits, '.', '_' and '-', and begins with a letter or digit")
-    return word
-
-
-Identifier = Annotated[str, AfterValidator(_check_identifier)]
-
-
-class Schedule(StrictModel):
-    """When the building is inspected: a cron expression in a time zone."""
-
-    cron: Annotated[str, AfterValidator(_check_cron)]
-    timezone: Annotated[str, AfterValidator(_check_time_zone)] = "UTC"
-
-
-class SiteOriginSetting(StrictModel):
-    """Origin of the site frame in EPSG:4979, where it is not to be taken from the model."""
-
-    lon_deg: Annotated[float, Field(ge=-180, le=180)]
-    lat_deg: Annotated[float, Field(ge=-90, le=90)]
-    height_ellipsoidal_m: Annotated[float, Field(ge=-1000, le=10000)]
-
-
-class PlacementSetting(StrictModel):
-    """Where the model's zero lies in the projected CRS: metres, and degrees anticlockwise from map east to model x.
-
-    ``scale`` is of east and north, such as the grid's 0.9996.
-    """
-
-    east_m: float
-    north_m: float
-    height_m: float
-    rotation_deg: float = 0.0
-    scale: Annotated[float, Field(gt=0)] = 1.0
-
-
-class ControlPairSetting(StrictModel):
-    """A point in the model's axes and the same on the map (east, north, height in the vertical datum), metres."""
-
-    ifc_m: tuple[float, float, float]
-    map_m: tuple[float, float, float]
-
-
-class BuildingCrs(StrictModel):
-    """Overrides for a model that does not say where it stands; see docs/georeference-levels.md.
-
-    ``map`` is a projected CRS such as EPSG:25832; ``vertical`` is ``ellipsoidal`` or a vertical CRS such as EPSG:7837.
-    ``accept_level`` takes a georeference that is good to metres alone, down to that LoGeoRef. For meshes
-    (docs/without-bim.md): ``offset_file`` says where their zero lies, ``axes`` what is up, ``unit`` what they count in.
-    """
-
-    map: str | None = None
-    vertical: str | None = None
-    placement: PlacementSetting | None = None
-    control: tuple[ControlPairSetting, ...] = ()
-    accept_level: Literal[20, 40] | None = None
-    offset_file: str | None = None
-    axes: Literal["z-up", "y-up"] | None = None
-    unit: Literal["metre", "millimetre", "foot", "us_survey_foot"] | None = None
-    origin: SiteOriginSetting | None = None
-
-    @model_validator(mode="after")
-    def _check_single_placement(self) -> Self:
-        if self.placement and self.control:
-            raise ValueError("both 'placement' and 'control' place the model; give one of them")
-        return self
-
-
-class StoreySetting(StrictModel):
-    """A storey where the model names none: the height of its floor in the vertical datum, metres."""
-
-    name: Annotated[str, Field(min_length=1)]
-    floor_m: float
-
-
-class Tolerances(StrictModel):
-    """Limits of the stages; each says its unit.
-
-    ``features_max_image_px``: photographs are reduced to this longer side before features are looked for.
-    ``model_sigma_m``: how far the building as built may stand off its model, one sigma (DIN 18202 allows walls of 15 m
-    24 mm). ``placement_sigma_max_m``: a campaign that is placed worse than this (one sigma) is refused.
-    """
-
-    close_range_below_m: Annotated[float, Field(gt=0)] = 8.0
-    grazing_above_deg: Annotated[float, Field(gt=0, le=90)] = 80.0
-    target_share_min: Annotated[float, Field(ge=0, le=1)] = 0.5
-    features_max_image_px: Annotated[int, Field(ge=500, le=20000)] = 3200
-    model_sigma_m: Annotated[float, Field(gt=0, le=1)] = 0.03
-    placement_sigma_max_m: Annotated[float, Field(gt=0)] = 0.5
-
-
-class CocoDetectorSetting(StrictModel):
-    """Detections are read from a COCO file: an outside detector's, or a person's boxes.
-
-    ``alternatives`` names further files, so that a run can choose one by name.
-    """
-
-    kind: Literal["coco"]
-    file: str
-    alternatives: dict[str, str] = {}
-    classes: dict[str, DefectClass] = {}
-
-
-DEFAULT_MODEL = "default"  # stands where a detector model's path would
-
-
-class OnnxDetectorSetting(StrictModel):
-    """Detections are made by an ONNX model: a file, or the word ``default`` for the one that Facadelake ships.
-
-    Its card, ``crack.card.yaml`` beside ``crack.onnx`` unless ``card`` says another, declares its layout.
-    ``score_threshold`` stands in for the card's; ``threads`` for one a core.
-    """
-
-    kind: Literal["onnx"]
-    model: str = DEFAULT_MODEL
-    card: str | None = None
-    classes: dict[str, DefectClass] = {}
-    score_threshold: Annotated[float, Field(ge=0, le=1)] | None = None
-    threads: Annotated[int, Field(ge=1)] | None = None
-
-
 class Building(StrictModel):
-    """One building of the registry; ``{campaign}`` in a path stands for the campaign's id.
+    """One building of the registry; ``{campaign}`` in a path is replaced by the campaign id.
 
-    ``model`` is an IFC, a mesh, or the word ``as-built``: the campaign's own surface, where there is no model.
-    ``model_building`` names the one IfcBuilding to take of an IFC with several. ``storeys`` stand in where the model
-    has none. Without ``detector`` the default model looks for defects.
+    ``model`` is an IFC, a mesh, or the keyword ``as-built`` for the as-built surface of the campaign where there is no
+    model. ``model_building`` is the name of the IfcBuilding to use of an IFC with several. ``storeys`` are for models
+    without storeys. The default of ``detector`` is the default detector model.
     """
 
     id: Identifier
@@ -195,7 +58,7 @@ class Building(StrictModel):
         if CAMPAIGN not in self.photographs and not self.campaigns:
             raise ValueError(
                 f"photographs '{self.photographs}' has no {CAMPAIGN} in it and 'campaigns' is empty, "
-                f"so no campaign can be told from another; put {CAMPAIGN} in the path, or list the campaigns"
+                f"so that campaigns cannot be distinguished; put {CAMPAIGN} in the path, or list the campaigns"
             )
         return self
 
@@ -208,11 +71,11 @@ class Building(StrictModel):
 
     @property
     def surface_kind(self) -> SurfaceKind:
-        """What the building's surface is made of."""
+        """The kind of the building's surface: IFC, mesh or as-built."""
         return infer_surface_kind(self.model)
 
     def list_campaigns(self) -> tuple[str, ...]:
-        """The campaigns listed, or those whose photographs' folder exists, oldest id first."""
+        """The campaigns of the registry, else those whose folder of photographs exists, in the order of their ids."""
         if self.campaigns:
             return tuple(sorted(self.campaigns))
         before, after = self.photographs.split(CAMPAIGN, 1)
@@ -227,7 +90,7 @@ class Building(StrictModel):
         return tuple(sorted(found))
 
     def locate_photographs(self, campaign_id: str) -> Path:
-        """Folder of the campaign's photographs. Raises InputDataError where it is missing."""
+        """The folder of the campaign's photographs. Raises InputDataError where it does not exist."""
         folder = Path(self.photographs.replace(CAMPAIGN, campaign_id))
         if self.campaigns and campaign_id not in self.campaigns:
             raise InputDataError(
@@ -243,25 +106,25 @@ class Building(StrictModel):
         return folder
 
     def locate_model(self) -> Path:
-        """The building model's file. Raises InputDataError where it is missing; ``as-built`` has none."""
+        """The file of the building model. Raises InputDataError where it does not exist, and for ``as-built``."""
         return self._require_file(self.model, "model")
 
     def locate_offset_file(self) -> Path | None:
-        """The file that says where a mesh's zero lies, if the registry names one. Raises where it is missing."""
+        """The offset file of a mesh; None where none is given. Raises InputDataError where it does not exist."""
         return self._require_file(self.crs.offset_file, "offset file") if self.crs.offset_file else None
 
     def locate_control_points(self, campaign_id: str) -> Path | None:
-        """The control points' file, where the registry names one and it exists."""
+        """The file of control points; None where none is given or it does not exist."""
         return _find_file(self.control_points, campaign_id)
 
     def locate_check_points(self, campaign_id: str) -> Path | None:
-        """The file of points that are held out of the adjustment to judge it, where there is one."""
+        """The file of check points; None where none is given or it does not exist."""
         return _find_file(self.check_points, campaign_id)
 
     def locate_poses(self, campaign_id: str, choice: str | None) -> Path | None:
-        """Poses to import: ``choice`` (a file or folder), else the registry's; None: they are to be found anew.
+        """The file or folder of poses to import: ``choice``, else that of the registry; None: there is none.
 
-        Raises InputDataError where they are named and not there.
+        Raises InputDataError where it does not exist.
         """
         text = choice or self.poses
         if text is None:
@@ -270,12 +133,15 @@ class Building(StrictModel):
         if not path.exists():
             raise InputDataError(
                 f"the poses {path} of building '{self.id}', campaign '{campaign_id}', do not exist; correct the path, "
-                "or find the poses anew: --georeference gcp, campaign, model or gps leaves the registry's poses out"
+                "or reconstruct the campaign: --georeference gcp, campaign, model or gps ignores poses of the registry"
             )
         return path
 
     def locate_detections(self, campaign_id: str, choice: str | None) -> Path:
-        """The COCO file to read: the registry's, one of its alternatives by name, or a path."""
+        """The COCO file of detections: that of the registry, one of its alternatives by name, or a path.
+
+        Raises InputDataError where it does not exist.
+        """
         assert isinstance(self.detector, CocoDetectorSetting)
         if choice is None:
             template = self.detector.file
@@ -291,21 +157,23 @@ class Building(StrictModel):
             )
         return self._require_file(template.replace(CAMPAIGN, campaign_id), "detections file")
 
-    def _require_file(self, text: str, what: str) -> Path:
+    def _require_file(self, text: str, kind: str) -> Path:
         path = Path(text)
         if not path.is_file():
-            raise InputDataError(f"the {what} {path} of building '{self.id}' does not exist; {self._format_remedy()}")
+            raise InputDataError(
+                f"the {description} {path} of building '{self.id}' does not exist; {self._format_remedy()}"
+            )
         return path
 
     def _format_remedy(self) -> str:
         if self.id == "demo":
-            return "run 'facadelake demo' first, which makes it"
+            return "run 'facadelake demo' first, which creates it"
         if self._variables:
             return f"correct the path in the registry, or set the environment variable {' or '.join(self._variables)}"
         return "correct the path in the registry"
 
     def record_variables(self, names: Sequence[str]) -> None:
-        """Keep which environment variables the paths were made of, for messages that name the remedy."""
+        """Record the environment variables in the paths, which error messages name as a remedy."""
         self._variables = tuple(names)
 
 

@@ -1,4 +1,4 @@
-"""Read the registry: one YAML file, or a folder with a file for each building."""
+"""Read the registry: one YAML file, or a folder with one file per building."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from facadelake.core.errors import InputDataError
-from facadelake.registry.building import DEFAULT_MODEL, Building
+from facadelake.registry.building import Building
+from facadelake.registry.settings import DEFAULT_MODEL
 from facadelake.registry.surface_kinds import AS_BUILT
 
-_PATH_KEYWORDS = (AS_BUILT, DEFAULT_MODEL)  # that stand where a path would
+_PATH_KEYWORDS = (AS_BUILT, DEFAULT_MODEL)  # in place of a path
 _VARIABLE = re.compile(r"\$\{(\w+)(?::-([^}]*))?\}")
 _PATH_KEYS = (
     ("model",),
@@ -40,7 +41,7 @@ class Portfolio(BaseModel):
     buildings: tuple[Building, ...]
 
     def get_building(self, building_id: str) -> Building:
-        """The building of that id. Raises InputDataError with the ids there are."""
+        """The building of an id. Raises InputDataError, with the known ids, where there is none."""
         for building in self.buildings:
             if building.id == building_id:
                 return building
@@ -49,12 +50,10 @@ class Portfolio(BaseModel):
 
 
 def read_portfolio(path: Path) -> Portfolio:
-    """The registry at ``path``, a YAML file with ``buildings:`` or a folder of files with one building each.
+    """Read the registry at ``path``: a YAML file with ``buildings:``, or a folder of files with one building each.
 
-    Relative paths count from the file they stand in; ``${NAME:-default}`` is taken from the environment; ``file://``
-    URIs are paths.
-
-    Raises InputDataError that names file, key, value and what is allowed, for all mistakes at once.
+    Paths are relative to their file; ``${NAME:-default}`` is replaced by an environment variable; ``file://`` URIs are
+    paths. Raises InputDataError that lists all mistakes with file, key, value and what is allowed.
     """
     files = sorted([*path.glob("*.yaml"), *path.glob("*.yml")]) if path.is_dir() else [path]
     if not files or not all(file.is_file() for file in files):
@@ -72,15 +71,15 @@ def read_portfolio(path: Path) -> Portfolio:
             except InputDataError as error:
                 mistakes.append(f"{file}: {where}: {error}")
     ids = [building.id for building in buildings]
-    twice = sorted({i for i in ids if ids.count(i) > 1})
-    mistakes += [f"{path}: the id '{word}' is given to several buildings; each needs its own" for word in twice]
+    repeated = sorted({i for i in ids if ids.count(i) > 1})
+    mistakes += [f"{path}: several buildings have the id '{identifier}'; ids must be unique" for identifier in repeated]
     if mistakes:
         raise InputDataError("the registry has mistakes:\n  " + "\n  ".join(mistakes))
     return Portfolio(buildings=tuple(buildings))
 
 
 def _read_entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The buildings of one file, each with where it stands."""
+    """The buildings of one file, each with its location in the file."""
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -89,7 +88,7 @@ def _read_entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[s
     if isinstance(content, dict) and "buildings" in content:
         unknown = sorted(content.keys() - {"buildings"})
         if unknown:
-            mistakes.append(f"{file}: unknown key {unknown[0]!r}; beside 'buildings' nothing is allowed")
+            mistakes.append(f"{file}: unknown key {unknown[0]!r}; 'buildings' is the only key allowed")
         entries = content["buildings"]
         if not isinstance(entries, list):
             mistakes.append(f"{file}: 'buildings' is {type(entries).__name__}; a list of buildings is allowed")
@@ -107,7 +106,7 @@ def _read_entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[s
 
 
 def _resolve_entry(entry: dict[str, Any], file: Path) -> dict[str, Any]:
-    """The entry with its paths made absolute and its variables replaced."""
+    """The entry with absolute paths and environment variables replaced."""
     out = dict(entry)
     for name in ("detector", "crs"):
         if isinstance(out.get(name), dict):
@@ -133,7 +132,7 @@ def _resolve_entry(entry: dict[str, Any], file: Path) -> dict[str, Any]:
 
 
 def _resolve_path(text: str, file: Path) -> str:
-    def replaced(match: re.Match[str]) -> str:
+    def substitute(match: re.Match[str]) -> str:
         value = os.environ.get(match[1]) or match[2]
         if value is None:
             raise InputDataError(
@@ -141,17 +140,17 @@ def _resolve_path(text: str, file: Path) -> str:
             )
         return value
 
-    text = _VARIABLE.sub(replaced, text)
+    text = _VARIABLE.sub(substitute, text)
     if "://" in text:
         uri = urlparse(text)
         if uri.scheme != "file":
-            raise InputDataError(f"'{text}' is of the scheme '{uri.scheme}'; a path or a file:// URI is allowed")
+            raise InputDataError(f"'{text}' has the scheme '{uri.scheme}'; a path or a file:// URI is allowed")
         text = unquote(uri.path)
     return os.path.normpath(file.resolve().parent / Path(text).expanduser())
 
 
 def _format_error(file: Path, where: str, entry: dict[str, Any], detail: Any) -> str:
-    """One pydantic error in words: file, key, value, what is allowed."""
+    """Message of one error of pydantic: file, key, value, and what is allowed."""
     location = [str(part) for part in detail["loc"] if part not in ("coco", "onnx")]
     key = ".".join([where, *location])
     name = f" (id {entry['id']!r})" if "id" in entry else ""
@@ -159,8 +158,8 @@ def _format_error(file: Path, where: str, entry: dict[str, Any], detail: Any) ->
     if kind == "extra_forbidden":
         allowed = _list_allowed_keys(entry, location[:-1])
         close = get_close_matches(location[-1], allowed, n=1)
-        meant = f" (did you mean '{close[0]}'?)" if close else ""
-        return f"{file}: {key}{name}: unknown key{meant}; allowed are {', '.join(allowed)}"
+        suggestion = f" (did you mean '{close[0]}'?)" if close else ""
+        return f"{file}: {key}{name}: unknown key{suggestion}; allowed are {', '.join(allowed)}"
     if kind == "missing":
         return f"{file}: {key}{name}: missing; every {'building' if len(location) == 1 else location[-2]} needs it"
     if kind == "union_tag_invalid":
@@ -173,9 +172,9 @@ def _format_error(file: Path, where: str, entry: dict[str, Any], detail: Any) ->
 
 
 def _list_allowed_keys(entry: dict[str, Any], parents: list[str]) -> list[str]:
-    """The keys a mapping may have, where ``parents`` leads to it."""
+    """The keys that are allowed in the mapping at ``parents``."""
     model: Any = Building
-    for parent in (name for name in parents if not name.isdigit()):  # a list's members have its keys
+    for parent in (name for name in parents if not name.isdigit()):  # the keys of a list are those of its members
         annotation = model.model_fields[parent].annotation
         candidates = [annotation, *getattr(annotation, "__args__", ())]
         models = [c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)]

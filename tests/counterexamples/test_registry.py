@@ -57,12 +57,12 @@ MISTAKES = (
     "buildings[0].photograps (id 'hall'): unknown key (did you mean 'photographs'?); allowed are id, name, model, ",
     "buildings[0].crs.mapp (id 'hall'): unknown key (did you mean 'map'?); allowed are map, vertical, ",
     "buildings[1].id (id 'town hall'): 'town hall': "
-    "an id is letters, digits, '.', '_' and '-', and begins with a letter or digit",
+    "an id consists of letters, digits, '.', '_' and '-', and begins with a letter or digit",
     "buildings[1].name (id 'town hall'): '': String should have at least 1 character",
     "buildings[1].detector.classes.Rust (id 'town hall'): 'rust': Input should be 'crack', 'spalling' or 'moisture'",
-    "buildings[2]: 's3://bucket/mill.ifc' is of the scheme 's3'; a path or a file:// URI is allowed",
+    "buildings[2]: 's3://bucket/mill.ifc' has the scheme 's3'; a path or a file:// URI is allowed",
     "buildings[3] (id 'barn'): photographs '{folder}/photos' has no {campaign} in it and 'campaigns' is empty, "
-    "so no campaign can be told from another; put {campaign} in the path, or list the campaigns",
+    "so that campaigns cannot be distinguished; put {campaign} in the path, or list the campaigns",
 )
 
 

@@ -88,10 +88,10 @@ def test_variables_have_defaults_and_are_named_when_a_path_is_missing(
         (("kind: coco", "kind: yolo"), r"detector\.kind .*'yolo'; allowed are 'coco', 'onnx'"),
         (('cron: "0 6 1 4,10 *"', 'cron: "61 6 * * *"'), r"schedule\.cron .*'61 6 \* \* \*': not a cron expression"),
         (("Europe/Berlin", "Berlin"), r"schedule\.timezone .*'Berlin': not a time zone; .*Europe/Berlin"),
-        (("id: hall", "id: town hall"), r"buildings\[0\]\.id .*'town hall': an id is letters, digits"),
+        (("id: hall", "id: town hall"), r"buildings\[0\]\.id .*'town hall': an id consists of letters, digits"),
         (
             ("models/hall.ifc", "s3://bucket/hall.ifc"),
-            r"'s3://bucket/hall\.ifc' is of the scheme 's3'; a path or a file://",
+            r"'s3://bucket/hall\.ifc' has the scheme 's3'; a path or a file://",
         ),
         (("photos/{campaign}/images", "photos"), r"has no \{campaign\} in it and 'campaigns' is empty"),
         (("buildings:", "bildings:"), r"unknown key.*allowed are id, name"),
@@ -116,7 +116,7 @@ def test_all_mistakes_are_reported_at_once_and_ids_are_unique(tmp_path: Path) ->
     with pytest.raises(InputDataError) as caught:
         read_portfolio(_write(tmp_path, GOOD + second.replace("Town hall", "''")))
     assert "shedule" in str(caught.value) and "buildings[1].name" in str(caught.value)
-    with pytest.raises(InputDataError, match="id 'hall' is given to several buildings"):
+    with pytest.raises(InputDataError, match="several buildings have the id 'hall'"):
         read_portfolio(_write(tmp_path, GOOD + GOOD.replace("buildings:\n", "")))
 
 

@@ -73,12 +73,15 @@ def test_what_a_mesh_is_told_reaches_geobim_and_paths_count_from_the_registry(tm
     [
         (
             {"model": "hall.ifc", "crs": {"axes": "y-up"}},
-            "'axes' is for a building whose model is a mesh; this one's is",
+            "'axes' applies to buildings whose model is a mesh; the model of this one is an IFC",
         ),
-        ({"model_building": "East"}, "'model_building' is for a building whose model is an IFC; this one's is a mesh"),
-        ({"crs": {**MESH, "accept_level": 20}}, "'accept_level' is for a building whose model is an IFC"),
+        (
+            {"model_building": "East"},
+            "'model_building' applies to buildings whose model is an IFC; the model of this one is a mesh",
+        ),
+        ({"crs": {**MESH, "accept_level": 20}}, "'accept_level' applies to buildings whose model is an IFC"),
         ({"model": "as-built", "crs": {"map": "EPSG:25832"}}, "'vertical' is missing in 'crs'"),
-        ({"model": "as-built", "crs": {**MESH, "offset_file": "x.txt"}}, "'offset_file' is for .* a mesh"),
+        ({"model": "as-built", "crs": {**MESH, "offset_file": "x.txt"}}, "'offset_file' applies to .* a mesh"),
         (
             {"crs": {**MESH, "offset_file": "x", "placement": {"east_m": 1, "north_m": 2, "height_m": 3}}},
             "both 'placement' and 'offset_file'",

@@ -1,0 +1,160 @@
+"""Settings of a building in the registry: schedule, georeference, tolerances, detector."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+from typing import Annotated, Literal, Self
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+from cronsim import CronSim, CronSimError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from schemas.vocabulary import DefectClass
+
+
+class StrictModel(BaseModel):
+    """A mapping of the registry: immutable, without unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _check_time_zone(name: str) -> str:
+    try:
+        ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError) as error:
+        raise ValueError("not a time zone; use a name of the IANA list such as Europe/Berlin or UTC") from error
+    return name
+
+
+def _check_cron(expression: str) -> str:
+    try:
+        CronSim(expression, datetime(2026, 1, 1, tzinfo=UTC))
+    except CronSimError as error:
+        raise ValueError(
+            f"not a cron expression ({error}); use five fields: minute hour day month weekday, such as '0 6 1 4,10 *'"
+        ) from error
+    return expression
+
+
+def _check_identifier(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", text):
+        raise ValueError("an id consists of letters, digits, '.', '_' and '-', and begins with a letter or digit")
+    return text
+
+
+Identifier = Annotated[str, AfterValidator(_check_identifier)]
+
+
+class Schedule(StrictModel):
+    """Schedule of inspections: a cron expression in a time zone."""
+
+    cron: Annotated[str, AfterValidator(_check_cron)]
+    timezone: Annotated[str, AfterValidator(_check_time_zone)] = "UTC"
+
+
+class SiteOriginSetting(StrictModel):
+    """Origin of the site frame in EPSG:4979, instead of that of the model."""
+
+    lon_deg: Annotated[float, Field(ge=-180, le=180)]
+    lat_deg: Annotated[float, Field(ge=-90, le=90)]
+    height_ellipsoidal_m: Annotated[float, Field(ge=-1000, le=10000)]
+
+
+class PlacementSetting(StrictModel):
+    """Origin of the model in the projected CRS: metres, and degrees anticlockwise from map east to the model's x axis.
+
+    ``scale`` is that of east and north, such as 0.9996 of the grid.
+    """
+
+    east_m: float
+    north_m: float
+    height_m: float
+    rotation_deg: float = 0.0
+    scale: Annotated[float, Field(gt=0)] = 1.0
+
+
+class ControlPairSetting(StrictModel):
+    """A point in the axes of the model and on the map (east, north, height in the vertical datum), metres."""
+
+    ifc_m: tuple[float, float, float]
+    map_m: tuple[float, float, float]
+
+
+class BuildingCrs(StrictModel):
+    """Georeference of a model without one, or instead of its own; see docs/georeference-levels.md.
+
+    ``map`` is a projected CRS such as EPSG:25832; ``vertical`` is ``ellipsoidal`` or a vertical CRS such as EPSG:7837.
+    ``accept_level`` accepts a georeference with an accuracy of metres, down to that LoGeoRef level. For meshes
+    (docs/without-bim.md): ``offset_file`` contains the position of their origin, ``axes`` is the upward axis, ``unit``
+    the unit of length.
+    """
+
+    map: str | None = None
+    vertical: str | None = None
+    placement: PlacementSetting | None = None
+    control: tuple[ControlPairSetting, ...] = ()
+    accept_level: Literal[20, 40] | None = None
+    offset_file: str | None = None
+    axes: Literal["z-up", "y-up"] | None = None
+    unit: Literal["metre", "millimetre", "foot", "us_survey_foot"] | None = None
+    origin: SiteOriginSetting | None = None
+
+    @model_validator(mode="after")
+    def _check_single_placement(self) -> Self:
+        if self.placement and self.control:
+            raise ValueError("both 'placement' and 'control' place the model; give one of them")
+        return self
+
+
+class StoreySetting(StrictModel):
+    """A storey of a model without storeys: the height of its floor in the vertical datum, metres."""
+
+    name: Annotated[str, Field(min_length=1)]
+    floor_m: float
+
+
+class Tolerances(StrictModel):
+    """Limits of the stages; the suffix of each name is its unit.
+
+    ``features_max_image_px``: longer side to which photographs are reduced before feature extraction.
+    ``model_sigma_m``: standard deviation of the building as built from its model (DIN 18202 allows 24 mm for walls of
+    15 m). ``placement_sigma_max_m``: a campaign whose position has a larger standard deviation is refused.
+    """
+
+    close_range_below_m: Annotated[float, Field(gt=0)] = 8.0
+    grazing_above_deg: Annotated[float, Field(gt=0, le=90)] = 80.0
+    target_share_min: Annotated[float, Field(ge=0, le=1)] = 0.5
+    features_max_image_px: Annotated[int, Field(ge=500, le=20000)] = 3200
+    model_sigma_m: Annotated[float, Field(gt=0, le=1)] = 0.03
+    placement_sigma_max_m: Annotated[float, Field(gt=0)] = 0.5
+
+
+class CocoDetectorSetting(StrictModel):
+    """Detections are imported from a COCO file of an external detector or of a person.
+
+    ``alternatives`` are further files by name, from which a run can select one.
+    """
+
+    kind: Literal["coco"]
+    file: str
+    alternatives: dict[str, str] = {}
+    classes: dict[str, DefectClass] = {}
+
+
+DEFAULT_MODEL = "default"  # keyword in place of the path of a detector model
+
+
+class OnnxDetectorSetting(StrictModel):
+    """Detections are inferred by an ONNX model: a file, or the keyword ``default`` for the promoted default model.
+
+    ``card`` is the model card; None: ``crack.card.yaml`` beside ``crack.onnx``. ``score_threshold`` replaces that of
+    the card. ``threads`` is the number of threads; None: one per processor core.
+    """
+
+    kind: Literal["onnx"]
+    model: str = DEFAULT_MODEL
+    card: str | None = None
+    classes: dict[str, DefectClass] = {}
+    score_threshold: Annotated[float, Field(ge=0, le=1)] | None = None
+    threads: Annotated[int, Field(ge=1)] | None = None
