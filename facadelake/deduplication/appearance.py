@@ -67,7 +67,7 @@ class PhotographSource:
     def prepare_comparison(
         self, photo_ids: Sequence[str]
     ) -> Callable[[ObservationArrays, RowIndices, RowIndices, Float64Array], AppearanceScore]:
-        """``compare_pairs`` for observations whose codes of photographs stand for ``photo_ids``."""
+        """``compare_pairs`` for observations whose codes of photographs are indices into ``photo_ids``."""
 
         def compare(
             observations: ObservationArrays, first: RowIndices, second: RowIndices, tolerance_m: Float64Array
@@ -90,7 +90,7 @@ class PhotographSource:
 
         Args:
             observations: the observations (n).
-            photo_ids: what the codes ``observations.photo`` stand for.
+            photo_ids: the photo_ids of the codes ``observations.photo``.
             first: first rows (k,) of the pairs.
             second: their second rows (k,).
             tolerance_m: distance (k,) from the centre up to which a match counts as at the centre.
@@ -116,7 +116,7 @@ class PhotographSource:
 
         Args:
             observations: the observations (n).
-            photo_ids: what the codes ``observations.photo`` stand for.
+            photo_ids: the photo_ids of the codes ``observations.photo``.
             rows: rows (m,) to be read.
             cell: size of a cell in m, by row.
         """

@@ -161,7 +161,7 @@ def _estimate_noise(
     )
     scale = box_variance.combine_with_prior(1.0, _PRIOR_OBSERVATIONS) ** 0.5
     if settings.offset_m > 0:
-        relief_variance = VarianceEstimate()  # an offset of the campaign cannot be told from relief
+        relief_variance = VarianceEstimate()  # an offset of the campaign cannot be separated from relief
     noise = PositionNoise(
         size_share=same.size_share * scale,
         floor_m=same.floor_m * scale,

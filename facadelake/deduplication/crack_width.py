@@ -14,7 +14,7 @@ from schemas.vocabulary import CrackWidthOutcome
 
 # A measured width this far above the resolution limit of a better photograph is the blur of a coarse one.
 _BLUR_SIGMAS = 2.0
-_OUTCOMES = tuple(str(word) for word in CrackWidthOutcome)  # the best first
+_OUTCOMES = tuple(str(outcome) for outcome in CrackWidthOutcome)  # the best first
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

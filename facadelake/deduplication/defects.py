@@ -141,7 +141,7 @@ def _count_photographs(group: RowIndices, photo: RowIndices, groups: int) -> Row
 
 
 def _read_element_columns(building: BuildingModel, guids: list[str | None], element: RowIndices) -> dict[str, pa.Array]:
-    """Columns of the elements ``element`` (g,), codes that stand for ``guids``."""
+    """Columns of the elements ``element`` (g,), indices into ``guids``."""
     rows = {guid: i for i, guid in enumerate(building.elements.column("element_guid").to_pylist())}
     element_row = np.array([rows[str(guid)] for guid in guids], dtype=np.int64)[element]
     return {

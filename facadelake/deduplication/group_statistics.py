@@ -12,7 +12,7 @@ def find_most_common(group: RowIndices, value: RowIndices, weight: Float64N, gro
 
     Args:
         group: group (n,) of each row.
-        word: value (n,) of each row, from 0.
+        value: value (n,) of each row, from 0.
         weight: weight (n,) of each row, which decides among equally common values; then the lowest value is taken.
         groups: number of groups.
 

@@ -106,7 +106,7 @@ def merge_observations(
 
 
 def _list_photo_ids(registered_rows: pa.Table) -> list[str]:
-    """What the codes of photographs in ``read_observations`` stand for."""
+    """The photo_ids of the codes ``ObservationArrays.photo``."""
     return [str(name) for name in encode_column(registered_rows, "photo_id")[1]]
 
 

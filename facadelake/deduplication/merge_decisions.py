@@ -44,7 +44,7 @@ def build_merges_table(
     joined = clustering.group[pairs.first] == clustering.group[pairs.second]
     kept = np.flatnonzero(_select_nearest_pairs(pairs.first, pairs.second, pairs.sigmas, joined))
     first, second = pairs.first[kept], pairs.second[kept]
-    reasons = np.array([str(word) for word in MergeReason])
+    reasons = np.array([str(reason) for reason in MergeReason])
     reason = _assign_reasons(observations, clustering, settings)[kept]
     score = clustering.score[kept]
     values = {

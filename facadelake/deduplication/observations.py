@@ -86,7 +86,7 @@ def read_columns(table: pa.Table, *names: str) -> Float64Array:
 
 
 def encode_column(table: pa.Table, name: str) -> tuple[RowIndices, list[str | None]]:
-    """A text column as codes (n,), and the values that the codes stand for, in ascending order.
+    """A text column as codes (n,), and the values of the codes in ascending order.
 
     An empty value is the first value, None.
     """

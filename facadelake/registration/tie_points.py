@@ -21,10 +21,9 @@ from facadelake.core.camera import PosedCamera
 
 _IMAGE_POINTS_MIN = 3  # with two, a wrong match along the epipolar line has no residual
 _SIGMA_MIN_PX = 0.5  # features are not located more accurately
-_RESIDUAL_SIGMAS_MAX = 3.0  # the residual of a tie point beyond which it contains a wrong match
-_EIGENVALUE_RATIO_MIN = (
-    1e-4  # of the information matrix: below, the distance is undetermined; rays that meet at 0.6 deg
-)
+_RESIDUAL_SIGMAS_MAX = 3.0  # a tie point with larger residuals contains a wrong match
+# Smallest over largest eigenvalue of the information matrix: rays that meet at 0.6 deg do not determine the distance.
+_EIGENVALUE_RATIO_MIN = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
