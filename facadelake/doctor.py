@@ -1,7 +1,7 @@
-"""What this machine has and lacks: system libraries, rendering, native packages, room for the lake, models.
+"""Check this machine: system libraries, rendering, native packages, disk space for the lake, detector models.
 
-Native packages are tried in processes of their own: what crashes there is a line in the report, not a crash here,
-and no two native libraries meet in one process.
+Native packages are loaded in separate processes: a crash there is a line in the report, and no two native libraries are
+loaded into one process.
 """
 
 import os
@@ -21,14 +21,14 @@ from facadelake.core.system_libraries import LIBRARIES, Library, format_install_
 from facadelake.detection import find_default_model
 
 GIB = 1024**3
-DISK_WANTED_GIB = 5.0  # a campaign's photographs, reconstruction, depth maps and tables, with some to spare
-MEMORY_WANTED_GIB = 4.0  # SIFT on two 6 Mpx photographs at once, beside Prefect
+DISK_NEEDED_GIB = 5.0  # photographs, reconstruction, depth maps and tables of a campaign, with a reserve
+MEMORY_NEEDED_GIB = 4.0  # SIFT on two 6 Mpx photographs at once, in addition to Prefect
 PROBE_LIMIT_S = 120.0
-SETUP_AGAIN = "make distclean setup"
+REPEAT_SETUP = "make distclean setup"
 
 
 class Status(StrEnum):
-    """What a check came to."""
+    """Result of a check."""
 
     OK = "ok"
     WARNING = "warning"
@@ -37,7 +37,7 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One line of the report: what was looked at, what was found, and how to get what is lacking ('' if nothing)."""
+    """One line of the report: the object, what was found, and the remedy (empty where nothing is missing)."""
 
     name: str
     status: Status
@@ -47,11 +47,11 @@ class Check:
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
-    """Python code that prints what it found in its last line, or fails."""
+    """Python code that prints its finding in the last line, or fails."""
 
     name: str
     code: str
-    remedy: str = SETUP_AGAIN
+    remedy: str = REPEAT_SETUP
 
 
 RENDER_CODE = """
@@ -67,7 +67,7 @@ assert abs(float(depth[24, 32]) - 2.5) < 0.001, f"a box at 2.5 m was rendered at
 print(glGetString(GL_RENDERER).decode())
 """
 
-# LOAD of a file: nothing is downloaded, and DuckDB verifies its own signature on it.
+# LOAD of a file: nothing is downloaded, and DuckDB verifies the signature.
 EXTENSIONS_CODE = """
 import duckdb, importlib.util, pathlib
 connection = duckdb.connect(":memory:", config={"autoinstall_known_extensions": False})
@@ -98,29 +98,32 @@ PROBES = (
 
 
 def run_checks(lake: Path, model_files: Sequence[Path]) -> list[Check]:
-    """Look at everything Facadelake needs here, in a few seconds; nothing is changed and nothing is raised."""
+    """Run all checks, in a few seconds, without changing anything; failed checks are results, not exceptions.
+
+    ``lake`` is the folder of the lake, ``model_files`` are the detector models of the portfolio.
+    """
     with ThreadPoolExecutor(max_workers=count_cores()) as pool:
-        probed = list(pool.map(check_probe, PROBES))
+        probes = list(pool.map(check_probe, PROBES))
     libraries = [check_library(library) for library in LIBRARIES]
-    here = [check_python(), *libraries, *probed, check_memory(), check_cores()]
-    return [*here, check_disk(lake), check_writable(lake), *check_models(model_files)]
+    machine = [check_python(), *libraries, *probes, check_memory(), check_cores()]
+    return [*machine, check_disk(lake), check_writable(lake), *check_models(model_files)]
 
 
 def count_cores() -> int:
-    """Processor cores this process may use."""
+    """Number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 def check_python() -> Check:
-    """Interpreter and machine; pycolmap's wheels are for Linux on x86-64 alone."""
+    """Interpreter and architecture; pycolmap has wheels only for Linux on x86-64."""
     found = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    fits = (3, 11) <= sys.version_info[:2] < (3, 14) and platform.machine() == "x86_64"
-    remedy = "" if fits else "use CPython 3.11, 3.12 or 3.13 on Linux x86_64"
-    return Check(name="Python", status=Status.OK if fits else Status.MISSING, found=found, remedy=remedy)
+    supported = (3, 11) <= sys.version_info[:2] < (3, 14) and platform.machine() == "x86_64"
+    remedy = "" if supported else "use CPython 3.11, 3.12 or 3.13 on Linux x86_64"
+    return Check(name="Python", status=Status.OK if supported else Status.MISSING, found=found, remedy=remedy)
 
 
 def check_library(library: Library) -> Check:
-    """Whether the loader finds a library."""
+    """Whether the dynamic loader finds a library."""
     if is_present(library):
         return Check(name=library.file, status=Status.OK, found=f"for {library.needed_by}")
     found = f"not found; needed by {library.needed_by}"
@@ -129,7 +132,7 @@ def check_library(library: Library) -> Check:
 
 
 def check_probe(probe: Probe) -> Check:
-    """Run a probe in a process of its own; its last line of output, or of complaint, is what was found."""
+    """Run a probe in a separate process; the finding is the last line of its output, or of its error output."""
     code = f"import facadelake\n{probe.code}"
     try:
         done = subprocess.run(
@@ -141,7 +144,7 @@ def check_probe(probe: Probe) -> Check:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        found = f"no answer within {PROBE_LIMIT_S:.0f} s"
+        found = f"no result within {PROBE_LIMIT_S:.0f} s"
         return Check(name=probe.name, status=Status.MISSING, found=found, remedy=probe.remedy)
     if done.returncode == 0:
         return Check(name=probe.name, status=Status.OK, found=get_last_line(done.stdout))
@@ -150,69 +153,69 @@ def check_probe(probe: Probe) -> Check:
 
 
 def get_last_line(text: str) -> str:
-    """The last line that is not blank, '' if there is none."""
+    """The last line that is not blank; empty where there is none."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return lines[-1] if lines else ""
 
 
 def find_nearest_folder(path: Path) -> Path:
-    """The path itself, or the nearest folder above it that exists."""
+    """The path itself, or the nearest existing folder above it."""
     resolved = path.expanduser().resolve()
     return next(folder for folder in (resolved, *resolved.parents) if folder.is_dir())
 
 
 def check_disk(lake: Path) -> Check:
-    """Space free where the lake is, or will be."""
+    """Free disk space in the folder of the lake, or where it will be created."""
     free_gib = shutil.disk_usage(find_nearest_folder(lake)).free / GIB
-    enough = free_gib >= DISK_WANTED_GIB
+    enough = free_gib >= DISK_NEEDED_GIB
     return Check(
         name="disk space for the lake",
         status=Status.OK if enough else Status.WARNING,
         found=f"{free_gib:.1f} GiB free at {lake}",
-        remedy="" if enough else f"free {DISK_WANTED_GIB:.0f} GiB, or choose another disk with --lake",
+        remedy="" if enough else f"free {DISK_NEEDED_GIB:.0f} GiB, or choose another disk with --lake",
     )
 
 
 def check_writable(lake: Path) -> Check:
-    """Whether a file can be made where the lake is, or will be."""
+    """Whether files can be created in the folder of the lake, or where it will be created."""
     folder = find_nearest_folder(lake)
     try:
         with tempfile.TemporaryFile(dir=folder):
-            return Check(name="lake can be written", status=Status.OK, found=f"{folder} takes files")
+            return Check(name="write access to the lake", status=Status.OK, found=f"{folder} is writable")
     except OSError as error:
         found = f"{folder}: {error.strerror}"
-        remedy = "choose a folder of yours with --lake"
-        return Check(name="lake can be written", status=Status.MISSING, found=found, remedy=remedy)
+        remedy = "choose a writable folder with --lake"
+        return Check(name="write access to the lake", status=Status.MISSING, found=found, remedy=remedy)
 
 
 def check_memory() -> Check:
-    """Memory that new work can have, by the kernel's own estimate."""
+    """Available memory, by the estimate of the kernel."""
     fields = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
     available_gib = int(fields["MemAvailable"].split()[0]) * 1024 / GIB
-    enough = available_gib >= MEMORY_WANTED_GIB
+    enough = available_gib >= MEMORY_NEEDED_GIB
     return Check(
         name="memory",
         status=Status.OK if enough else Status.WARNING,
         found=f"{available_gib:.1f} GiB available",
-        remedy="" if enough else f"close other programs: {MEMORY_WANTED_GIB:.0f} GiB are wanted",
+        remedy="" if enough else f"close other programs: {MEMORY_NEEDED_GIB:.0f} GiB are needed",
     )
 
 
 def check_cores() -> Check:
-    """Processor cores; one core works, slowly."""
+    """Number of processor cores; a single core is slow."""
     cores = count_cores()
-    remedy = "" if cores > 1 else "two cores or more: reconstruction takes its time on one"
+    remedy = "" if cores > 1 else "use two cores or more: reconstruction is slow on one"
     status = Status.OK if cores > 1 else Status.WARNING
     return Check(name="processor cores", status=status, found=str(cores), remedy=remedy)
 
 
 def check_models(model_files: Sequence[Path]) -> list[Check]:
-    """The default detector, and one line a model that the portfolio names."""
+    """Check the default detector and each model that the portfolio names."""
     return [check_default_model(), *(check_model(file) for file in model_files)]
 
 
 def check_default_model() -> Check:
-    """The model that looks for defects where a building names none; without it, detections come from files."""
+    """Check the default detector, which buildings without a detector use; without it detections must be imported."""
     try:
         return replace(check_model(find_default_model()), name="default detector")
     except ModelError as error:
@@ -221,7 +224,7 @@ def check_default_model() -> Check:
 
 
 def check_model(file: Path) -> Check:
-    """Whether a model file is there and holds something."""
+    """Check that a model file exists and is not empty."""
     try:
         size_bytes = file.stat().st_size
     except OSError as error:
@@ -230,5 +233,5 @@ def check_model(file: Path) -> Check:
         if size_bytes > 0:
             return Check(name="detector model", status=Status.OK, found=f"{file}, {size_bytes / 1e6:.1f} MB")
         found = f"{file} is empty"
-    remedy = "put the ONNX file there, or name another (or a COCO file of detections) in the portfolio"
+    remedy = "copy the ONNX file there, or name another, or a COCO file of detections, in the portfolio"
     return Check(name="detector model", status=Status.MISSING, found=found, remedy=remedy)

@@ -160,9 +160,7 @@ class Building(StrictModel):
     def _require_file(self, text: str, kind: str) -> Path:
         path = Path(text)
         if not path.is_file():
-            raise InputDataError(
-                f"the {description} {path} of building '{self.id}' does not exist; {self._format_remedy()}"
-            )
+            raise InputDataError(f"the {kind} {path} of building '{self.id}' does not exist; {self._format_remedy()}")
         return path
 
     def _format_remedy(self) -> str:

@@ -60,11 +60,11 @@ def test_probe_that_crashes_is_a_line_of_the_report() -> None:
 
 def test_probe_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "PROBE_LIMIT_S", 0.5)
-    assert probe("import time; time.sleep(60)").found.startswith("no answer within")
+    assert probe("import time; time.sleep(60)").found.startswith("no result within")
 
 
 def test_little_disk_is_a_warning_with_the_figure(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(doctor, "DISK_WANTED_GIB", 10_000_000.0)
+    monkeypatch.setattr(doctor, "DISK_NEEDED_GIB", 10_000_000.0)
     check = doctor.check_disk(tmp_path)
     assert check.status is Status.WARNING
     assert "GiB free" in check.found
