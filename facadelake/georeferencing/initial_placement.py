@@ -1,4 +1,4 @@
-"""Where the adjustment of a block begins, and what it will be held to, for each kind of control."""
+"""The initial placement of a block by each kind of control, and the observations of that control for the adjustment."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from facadelake.core.arrays import BoolArray, Float64Array
+from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64x3, Float64x3x3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
@@ -24,21 +24,24 @@ from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind
 
-# A tachymeter's point on a facade, and a person's mark on a photograph.
+# A total station's point on a facade, and a mark set by hand in a photograph.
 CONTROL_SIGMA_M = 0.01
 MARK_SIGMA_PX = 1.0
-# A point found again after months, by another light: what it moves by, beside its own covariance.
+# Displacement of a surface point found again after months, under other light, besides its own covariance.
 _SHARED_POINT_SIGMA_M = 0.003
 _CELL_M = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InitialPlacement:
-    """A start, ``site_from_sfm``, and the evidence to adjust it to.
+    """An initial placement ``site_from_sfm`` and the control observations to adjust the block to.
 
-    ``gps_used`` (n,): which priors agree. ``frame_covariance_m2`` (3, 3): what the control itself has in common as an
-    error (an earlier campaign's frame). ``datum_sigma_m`` (3,): within what the start itself holds the block's
-    datum, in GPS's stead (None: it does not). ``compute_residual_m`` gives what is left (k,) at the control after adjustment.
+    ``method``: the control in words, for the passport. ``gps_used`` (n,): the priors that agree with the placement.
+    ``points_used`` of ``points_total`` control points, tie points or photographs. ``compute_residual_m``: distances (k,)
+    at the control after the adjustment. ``marked``, ``shared`` and ``model``: observations of the control. ``edge_shift``
+    of a placement by the model's edges. ``datum_sigma_m`` (3,): sigma to which the placement itself constrains the
+    block's datum, instead of GPS (None: GPS does). ``frame_covariance_m2`` (3, 3): error that all control shares (the
+    frame of an earlier campaign).
     """
 
     kind: ControlKind
@@ -47,53 +50,68 @@ class InitialPlacement:
     gps_used: BoolArray
     points_used: int
     points_total: int
-    compute_residual_m: Callable[[AdjustedBlock], Float64Array]
+    compute_residual_m: Callable[[AdjustedBlock], Float64N]
     remarks: tuple[str, ...] = ()
     marked: MarkedPoints | None = None
     shared: SharedTiePoints | None = None
     model: SurfaceConstraint | None = None
     edge_shift: EdgeShift | None = None
-    datum_sigma_m: Float64Array | None = None
+    datum_sigma_m: Float64x3 | None = None
     reference_campaign: str | None = None
-    frame_covariance_m2: Float64Array = field(default_factory=lambda: np.zeros((3, 3)))
+    frame_covariance_m2: Float64x3x3 = field(default_factory=lambda: np.zeros((3, 3)))
 
     def add_remarks(self, remarks: tuple[str, ...]) -> InitialPlacement:
-        """The same start with ``remarks`` before its own."""
+        """The same placement with ``remarks`` before its own."""
         return replace(self, remarks=(*remarks, *self.remarks))
 
 
 def find_initial_placement(
-    kind: ControlKind, reconstruction: Reconstruction, priors: GpsPriors, *, place: SiteFrame, control: Control
+    kind: ControlKind, reconstruction: Reconstruction, priors: GpsPriors, *, site_frame: SiteFrame, control: Control
 ) -> InitialPlacement:
-    """The start by ``kind``. Raises GeoreferenceError where it cannot place the block."""
+    """The initial placement by one kind of control.
+
+    Args:
+        kind: The kind of control.
+        reconstruction: The free block.
+        priors: GPS priors of its photographs, in site.
+        site_frame: The building's site frame.
+        control: The control available. Its check points, and its control points where ``kind`` is an earlier campaign,
+            are added without weight.
+
+    Returns:
+        The placement and the observations to adjust to.
+
+    Raises:
+        GeoreferenceError: The control is missing or cannot place the block.
+    """
     match kind:
         case ControlKind.GCP:
-            start = _place_by_control_points(reconstruction, priors, place, control)
+            placement = _build_from_control_points(reconstruction, priors, site_frame, control)
         case ControlKind.CAMPAIGN:
-            start = _place_by_campaign(reconstruction, priors, place, control)
+            placement = _build_from_campaign(reconstruction, priors, site_frame, control)
         case ControlKind.MODEL:
-            start = _place_by_model(reconstruction, priors, control)
+            placement = _build_from_model(reconstruction, priors, control)
         case ControlKind.GPS:
-            start = _place_by_gps(reconstruction, priors)
-    for held_out in (control.check_points, control.points if kind is ControlKind.CAMPAIGN else None):
-        start = _add_check_points(start, reconstruction, place, held_out)
-    return start
+            placement = _build_from_gps(reconstruction, priors)
+    for surveyed in (control.check_points, control.points if kind is ControlKind.CAMPAIGN else None):
+        placement = _add_check_points(placement, reconstruction, site_frame, surveyed)
+    return placement
 
 
 def _find_consistent_gps(site_from_sfm: Similarity, reconstruction: Reconstruction, priors: GpsPriors) -> BoolArray:
-    """Priors (n,) within 3.5 sigmas of the placement, their common offset aside."""
+    """Priors (n,) within 3.5 sigmas of the placement, after their common offset is removed."""
     if not len(priors.photo):
         return np.zeros(0, dtype=bool)
-    left = priors.xyz_site_m - site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
-    away = np.abs(left - np.median(left, axis=0)) / priors.sigma_m
-    good: BoolArray = away.max(axis=1) < 3.5
-    return good
+    residual = priors.xyz_site_m - site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
+    normalised = np.abs(residual - np.median(residual, axis=0)) / priors.sigma_m
+    consistent: BoolArray = normalised.max(axis=1) < 3.5
+    return consistent
 
 
-def _place_by_control_points(
-    reconstruction: Reconstruction, priors: GpsPriors, place: SiteFrame, control: Control
+def _build_from_control_points(
+    reconstruction: Reconstruction, priors: GpsPriors, site_frame: SiteFrame, control: Control
 ) -> InitialPlacement:
-    placed = place_by_control_points(reconstruction, control.points, place.origin, place.vertical_datum)
+    placed = place_by_control_points(reconstruction, control.points, site_frame.origin, site_frame.vertical_datum)
     rows = np.flatnonzero(placed.agree)
     marks = [placed.marks[row] for row in rows]
     marked = MarkedPoints(
@@ -120,64 +138,66 @@ def _place_by_control_points(
     )
 
 
-def _select_shared_points(found: ReferenceMatch) -> SharedTiePoints:
-    """One shared point of each half-metre cell, the best known: neighbours share their errors, so thousands of them
-    would claim a tenth of a millimetre."""
-    cell = np.floor(found.xyz_site_m / _CELL_M).astype(np.int64)
-    order = np.argsort(np.trace(found.covariance_m2, axis1=1, axis2=2), kind="stable")
+def _select_shared_points(match: ReferenceMatch) -> SharedTiePoints:
+    """The shared point with the smallest variance in each half-metre cell.
+
+    Neighbours share their errors: thousands of them as independent observations would imply a tenth of a millimetre.
+    """
+    cell = np.floor(match.xyz_site_m / _CELL_M).astype(np.int64)
+    order = np.argsort(np.trace(match.covariance_m2, axis1=1, axis2=2), kind="stable")
     _, first = np.unique(cell[order], axis=0, return_index=True)
     rows = np.sort(order[first])
     return SharedTiePoints(
-        point=found.point[rows],
-        xyz_site_m=found.xyz_site_m[rows],
-        covariance_m2=found.covariance_m2[rows] + np.eye(3) * _SHARED_POINT_SIGMA_M**2,
+        point=match.point[rows],
+        xyz_site_m=match.xyz_site_m[rows],
+        covariance_m2=match.covariance_m2[rows] + np.eye(3) * _SHARED_POINT_SIGMA_M**2,
     )
 
 
-def _place_by_campaign(
-    reconstruction: Reconstruction, priors: GpsPriors, place: SiteFrame, control: Control
+def _build_from_campaign(
+    reconstruction: Reconstruction, priors: GpsPriors, site_frame: SiteFrame, control: Control
 ) -> InitialPlacement:
     if not control.references:
         raise GeoreferenceError(
-            "georeference by an earlier campaign was asked for, but the lake holds none of this building that was "
-            "placed before; inspect the earlier campaign first"
+            "georeferencing by an earlier campaign was requested, but the lake holds no earlier campaign of this "
+            "building with a reference; inspect the earlier campaign first"
         )
     problems: list[str] = []
     for reference, descriptors in control.references:
         try:
-            found = match_reference(reconstruction, descriptors, reference, origin=place.origin)
+            match = match_reference(reconstruction, descriptors, reference, origin=site_frame.origin)
         except GeoreferenceError as error:
             problems.append(f"{reference.campaign_id}: {error}")
             continue
-        known = _select_shared_points(found)
+        shared = _select_shared_points(match)
 
-        def residual_m(adjusted: AdjustedBlock, known: SharedTiePoints = known) -> Float64Array:
+        def compute_residual_m(adjusted: AdjustedBlock, shared: SharedTiePoints = shared) -> Float64N:
             row = {int(point): k for k, point in enumerate(adjusted.tie_points.reconstruction_point)}
-            held = [k for k, point in enumerate(known.point) if int(point) in row]
-            at = adjusted.xyz_site_m[[row[int(known.point[k])] for k in held]]
-            left: Float64Array = np.linalg.norm(at - known.xyz_site_m[held], axis=1)
-            return left
+            used = [k for k, point in enumerate(shared.point) if int(point) in row]
+            xyz = adjusted.xyz_site_m[[row[int(shared.point[k])] for k in used]]
+            distance: Float64Array = np.linalg.norm(xyz - shared.xyz_site_m[used], axis=1)
+            return distance
 
         return InitialPlacement(
             kind=ControlKind.CAMPAIGN,
-            method=f"points shared with campaign {reference.campaign_id}",
-            site_from_sfm=found.site_from_sfm,
-            gps_used=_find_consistent_gps(found.site_from_sfm, reconstruction, priors),
-            points_used=len(found.point),
-            points_total=found.points_compared,
-            compute_residual_m=residual_m,
-            shared=known,
+            method=f"tie points shared with campaign {reference.campaign_id}",
+            site_from_sfm=match.site_from_sfm,
+            gps_used=_find_consistent_gps(match.site_from_sfm, reconstruction, priors),
+            points_used=len(match.point),
+            points_total=match.points_compared,
+            compute_residual_m=compute_residual_m,
+            shared=shared,
             reference_campaign=reference.campaign_id,
             frame_covariance_m2=reference.frame_covariance_m2,
             remarks=tuple(problems),
         )
-    raise GeoreferenceError("no earlier campaign could be found again: " + "; ".join(problems))
+    raise GeoreferenceError("the block matches no earlier campaign: " + "; ".join(problems))
 
 
-def _place_by_model(reconstruction: Reconstruction, priors: GpsPriors, control: Control) -> InitialPlacement:
+def _build_from_model(reconstruction: Reconstruction, priors: GpsPriors, control: Control) -> InitialPlacement:
     model = control.model
     if model is None:
-        raise GeoreferenceError("georeference by the model was asked for, but the model's surface was not given")
+        raise GeoreferenceError("georeferencing by the model was requested, but the building has no model surface")
     placed = place_by_model(reconstruction, priors, model)
     return InitialPlacement(
         kind=ControlKind.MODEL,
@@ -194,20 +214,21 @@ def _place_by_model(reconstruction: Reconstruction, priors: GpsPriors, control: 
     )
 
 
-def _compute_wall_residuals(adjusted: AdjustedBlock) -> Float64Array:
-    walls = adjusted.problem.point_to_plane
-    at = adjusted.solution.state.xyz_site_m[walls.point]
-    away: Float64Array = np.abs(np.einsum("ij,ij->i", walls.normal_site, at) - walls.distance_m)
-    return away
+def _compute_wall_residuals(adjusted: AdjustedBlock) -> Float64N:
+    """Distances (k,) of the tie points on the model from their faces, in metres."""
+    terms = adjusted.problem.point_to_plane
+    xyz = adjusted.solution.state.xyz_site_m[terms.point]
+    distance: Float64Array = np.abs(np.einsum("ij,ij->i", terms.normal_site, xyz) - terms.distance_m)
+    return distance
 
 
-def _place_by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> InitialPlacement:
+def _build_from_gps(reconstruction: Reconstruction, priors: GpsPriors) -> InitialPlacement:
     aligned = align_to_gps(reconstruction, priors)
 
-    def residual_m(adjusted: AdjustedBlock) -> Float64Array:
+    def compute_residual_m(adjusted: AdjustedBlock) -> Float64N:
         centres = np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
-        left: Float64Array = np.linalg.norm(priors.xyz_site_m - centres, axis=1)[aligned.used]
-        return left
+        distance: Float64Array = np.linalg.norm(priors.xyz_site_m - centres, axis=1)[aligned.used]
+        return distance
 
     return InitialPlacement(
         kind=ControlKind.GPS,
@@ -216,26 +237,41 @@ def _place_by_gps(reconstruction: Reconstruction, priors: GpsPriors) -> InitialP
         gps_used=aligned.used,
         points_used=int(aligned.used.sum()),
         points_total=len(priors.photo),
-        compute_residual_m=residual_m,
-        remarks=(*aligned.remarks, "the error common to all GPS positions (metres) cannot be seen from them"),
+        compute_residual_m=compute_residual_m,
+        remarks=(*aligned.remarks, "the error common to all GPS positions (metres) is not observable"),
     )
 
 
 def _add_check_points(
-    start: InitialPlacement, reconstruction: Reconstruction, place: SiteFrame, check_points: SurveyedPoints | None
+    placement: InitialPlacement,
+    reconstruction: Reconstruction,
+    site_frame: SiteFrame,
+    check_points: SurveyedPoints | None,
 ) -> InitialPlacement:
-    """Check points are adjusted as places, but hold nothing: their sigma is infinite."""
+    """The placement with check points among its marked points.
+
+    Args:
+        placement: The placement.
+        reconstruction: The free block.
+        site_frame: The building's site frame.
+        check_points: The check points with their marks, or None.
+
+    Returns:
+        The placement; check points have infinite sigmas, so their marks determine them and their survey has no weight.
+    """
     if check_points is None:
-        return start
-    xyz = transform_to_site(check_points, origin=place.origin, vertical_datum=place.vertical_datum)
+        return placement
+    xyz = transform_to_site(check_points, origin=site_frame.origin, vertical_datum=site_frame.vertical_datum)
     marks = intersect_marks(reconstruction, check_points)
-    seen = [row for row, mark in enumerate(marks) if mark is not None]
-    lost = [check_points.points[row].name for row, mark in enumerate(marks) if mark is None]
-    if lost:
-        start = start.add_remarks((f"check points not usable (fewer than 2 agreeing marks): {', '.join(lost)}",))
-    if not seen:
-        return start
-    own = start.marked or MarkedPoints(
+    usable = [row for row, mark in enumerate(marks) if mark is not None]
+    unusable = [check_points.points[row].name for row, mark in enumerate(marks) if mark is None]
+    if unusable:
+        placement = placement.add_remarks(
+            (f"check points not usable (fewer than 2 agreeing marks): {', '.join(unusable)}",)
+        )
+    if not usable:
+        return placement
+    control = placement.marked or MarkedPoints(
         names=(),
         xyz_site_m=np.zeros((0, 3)),
         sigma_m=np.zeros((0, 3)),
@@ -244,16 +280,16 @@ def _add_check_points(
         xy_img=np.zeros((0, 2)),
         sigma_px=MARK_SIGMA_PX,
     )
-    found = [mark for mark in marks if mark is not None]
-    both = MarkedPoints(
-        names=(*own.names, *(check_points.points[row].name for row in seen)),
-        xyz_site_m=np.vstack([own.xyz_site_m, xyz[seen]]),
-        sigma_m=np.vstack([own.sigma_m, np.full((len(seen), 3), np.inf)]),
-        photo=np.concatenate([own.photo, *(mark.photo for mark in found)]),
+    usable_marks = [mark for mark in marks if mark is not None]
+    marked = MarkedPoints(
+        names=(*control.names, *(check_points.points[row].name for row in usable)),
+        xyz_site_m=np.vstack([control.xyz_site_m, xyz[usable]]),
+        sigma_m=np.vstack([control.sigma_m, np.full((len(usable), 3), np.inf)]),
+        photo=np.concatenate([control.photo, *(mark.photo for mark in usable_marks)]),
         point=np.concatenate(
-            [own.point, *(np.full(len(mark.photo), len(own.names) + k) for k, mark in enumerate(found))]
+            [control.point, *(np.full(len(mark.photo), len(control.names) + k) for k, mark in enumerate(usable_marks))]
         ),
-        xy_img=np.vstack([own.xy_img, *(mark.xy_img for mark in found)]),
+        xy_img=np.vstack([control.xy_img, *(mark.xy_img for mark in usable_marks)]),
         sigma_px=MARK_SIGMA_PX,
     )
-    return replace(start, marked=both)
+    return replace(placement, marked=marked)

@@ -1,4 +1,4 @@
-"""Table ``poses``: where each accepted photograph stood and looked, also those outside the block by their priors."""
+"""Table ``poses``: the pose of each accepted photograph, by its GPS prior where the photograph is outside the block."""
 
 from __future__ import annotations
 
@@ -16,49 +16,59 @@ from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import columns_from_camera
 from facadelake.core.tables import table_from_rows
-from facadelake.georeferencing.georeference import GeoreferencedCampaign
+from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign
 from facadelake.georeferencing.gps.priors import ATTITUDE_SIGMA_DEG, rotation_from_attitude
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import PhotoOutcome, PointKind, PoseSource, PositionSource
 
+_MIN_RESIDUALS = 3
+_MAD_TO_SIGMA = 1.4826
+_TILT_SIGMA_DEG = 2.0
+
 
 def build_poses_table(
-    georeferenced: GeoreferencedCampaign, reconstruction: Reconstruction, photos: pa.Table, *, origin: SiteOrigin
+    campaign: GeoreferencedCampaign, reconstruction: Reconstruction, photos: pa.Table, *, origin: SiteOrigin
 ) -> pa.Table:
-    """One row for each accepted photograph of ``photos``, with a pose or with the reason why it has none.
+    """Table ``poses``: one row for each accepted photograph, with a pose or with the reason why it has none.
 
-    Quaternions are site_from_cam with ``qw`` >= 0; the geometry is a WKB point in EPSG:4979.
+    Args:
+        campaign: The georeferenced campaign.
+        reconstruction: Its block, for tie points, reprojection errors and reasons.
+        photos: Table ``photos``.
+        origin: Origin of the site frame.
+
+    Returns:
+        The table. Quaternions are site_from_cam with ``qw`` >= 0; the geometry is a WKB point in EPSG:4979.
     """
-    found = {photo.photo_id: photo for photo in reconstruction.photos}
+    localised = {photo.photo_id: photo for photo in reconstruction.photos}
     reason_of = {photo.photo_id: photo.reason for photo in reconstruction.unlocalised}
     rows: list[dict[str, Any]] = []
     for row in photos.to_pylist():
         if row["photo_outcome"] != PhotoOutcome.ACCEPTED:
             continue
         photo_id = row["photo_id"]
-        said: dict[str, Any] = {
+        columns: dict[str, Any] = {
             "photo_id": photo_id,
             "image_width_px": row["image_width_px"],
             "image_height_px": row["image_height_px"],
         }
-        if photo_id in found:
-            photo = found[photo_id]
-            said |= {
+        if photo_id in localised:
+            photo = localised[photo_id]
+            columns |= {
                 "pose_source": photo.source,
                 "reprojection_error_px": photo.reprojection_error_px,
                 "tie_points": photo.tie_points,
             }
-            placed = build_pose_columns(georeferenced.cameras[photo_id], georeferenced.covariance[photo_id], origin)
-            rows.append(said | placed)
+            pose = build_pose_columns(campaign.cameras[photo_id], campaign.covariance[photo_id], origin)
+            rows.append(columns | pose)
             continue
-        said |= {"reason": reason_of.get(photo_id, "not part of the reconstruction"), "tie_points": 0}
-        prior = pose_from_prior(row, georeferenced, origin)
+        columns |= {"reason": reason_of.get(photo_id, "not part of the reconstruction"), "tie_points": 0}
+        prior = pose_from_prior(row, campaign, origin)
         if prior is None:
-            rows.append(said | {"pose_source": PoseSource.UNLOCALISED})
+            rows.append(columns | {"pose_source": PoseSource.UNLOCALISED})
         else:
-            rows.append(
-                said | {"pose_source": PoseSource.PRIOR} | build_pose_columns(prior.posed, prior.covariance, origin)
-            )
+            pose = build_pose_columns(prior.posed, prior.covariance, origin)
+            rows.append(columns | {"pose_source": PoseSource.PRIOR} | pose)
     return table_from_rows("poses", rows)
 
 
@@ -76,7 +86,7 @@ def build_pose_columns(posed: PosedCamera, covariance: Float64Array, origin: Sit
 
 
 def _build_covariance_columns(covariance: Float64Array) -> dict[str, Any]:
-    """The covariance (6, 6) of centre and attitude, and sigmas for people."""
+    """The covariance (6, 6) of centre and attitude, the sigmas of the centre, and the largest one of the attitude."""
     east, north, up = np.sqrt(np.diag(covariance)[:3]).tolist()
     attitude = float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])))
     return {
@@ -88,35 +98,33 @@ def _build_covariance_columns(covariance: Float64Array) -> dict[str, Any]:
     }
 
 
-_MIN_RESIDUALS = 3
-_MAD_TO_SIGMA = 1.4826
-_TILT_SIGMA_DEG = 2.0
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PriorPose:
-    """A pose by prior alone, with its covariance (6, 6; centre in m, attitude in rad about the camera's axes)."""
+    """A pose from priors alone, with its covariance (6, 6; centre in m, attitude in rad about the camera's axes)."""
 
     posed: PosedCamera
     covariance: Float64Array
 
 
-def pose_from_prior(row: Mapping[str, Any], placed: GeoreferencedCampaign, origin: SiteOrigin) -> PriorPose | None:
-    """The pose that a row of table ``photos`` states, or None where it lacks position, height, attitude or lens."""
-    stated = ("prior_lon_deg", "prior_lat_deg", "prior_height_m", "prior_yaw_deg", "prior_pitch_deg", "prior_roll_deg")
-    if row["prior_source"] == PositionSource.NONE or any(row[name] is None for name in stated):
+def pose_from_prior(row: Mapping[str, Any], campaign: GeoreferencedCampaign, origin: SiteOrigin) -> PriorPose | None:
+    """The pose that a row of table ``photos`` states, or None where it lacks position, height, attitude or lens.
+
+    The median GPS residual of the block's photographs is subtracted, and their scatter is its sigma.
+    """
+    needed = ("prior_lon_deg", "prior_lat_deg", "prior_height_m", "prior_yaw_deg", "prior_pitch_deg", "prior_roll_deg")
+    if row["prior_source"] == PositionSource.NONE or any(row[name] is None for name in needed):
         return None
-    camera = _find_camera(row, placed)
+    camera = _find_camera(row, campaign)
     if camera is None:
         return None
-    given = origin.site_from_geo(np.array([[row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"]]]))[0]
+    centre = origin.site_from_geo(np.array([[row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"]]]))[0]
     sigma_m = np.array([row["prior_sigma_horizontal_m"]] * 2 + [row["prior_sigma_vertical_m"]], dtype=np.float64)
-    left = np.array([p.residual_site_m for p in placed.points if p.kind is PointKind.GPS and p.used]).reshape(-1, 3)
-    if len(left) >= _MIN_RESIDUALS:
-        # Its neighbours in the block show what GPS has in common (taken out) and how it scatters (left over).
-        given = given - np.median(left, axis=0)
-        scatter = _MAD_TO_SIGMA * np.median(np.abs(left - np.median(left, axis=0)), axis=0)
-        sigma_m = np.hypot(np.maximum(scatter, 0.1 * sigma_m), np.sqrt(np.diag(placed.frame_covariance_m2)))
+    residual = np.array([p.residual_site_m for p in campaign.points if p.kind is PointKind.GPS and p.used])
+    residual = residual.reshape(-1, 3)
+    if len(residual) >= _MIN_RESIDUALS:
+        centre = centre - np.median(residual, axis=0)
+        scatter = _MAD_TO_SIGMA * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
+        sigma_m = np.hypot(np.maximum(scatter, 0.1 * sigma_m), np.sqrt(np.diag(campaign.frame_covariance_m2)))
     rotation = rotation_from_attitude(row["prior_yaw_deg"], row["prior_pitch_deg"], row["prior_roll_deg"])
     yaw = np.radians(row["prior_sigma_yaw_deg"] or ATTITUDE_SIGMA_DEG)
     tilt = np.radians(row["prior_sigma_tilt_deg"] or _TILT_SIGMA_DEG)
@@ -124,15 +132,15 @@ def pose_from_prior(row: Mapping[str, Any], placed: GeoreferencedCampaign, origi
     covariance[:3, :3] = np.diag(sigma_m**2)
     covariance[3:, 3:] = rotation.T @ np.diag([tilt**2, tilt**2, yaw**2]) @ rotation
     return PriorPose(
-        posed=PosedCamera(camera=camera, site_from_cam=Similarity(rotation=rotation, translation=given)),
+        posed=PosedCamera(camera=camera, site_from_cam=Similarity(rotation=rotation, translation=centre)),
         covariance=covariance,
     )
 
 
-def _find_camera(row: Mapping[str, Any], placed: GeoreferencedCampaign) -> Camera | None:
-    """The adjusted lens of a photograph of the same size and like focal length, else what the photograph states."""
+def _find_camera(row: Mapping[str, Any], campaign: GeoreferencedCampaign) -> Camera | None:
+    """The adjusted camera of a photograph of the same size and similar focal length, else that of the metadata."""
     width, height, focal = row["image_width_px"], row["image_height_px"], row["prior_focal_px"]
-    for other in placed.cameras.values():
+    for other in campaign.cameras.values():
         same_size = (other.camera.width_px, other.camera.height_px) == (width, height)
         if same_size and (focal is None or abs(other.camera.fx_px / focal - 1) < 0.1):
             return other.camera
