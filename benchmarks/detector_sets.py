@@ -131,7 +131,9 @@ def castle_facade(work: Path) -> LabelledSet:
         georeference_level=model.georeference_level,
     )
     path = write_published(SHARED / "castle" / "truth", work / "castle-poses.csv", noise=None)
-    placed = place_imported_poses(read_poses(path), photos, place=place, surface=surface, placement_sigma_max_m=0.5)
+    placed = place_imported_poses(
+        read_poses(path), photos, site_frame=site_frame, surface=surface, placement_sigma_max_m=0.5
+    )
     is_target = np.append(mask_target_elements(model.elements), False)  # the last answers for a miss
     images = []
     for photo_id, posed in sorted(read_posed_cameras(placed.poses).items()):

@@ -111,7 +111,7 @@ def imported(report: Report, work: Path) -> None:
             placed = place_imported_poses(
                 read_poses(path),
                 scene.photos,
-                place=place,
+                site_frame=site_frame,
                 surface=scene.surface,
                 placement_sigma_max_m=0.5,
                 surveyed=surveyed,

@@ -169,7 +169,7 @@ def pictures(
             defects=tuple(defect or ()),
             facades=tuple(facade or ()),
             photos=tuple(photo or ()),
-            all_of_them=all_of_them,
+            draw_all=all_of_them,
         ),
     )
 

@@ -42,7 +42,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         placed = georeference_reconstruction(
             reconstruction,
             photos_table,
-            place=SiteFrame(
+            site_frame=SiteFrame(
                 origin=model_of_building.origin,
                 map_crs=model_of_building.map_crs,
                 vertical_datum=model_of_building.vertical_datum,

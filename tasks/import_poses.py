@@ -35,7 +35,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
         placed = place_imported_poses(
             read_poses(path),
             photos_table,
-            place=SiteFrame(
+            site_frame=SiteFrame(
                 origin=building.origin,
                 map_crs=building.map_crs,
                 vertical_datum=building.vertical_datum,

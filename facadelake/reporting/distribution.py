@@ -169,10 +169,7 @@ def _write_totals(figure: Figure, distribution: Distribution, width: float, heig
     facades = distribution.facades
     heads = [*facades, "all"]
     rows: list[tuple[str, list[int]]] = [
-        (
-            name,
-            [distribution.count_defects(facade, name) for facade in facades] + [distribution.count_defects(None, name)],
-        )
+        (name, [distribution.count_defects(facade, name) for facade in (*facades, None)])
         for name in distribution.classes
     ]
     rows.append(("all", [distribution.count_defects(facade) for facade in (*facades, None)]))

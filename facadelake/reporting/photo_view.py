@@ -1,4 +1,4 @@
-"""A photograph of a committed campaign beside the model's virtual view, depth and elements (the paper's Fig. 8)."""
+"""Comparison of a photograph with the model's virtual view, depth and elements (the paper's Fig. 8)."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from facadelake.reporting.drawing.photograph import read_photograph
 from schemas.vocabulary import PoseSource
 
 _PANEL_IN = 8.0
-_LEAST_PANEL_PX = 800
+_MIN_PANEL_PX = 800
 _GAP_IN, _TOP_IN, _FOOT_IN = 0.4, 0.75, 0.8
-_BORDER = 0.92  # of the element's colour, so that neighbours of one class can be told apart
-_SKY = (1.0, 1.0, 1.0)
-_BESIDE = (0.80, 0.80, 0.80)  # in the model, no part of the building
+_BORDER = 0.92  # share by which borders are darkened, to separate elements of one class
+_NO_ELEMENT = (1.0, 1.0, 1.0)
+_NOT_TARGET = (0.80, 0.80, 0.80)  # in the model, not part of the building
 _CLASS_COLOURS = (
     ("IfcWall", "#d9b38c"),
     ("IfcWindow", "#56b4e9"),
@@ -51,7 +51,7 @@ _CLASS_COLOURS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ViewPanels:
-    """What is drawn: ``photograph`` and ``virtual`` (h, w, 3) RGB and ``images``, pixel on pixel."""
+    """The images of a sheet, all in one pixel grid: ``photograph`` and ``virtual`` (h, w, 3) RGB, ``images`` (h, w)."""
 
     photograph: UInt8Array
     virtual: UInt8Array
@@ -59,27 +59,27 @@ class ViewPanels:
 
 
 def draw_view_sheet(panels: ViewPanels, *, title: str, note: str) -> Figure:
-    """The finished sheet: four panels, a scale for the depth, a legend for the elements.
+    """The sheet: four panels, a colour bar of depth and a legend of elements.
 
-    A pixel of the images is one of the sheet, or a whole number of them where they are small.
+    One pixel of the images is one pixel of the sheet, or an integer number of pixels where the images are small.
     """
     height, width = panels.photograph.shape[:2]
-    zoom = max(1, round(_LEAST_PANEL_PX / width))
+    zoom = max(1, round(_MIN_PANEL_PX / width))
     panel_in = _PANEL_IN * height / width
     sheet_in = np.array([2 * _PANEL_IN + 3 * _GAP_IN, _FOOT_IN + _TOP_IN + _GAP_IN + 2 * panel_in])
     figure = Figure(figsize=tuple(sheet_in), dpi=width * zoom / _PANEL_IN)
     FigureCanvasAgg(figure)
 
-    def axes_at(left_in: float, bottom_in: float, height_in: float) -> Axes:
+    def add_axes(left_in: float, bottom_in: float, height_in: float) -> Axes:
         across, down = sheet_in
         return figure.add_axes((left_in / across, bottom_in / down, _PANEL_IN / across, height_in / down))
 
     left, right, low, high = _GAP_IN, 2 * _GAP_IN + _PANEL_IN, _FOOT_IN, _FOOT_IN + panel_in + _GAP_IN
-    _draw_panel(axes_at(left, high, panel_in), panels.photograph, "Photograph")
-    _draw_panel(axes_at(right, high, panel_in), panels.virtual, "Virtual view of the model")
-    bar = axes_at(left, low - 0.25, 0.15)
-    _draw_depth(axes_at(left, low, panel_in), bar, panels.images.depth_m)
-    _draw_elements(axes_at(right, low, panel_in), panels.images)
+    _draw_panel(add_axes(left, high, panel_in), panels.photograph, "Photograph")
+    _draw_panel(add_axes(right, high, panel_in), panels.virtual, "Virtual view of the model")
+    bar = add_axes(left, low - 0.25, 0.15)
+    _draw_depth(add_axes(left, low, panel_in), bar, panels.images.depth_m)
+    _draw_elements(add_axes(right, low, panel_in), panels.images)
     figure.text(_GAP_IN / sheet_in[0], 1 - 0.32 / sheet_in[1], escape_mathtext(title), fontsize=13)
     figure.text(_GAP_IN / sheet_in[0], 0.12 / sheet_in[1], escape_mathtext(note), fontsize=9, color="#404040")
     return figure
@@ -92,12 +92,12 @@ def _draw_panel(axes: Axes, picture: UInt8Array | Float64Array, title: str) -> N
 
 
 def _draw_depth(axes: Axes, bar: Axes, depth_m: Float32Array) -> None:
-    found = np.isfinite(depth_m)
-    shown = axes.imshow(np.where(found, depth_m, np.nan), cmap="viridis_r", interpolation="nearest")
-    axes.set_title("Depth of the model along the camera's axis, m", loc="left", fontsize=10)
+    is_met = np.isfinite(depth_m)
+    image = axes.imshow(np.where(is_met, depth_m, np.nan), cmap="viridis_r", interpolation="nearest")
+    axes.set_title("Depth of the model along the optical axis (m)", loc="left", fontsize=10)
     axes.set_axis_off()
-    if found.any():
-        axes.figure.colorbar(shown, cax=bar, orientation="horizontal").ax.tick_params(labelsize=9)
+    if is_met.any():
+        axes.figure.colorbar(image, cax=bar, orientation="horizontal").ax.tick_params(labelsize=9)
     else:
         bar.set_axis_off()
 
@@ -107,18 +107,18 @@ def _draw_elements(axes: Axes, images: ViewImages) -> None:
     target = np.zeros(len(classes) + 1, dtype=bool)
     target[images.element[images.target]] = True
     colours = np.array(
-        [*(_shade_element(name, i) for i, name in enumerate(classes)), _SKY]
-    )  # the last answers for no element
-    seen = [int(row) for row in np.unique(images.element) if row >= 0]
-    for row in seen:
+        [*(_shade_element(name, i) for i, name in enumerate(classes)), _NO_ELEMENT]
+    )  # the last one for no element
+    visible = [int(row) for row in np.unique(images.element) if row >= 0]
+    for row in visible:
         if not target[row]:
-            colours[row] = _BESIDE
+            colours[row] = _NOT_TARGET
     picture = colours[images.element]
     picture[_find_borders(images.element)] *= 1 - _BORDER
     _draw_panel(axes, picture, "Elements of the model, by class")
     axes.legend(
         handles=_list_legend_patches(
-            [classes[row] for row in seen if target[row]], any(not target[row] for row in seen)
+            [classes[row] for row in visible if target[row]], any(not target[row] for row in visible)
         ),
         loc="upper center",
         bbox_to_anchor=(0.5, 0.0),
@@ -128,41 +128,43 @@ def _draw_elements(axes: Axes, images: ViewImages) -> None:
     )
 
 
-def _list_legend_patches(classes: Sequence[str], beside: bool) -> list[Patch]:
+def _list_legend_patches(classes: Sequence[str], has_other: bool) -> list[Patch]:
+    """Legend of the visible elements by class; ``has_other``: some are not part of the building."""
     handles = [
         Patch(facecolor=_get_ifc_colour(name), edgecolor="#404040", label=f"{name.removeprefix('Ifc')} ({number})")
         for name, number in sorted(Counter(classes).items(), key=lambda pair: (-pair[1], pair[0]))
     ]
-    if beside:
-        handles.append(Patch(facecolor=_BESIDE, edgecolor="#404040", label="no part of the building"))
-    handles.append(Patch(facecolor=_SKY, edgecolor="#404040", label="not in the model"))
+    if has_other:
+        handles.append(Patch(facecolor=_NOT_TARGET, edgecolor="#404040", label="not part of the building"))
+    handles.append(Patch(facecolor=_NO_ELEMENT, edgecolor="#404040", label="not in the model"))
     return handles
 
 
 def _get_ifc_colour(ifc_class: str) -> tuple[float, float, float]:
-    """Colour of a class, by the beginning of its name: IfcWallStandardCase is a wall."""
+    """Colour of an IFC class by the beginning of its name: IfcWallStandardCase is drawn as IfcWall."""
     return to_rgb(next((colour for name, colour in _CLASS_COLOURS if ifc_class.startswith(name)), OTHER_COLOUR))
 
 
 def _shade_element(ifc_class: str, row: int) -> Float64Array:
-    """The class's colour, a little lighter or darker from element to element."""
+    """Colour of an element: that of its class, varied in brightness by its row."""
     colour: Float64Array = np.array(_get_ifc_colour(ifc_class)) * (0.82 + 0.06 * (row * 2 % 5 - 2))
     return np.clip(colour + 0.12, 0.0, 1.0)
 
 
 def _find_borders(element: NDArray[np.int32]) -> BoolArray:
+    """Mask of pixels whose left or upper neighbour shows another element."""
     border = np.zeros(element.shape, dtype=bool)
     border[:, 1:] |= element[:, 1:] != element[:, :-1]
     border[1:] |= element[1:] != element[:-1]
     return border
 
 
-_USUAL_WIDTH_PX = 1000
+_DEFAULT_WIDTH_PX = 1000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhotoView:
-    """What was drawn into which file, and the images it was drawn of."""
+    """A written sheet, and the images it shows."""
 
     photo_id: str
     path: Path
@@ -172,11 +174,19 @@ class PhotoView:
 def view_photograph(
     building: Building, campaign_id: str, photo: str, *, lake: Path, output: Path | None, scale: float | None
 ) -> PhotoView:
-    """Write the sheet of one photograph as a picture, and beside it the images of ``render_view_images`` as ``.npz``.
+    """Write the sheet of one photograph, and the images of ``render_view_images`` in a ``.npz`` file of the same name.
 
-    ``photo`` is a photo_id, or a file name that one photograph alone has. Without ``output`` the sheet goes to
-    ``view_<photo>.png`` here; without ``scale`` panels are 1000 pixels wide. Raises InputDataError where the photograph
-    has no pose or is not known, StoreError where the lake does not hold the campaign.
+    Args:
+        building: building in the registry.
+        campaign_id: campaign.
+        photo: photo_id, or a unique file name, with or without suffix.
+        lake: folder of the lake.
+        output: picture to write; None: ``view_<photo>.png`` in the working directory.
+        scale: size of a panel relative to the photograph; None: panels 1000 pixels wide.
+
+    Raises:
+        InputDataError: the photograph is unknown or has no pose.
+        StoreError: the lake does not contain the campaign.
     """
     campaign = resolve_campaign(building, campaign_id)
     tables = read_committed_tables(building, campaign, ["poses"], lake=lake)
@@ -185,13 +195,13 @@ def view_photograph(
     posed = read_posed_cameras(tables["poses"]).get(photo_id)
     if posed is None:
         raise InputDataError(
-            f"{photo_id} has no measured pose in {building.id} {campaign} ({row['reason'] or row['pose_source']}), "
-            "so there is no view of the model to show; choose another photograph"
+            f"photograph {photo_id} of {building.id} {campaign} has no measured pose "
+            f"({row['reason'] or row['pose_source']}); choose a localised photograph"
         )
     model = read_committed_model(building, campaign, tables["buildings"].to_pylist()[0])
     surface = Surface(model)
-    scale = scale if scale is not None else min(1.0, _USUAL_WIDTH_PX / posed.camera.width_px)
-    with report_progress("Casting rays and rendering"):
+    scale = scale if scale is not None else min(1.0, _DEFAULT_WIDTH_PX / posed.camera.width_px)
+    with report_progress("Rendering the model"):
         images = render_view_images(posed, surface, model.elements, scale)
         virtual = render_virtual_photograph(model, posed, scale=scale).colour
     photograph = _read_resized(building.locate_photographs(campaign) / photo_id, posed, images.depth_m.shape)
@@ -207,16 +217,16 @@ def view_photograph(
     return PhotoView(photo_id=photo_id, path=path, images=images)
 
 
-def _match_photo_id(photo_ids: list[str], wanted: str, building_id: str, campaign: str) -> str:
-    """The photo_id that is ``wanted``, or the only one that ends so, with or without its suffix."""
-    if wanted in photo_ids:
-        return wanted
-    found = [name for name in photo_ids if wanted in (Path(name).name, Path(name).stem)]
-    if len(found) == 1:
-        return found[0]
-    some = ", ".join((found or photo_ids)[:5])
+def _match_photo_id(photo_ids: list[str], name: str, building_id: str, campaign: str) -> str:
+    """The photo_id that equals ``name`` or is the only one with this file name, with or without suffix."""
+    if name in photo_ids:
+        return name
+    matches = [photo_id for photo_id in photo_ids if name in (Path(photo_id).name, Path(photo_id).stem)]
+    if len(matches) == 1:
+        return matches[0]
+    examples = ", ".join((matches or photo_ids)[:5])
     raise InputDataError(
-        f"{len(found)} photographs of {building_id} {campaign} are called '{wanted}'; write a photo_id such as {some}"
+        f"{len(matches)} photographs of {building_id} {campaign} match '{name}'; give one photo_id such as {examples}"
     )
 
 
@@ -227,10 +237,12 @@ def _read_resized(path: Path, posed: PosedCamera, shape: tuple[int, ...]) -> UIn
 
 
 def _describe_view(images: ViewImages, pose: dict[str, object]) -> str:
+    """Coverage, distances, number of visible elements and the source of the pose."""
     share = float(images.target.mean())
     depth = images.depth_m[images.target]
-    nearest = f", {depth.min():.1f} to {depth.max():.1f} m before the camera" if depth.size else ""
+    distances = f", {depth.min():.1f} to {depth.max():.1f} m from the camera" if depth.size else ""
+    count = len(np.unique(images.element[images.target]))
     return (
-        f"{share:.0%} of the picture shows the building{nearest}; {len(np.unique(images.element[images.target]))} of "
-        f"its elements are in sight. Pose: {PoseSource(str(pose['pose_source']))}."
+        f"The building covers {share:.0%} of the photograph{distances}; {count} of its elements are visible. "
+        f"Pose: {PoseSource(str(pose['pose_source']))}."
     )

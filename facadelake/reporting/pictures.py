@@ -1,4 +1,4 @@
-"""Pictures of a committed campaign by name: cards of defects, elevations of facades, overlays of photographs."""
+"""Pictures of a committed campaign: cards of defects, elevations of facades, overlays of photographs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from facadelake.reporting.page.defects import sort_by_severity
 
 @dataclass(frozen=True, kw_only=True)
 class PictureSelection:
-    """What is to be drawn: ids of defects, names of facades, ids of photographs; and whether the distribution is."""
+    """The pictures to be drawn: cards by defect_id, elevations by facade, overlays by photo_id, the distribution."""
 
     defect_ids: tuple[str, ...] = ()
     facades: tuple[str, ...] = ()
@@ -44,7 +44,7 @@ class PictureSelection:
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnPictures:
-    """Files that were written, and the photographs that are not there or cannot be read."""
+    """Files written, and photographs that are missing or unreadable."""
 
     paths: tuple[Path, ...]
     missing: tuple[str, ...]
@@ -59,21 +59,30 @@ def select_by_name(
     photos: Sequence[str],
     settings: PictureSettings,
 ) -> PictureSelection:
-    """Names as people write them, such as "D0012" or "12", "south", "IMG_0009".
+    """Selection by names in full or short form.
 
-    Raises InputDataError for one that there is not, with those that are near it.
+    Args:
+        inspection: the campaign.
+        surface: surface of its building model.
+        defects: defect_ids, their last parts or their labels on elevations, such as "D0012" or "12".
+        facades: names or compass points of facades, such as "south" or "SE".
+        photos: photo_ids or file names with or without suffix, such as "IMG_0009".
+        settings: settings of the pictures, which determine the facades that are drawn.
+
+    Raises:
+        InputDataError: a name is unknown; the message lists similar names.
     """
-    known = inspection.defects.column("defect_id").to_pylist()
-    labels = {label: name for name, label in label_ids(known).items()}
-    ends = _invert_unique({name: name.rsplit("-", 1)[-1] for name in known})
+    defect_ids = inspection.defects.column("defect_id").to_pylist()
+    labels = {label: name for name, label in label_ids(defect_ids).items()}
+    ends = _invert_unique({name: name.rsplit("-", 1)[-1] for name in defect_ids})
     files = inspection.photos.column("photo_id").to_pylist()
     stems = _invert_unique({name: PurePosixPath(name).stem for name in files})
-    names = _invert_unique({name: PurePosixPath(name).name for name in files})
-    sheets = [facade.name for facade in find_drawn_facades(inspection, surface, settings)] if facades else []
+    file_names = _invert_unique({name: PurePosixPath(name).name for name in files})
+    drawn = [facade.name for facade in find_drawn_facades(inspection, surface, settings)] if facades else []
     return PictureSelection(
-        defect_ids=tuple(_match_name(word, "defect", known, labels | ends) for word in defects),
-        facades=tuple(_match_name(word, "facade", sheets, _index_facade_names(sheets)) for word in facades),
-        photo_ids=tuple(_match_name(word, "photograph", files, stems | names) for word in photos),
+        defect_ids=tuple(_match_name(name, "defect", defect_ids, labels | ends) for name in defects),
+        facades=tuple(_match_name(name, "facade", drawn, _index_facade_names(drawn)) for name in facades),
+        photo_ids=tuple(_match_name(name, "photograph", files, stems | file_names) for name in photos),
     )
 
 
@@ -88,7 +97,7 @@ def select_all(inspection: Inspection, surface: Surface, settings: PictureSettin
 
 
 def select_report_pictures(inspection: Inspection, surface: Surface, settings: PictureSettings) -> PictureSelection:
-    """The worst defects, all facades, a few photographs, the distribution."""
+    """The pictures of the report: the most severe defects, all facades, some overlays, the distribution."""
     worst = sort_by_severity(inspection.defects)[: settings.report_cards]
     return PictureSelection(
         defect_ids=tuple(row["defect_id"] for row in worst),
@@ -99,68 +108,77 @@ def select_report_pictures(inspection: Inspection, surface: Surface, settings: P
 
 
 def draw_selection(
-    inspection: Inspection, surface: Surface, wanted: PictureSelection, folder: Path, settings: PictureSettings
+    inspection: Inspection, surface: Surface, selection: PictureSelection, folder: Path, settings: PictureSettings
 ) -> DrawnPictures:
-    """Write what is wanted into ``folder``: ``cards/``, ``elevations/``, ``overlays/``, ``distribution.png`` and
-    ``.csv``. Files of an earlier call are written over, others stay."""
+    """Write the selected pictures; files of an earlier call are overwritten, others are kept.
+
+    Args:
+        inspection: the campaign.
+        surface: surface of its building model.
+        selection: pictures to be drawn.
+        folder: folder to write into: ``cards/``, ``elevations/``, ``overlays/``, ``distribution.png`` and ``.csv``.
+        settings: resolution and limits.
+    """
     paths: list[Path] = []
-    gone: set[str] = set()
-    if wanted.distribution:
+    missing: set[str] = set()
+    if selection.distribution:
         folder.mkdir(parents=True, exist_ok=True)
-        found = compute_distribution(inspection)
-        paths.append(draw_distribution(found, format_distribution_title(inspection), folder / "distribution.png"))
-        paths.append(write_distribution(found, folder / "distribution.csv"))
+        distribution = compute_distribution(inspection)
+        paths.append(
+            draw_distribution(distribution, format_distribution_title(inspection), folder / "distribution.png")
+        )
+        paths.append(write_distribution(distribution, folder / "distribution.csv"))
     elevations = []
-    if wanted.facades:
+    if selection.facades:
         (folder / "elevations").mkdir(parents=True, exist_ok=True)
-        elevations = draw_elevations(inspection, surface, folder / "elevations", settings, wanted.facades)
+        elevations = draw_elevations(inspection, surface, folder / "elevations", settings, selection.facades)
         paths += [elevation.path for elevation in elevations]
-        gone |= {name for name in inspection.posed if not inspection.locate_photograph(name).is_file()}
-    if wanted.defect_ids:
-        places = map_defects_to_elevations(elevations)
-        others = [name for name in wanted.defect_ids if name not in places]
+        missing |= {name for name in inspection.posed if not inspection.locate_photograph(name).is_file()}
+    if selection.defect_ids:
+        overviews = map_defects_to_elevations(elevations)
+        others = [name for name in selection.defect_ids if name not in overviews]
         if others:
             facades = find_drawn_facades(inspection, surface, settings)
-            places |= map_defects_to_model(inspection, surface, facades, others)
+            overviews |= map_defects_to_model(inspection, surface, facades, others)
         cards = draw_cards(
-            inspection, surface, wanted.defect_ids, folder / "cards", places=places,
-            most_sightings=settings.card_observations,
+            inspection, surface, selection.defect_ids, folder / "cards", overviews=overviews,
+            max_observations=settings.card_observations,
         )  # fmt: skip
-        paths += [cards.paths[name] for name in wanted.defect_ids]
-        gone |= set(cards.missing)
-    if wanted.photo_ids:
+        paths += [cards.paths[name] for name in selection.defect_ids]
+        missing |= set(cards.missing)
+    if selection.photo_ids:
         (folder / "overlays").mkdir(parents=True, exist_ok=True)
-        overlays = draw_overlays(inspection, surface, wanted.photo_ids, folder / "overlays", settings)
+        overlays = draw_overlays(inspection, surface, selection.photo_ids, folder / "overlays", settings)
         paths += overlays.values()
-        gone |= set(wanted.photo_ids) - overlays.keys()
-    return DrawnPictures(paths=tuple(dict.fromkeys(paths)), missing=tuple(sorted(gone)))
+        missing |= set(selection.photo_ids) - overlays.keys()
+    return DrawnPictures(paths=tuple(dict.fromkeys(paths)), missing=tuple(sorted(missing)))
 
 
-def _invert_unique(short: Mapping[str, str]) -> dict[str, str]:
-    """Full names by short ones, those short ones alone that are of one name."""
-    every = list(short.values())
-    return {word: name for name, word in short.items() if every.count(word) == 1}
+def _invert_unique(short_names: Mapping[str, str]) -> dict[str, str]:
+    """Full names by short names, without short names of several full names."""
+    all_short = list(short_names.values())
+    return {short: name for name, short in short_names.items() if all_short.count(short) == 1}
 
 
-def _index_facade_names(sheets: Sequence[str]) -> dict[str, str]:
-    """Facades by their letters too: "SE" is "South-east"."""
-    letters = {name: "".join(part[0] for part in name.partition(" ")[0].split("-")).upper() for name in sheets}
-    return _invert_unique(letters) | {name.replace(" ", "_"): name for name in sheets}
+def _index_facade_names(names: Sequence[str]) -> dict[str, str]:
+    """Facades by compass point ("SE" for "South-east") and by name with underscores."""
+    letters = {name: "".join(part[0] for part in name.partition(" ")[0].split("-")).upper() for name in names}
+    return _invert_unique(letters) | {name.replace(" ", "_"): name for name in names}
 
 
-def _match_name(word: str, what: str, names: Sequence[str], short: Mapping[str, str]) -> str:
-    """The name that ``word`` stands for, capitals or not."""
-    if word in names:
-        return word
-    exact = {other.lower(): name for other, name in (*short.items(), *((name, name) for name in names))}
-    if word.lower() in exact:
-        return exact[word.lower()]
-    near = get_close_matches(word.lower(), list(exact), n=4, cutoff=0.5)
-    told = list(dict.fromkeys(exact[one] for one in near)) or list(names[:4])
-    if not told:
-        raise InputDataError(f"there is no {what} '{word}'; the campaign has none")
-    more = "" if near else f" (of {len(names)})"
-    raise InputDataError(f"there is no {what} '{word}' in this campaign; near it: {', '.join(told)}{more}")
+def _match_name(name: str, kind: str, names: Sequence[str], short_names: Mapping[str, str]) -> str:
+    """The full name that ``name`` stands for, ignoring case; raises InputDataError with similar names."""
+    if name in names:
+        return name
+    by_lower = {other.lower(): full for other, full in (*short_names.items(), *((full, full) for full in names))}
+    if name.lower() in by_lower:
+        return by_lower[name.lower()]
+    near = get_close_matches(name.lower(), list(by_lower), n=4, cutoff=0.5)
+    similar = list(dict.fromkeys(by_lower[other] for other in near)) or list(names[:4])
+    if not similar:
+        raise InputDataError(f"unknown {kind} '{name}': the campaign has none")
+    total = "" if near else f" (of {len(names)})"
+    raise InputDataError(f"unknown {kind} '{name}' in this campaign; similar names: {', '.join(similar)}{total}")
 
 
 _TABLES = (
@@ -178,33 +196,48 @@ def draw_pictures(
     defects: tuple[str, ...] = (),
     facades: tuple[str, ...] = (),
     photos: tuple[str, ...] = (),
-    all_of_them: bool = False,
+    draw_all: bool = False,
 ) -> DrawnPictures:
-    """Pictures of a committed campaign into ``folder``; of what the report shows where nothing is named.
+    """Draw pictures of a committed campaign; without names, those of the report.
 
-    Tables come from the lake, photographs and the building's model from the registry. Raises StoreError where the
-    lake does not hold the campaign, InputDataError for a name there is not or a model that is not the campaign's.
+    Tables are read from the lake, photographs and building model from the registry.
+
+    Args:
+        building: building in the registry.
+        campaign_id: campaign.
+        lake: folder of the lake.
+        folder: folder to write into.
+        defects: defects whose cards are drawn, by full or short names.
+        facades: facades whose elevations are drawn, by name or compass point.
+        photos: photographs whose overlays are drawn, by photo_id or file name.
+        draw_all: draw all defects, facades and localised photographs; the names are ignored.
+
+    Raises:
+        StoreError: the lake does not contain the campaign.
+        InputDataError: a name is unknown, or the model in the registry is not the one of the campaign.
     """
     inspection = _read_inspection(building, campaign_id, lake)
     surface = Surface(inspection.building)
     settings = PictureSettings()
-    if all_of_them:
-        wanted = select_all(inspection, surface, settings)
+    if draw_all:
+        selection = select_all(inspection, surface, settings)
     elif defects or facades or photos:
-        wanted = select_by_name(inspection, surface, defects=defects, facades=facades, photos=photos, settings=settings)
+        selection = select_by_name(
+            inspection, surface, defects=defects, facades=facades, photos=photos, settings=settings
+        )
     else:
-        wanted = select_report_pictures(inspection, surface, settings)
-    return draw_selection(inspection, surface, wanted, folder, settings)
+        selection = select_report_pictures(inspection, surface, settings)
+    return draw_selection(inspection, surface, selection, folder, settings)
 
 
 def _read_inspection(building: Building, campaign_id: str, lake: Path) -> Inspection:
-    held = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
-    tables = {name: held[name].select(get_stage_schema(name).names) for name in _TABLES}
+    committed = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
+    tables = {name: committed[name].select(get_stage_schema(name).names) for name in _TABLES}
     return Inspection(
         building_name=building.name,
         campaign_id=campaign_id,
         photographs_root=building.locate_photographs(campaign_id),
-        building=read_committed_model(building, campaign_id, held["buildings"].to_pylist()[0]),
+        building=read_committed_model(building, campaign_id, committed["buildings"].to_pylist()[0]),
         posed=read_posed_cameras(tables["poses"]),
         placement_sigma_max_m=building.tolerances.placement_sigma_max_m,
         **tables,

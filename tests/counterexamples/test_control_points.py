@@ -13,7 +13,8 @@ import pytest
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import SurveyedPoint, SurveyedPoints, read_surveyed_points
-from facadelake.georeferencing.georeference import GeoreferencedCampaign, georeference_reconstruction
+from facadelake.georeferencing.georeference import georeference_reconstruction
+from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PositionSource
 from tests.synthetic.test_georeference import ORIGIN, Scene, ring
@@ -75,7 +76,9 @@ def placed(
     return georeference_reconstruction(
         SCENE.reconstruction(),
         SCENE.photos() if photos is None else photos,
-        place=SiteFrame(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
+        site_frame=SiteFrame(
+            origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"
+        ),
         control=Control(kind=control, points=points, placement_sigma_max_m=limit_m),
     )
 
@@ -111,7 +114,7 @@ def test_control_points_of_other_photographs(tmp_path: Path) -> None:
     by_itself = placed(None, points)  # where nobody insists on them, GPS carries the block, and it is said why
     assert by_itself.control == "gps"
     assert by_itself.row["remarks"].startswith(
-        "chosen by itself: gps; 0 of 6 control points of gcp_list.txt can be used (3 are needed); "
+        "chosen automatically: gps; 0 of 6 control points of gcp_list.txt can be used (3 are needed); "
     )
 
 
@@ -165,7 +168,7 @@ def test_control_that_contradicts_itself(points: SurveyedPoints, photos: pa.Tabl
 
 
 FAR = (
-    "the photographs come to lie {km} km from the building model (limit 10 km) by {control}, "
+    "placed by {control}, the photographs lie {km} km from the building model (limit 10 km), "
     "near lon {lon}, lat {lat}; are latitude and longitude (or east and north) swapped, is a CRS or UTM zone wrong, "
     "or do photographs and model belong to different buildings?"
 )

@@ -13,8 +13,9 @@ from PIL import Image
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection.crosswalk import build_crosswalk
+from facadelake.evaluation.detectors.labels.format import LabelFormat
 from facadelake.evaluation.detectors.labels.labels import LabelledSet
-from facadelake.evaluation.detectors.labels.open import Form, open_labels
+from facadelake.evaluation.detectors.labels.open import open_labels
 
 CROSSWALK = build_crosswalk({})
 WIDTH, HEIGHT = 100, 80
@@ -36,7 +37,7 @@ def yolo(folder: Path, *lines: str, orientation: int = 1, names: str = "names: [
         file.parent.mkdir(exist_ok=True)
         file.write_text(text)
     (folder / "data.yaml").write_text(names)
-    return open_labels(folder, CROSSWALK, label_format=Form.YOLO)
+    return open_labels(folder, CROSSWALK, label_format=LabelFormat.YOLO)
 
 
 def coco(folder: Path, **changes: Any) -> Path:
@@ -146,7 +147,7 @@ def test_a_voc_file_that_would_blow_up_is_not_opened(tmp_path: Path) -> None:
     voc(tmp_path, "")
     bomb = '<!DOCTYPE a [<!ENTITY b "ha"><!ENTITY c "&b;&b;&b;&b;">]><annotation><filename>&c;</filename></annotation>'
     (tmp_path / "bomb.xml").write_text(bomb)
-    labelled = open_labels(tmp_path, CROSSWALK, label_format=Form.VOC)
+    labelled = open_labels(tmp_path, CROSSWALK, label_format=LabelFormat.VOC)
     assert labelled.left_out == {"XML files that cannot be read": 1}
 
 

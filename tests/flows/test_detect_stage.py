@@ -20,7 +20,7 @@ from facadelake.registration.target_view import WITHOUT_POSE
 from facadelake.registry import Building
 from tasks.detect import detect
 from tasks.job import InspectionJob, StageResult
-from tests.synthetic.registration_scene import Wall, building_of
+from tests.synthetic.registration_scene import Wall, build_walls
 from tests.unit.detection.onnx_models import HEIGHT, WIDTH, make_card, make_output, save_model
 
 # From 10 m before the right end of a wall 20 m wide: it fills the left half, 12.5 mm a pixel, and sky the right one.
@@ -77,7 +77,7 @@ def test_a_model_looks_where_the_building_is(
     job: InspectionJob, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     model, photos, placed = (stage(tmp_path, name) for name in ("model", "photos", "placed"))
-    building_of([Wall()]).save(model.folder)
+    build_walls([Wall()]).save(model.folder)
     names = ("lost.png", "masked.png", "torn.png", "wall.png")
     said = {"bytes": 1, "photo_outcome": "accepted", "prior_source": "none", "prior_height_datum": "unknown"}
     write_table(

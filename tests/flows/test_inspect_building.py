@@ -112,7 +112,7 @@ def test_a_photograph_is_shown_beside_the_model(small: SmallPortfolio, first_run
             assert images.target[int(y), int(x)]
             assert 0.7 * row["distance_m"] < images.depth_m[int(y), int(x)] < row["distance_m"] + 0.5
     missing = run("view", "small", CAMPAIGN, "nothing.JPG", *place, expect=1)
-    assert "are called 'nothing.JPG'" in missing.stderr
+    assert "match 'nothing.JPG'" in missing.stderr
 
 
 def test_pictures_are_drawn_from_the_lake_by_name(small: SmallPortfolio, first_run: str, tmp_path: Path) -> None:
@@ -128,7 +128,7 @@ def test_pictures_are_drawn_from_the_lake_by_name(small: SmallPortfolio, first_r
     assert photo.stem in overlay.name
     assert cv2.imread(str(card)).shape[1] == 1980
     unknown = run("pictures", "small", CAMPAIGN, "--defect", "D9999", *place, expect=1)
-    assert "there is no defect 'D9999' in this campaign; near it:" in " ".join(unknown.stderr.split())
+    assert "unknown defect 'D9999' in this campaign; similar names:" in " ".join(unknown.stderr.split())
 
 
 def test_the_same_inputs_make_no_second_copy_and_changed_ones_a_version(small: SmallPortfolio, first_run: str) -> None:

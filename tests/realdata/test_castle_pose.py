@@ -16,7 +16,8 @@ from facadelake.core.frames import estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import read_surveyed_points
-from facadelake.georeferencing.georeference import GeoreferencedCampaign, georeference_reconstruction
+from facadelake.georeferencing.georeference import georeference_reconstruction
+from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign
 from facadelake.georeferencing.poses_table import build_poses_table
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.photos.ingest import ingest_photographs
@@ -67,7 +68,9 @@ def placed(block: Block, shared_data: Path, control: ControlKind) -> Georeferenc
     return georeference_reconstruction(
         block.reconstruction,
         block.photos,
-        place=SiteFrame(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
+        site_frame=SiteFrame(
+            origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"
+        ),
         control=Control(kind=control, points=read_surveyed_points(shared_data / "castle" / "gcp_list.txt")),
     )
 

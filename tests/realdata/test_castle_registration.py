@@ -54,7 +54,7 @@ class Castle:
             georeference_level=model.georeference_level,
         )  # fmt: skip
         return place_imported_poses(
-            read_poses(path), self.photos, place=place, surface=self.surface, placement_sigma_max_m=0.5
+            read_poses(path), self.photos, site_frame=site_frame, surface=self.surface, placement_sigma_max_m=0.5
         )
 
     def figures(self, placed: ImportedPlacement, boxes: str) -> CampaignFigures:

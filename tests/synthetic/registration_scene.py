@@ -138,7 +138,7 @@ class Shot:
         return PosedCamera(camera=camera, site_from_cam=Similarity(rotation=self.axes @ turn, translation=centre))
 
 
-def shot_of(name: str, eye: Array, at: Array) -> Shot:
+def aim_shot(name: str, eye: Array, at: Array) -> Shot:
     """An upright photograph from ``eye`` of ``at``."""
     z = (at - eye) / np.linalg.norm(at - eye)
     x = np.cross(z, UP)
@@ -155,7 +155,7 @@ def fan(
     shots = []
     for k, angle in enumerate(np.radians(oblique_deg)):
         away = np.cos(angle) * out + np.sin(angle) * np.cross(UP, out)
-        shots.append(shot_of(f"{name}-{k}.jpg", at + far_m * away + (0.4 * (k % 3) - 0.4) * UP, at))
+        shots.append(aim_shot(f"{name}-{k}.jpg", at + far_m * away + (0.4 * (k % 3) - 0.4) * UP, at))
     return shots
 
 
@@ -179,7 +179,7 @@ class Looks:
     renamed: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
 
-def detections(
+def draw_detections(
     walls: Sequence[Wall], shots: Sequence[Shot], defects: Sequence[Defect], looks: Looks, rng: np.random.Generator
 ) -> Found:
     """A detection of each defect in each photograph that sees it whole, in front, and not too flat."""
@@ -212,7 +212,7 @@ def detections(
     return Found(table=table_from_rows("detections", rows), truth=truth)
 
 
-def building_of(walls: Sequence[Wall]) -> BuildingModel:
+def build_walls(walls: Sequence[Wall]) -> BuildingModel:
     """The walls' faces as the product's building; elements are named ``<wall's number>-<part>``."""
     vertices, triangles, owner, rows = [], [], [], []
     for number, wall in enumerate(walls):
@@ -236,6 +236,6 @@ def building_of(walls: Sequence[Wall]) -> BuildingModel:
     )  # fmt: skip
 
 
-def shifted(defects: Sequence[Defect], sigma_m: float, rng: np.random.Generator) -> list[Defect]:
+def shift_defects(defects: Sequence[Defect], sigma_m: float, rng: np.random.Generator) -> list[Defect]:
     """The defects on a real surface that stands off the model by a draw of one sigma each."""
     return [replace(defect, off_m=float(sigma_m * rng.normal())) for defect in defects]

@@ -15,7 +15,8 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import ImageMark, SurveyedPoint, SurveyedPoints
-from facadelake.georeferencing.georeference import GeoreferencedCampaign, georeference_reconstruction
+from facadelake.georeferencing.georeference import georeference_reconstruction
+from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign
 from facadelake.georeferencing.model.control import ModelControl
 from facadelake.georeferencing.poses_table import build_poses_table
 from facadelake.georeferencing.site_frame import SiteFrame
@@ -183,7 +184,9 @@ class Scene:
         return georeference_reconstruction(
             self.reconstruction(),
             given.get("photos", self.photos()),  # type: ignore[arg-type]
-            place=SiteFrame(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"),
+            site_frame=SiteFrame(
+                origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"
+            ),
             control=Control(
                 kind=control,
                 points=given.get("control_points"),  # type: ignore[arg-type]
@@ -325,7 +328,7 @@ def test_a_model_of_another_place_is_refused() -> None:
     scene = Scene(ring(), bias=np.array([300.0, 0, 0]))
     with pytest.raises(GeoreferenceError, match=r"tie points lie within 4.0 m of the model's visible surface"):
         scene.placed(ControlKind.MODEL, model=model())
-    with pytest.raises(GeoreferenceError, match="surface was not given"):
+    with pytest.raises(GeoreferenceError, match="has no model surface"):
         scene.placed(ControlKind.MODEL)
 
 

@@ -32,11 +32,11 @@ from tests.synthetic.registration_scene import (
     Looks,
     Shot,
     Wall,
-    building_of,
-    detections,
+    aim_shot,
+    build_walls,
+    draw_detections,
     fan,
-    shifted,
-    shot_of,
+    shift_defects,
 )
 
 REGISTER, MERGE = RegistrationSettings(), MergeSettings()
@@ -62,7 +62,7 @@ def exact(shots: Sequence[Shot]) -> dict[str, PosedCamera]:
 def observed(
     walls: Sequence[Wall], found: Found, posed: Mapping[str, PosedCamera], covariance: np.ndarray | None = None
 ) -> pa.Table:
-    model = building_of(walls)
+    model = build_walls(walls)
     stated = {} if covariance is None else dict.fromkeys(posed, covariance)
     return observe_detections(found.table, posed, model, Surface(model), settings=REGISTER, covariances=stated)
 
@@ -73,7 +73,7 @@ def merged(
     stated = {} if covariance is None else dict.fromkeys(posed, covariance)
     seen = observed(walls, found, posed, covariance)
     return merge_observations(
-        seen, found.table, building_of(walls), posed, prefix="t", settings=MERGE, covariances=stated
+        seen, found.table, build_walls(walls), posed, prefix="t", settings=MERGE, covariances=stated
     )
 
 
@@ -117,7 +117,7 @@ def test_places_on_known_surfaces_up_to_60_degrees(masks: bool, kind: str, bound
     walls = [Wall(kind=kind, foot=(40.0, -25.0, 3.0), bearing_deg=110.0)]
     shots = fan(walls[0], "p", FAN)
     defects = grid(0, (-2, 0, 2), (2.5, 3.5, 5.5, 6.5))
-    found = detections(walls, shots, defects, Looks(masks=masks), np.random.default_rng(0))
+    found = draw_detections(walls, shots, defects, Looks(masks=masks), np.random.default_rng(0))
     rows = observed(walls, found, exact(shots)).to_pylist()
     assert len(rows) >= 50
     assert {row["observation_outcome"] for row in rows} == {"registered"}
@@ -138,7 +138,7 @@ def test_the_middle_of_what_is_large_and_seen_aslant() -> None:
     walls = [Wall()]
     shots = fan(walls[0], "p", (-60.0, 60.0))
     bands = grid(0, (0,), (3.9, 4.1), width_m=3.0, height_m=0.1)
-    found = detections(walls, shots, bands, Looks(incidence_max_deg=80.0), np.random.default_rng(0))
+    found = draw_detections(walls, shots, bands, Looks(incidence_max_deg=80.0), np.random.default_rng(0))
     rows = observed(walls, found, exact(shots)).to_pylist()
     assert len(rows) == 4
     for row in rows:
@@ -153,7 +153,7 @@ def test_two_sigma_holds_nineteen_of_twenty_observations() -> None:
     walls = [Wall(kind=KINDS[i % 3], foot=(60.0 * (i % 3), 60.0 * (i // 3), 0), bearing_deg=40.0 * i) for i in range(9)]
     shots = [shot for i, wall in enumerate(walls) for shot in fan(wall, f"w{i}", FAN)]
     whole = [defect for i in range(len(walls)) for defect in grid(i, (-2, 0, 2), (2.5, 3.5, 5.5, 6.5))]
-    found = detections(walls, shots, shifted(whole, REGISTER.model_sigma_m, rng), BOXES, rng)
+    found = draw_detections(walls, shots, shift_defects(whole, REGISTER.model_sigma_m, rng), BOXES, rng)
     centre_m, turn_rad = 0.02, np.radians(0.1)
     posed = {s.name: s.stated(centre_m * rng.normal(size=3), turn_rad * rng.normal(size=3)) for s in shots}
     rows = observed(walls, found, posed, np.diag([centre_m**2] * 3 + [turn_rad**2] * 3)).to_pylist()
@@ -172,8 +172,8 @@ def test_relief_that_the_model_does_not_know_is_triangulated_and_kept_as_a_devia
     walls = [Wall(kind=kind, foot=(60.0 * i, 0, 0), bearing_deg=100.0 * i) for i, kind in enumerate(KINDS)]
     shots = [shot for i, wall in enumerate(walls) for shot in fan(wall, f"w{i}", FAN)]
     flush = [defect for i in range(3) for defect in grid(i, (-2, 0, 2), (2.5, 3.5, 5.5, 6.5))]
-    defects = shifted(flush, 0.04, rng)
-    found = detections(walls, shots, defects, Looks(jitter=0.02, pixel_px=0.3), rng)
+    defects = shift_defects(flush, 0.04, rng)
+    found = draw_detections(walls, shots, defects, Looks(jitter=0.02, pixel_px=0.3), rng)
     result = merged(walls, found, exact(shots))
     own, rows = truths(result, found), result.defects.to_pylist()
     assert pairwise_f1(result, found) == 1.0
@@ -203,8 +203,8 @@ def test_two_sigma_holds_nineteen_of_twenty_defects() -> None:
     ]
     shots = [shot for i, wall in enumerate(walls) for shot in fan(wall, f"{i}-w", FAN)]
     flush = [defect for i in range(len(walls)) for defect in grid(i, (-2, 0, 2), (2.5, 3.5, 5.5, 6.5))]
-    found = detections(
-        walls, shots, shifted(flush, MERGE.relief_m, rng), Looks(jitter=MERGE.centre_share, pixel_px=0.5), rng
+    found = draw_detections(
+        walls, shots, shift_defects(flush, MERGE.relief_m, rng), Looks(jitter=MERGE.centre_share, pixel_px=0.5), rng
     )
     block_m = 0.005
     moved = block_m * rng.normal(size=(len(walls), 3))
@@ -230,7 +230,7 @@ def test_defects_20_cm_apart_are_kept_apart(jitter: float, least: float, upright
             two = replace(one, name=f"{one.name}b", **({"v": one.v + 0.2} if upright else {"u": one.u + 0.2}))
             defects += [one, two]
     rng = np.random.default_rng(5)
-    found = detections(walls, shots, defects, Looks(jitter=jitter, pixel_px=0.5 if jitter else 0.0), rng)
+    found = draw_detections(walls, shots, defects, Looks(jitter=jitter, pixel_px=0.5 if jitter else 0.0), rng)
     result = merged(walls, found, exact(shots))
     assert pairwise_f1(result, found) >= least
     for name in {row["defect_id"] for row in result.defects.to_pylist()}:
@@ -248,7 +248,7 @@ def test_the_same_window_again_and_again_has_its_own_defect_each() -> None:
     ]
     sills = grid(0, np.arange(-7.2, 7.3, 0.9), (3.0, 5.5), width_m=0.5, height_m=0.15)
     rng = np.random.default_rng(2)
-    found = detections(walls, shots, sills, Looks(jitter=0.04, pixel_px=0.5), rng)
+    found = draw_detections(walls, shots, sills, Looks(jitter=0.04, pixel_px=0.5), rng)
     result = merged(walls, found, exact(shots))
     assert len(result.defects) == len({defect.name for defect in found.truth.values()})
     assert pairwise_f1(result, found) == 1.0
@@ -259,7 +259,7 @@ def test_the_order_of_rows_and_photographs_changes_nothing() -> None:
     walls = [Wall(kind="setback", bearing_deg=215.0)]
     shots = fan(walls[0], "p", FAN)
     near = grid(0, np.arange(-2, 2.1, 0.35), (2.5, 5.5), width_m=0.3, height_m=0.3)
-    found = detections(walls, shots, shifted(near, 0.05, rng), Looks(jitter=0.12, pixel_px=1.0), rng)
+    found = draw_detections(walls, shots, shift_defects(near, 0.05, rng), Looks(jitter=0.12, pixel_px=1.0), rng)
     first = merged(walls, found, exact(shots))
     order = rng.permutation(len(found.table))
     again = merged(walls, replace(found, table=found.table.take(pa.array(order))), exact(shots[::-1]))
@@ -274,7 +274,7 @@ def test_a_class_that_one_photograph_got_wrong_makes_no_second_defect() -> None:
     shots = fan(walls[0], "p", FAN)
     defects = grid(0, (-1.5, 0, 1.5), (2.5, 4.0, 5.5))
     wrong = {(defect.name, shots[i % 5].name): "moisture" for i, defect in enumerate(defects)}
-    found = detections(walls, shots, defects, Looks(renamed=wrong), np.random.default_rng(0))
+    found = draw_detections(walls, shots, defects, Looks(renamed=wrong), np.random.default_rng(0))
     renamed = sum(row["defect_class"] == "moisture" for row in found.table.to_pylist())
     assert renamed >= 8
     result = merged(walls, found, exact(shots))
@@ -289,7 +289,7 @@ def test_two_defects_of_two_classes_at_one_place_stay_two() -> None:
     shots = fan(walls[0], "p", FAN)
     cracks = grid(0, (-1.5, 0, 1.5), (3.0, 5.0))
     damp = [replace(crack, name=f"{crack.name}m", kind="moisture") for crack in cracks]
-    found = detections(walls, shots, [*cracks, *damp], Looks(), np.random.default_rng(0))
+    found = draw_detections(walls, shots, [*cracks, *damp], Looks(), np.random.default_rng(0))
     result = merged(walls, found, exact(shots))
     assert Counter(result.defects["defect_class"].to_pylist()) == {"crack": 6, "moisture": 6}
 
@@ -298,8 +298,8 @@ def test_one_pose_that_is_grossly_wrong_does_not_move_the_others_defects() -> No
     """One photograph of six stands 0.6 m from where it is said to: its sightings are thrown out, or alone."""
     walls = [Wall(kind="setback")]
     shots = fan(walls[0], "p", (-55, -35, -10, 10, 35, 55))
-    defects = shifted(grid(0, (-2, -0.5, 1, 2.5), (2.5, 5.5)), 0.03, np.random.default_rng(8))
-    found = detections(walls, shots, defects, Looks(pixel_px=0.5, jitter=0.02), np.random.default_rng(8))
+    defects = shift_defects(grid(0, (-2, -0.5, 1, 2.5), (2.5, 5.5)), 0.03, np.random.default_rng(8))
+    found = draw_detections(walls, shots, defects, Looks(pixel_px=0.5, jitter=0.02), np.random.default_rng(8))
     posed = exact(shots) | {shots[2].name: shots[2].stated(np.array([0.45, 0.0, -0.4]))}
     result = merged(walls, found, posed)
     own = truths(result, found)
@@ -317,14 +317,14 @@ def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
     """A wall, a post before it that tie points show, a mask over a part, a photograph along the wall, and strays."""
     walls = [Wall()]
     facing = fan(walls[0], "p", (-20, -10, 0, 10, 20), far_m=14.0)
-    along = shot_of("flat.jpg", np.array([-9.0, -0.9, 4.0]), np.array([2.0, 0.0, 4.0]))
+    along = aim_shot("flat.jpg", np.array([-9.0, -0.9, 4.0]), np.array([2.0, 0.0, 4.0]))
     shots = [*facing, along]
     behind_post = Defect(name="hidden", wall=0, u=0.0, v=4.0)
     plain, masked = Defect(name="plain", wall=0, u=-2.0, v=4.0), Defect(name="masked", wall=0, u=2.0, v=4.0)
     far = Defect(name="far", wall=0, u=1.0, v=4.0)
     rng = np.random.default_rng(6)
-    found = detections(walls, facing, [plain, masked, behind_post], Looks(), rng)
-    flat = detections(walls, [along], [far], Looks(incidence_max_deg=89.0), rng)
+    found = draw_detections(walls, facing, [plain, masked, behind_post], Looks(), rng)
+    flat = draw_detections(walls, [along], [far], Looks(incidence_max_deg=89.0), rng)
     assert len(flat.table) == 1
     extra = []
     template = found.table.to_pylist()[0]
@@ -336,7 +336,7 @@ def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
     table = pa.concat_tables([found.table, flat.table, pa.Table.from_pylist(extra, schema=found.table.schema)])
 
     posed = exact(shots)
-    model = building_of(walls)
+    model = build_walls(walls)
     surface = Surface(model)
     seen = observe_detections(table, posed, model, surface, settings=REGISTER)
 

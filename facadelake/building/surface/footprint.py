@@ -1,4 +1,4 @@
-"""The building seen from above: outlines of its elements, and how far a place lies from it."""
+"""Footprints: plan outlines of elements, and the horizontal distance from the building."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from facadelake.building.model import BuildingModel
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64N, Float64Nx2
 from facadelake.core.geodesy import SiteOrigin
 
 _MAX_UNION_TRIANGLES = 8_000
@@ -18,9 +18,10 @@ _MAX_CELLS = 4096  # along a side
 
 
 def compute_outline(corners_site_m: Float64Array) -> shapely.Geometry:
-    """Outline in site x, y of triangles (m, 3, 3) seen from above; of a bare vertical sheet, a strip 1 cm wide.
+    """Outline in site x, y of triangles (m, 3, 3) in plan; a vertical sheet becomes a strip 1 cm wide.
 
-    Of more than 8,000 triangles, which would take minutes, it is made of the decimetre cells that they touch.
+    The outline of more than 8,000 triangles, whose union would take minutes, consists of the cells of 0.1 m that they
+    touch.
     """
     if len(corners_site_m) > _MAX_UNION_TRIANGLES:
         return _rasterise_outline(corners_site_m)
@@ -49,24 +50,24 @@ def _rasterise_outline(corners_site_m: Float64Array) -> shapely.Geometry:
 
 
 def lon_lat_from_site(outline: shapely.Geometry, level_m: float, origin: SiteOrigin) -> shapely.Geometry:
-    """An outline in site x, y, at ``level_m`` in site z, as lon, lat (EPSG:4979)."""
+    """Transform an outline in site x, y at ``level_m`` in site z to lon, lat (EPSG:4979)."""
 
-    def lon_lat(xy: Float64Array) -> Float64Array:
+    def transform_xy(xy: Float64Nx2) -> Float64Nx2:
         return origin.geo_from_site(np.column_stack([xy, np.full(len(xy), level_m)]))[:, :2]
 
-    return shapely.transform(outline, lon_lat)
+    return shapely.transform(outline, transform_xy)
 
 
-def build_horizontal_distance(building: BuildingModel) -> Callable[[Float64Array], Float64Array]:
-    """A function of places (n, 2: lon_deg, lat_deg): their distance (n,) in metres from the building's plan."""
-    plan = compute_outline(building.vertices_site_m[building.triangles])
-    shapely.prepare(plan)
+def build_horizontal_distance(building: BuildingModel) -> Callable[[Float64Nx2], Float64N]:
+    """Build a function of points (n, 2: lon_deg, lat_deg) that gives their distance (n,) in metres from the footprint."""
+    footprint = compute_outline(building.vertices_site_m[building.triangles])
+    shapely.prepare(footprint)
 
-    def distance(lon_lat_deg: Float64Array) -> Float64Array:
+    def measure_distance(lon_lat_deg: Float64Nx2) -> Float64N:
         lon_lat = np.asarray(lon_lat_deg, dtype=np.float64).reshape(-1, 2)
         height = np.full(len(lon_lat), building.origin.height_ellipsoidal_m)
         xy = building.origin.site_from_geo(np.column_stack([lon_lat, height]))[:, :2]
-        metres: Float64Array = np.asarray(shapely.distance(plan, shapely.points(xy)), dtype=np.float64)
+        metres: Float64N = np.asarray(shapely.distance(footprint, shapely.points(xy)), dtype=np.float64)
         return metres
 
-    return distance
+    return measure_distance

@@ -1,4 +1,4 @@
-"""Evaluation of a detector on labelled photographs: reads the labels, collects the predictions, computes the figures."""
+"""Evaluation of a detector on labelled photographs: labels are read, predictions collected, figures computed."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class DetectorEvaluationRequest:
     """The data of an evaluation.
 
     ``data``: labelled photographs, in ``label_format``; ``class_names``: names of YOLO's class numbers. ``sites`` and
-    ``split`` apply to labelled photographs and to ``negatives`` (photographs without defects). ``labelled``: the classes
-    that are labelled, where the data lists more; None: all listed ones. ``scale``: a CSV with GSD or area.
+    ``split`` apply to labelled photographs and to ``negatives`` (photographs without defects). ``labelled``: the
+    classes that are labelled, where the data lists more; None: all listed ones. ``scale``: a CSV with GSD or area.
     ``image_labels``: folders of photographs labelled as a whole.
     """
 
@@ -60,8 +60,8 @@ def locate_model_file(model: str) -> Path:
     path = find_default_model() if model == "default" else Path(model)
     if path.suffix.lower() not in {".onnx", ".json"} or not path.is_file():
         raise InputDataError(
-            f"--model {model} is not a file that can be evaluated; give 'default', an ONNX model (.onnx), or a COCO file "
-            "of detections (.json)"
+            f"--model {model} is not a file that can be evaluated; give 'default', an ONNX model (.onnx), or a COCO "
+            "file of detections (.json)"
         )
     return path
 

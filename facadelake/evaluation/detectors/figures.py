@@ -1,4 +1,4 @@
-"""The figures of a detector on labelled photographs, and on photographs without defects."""
+"""Figures of a detector on labelled photographs and on photographs without defects."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64N
 from facadelake.evaluation.detectors.average_precision import (
     PredictionMatches,
     compute_average_precision,
@@ -28,13 +28,13 @@ from facadelake.evaluation.detectors.operating_point import (
 from facadelake.evaluation.detectors.predictions import CollectedPredictions, PredictionSource
 from schemas.vocabulary import DefectClass
 
-_BOXES_UNLIMITED = 10**6  # at the threshold every box is shown, however many
+_BOXES_UNLIMITED = 10**6  # predictions of a photograph at the threshold
 NO_SITE = "(site unknown)"
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluatedDetector:
-    """The detector: its name, its file's hash and the score from which a user is shown a box."""
+    """The evaluated detector: its name, the SHA-256 of its file, and the least score of a box that is shown."""
 
     name: str
     sha256: str
@@ -43,7 +43,7 @@ class EvaluatedDetector:
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationData:
-    """The labelled photographs; ``left_out`` counts, by reason, what could not be used."""
+    """The labelled photographs; ``left_out`` counts photographs and boxes that cannot be used, by reason."""
 
     name: str
     form: str
@@ -57,7 +57,7 @@ class EvaluationData:
 
 @dataclass(frozen=True, kw_only=True)
 class SiteFigures:
-    """One class at one site; average precision is None where the site has no truth of it."""
+    """Figures of one class at one site; average precision is None without labelled boxes of the class."""
 
     site: str
     defect_class: DefectClass
@@ -70,10 +70,10 @@ class SiteFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class ClassFigures:
-    """One class in the photographs that have labels of it.
+    """Figures of one class in the photographs with labels of that class.
 
-    ``ap50`` and ``ap50_95`` are COCO's, None where there is no truth; ``mean_ap50_of_sites`` gives every site the same
-    weight. Intervals hold AP50 with 95 %, by sites and by photographs drawn again.
+    ``ap50`` and ``ap50_95``: COCO's average precision, None without labelled boxes (``truths``);
+    ``mean_ap50_of_sites``: mean over sites of equal weight. ``ap50_by_*``: bootstrap intervals of 95 % of ``ap50``.
     """
 
     defect_class: DefectClass
@@ -90,9 +90,11 @@ class ClassFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class DetectorFigures:
-    """All figures; ``map50`` and ``map50_95`` are means over the classes that have truths.
+    """All figures of an evaluation.
 
-    ``megapixels_per_s`` is of the looking alone, down to faint boxes.
+    ``map50``, ``map50_95``: means over the classes with labelled boxes. ``unjudged``: number of shown boxes of a class
+    without labels in their photograph, by class. ``photographs_per_s``, ``megapixels_per_s``: speed of detection
+    without reading of files. The fields are the keys of the JSON output.
     """
 
     judged: EvaluatedDetector
@@ -110,7 +112,7 @@ class DetectorFigures:
     remarks: tuple[str, ...]
 
     def to_json(self) -> dict[str, object]:
-        """Everything by name; keys are stable."""
+        """The fields under their names; the keys are stable."""
         found: dict[str, object] = asdict(self)
         found["operating"] = self.operating.to_json()
         found["classes"] = [{**asdict(one), "operating": one.operating.to_json()} for one in self.classes]
@@ -120,7 +122,7 @@ class DetectorFigures:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoxEvaluation:
-    """Figures with what they come from, for pictures: matches down to the floor and as shown, by class."""
+    """Figures with the matches by class that they are computed from: of all predictions, and at the threshold."""
 
     figures: DetectorFigures
     matches_above_floor: Mapping[DefectClass, PredictionMatches]
@@ -128,7 +130,7 @@ class BoxEvaluation:
 
 
 def evaluate_boxes(
-    looker: PredictionSource,
+    source: PredictionSource,
     labelled: LabelledSet,
     collected: CollectedPredictions,
     *,
@@ -136,24 +138,49 @@ def evaluate_boxes(
     negatives: LabelledSet | None = None,
     collected_negatives: CollectedPredictions | None = None,
 ) -> BoxEvaluation:
-    """Figures of what ``looker`` found (``collected``) in ``labelled`` photographs, and in sound ones (``negatives``).
+    """Compute the figures of a detector.
 
-    Average precision and calibration rest on all boxes down to the floor, counts on those that a user is shown.
+    Average precision and calibration are of all predictions down to the lowest score, counts are of those at the
+    detector's threshold.
+
+    Args:
+        source: The detector.
+        labelled: The labelled photographs.
+        collected: Its predictions on them.
+        split: Name of their split, for the figures.
+        negatives: Photographs without defects, if any.
+        collected_negatives: Its predictions on them.
+
+    Raises:
+        InputDataError: There are ``negatives``, but none can be read.
     """
     images = collected.images
     classes = [one for one in DefectClass if one in labelled.labelled]
-    low = {one: match_predictions(images, collected.above_floor, one) for one in classes}
-    shown = {one: match_predictions(images, collected.above_threshold, one, most=_BOXES_UNLIMITED) for one in classes}
-    sites = tuple(figures for one in classes for figures in _compute_site_figures(low[one], shown[one]))
-    by_class = tuple(_compute_class_figures(low[one], shown[one], sites, looker.threshold) for one in classes)
+    matches_above_floor = {one: match_predictions(images, collected.above_floor, one) for one in classes}
+    matches_above_threshold = {
+        one: match_predictions(images, collected.above_threshold, one, boxes_max=_BOXES_UNLIMITED) for one in classes
+    }
+    sites = tuple(
+        figures
+        for one in classes
+        for figures in _compute_site_figures(matches_above_floor[one], matches_above_threshold[one])
+    )
+    by_class = tuple(
+        _compute_class_figures(matches_above_floor[one], matches_above_threshold[one], sites, source.threshold)
+        for one in classes
+    )
     alarms = None
     if negatives is not None and collected_negatives is not None:
-        found = collected_negatives
-        alarms = compute_false_alarms(negatives.name, found.images, found.above_threshold, found.above_floor)
+        alarms = compute_false_alarms(
+            negatives.name,
+            collected_negatives.images,
+            collected_negatives.above_threshold,
+            collected_negatives.above_floor,
+        )
     known_sites = {image.site for image in images if image.site is not None}
     left_out = Counter(labelled.left_out) + Counter(collected.left_out)
     figures = DetectorFigures(
-        judged=EvaluatedDetector(name=looker.name, sha256=looker.sha256, threshold=looker.threshold),
+        judged=EvaluatedDetector(name=source.name, sha256=source.sha256, threshold=source.threshold),
         data=EvaluationData(
             name=labelled.name,
             form=labelled.label_format,
@@ -176,53 +203,55 @@ def evaluate_boxes(
         megapixels_per_s=collected.megapixels / collected.seconds if collected.seconds > 0 else None,
         remarks=tuple(_collect_remarks(by_class, known_sites, images, alarms)),
     )
-    return BoxEvaluation(figures=figures, matches_above_floor=low, matches_above_threshold=shown)
-
-
-def _compute_class_figures(
-    low: PredictionMatches, shown: PredictionMatches, sites: Sequence[SiteFigures], threshold: float
-) -> ClassFigures:
-    def ap50(weights: Float64Array) -> float:
-        return float(compute_average_precision(low, weights, thresholds=1)[0])
-
-    has_truth = len(low.truth_image) > 0
-    has_sites = any(image.site is not None for image in low.images)
-    return ClassFigures(
-        defect_class=low.defect_class,
-        photographs=len(low.images),
-        truths=len(low.truth_image),
-        ap50=_drop_nan(low.coco_precision[0]),
-        ap50_95=_drop_nan(low.coco_precision.mean()),
-        ap50_by_sites=estimate_interval(low.images, ap50, by_site=True) if has_truth and has_sites else None,
-        ap50_by_photographs=estimate_interval(low.images, ap50, by_site=False) if has_truth else None,
-        mean_ap50_of_sites=_average_known([one.ap50 for one in sites if one.defect_class is low.defect_class]),
-        operating=compute_operating_point(shown),
-        calibration=compute_calibration(low, threshold),
+    return BoxEvaluation(
+        figures=figures, matches_above_floor=matches_above_floor, matches_above_threshold=matches_above_threshold
     )
 
 
-def _compute_site_figures(low: PredictionMatches, shown: PredictionMatches) -> list[SiteFigures]:
-    names = [NO_SITE if image.site is None else image.site for image in low.images]
+def _compute_class_figures(
+    all_matches: PredictionMatches, shown_matches: PredictionMatches, sites: Sequence[SiteFigures], threshold: float
+) -> ClassFigures:
+    def ap50(weights: Float64N) -> float:
+        return float(compute_average_precision(all_matches, weights, thresholds=1)[0])
+
+    has_truth = len(all_matches.truth_image) > 0
+    has_sites = any(image.site is not None for image in all_matches.images)
+    return ClassFigures(
+        defect_class=all_matches.defect_class,
+        photographs=len(all_matches.images),
+        truths=len(all_matches.truth_image),
+        ap50=_drop_nan(all_matches.coco_precision[0]),
+        ap50_95=_drop_nan(all_matches.coco_precision.mean()),
+        ap50_by_sites=estimate_interval(all_matches.images, ap50, by_site=True) if has_truth and has_sites else None,
+        ap50_by_photographs=estimate_interval(all_matches.images, ap50, by_site=False) if has_truth else None,
+        mean_ap50_of_sites=_average_known([one.ap50 for one in sites if one.defect_class is all_matches.defect_class]),
+        operating=compute_operating_point(shown_matches),
+        calibration=compute_calibration(all_matches, threshold),
+    )
+
+
+def _compute_site_figures(all_matches: PredictionMatches, shown_matches: PredictionMatches) -> list[SiteFigures]:
+    names = [NO_SITE if image.site is None else image.site for image in all_matches.images]
     figures = []
     for site in sorted(set(names)):
         weights = np.array([float(name == site) for name in names])
-        precision = compute_average_precision(low, weights)
+        precision = compute_average_precision(all_matches, weights)
         figures.append(
             SiteFigures(
                 site=site,
-                defect_class=low.defect_class,
+                defect_class=all_matches.defect_class,
                 photographs=int(weights.sum()),
-                truths=int(weights[low.truth_image].sum()),
+                truths=int(weights[all_matches.truth_image].sum()),
                 ap50=_drop_nan(precision[0]),
                 ap50_95=_drop_nan(precision.mean()),
-                operating=compute_operating_point(shown, weights),
+                operating=compute_operating_point(shown_matches, weights),
             )
         )
     return figures
 
 
 def _count_unlabelled(images: Sequence[LabelledImage], collected: CollectedPredictions) -> dict[str, int]:
-    """Shown boxes of classes of which their photograph has no labels, so that nobody knows whether they are right."""
+    """Numbers of shown boxes of a class without labels in their photograph, which can be right or wrong."""
     counts = Counter(
         str(one.defect_class)
         for image in images
@@ -238,23 +267,27 @@ def _collect_remarks(
     images: Sequence[LabelledImage],
     alarms: FalseAlarmFigures | None,
 ) -> list[str]:
-    told = []
+    remarks = []
     without = sum(image.site is None for image in images)
     if not sites:
-        told.append(
+        remarks.append(
             "sites are unknown: photographs of one wall are alike, so the interval by photographs is too narrow for "
             "another site; give --sites"
         )
     elif len(sites) + without < GROUPS_FEW:
-        told.append(f"only {len(sites) + without} sites: the interval by sites is rough, another site may lie outside")
+        remarks.append(
+            f"only {len(sites) + without} sites: the interval by sites is rough, another site may lie outside"
+        )
     for one in classes:
         if not one.truths:
-            told.append(f"no labelled {one.defect_class}: average precision cannot be told")
+            remarks.append(f"no labelled {one.defect_class}: average precision is undefined")
         elif one.truths < 30:
-            told.append(f"only {one.truths} labelled {one.defect_class}: figures of that class are rough")
+            remarks.append(f"only {one.truths} labelled {one.defect_class}: figures of that class are rough")
     if alarms is not None and alarms.rates[0].area_m2 is None:
-        told.append("areas of the photographs without defects are unknown: no false alarms per m2; give --scale")
-    return told
+        remarks.append(
+            "areas of the photographs without defects are unknown: no rate of false alarms per m2; give --scale"
+        )
+    return remarks
 
 
 def _drop_nan(value: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Photographs labelled as a whole, a folder a class: does the best score tell those with a defect from sound ones?"""
+"""Photographs labelled as a whole, a folder a class: separation of those with a defect from sound ones by score."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import rankdata
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64N
 from facadelake.core.errors import InputDataError
 from facadelake.detection import Crosswalk
 from facadelake.evaluation.detectors.bootstrap import BootstrapInterval, estimate_interval
@@ -27,11 +27,11 @@ _NEGATION_PREFIXES = ("no_", "not_", "non_", "no-", "not-", "non-", "no ", "not 
 
 @dataclass(frozen=True, kw_only=True)
 class ImageLevelClassFigures:
-    """One class against sound photographs, by a photograph's best score of that class (0 where nothing was found).
+    """One class against sound photographs, by a photograph's highest score of that class (0 without predictions).
 
-    ``compute_auroc``: probability that one with the defect scores higher than a sound one (ties half; 0.5 is guessing).
-    ``average_precision``: mean precision over those with the defect in order of score; guessing gives their share.
-    ``recall`` and ``false_alarm_share`` are shares of photographs with a box at the card's threshold.
+    ``auroc``: probability that a photograph with the defect has a higher score than a sound one (equal scores count
+    half; chance: 0.5). ``average_precision``: area under precision over recall (chance: the share of photographs with
+    the defect). ``recall``, ``false_alarm_share``: shares of photographs with a box at the detector's threshold.
     """
 
     defect_class: DefectClass
@@ -46,7 +46,7 @@ class ImageLevelClassFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class ImageLevelFigures:
-    """Figures of a folder of folders; ``sound_folders`` were taken as free of defects, ``left_out`` was not used."""
+    """Figures of a folder of class folders; ``sound_folders`` count as free of defects, ``left_out``: by reason."""
 
     judged: EvaluatedDetector
     name: str
@@ -56,57 +56,58 @@ class ImageLevelFigures:
     left_out: dict[str, int]
 
     def to_json(self) -> dict[str, object]:
-        """Everything by name."""
+        """The fields under their names."""
         return asdict(self)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImageLevelSet:
-    """Photographs whose ``labelled`` classes are those they show (none: sound), and the folders taken as sound."""
+    """Photographs whose ``labelled`` classes are those that they show (none: sound), and the folders of sound ones."""
 
     labelled: LabelledSet
     sound_folders: tuple[str, ...]
 
 
 def open_image_labels(folder: Path, crosswalk: Crosswalk) -> ImageLevelSet:
-    """Photographs below ``folder`` by the folder they lie in: its name stands for a defect class, or for none (intact,
-    clean, not_spalling, ...). Others are left out and counted.
+    """Read photographs that are labelled by the name of their folder: a defect class, or sound (intact, clean,
+    not_spalling, ...). Photographs in other folders are left out and counted.
 
-    Raises InputDataError where no class, or nothing sound, is there.
+    Raises InputDataError where ``folder`` is not a folder, or has no photographs of a class or no sound ones.
     """
     if not folder.is_dir():
-        raise InputDataError(f"{folder} is no folder; image labels are folders of photographs, one for each class")
-    gathered = LabelCollector(folder)
+        raise InputDataError(f"{folder} is not a folder; image labels are folders of photographs, one for each class")
+    collector = LabelCollector(folder)
     sound: set[str] = set()
     for path in find_photographs(folder):
         name = path.parent.name
         defect_class = crosswalk.find_defect_class(name)
         is_sound = name.lower() in _SOUND_NAMES or name.lower().startswith(_NEGATION_PREFIXES)
         if defect_class is None and not is_sound:
-            gathered.left_out[f"photographs in folder '{name}', which stands for no class and not for sound"] += 1
+            collector.left_out[f"photographs in folder '{name}', which is neither a defect class nor sound"] += 1
             continue
-        size = gathered.read_size(path)
+        size = collector.read_size(path)
         if size is not None:
             if is_sound:
                 sound.add(name)
-            gathered.add(path, size, [], frozenset() if defect_class is None else frozenset({defect_class}))
-    labelled = gathered.create_set("image labels")
+            collector.add(path, size, [], frozenset() if defect_class is None else frozenset({defect_class}))
+    labelled = collector.create_set("image labels")
     if not labelled.labelled or not sound:
         raise InputDataError(
-            f"{folder} needs folders named by defect classes (crack, spalling, moisture) and one of sound photographs "
-            f"({', '.join(sorted(_SOUND_NAMES))}, or not_...); it has {sorted({i.path.parent.name for i in labelled.images})}"
+            f"{folder} needs folders named after defect classes (crack, spalling, moisture) and one of sound "
+            f"photographs ({', '.join(sorted(_SOUND_NAMES))}, or not_...); it has "
+            f"{sorted({i.path.parent.name for i in labelled.images})}"
         )
     return ImageLevelSet(labelled=labelled, sound_folders=tuple(sorted(sound)))
 
 
 def evaluate_image_labels(
-    looker: PredictionSource, image_set: ImageLevelSet, collected: CollectedPredictions
+    source: PredictionSource, image_set: ImageLevelSet, collected: CollectedPredictions
 ) -> ImageLevelFigures:
-    """The figures of every class that has a folder."""
+    """Compute the figures of each class with a folder."""
     labelled = image_set.labelled
     left_out = Counter(labelled.left_out) + Counter(collected.left_out)
     return ImageLevelFigures(
-        judged=EvaluatedDetector(name=looker.name, sha256=looker.sha256, threshold=looker.threshold),
+        judged=EvaluatedDetector(name=source.name, sha256=source.sha256, threshold=source.threshold),
         name=labelled.name,
         sha256=labelled.sha256,
         sound_folders=image_set.sound_folders,
@@ -116,25 +117,25 @@ def evaluate_image_labels(
 
 
 def _compute_class_figures(defect_class: DefectClass, collected: CollectedPredictions) -> ImageLevelClassFigures:
-    images = [one for one in collected.images if not one.labelled or defect_class in one.labelled]
-    positive = np.array([defect_class in one.labelled for one in images])
-    best = np.array([_find_best_score(defect_class, one, collected) for one in images])
+    images = [image for image in collected.images if not image.labelled or defect_class in image.labelled]
+    positive = np.array([defect_class in image.labelled for image in images])
+    scores = np.array([_find_best_score(defect_class, image, collected) for image in images])
     shown = np.array(
-        [any(g.defect_class is defect_class for g in collected.above_threshold[one.key]) for one in images]
+        [any(one.defect_class is defect_class for one in collected.above_threshold[image.key]) for image in images]
     )
 
-    def area(weights: Float64Array) -> float:
-        return compute_auroc(best.repeat(weights.astype(int)), positive.repeat(weights.astype(int)))
+    def weighted_auroc(weights: Float64N) -> float:
+        return compute_auroc(scores.repeat(weights.astype(int)), positive.repeat(weights.astype(int)))
 
-    sited = [replace(one, site=one.site or f"\0{i}") for i, one in enumerate(images)]
-    value = area(np.ones(len(images)))
-    precision = compute_image_average_precision(best, positive)
+    with_sites = [replace(one, site=one.site or f"\0{i}") for i, one in enumerate(images)]
+    value = weighted_auroc(np.ones(len(images)))
+    precision = compute_image_average_precision(scores, positive)
     return ImageLevelClassFigures(
         defect_class=defect_class,
         with_defect=int(positive.sum()),
         sound=int((~positive).sum()),
         auroc=value if np.isfinite(value) else None,
-        auroc_by_sites=estimate_interval(sited, area, by_site=True),
+        auroc_by_sites=estimate_interval(with_sites, weighted_auroc, by_site=True),
         average_precision=precision if np.isfinite(precision) else None,
         recall=float(shown[positive].mean()) if positive.any() else None,
         false_alarm_share=float(shown[~positive].mean()) if (~positive).any() else None,
@@ -146,8 +147,8 @@ def _find_best_score(defect_class: DefectClass, image: LabelledImage, collected:
     return max((one.score for one in found if one.defect_class is defect_class), default=0.0)
 
 
-def compute_auroc(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -> float:
-    """Area under the ROC curve by the ranks (Mann and Whitney 1947); NaN where one of the two kinds is missing."""
+def compute_auroc(scores: Float64N, positive: Sequence[bool] | np.ndarray) -> float:
+    """Area under the ROC curve by ranks (Mann and Whitney 1947); NaN without positives or without negatives."""
     is_positive = np.asarray(positive, dtype=np.bool_)
     n, m = int(is_positive.sum()), int((~is_positive).sum())
     if not n or not m:
@@ -155,8 +156,8 @@ def compute_auroc(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -
     return float((rankdata(scores)[is_positive].sum() - n * (n + 1) / 2) / (n * m))
 
 
-def compute_image_average_precision(scores: Float64Array, positive: Sequence[bool] | np.ndarray) -> float:
-    """Sum over thresholds of the gain in recall times precision; equal scores fall together. NaN without positives."""
+def compute_image_average_precision(scores: Float64N, positive: Sequence[bool] | np.ndarray) -> float:
+    """Sum over thresholds of precision times gain in recall; equal scores are one threshold. NaN without positives."""
     is_positive = np.asarray(positive, dtype=np.bool_)
     if not is_positive.any():
         return float("nan")

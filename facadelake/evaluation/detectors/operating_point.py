@@ -1,4 +1,4 @@
-"""What a user gets at the card's threshold: hits, false alarms, misses, and what was taken for what."""
+"""Operating point: hits, false alarms and misses at the detector's threshold, and the confusion of classes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from pycocotools.mask import iou
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64N
 from facadelake.evaluation.detectors.average_precision import PredictionMatches
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import Prediction
@@ -21,7 +21,7 @@ IOU_MIN = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class OperatingPoint:
-    """Counts at the threshold, and from them precision, recall and their harmonic mean (None where undefined)."""
+    """Counts at the threshold; precision, recall and F1 are None where their denominator is 0."""
 
     hits: int
     false_alarms: int
@@ -29,12 +29,12 @@ class OperatingPoint:
 
     @property
     def precision(self) -> float | None:
-        """Share of the boxes shown that show a defect."""
+        """Share of the predictions that hit a labelled defect."""
         return self.hits / (self.hits + self.false_alarms) if self.hits + self.false_alarms else None
 
     @property
     def recall(self) -> float | None:
-        """Share of the labelled defects that are shown."""
+        """Share of the labelled defects that are hit."""
         return self.hits / (self.hits + self.misses) if self.hits + self.misses else None
 
     @property
@@ -49,19 +49,19 @@ class OperatingPoint:
         return {"hits": self.hits, "false_alarms": self.false_alarms, "misses": self.misses, **shares}
 
 
-def compute_operating_point(matches: PredictionMatches, weights: Float64Array | None = None) -> OperatingPoint:
-    """Counts of what is shown, at an IoU of 0.5; ``weights`` as for average precision."""
+def compute_operating_point(matches: PredictionMatches, weights: Float64N | None = None) -> OperatingPoint:
+    """Counts at an IoU of 0.5; ``weights`` as in ``compute_average_precision``."""
     weight = np.ones(len(matches.images)) if weights is None else weights
-    each = weight[matches.image]
+    prediction_weight = weight[matches.image]
     return OperatingPoint(
-        hits=round(float(each[matches.hit[0]].sum())),
-        false_alarms=round(float(each[~(matches.hit[0] | matches.ignored[0])].sum())),
+        hits=round(float(prediction_weight[matches.hit[0]].sum())),
+        false_alarms=round(float(prediction_weight[~(matches.hit[0] | matches.ignored[0])].sum())),
         misses=round(float(weight[matches.truth_image][~matches.found[0]].sum())),
     )
 
 
 def sum_operating_points(parts: Sequence[OperatingPoint]) -> OperatingPoint:
-    """The counts of several classes together."""
+    """The sums of the counts of several classes."""
     return OperatingPoint(
         hits=sum(one.hits for one in parts),
         false_alarms=sum(one.false_alarms for one in parts),
@@ -71,7 +71,7 @@ def sum_operating_points(parts: Sequence[OperatingPoint]) -> OperatingPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class Confusion:
-    """``count`` labelled defects of class ``truth`` were shown as ``shown``; either may be ``nothing``."""
+    """``count`` pairs of a labelled box of class ``truth`` and a prediction of class ``shown``; ``nothing``: no box."""
 
     truth: str
     shown: str
@@ -79,54 +79,54 @@ class Confusion:
 
 
 def count_confusions(
-    images: Sequence[LabelledImage], shown: Mapping[str, tuple[Prediction, ...]]
+    images: Sequence[LabelledImage], predictions: Mapping[str, tuple[Prediction, ...]]
 ) -> tuple[Confusion, ...]:
-    """What was taken for what, at an IoU of 0.5: truths of the same class are paired first, then of any.
+    """Confusion of classes at an IoU of 0.5: boxes of one class are paired first, then of different classes.
 
-    Ignored truths and what lies on them are left out, and so is a lone box of a class of which the photograph has no
-    labels: nobody knows whether it is right.
+    Ignored labels and the predictions on them are left out, and so is an unpaired prediction of a class without labels
+    in its photograph.
     """
     counts: Counter[tuple[str, str]] = Counter()
     for image in images:
-        guesses = shown[image.key]
-        overlap = compute_coco_iou(image, guesses)
-        free_truths, free_guesses = set(range(len(image.boxes))), list(range(len(guesses)))
+        predicted = predictions[image.key]
+        iou_matrix = compute_coco_iou(image, predicted)
+        free_truths, free_predictions = set(range(len(image.boxes))), list(range(len(predicted)))
         for same_class in (True, False):
-            for g in list(free_guesses):
-                able = [
+            for p in list(free_predictions):
+                candidates = [
                     t
                     for t in free_truths
-                    if overlap[g, t] >= IOU_MIN
-                    and (not same_class or image.boxes[t].defect_class is guesses[g].defect_class)
+                    if iou_matrix[p, t] >= IOU_MIN
+                    and (not same_class or image.boxes[t].defect_class is predicted[p].defect_class)
                 ]
-                if not able:
+                if not candidates:
                     continue
-                _, _, best = max((not image.boxes[t].ignored, float(overlap[g, t]), t) for t in able)
-                free_guesses.remove(g)
+                _, _, best = max((not image.boxes[t].ignored, float(iou_matrix[p, t]), t) for t in candidates)
+                free_predictions.remove(p)
                 if not image.boxes[best].ignored:
                     free_truths.remove(best)
-                    counts[str(image.boxes[best].defect_class), str(guesses[g].defect_class)] += 1
-        for g in free_guesses:
-            if guesses[g].defect_class in image.labelled:
-                counts[NOTHING, str(guesses[g].defect_class)] += 1
+                    counts[str(image.boxes[best].defect_class), str(predicted[p].defect_class)] += 1
+        for p in free_predictions:
+            if predicted[p].defect_class in image.labelled:
+                counts[NOTHING, str(predicted[p].defect_class)] += 1
         for t in free_truths:
             if not image.boxes[t].ignored:
                 counts[str(image.boxes[t].defect_class), NOTHING] += 1
-    rows, columns = sorted({truth for truth, _ in counts}), sorted({guess for _, guess in counts})
+    rows, columns = sorted({truth for truth, _ in counts}), sorted({prediction for _, prediction in counts})
     return tuple(
-        Confusion(truth=truth, shown=guess, count=counts[truth, guess])
-        for truth, guess in product(rows, columns)
-        if counts[truth, guess]
+        Confusion(truth=truth, shown=prediction, count=counts[truth, prediction])
+        for truth, prediction in product(rows, columns)
+        if counts[truth, prediction]
     )
 
 
-def compute_coco_iou(image: LabelledImage, guesses: Sequence[Prediction]) -> Float64Array:
-    """Intersection over union (guesses, truths); over the guess alone where the truth is a crowd, as COCO has it."""
-    if not guesses or not image.boxes:
-        return np.zeros((len(guesses), len(image.boxes)))
+def compute_coco_iou(image: LabelledImage, predicted: Sequence[Prediction]) -> Float64Array:
+    """IoU (n, m) of predictions and labelled boxes; for a crowd intersection over the prediction's area, as in COCO."""
+    if not predicted or not image.boxes:
+        return np.zeros((len(predicted), len(image.boxes)))
     corners = [
         [[b.x_px, b.y_px, b.width_px, b.height_px] for b in boxes]
-        for boxes in ([one.box for one in guesses], [one.box for one in image.boxes])
+        for boxes in ([one.box for one in predicted], [one.box for one in image.boxes])
     ]
-    overlap: Float64Array = np.asarray(iou(corners[0], corners[1], [int(one.ignored) for one in image.boxes]))
-    return overlap
+    matrix: Float64Array = np.asarray(iou(corners[0], corners[1], [int(one.ignored) for one in image.boxes]))
+    return matrix

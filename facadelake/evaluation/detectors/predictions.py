@@ -1,4 +1,4 @@
-"""Predictions on labelled photographs: from a model, from a file of detections, or from anything else that looks."""
+"""Predictions on labelled photographs, from any source: a model, a file, a classical filter."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
-    """A box inside its photograph; ``score`` from 0 to 1."""
+    """A predicted box inside its photograph, px; ``score`` from 0 to 1."""
 
     box: Box
     score: float
@@ -33,14 +33,14 @@ class Prediction:
 
 @dataclass(frozen=True, kw_only=True)
 class ImagePredictions:
-    """What was found in one photograph: down to a score of 0.01, and what a user is shown."""
+    """The detections in one photograph: down to the lowest score, and at the detector's threshold."""
 
     above_floor: tuple[DetectedBox, ...]
     above_threshold: tuple[DetectedBox, ...]
 
 
 class PredictionSource(Protocol):
-    """Whatever finds boxes. ``threshold`` is the score from which a user is shown a box."""
+    """A detector, or a file of its detections. ``threshold``: the least score of a box that is shown."""
 
     @property
     def name(self) -> str: ...
@@ -56,9 +56,10 @@ class PredictionSource(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CollectedPredictions:
-    """Predictions by photograph's key; ``left_out`` counts boxes that could not be used, by reason.
+    """Predictions by the photograph's key.
 
-    ``images`` are those that could be read; ``seconds`` is the time spent looking, not reading files.
+    ``images``: the photographs that can be read; ``left_out``: numbers of photographs and boxes that cannot be used, by
+    reason; ``seconds``: time of detection, without reading of files.
     """
 
     images: tuple[LabelledImage, ...]
@@ -69,41 +70,45 @@ class CollectedPredictions:
 
     @property
     def megapixels(self) -> float:
-        """Of all photographs."""
+        """Size of all photographs."""
         return sum(image.width_px * image.height_px for image in self.images) / 1e6
 
 
 def collect_predictions(
-    looker: PredictionSource, images: Sequence[LabelledImage], crosswalk: Crosswalk
+    source: PredictionSource, images: Sequence[LabelledImage], crosswalk: Crosswalk
 ) -> CollectedPredictions:
-    """Look at every photograph, one in memory at a time; one that cannot be decoded is left out and counted."""
-    low: dict[str, tuple[Prediction, ...]] = {}
-    shown: dict[str, tuple[Prediction, ...]] = {}
+    """Run ``source`` on each photograph; one that cannot be decoded is left out and counted."""
+    above_floor: dict[str, tuple[Prediction, ...]] = {}
+    above_threshold: dict[str, tuple[Prediction, ...]] = {}
     left_out: Counter[str] = Counter()
     read: list[LabelledImage] = []
     seconds = 0.0
-    for image in track(images, label="Looking"):
+    for image in track(images, label="Detecting"):
         pixels = read_pixels(image.path)
         if pixels is None:
             _log.warning("%s cannot be decoded and is left out", image.path)
             left_out["photographs that cannot be decoded"] += 1
             continue
         begin = time.perf_counter()
-        looks = looker.detect(image, pixels)
+        detected = source.detect(image, pixels)
         seconds += time.perf_counter() - begin
         read.append(image)
-        low[image.key] = _filter_predictions(looks.above_floor, image, crosswalk, left_out)
-        shown[image.key] = _filter_predictions(looks.above_threshold, image, crosswalk, Counter())
+        above_floor[image.key] = _filter_predictions(detected.above_floor, image, crosswalk, left_out)
+        above_threshold[image.key] = _filter_predictions(detected.above_threshold, image, crosswalk, Counter())
     return CollectedPredictions(
-        images=tuple(read), above_floor=low, above_threshold=shown, left_out=dict(left_out), seconds=seconds
+        images=tuple(read),
+        above_floor=above_floor,
+        above_threshold=above_threshold,
+        left_out=dict(left_out),
+        seconds=seconds,
     )
 
 
 def read_pixels(path: Path) -> UInt8Image | None:
-    """A photograph (h, w, 3: blue, green, red) as stored, or None where it cannot be decoded to its end."""
+    """Pixels of a photograph (h, w, 3: blue, green, red) as stored; None where it cannot be decoded completely."""
     try:
-        with PilImage.open(path) as whole:
-            whole.load()  # OpenCV makes grey of what a torn file lacks; an inspection refuses such a photograph
+        with PilImage.open(path) as opened:
+            opened.load()  # OpenCV fills the missing part of a truncated file with grey; an inspection refuses it
     except (OSError, SyntaxError, ValueError, PilImage.DecompressionBombError):
         return None
     return read_photograph(path)
@@ -117,18 +122,18 @@ def _filter_predictions(
         defect_class = crosswalk.find_defect_class(one.class_name)
         inside = clip_box(one.box, image_width_px=image.width_px, image_height_px=image.height_px).inside
         if defect_class is None:
-            left_out[f"boxes found of class '{one.class_name}', which stands for no defect class"] += 1
+            left_out[f"predicted boxes of class '{one.class_name}', which has no defect class"] += 1
         elif inside is None:
-            left_out["boxes found outside their photograph"] += 1
+            left_out["predicted boxes outside their photograph"] += 1
         elif not _is_on_target(inside, image):
-            left_out["boxes found beside the building"] += 1
+            left_out["predicted boxes off the building"] += 1
         else:
             kept.append(Prediction(box=inside, score=one.score, defect_class=defect_class))
     return tuple(sorted(kept, key=lambda prediction: -prediction.score))
 
 
 def _is_on_target(box: Box, image: LabelledImage) -> bool:
-    """Whether the box's middle lies on the building; elsewhere an inspection has no wall to put it on."""
+    """Whether the centre of the box is on the building; an inspection does not register other boxes."""
     if image.target is None:
         return True
     rows, columns = image.target.shape

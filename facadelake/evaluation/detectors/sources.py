@@ -1,4 +1,4 @@
-"""What can be judged: a model with its card, and a file of detections."""
+"""Sources of predictions: an ONNX model with its card, and a COCO file of detections."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from facadelake.detection.tiling import detect_image
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import ImagePredictions
 
-# Precision at high recall needs the boxes that nobody would be shown.
+# Lowest score of predictions: precision at high recall needs boxes below the threshold.
 SCORE_FLOOR = 0.01
 _DETECTIONS_MAX = 300
 
 
 class OnnxPredictionSource:
-    """A model with its card's threshold, and with one so low that precision can be drawn against recall.
+    """An ONNX model at the threshold of its card and at ``SCORE_FLOOR``.
 
-    Each tile is run once: suppression goes from the best down, so that what a tile shows at the card's threshold is
-    the best of what it shows at the low one. What is made of tiles along their seams is made twice, because faint
-    boxes about would make others of them.
+    Inference runs once for each tile. Non-maximum suppression keeps boxes from the highest score down, so that a tile's
+    boxes at the threshold are the first of those at the lower one. Boxes of several tiles are merged once for each
+    threshold, because boxes of low scores would change the merged boxes.
     """
 
     def __init__(self, model: Path, *, threshold: float | None = None) -> None:
-        """Load ``model`` with its card; ``threshold`` goes over the card's."""
+        """Load ``model`` with its card; ``threshold`` overrides the card's."""
         self.card = find_card(model)
         self.threshold = self.card.score_threshold if threshold is None else threshold
         low = {
@@ -40,12 +40,12 @@ class OnnxPredictionSource:
         self.name, self.sha256 = self._detector.name, self._detector.sha256
 
     def detect(self, image: LabelledImage, pixels_bgr: UInt8Image) -> ImagePredictions:
-        """What both thresholds give."""
-        seen: list[tuple[tuple[DetectedBox, ...], ...]] = []
+        """The detections of a photograph at both thresholds."""
+        batches: list[tuple[tuple[DetectedBox, ...], ...]] = []
         low = detect_image(
-            _RecordingDetector(self._detector, seen), pixels_bgr, gsd_mm=image.gsd_mm, target=image.target
+            _RecordingDetector(self._detector, batches), pixels_bgr, gsd_mm=image.gsd_mm, target=image.target
         )
-        replayed = _ReplayingDetector(self.card, self.threshold, iter(seen))
+        replayed = _ReplayingDetector(self.card, self.threshold, iter(batches))
         return ImagePredictions(
             above_floor=low,
             above_threshold=detect_image(replayed, pixels_bgr, gsd_mm=image.gsd_mm, target=image.target),
@@ -53,36 +53,38 @@ class OnnxPredictionSource:
 
 
 class _RecordingDetector:
-    """A detector that keeps what it gave, batch after batch."""
+    """A detector that records its results, batch by batch."""
 
-    def __init__(self, detector: OnnxDetector, seen: list[tuple[tuple[DetectedBox, ...], ...]]) -> None:
+    def __init__(self, detector: OnnxDetector, batches: list[tuple[tuple[DetectedBox, ...], ...]]) -> None:
         self.card = detector.card
-        self._detector, self._seen = detector, seen
+        self._detector, self._batches = detector, batches
 
     def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[DetectedBox, ...], ...]:
-        self._seen.append(self._detector.detect_batch(images_bgr))
-        return self._seen[-1]
+        self._batches.append(self._detector.detect_batch(images_bgr))
+        return self._batches[-1]
 
 
 class _ReplayingDetector:
-    """A detector that gives again, in the same order of batches, what reaches ``threshold``."""
+    """A detector that repeats recorded results from ``threshold`` up, in the same order of batches."""
 
-    def __init__(self, card: ModelCard, threshold: float, seen: Iterator[tuple[tuple[DetectedBox, ...], ...]]) -> None:
+    def __init__(
+        self, card: ModelCard, threshold: float, batches: Iterator[tuple[tuple[DetectedBox, ...], ...]]
+    ) -> None:
         self.card = card
-        self._threshold, self._seen = threshold, seen
+        self._threshold, self._batches = threshold, batches
 
     def detect_batch(self, images_bgr: Sequence[UInt8Image]) -> tuple[tuple[DetectedBox, ...], ...]:
         return tuple(
             tuple(one for one in many if one.score >= self._threshold)[: self.card.max_detections]
-            for many in next(self._seen)
+            for many in next(self._batches)
         )
 
 
 class CocoPredictionSource:
-    """Detections of a COCO file, by the photographs' file names; a box without a score has 1."""
+    """Detections of a COCO file, by the photographs' file names; a box without a score has the score 1."""
 
     def __init__(self, file: Path, threshold: float = 0.0) -> None:
-        """Read ``file``. Raises InputDataError where it cannot be used."""
+        """Read ``file``. Raises InputDataError where it is not a COCO file."""
         coco = read_coco(file)
         self.name, self.sha256, self.threshold = file.name, hash_file(file), threshold
         self._found: dict[str, list[DetectedBox]] = {}
@@ -97,21 +99,21 @@ class CocoPredictionSource:
         self._names = frozenset(image.file_name.replace("\\", "/") for image in coco.images.values())
 
     def detect(self, image: LabelledImage, pixels_bgr: UInt8Image) -> ImagePredictions:
-        """The file's boxes of this photograph, by the longest end of its path that the file names."""
+        """The file's boxes of a photograph, found by the longest end of its path among the file's names."""
         parts = image.key.split("/")
-        name = next((end for i in range(len(parts)) if (end := "/".join(parts[i:])) in self._names), None)
+        name = next((suffix for i in range(len(parts)) if (suffix := "/".join(parts[i:])) in self._names), None)
         found = tuple(self._found.get(name, ())) if name else ()
         return ImagePredictions(
             above_floor=found, above_threshold=tuple(one for one in found if one.score >= self.threshold)
         )
 
     def require_photographs(self, images: Sequence[LabelledImage]) -> None:
-        """Raise InputDataError where the file names none of the photographs."""
-        ends = {"/".join(image.key.split("/")[i:]) for image in images for i in range(image.key.count("/") + 1)}
-        if not ends & self._names:
+        """Raise InputDataError where the file has none of the photographs."""
+        suffixes = {"/".join(image.key.split("/")[i:]) for image in images for i in range(image.key.count("/") + 1)}
+        if not suffixes & self._names:
             raise InputDataError(
-                f"{self.name} names none of the {len(images)} labelled photographs, such as '{images[0].key}'; "
-                "its images' file_name must be theirs"
+                f"{self.name} has none of the {len(images)} labelled photographs, such as '{images[0].key}'; its "
+                "images must have their file names (file_name)"
             )
 
 

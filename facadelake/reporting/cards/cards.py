@@ -61,16 +61,16 @@ def draw_cards(
     defect_ids: Iterable[str],
     folder: Path,
     *,
-    places: Mapping[str, FacadeOverview],
-    most_sightings: int,
+    overviews: Mapping[str, FacadeOverview],
+    max_observations: int,
 ) -> CardFiles:
     """Write ``card_<label>.png`` into ``folder`` for each of ``defect_ids``.
 
-    ``places`` are the facades that defects lie on, by defect_id; ``most_sightings`` bounds what is drawn, and so what
+    ``places`` are the facades that defects lie on, by defect_id; ``max_observations`` bounds what is drawn, and so what
     is read, for each. Memory: one photograph, and the pieces of those cards that wait for another one.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    opened = _prepare_cards(inspection, frozenset(defect_ids), most_sightings)
+    opened = _prepare_cards(inspection, frozenset(defect_ids), max_observations)
     wanted = sorted({photo_id for card in opened for photo_id in card.unread_photos})
     merges = group_merges(inspection.merges)
     storeys = find_storey_bases(inspection.building)
@@ -91,7 +91,7 @@ def draw_cards(
                 for one in card.observations
             ],
             left_out=card.left_out,
-            overview=places.get(card.mark.defect_id),
+            overview=overviews.get(card.mark.defect_id),
             storeys=storeys,
         )
         draw_card(material).savefig(path, dpi=DPI, pil_kwargs={"compress_level": 1})
@@ -118,7 +118,7 @@ def draw_cards(
     return CardFiles(paths=paths, missing=tuple(missing))
 
 
-def _prepare_cards(inspection: Inspection, defect_ids: frozenset[str], most_sightings: int) -> list[_PendingCard]:
+def _prepare_cards(inspection: Inspection, defect_ids: frozenset[str], max_observations: int) -> list[_PendingCard]:
     rows = {row["defect_id"]: row for row in inspection.defects.to_pylist()}
     sightings = group_observations(inspection)
     opened = []
@@ -126,7 +126,7 @@ def _prepare_cards(inspection: Inspection, defect_ids: frozenset[str], most_sigh
         if mark.defect_id not in defect_ids:
             continue
         own = [one for one in sightings[mark.defect_id] if one.photo_id in inspection.posed]
-        shown = own[:most_sightings]
+        shown = own[:max_observations]
         there = [one for one in shown if inspection.locate_photograph(one.photo_id).is_file()]
         opened.append(
             _PendingCard(

@@ -70,8 +70,8 @@ def write_report(
     crops = write_crops(inspection, folder / "crops", settings)
     worst = [row["defect_id"] for row in sort_by_severity(inspection.defects)[: settings.report_cards]]
     cards = draw_cards(
-        inspection, surface, worst, folder / "cards", places=map_defects_to_elevations(elevations),
-        most_sightings=settings.report_observations,
+        inspection, surface, worst, folder / "cards", overviews=map_defects_to_elevations(elevations),
+        max_observations=settings.report_observations,
     )  # fmt: skip
     overlays = draw_overlays(
         inspection, surface, select_overlay_photographs(inspection, settings.report_overlays), folder, settings

@@ -10,7 +10,7 @@ from facadelake.deduplication.appearance import PhotographSource
 from facadelake.deduplication.clustering import cluster_observations
 from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
-from tests.unit.registration.wall_scene import looking
+from tests.unit.registration.wall_scene import look_at
 
 CAMERA = Camera(width_px=900, height_px=700, fx_px=1500, fy_px=1500, cx_px=450, cy_px=350, k1=-0.05)
 TEXEL_M = 0.004
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
 
 
 def posed(x, y, z):
-    turned = looking([x, y, z], [0.0, 0.0, 2.0])
+    turned = look_at([x, y, z], [0.0, 0.0, 2.0])
     return PosedCamera(
         camera=CAMERA,
         site_from_cam=Similarity(rotation=turned.site_from_cam.rotation, translation=turned.centre_site_m),

@@ -15,7 +15,7 @@ from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
-from tests.unit.registration.wall_scene import looking
+from tests.unit.registration.wall_scene import look_at
 
 MERGE = MergeSettings()
 
@@ -117,8 +117,8 @@ def test_relief_separates_oblique_observations_in_a_known_direction():
 
 def test_a_campaign_that_stands_off_the_model_still_merges(wall, detections_of):
     """All cameras 0.8 m too far forward and 0.5 m aside, as GPS alone may place them; one defect seen from three."""
-    real = {f"p{i}": looking([-6.0 + 6 * i, -8.0, 2.0], [0.0, 0.0, 1.5]) for i in range(3)}
-    placed = {name: looking(p.centre_site_m + np.array([0.5, 0.8, 0]), [0.5, 0.8, 1.5]) for name, p in real.items()}
+    real = {f"p{i}": look_at([-6.0 + 6 * i, -8.0, 2.0], [0.0, 0.0, 1.5]) for i in range(3)}
+    placed = {name: look_at(p.centre_site_m + np.array([0.5, 0.8, 0]), [0.5, 0.8, 1.5]) for name, p in real.items()}
     made = []
     for name, posed in real.items():
         u, v = posed.project_site(np.array([[0.2, 0.0, 1.4]]))[0]
@@ -150,7 +150,7 @@ def test_nothing_to_merge():
 @pytest.fixture
 def inspected(wall, detections_of):
     """Four defects on the wall, each seen by three cameras, with boxes drawn by projection."""
-    cameras = {f"p{i}": looking([-4.0 + 4 * i, -10.0, 2.5], [0.0, 0.0, 3.0]) for i in range(3)}
+    cameras = {f"p{i}": look_at([-4.0 + 4 * i, -10.0, 2.5], [0.0, 0.0, 3.0]) for i in range(3)}
     places = {"A": (-2.0, 4.5), "B": (-1.8, 4.5), "C": (1.0, 4.5), "D": (0.0, 1.0)}
     made = []
     for name, (x, z) in places.items():
@@ -208,7 +208,7 @@ def test_shuffled_rows_give_the_same_tables(wall, inspected):
 
 
 def test_what_is_not_registered_belongs_to_no_defect(wall, detections_of):
-    camera = looking([0.0, -10.0, 2.5], [0.0, 0.0, 3.0])
+    camera = look_at([0.0, -10.0, 2.5], [0.0, 0.0, 3.0])
     detections = detections_of(("a", "gone", "crack", (10, 10, 20, 20)), ("b", "p", "crack", (990, 5, 20, 20)))
     observations = observe_detections(detections, {"p": camera}, wall, Surface(wall), RegistrationSettings())
     result = merge_observations(observations, detections, wall, {"p": camera}, prefix="x")

@@ -10,7 +10,7 @@ from facadelake.deduplication.merge_decisions import build_merges_table
 from facadelake.deduplication.rear_surface import reassign_to_rear_surface
 from facadelake.deduplication.settings import MergeSettings
 from tests.unit.deduplication.merging import make_observations
-from tests.unit.registration.wall_scene import sheet
+from tests.unit.registration.wall_scene import make_rectangle
 
 SETTINGS = MergeSettings()
 
@@ -140,8 +140,8 @@ def test_every_join_is_explained_once():
 
 def observe_behind_pillar(eyes, place):
     """Observations of ``place`` on the wall y = 0 from ``eyes``; a pillar on their rays is in the model only."""
-    pillar = sheet([-0.6, -2, 0], [1.2, 0, 0], [0, 0, 4])
-    wall = sheet([-10, 0, 0], [20, 0, 0], [0, 0, 6])
+    pillar = make_rectangle([-0.6, -2, 0], [1.2, 0, 0], [0, 0, 4])
+    wall = make_rectangle([-10, 0, 0], [20, 0, 0], [0, 0, 6])
     surface = Surface.from_mesh(
         np.vstack([wall, pillar]), np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]), np.array([0, 0, 1, 1])
     )

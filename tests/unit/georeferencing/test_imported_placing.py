@@ -18,7 +18,7 @@ from tests.unit.georeferencing.imported_wall import CENTRES, NAMES, ORIGIN, PLAC
 
 def placed(path: Path, of: pa.Table | None = None, limit_m: float = 0.5) -> ImportedPlacement:
     return place_imported_poses(
-        read_poses(path), of or photos(), place=PLACE, surface=wall(), placement_sigma_max_m=limit_m
+        read_poses(path), of or photos(), site_frame=PLACE, surface=wall(), placement_sigma_max_m=limit_m
     )
 
 
@@ -143,7 +143,7 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     lon, lat, height = ORIGIN.geo_from_site(CENTRES[1][None])[0]
     said = {"prior_source": "exif", "prior_lon_deg": lon, "prior_lat_deg": lat, "prior_height_m": height + 30.0}
     found = place_imported_poses(
-        read_poses(path), photos(**said), place=PLACE, surface=wall(), placement_sigma_max_m=0.5,
+        read_poses(path), photos(**said), site_frame=PLACE, surface=wall(), placement_sigma_max_m=0.5,
         surveyed=[marked(points)],
     )  # fmt: skip
     row = found.georeference.to_pylist()[0]
@@ -163,7 +163,7 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     ))  # fmt: skip
     with pytest.raises(GeoreferenceError, match=r"held-out points lie 1\.95 m"):
         place_imported_poses(
-            read_poses(path), photos(), place=PLACE, surface=wall(), placement_sigma_max_m=0.5, surveyed=[wrong]
+            read_poses(path), photos(), site_frame=PLACE, surface=wall(), placement_sigma_max_m=0.5, surveyed=[wrong]
         )
 
 

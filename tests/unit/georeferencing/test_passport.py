@@ -11,7 +11,8 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.adjustment.adjust import adjust_block
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.adjustment.control_observations import ControlObservations
-from facadelake.georeferencing.passport import PassportPoint, build_points_table, compare_with_model, require_accuracy
+from facadelake.georeferencing.model_comparison import compare_with_model
+from facadelake.georeferencing.passport import PassportPoint, build_points_table, require_accuracy
 from schemas.vocabulary import ControlKind, PointKind
 from tests.unit.georeferencing.small_block import (
     SITE_FROM_SFM,

@@ -11,10 +11,10 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.deduplication.crack_width import CrackWidthEstimate, estimate_crack_widths
 from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
-from tests.unit.registration.wall_scene import looking
+from tests.unit.registration.wall_scene import look_at
 
 SETTINGS = RegistrationSettings()
-ASIDE = looking([-8.0, -6.0, 2.0], [0.0, 0.0, 2.0])  # 53 deg from the wall's normal
+ASIDE = look_at([-8.0, -6.0, 2.0], [0.0, 0.0, 2.0])  # 53 deg from the wall's normal
 
 
 def seen_line(posed, *corners_site):

@@ -16,9 +16,9 @@ from facadelake.registration.exclusion import ExclusionEvidence, ExclusionSettin
 from facadelake.registration.exclusion_mask import compute_masked_shares
 from facadelake.registration.occlusion import OcclusionSettings
 from facadelake.registration.tie_points import BlockImagePoints, triangulate_tie_points
-from tests.unit.registration.wall_scene import looking
+from tests.unit.registration.wall_scene import look_at
 
-CAMERAS = {f"p{i}": looking([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-3.0, 0.0, 3.0))}
+CAMERAS = {f"p{i}": look_at([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-3.0, 0.0, 3.0))}
 BOARD_M = 2.0  # before the wall
 NOISE_PX = 0.3
 
@@ -74,7 +74,7 @@ def excluded(wall, made, scene, cameras=CAMERAS):
 
 
 def test_tie_points_are_where_they_were_and_their_covariance_says_how_well():
-    cameras = {f"p{i}": looking([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-6.0, -3, 0.0, 3, 6.0))}
+    cameras = {f"p{i}": look_at([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-6.0, -3, 0.0, 3, 6.0))}
     found = triangulate_tie_points(tracks_of(WALL, cameras, noise_px=0.6), cameras)
     error = found.xyz_site_m - WALL[cKDTree(WALL).query(found.xyz_site_m)[1]]  # a quarter of a metre lies between them
     normalised = np.einsum("ki,kij,kj->k", error, np.linalg.inv(found.covariance_site_m2), error) / 3
@@ -125,7 +125,7 @@ def test_relief_hides_nothing(wall, detections_of, relief_m):
 
 def test_an_oblique_view_of_relief_is_no_gap(wall, detections_of):
     """At 78 deg a relief of 0.2 m is 1 m along the ray; it is still 0.2 m off the model."""
-    cameras = {f"p{i}": looking([-14.0, -2.9, z], [0.0, 0.0, 2.0]) for i, z in enumerate((1.0, 2.0, 3.0))}
+    cameras = {f"p{i}": look_at([-14.0, -2.9, z], [0.0, 0.0, 2.0]) for i, z in enumerate((1.0, 2.0, 3.0))}
     relief = grid(np.arange(-1, 1.01, 0.25), -0.2, np.arange(1, 3.01, 0.25))
     made = detections_of(("on it", "p1", "crack", box_at(cameras["p1"], [0.0, -0.2, 2.0], 10)))
     scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(relief, cameras), cameras))
@@ -158,7 +158,7 @@ def test_a_campaign_that_lies_metres_off_is_not_all_occluded(wall, detections_of
 @pytest.mark.parametrize(("own", "outcome"), [(4, "occluded"), (2, "registered")])
 def test_what_others_matched_hides_too_where_the_photograph_confirms_it(wall, detections_of, own, outcome):
     """In p1 but ``own`` points of the board were matched: with too few, it may have stood there at another time."""
-    cameras = {f"p{i}": looking([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-3.0, 0.0, 3.0, 5.0, -5.0))}
+    cameras = {f"p{i}": look_at([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-3.0, 0.0, 3.0, 5.0, -5.0))}
     tracks = tracks_of(np.vstack([WALL, BOARD]), cameras)
     of_board = tracks.point >= len(WALL)
     mine = np.flatnonzero((tracks.photo == 1) & of_board)
@@ -175,7 +175,7 @@ def test_what_stands_behind_or_beside_the_camera_hides_nothing(wall, detections_
     """A drone between a tree and the wall: the tree is behind it, however strong the lens's distortion."""
     camera = replace(CAMERAS["p1"].camera, k1=-0.3, k2=0.05)
     cameras = {name: replace(posed, camera=camera) for name, posed in CAMERAS.items()}
-    cameras["near"] = replace(looking([0.0, -5.0, 2.0], [0.0, 0.0, 2.0]), camera=camera)
+    cameras["near"] = replace(look_at([0.0, -5.0, 2.0], [0.0, 0.0, 2.0]), camera=camera)
     tree = grid(np.arange(-1, 1.01, 0.25), -7.0, np.arange(1, 3.01, 0.25))
     beside = grid(np.arange(6, 9.01, 0.25), -2.0, np.arange(1, 3.01, 0.25))
     tracks = tracks_of(np.vstack([tree, beside]), {name: cameras[name] for name in ("p0", "p1", "p2")})

@@ -10,10 +10,10 @@ from facadelake.core.geodesy import GEO, transform
 from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
 from schemas.vocabulary import ObservationOutcome
-from tests.unit.registration.wall_scene import looking
+from tests.unit.registration.wall_scene import look_at
 
 SETTINGS = RegistrationSettings()
-AHEAD = looking([0.0, -10.0, 2.0], [0.0, 0.0, 2.0])
+AHEAD = look_at([0.0, -10.0, 2.0], [0.0, 0.0, 2.0])
 
 
 def box_of(posed, centre, width_m, height_m):
@@ -66,7 +66,7 @@ def test_the_globe_and_the_map_agree_with_the_site(wall, detections_of):
 def test_obliquely_the_extent_on_the_wall_stays(wall, detections_of, angle_deg):
     """One depth a photograph (the paper's Algorithm 1) is wrong here by the cosine of the incidence."""
     a = np.radians(angle_deg)
-    posed = looking([-15 * np.sin(a), -15 * np.cos(a), 2.0], [0.0, 0.0, 2.0])
+    posed = look_at([-15 * np.sin(a), -15 * np.cos(a), 2.0], [0.0, 0.0, 2.0])
     box = box_of(posed, [0.0, 0, 2.0], 0.4, 0.3)
     row = one(detections_of(("a", "p", "crack", box)), {"p": posed}, wall)
     np.testing.assert_allclose(
@@ -78,7 +78,7 @@ def test_obliquely_the_extent_on_the_wall_stays(wall, detections_of, angle_deg):
 
 
 def test_every_accepted_detection_has_a_row_with_an_outcome(wall, detections_of):
-    shallow = looking([-60.0, -6.0, 2.0], [0.0, 0.0, 2.0])
+    shallow = look_at([-60.0, -6.0, 2.0], [0.0, 0.0, 2.0])
     ahead = (990, 740, 20, 20)
     made = detections_of(
         ("a", "p", "crack", ahead),
@@ -141,7 +141,7 @@ def test_a_patch_ends_where_the_depth_jumps(wall, detections_of):
 
 
 def test_batches_do_not_change_the_answer(wall, detections_of):
-    cameras = {f"p{i}": looking([i - 3.0, -9.0 - i, 2.0], [0.0, 0.0, 2.0]) for i in range(4)}
+    cameras = {f"p{i}": look_at([i - 3.0, -9.0 - i, 2.0], [0.0, 0.0, 2.0]) for i in range(4)}
     made = detections_of(*[(f"d{i:02d}", f"p{i % 4}", "crack", (500 + 30 * i, 700, 40, 30)) for i in range(20)])
     whole = observe_detections(made, cameras, wall, Surface(wall), SETTINGS)
     small = observe_detections(made, cameras, wall, Surface(wall), RegistrationSettings(detections_per_cast=3))
@@ -166,7 +166,7 @@ def test_settings_out_of_range_are_refused():
 
 def test_a_surface_nearer_than_anyone_flies_is_not_what_the_photograph_shows(wall, detections_of):
     # By its pose's error the camera stands 0.3 m before a wall that is beside it, not before it.
-    near = looking([0.0, -0.3, 2.0], [0.0, 0.0, 2.0])
+    near = look_at([0.0, -0.3, 2.0], [0.0, 0.0, 2.0])
     box = box_of(near, [0.0, 0, 2.0], 0.01, 0.01)
     assert one(detections_of(("a", "p", "crack", box)), {"p": near}, wall)["observation_outcome"] == "off_target"
     allowed = one(detections_of(("a", "p", "crack", box)), {"p": near}, wall, RegistrationSettings(near_m=0.0))

@@ -13,7 +13,7 @@ from facadelake.core.pose_table import read_pose_covariances
 from facadelake.core.tables import table_from_rows
 from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
-from tests.unit.registration.wall_scene import CAMERA, looking
+from tests.unit.registration.wall_scene import CAMERA, look_at
 
 DISTORTED = Camera(
     width_px=2000, height_px=1500, fx_px=1500, fy_px=1480, cx_px=1030, cy_px=720, k1=-0.08, k2=0.03, p1=2e-3, p2=-1e-3
@@ -58,7 +58,7 @@ def drawn_again(posed, settings, covariance, rng) -> np.ndarray:
     ids=["all of it", "the wall off its model, obliquely", "the pose", "the box"],
 )
 def test_the_covariance_is_that_of_places_drawn_again(wall, detections_of, eye, settings, covariance):
-    posed = replace(looking(eye, [-1.0, 0.0, 1.5]), camera=DISTORTED)
+    posed = replace(look_at(eye, [-1.0, 0.0, 1.5]), camera=DISTORTED)
     made = detections_of(("a", "p", "crack", BOX))
     row = observe_detections(made, {"p": posed}, wall, Surface(wall), settings, {"p": covariance}).to_pylist()[0]
     assert row["observation_outcome"] == "registered"
@@ -81,7 +81,7 @@ def test_the_covariance_is_that_of_places_drawn_again(wall, detections_of, eye, 
 def test_a_grazing_ray_makes_of_the_walls_deviation_a_large_shift_along_the_wall(wall, detections_of):
     settings = RegistrationSettings(model_sigma_m=0.03, box_sigma_share=0.0)
     steep = np.radians(75.0)
-    posed = looking([-10 * np.sin(steep), -10 * np.cos(steep), 2.0], [0.0, 0.0, 2.0])
+    posed = look_at([-10 * np.sin(steep), -10 * np.cos(steep), 2.0], [0.0, 0.0, 2.0])
     made = detections_of(("a", "p", "crack", (995.0, 745.0, 10.0, 10.0)))
     row = observe_detections(made, {"p": posed}, wall, Surface(wall), settings).to_pylist()[0]
     # Half a pixel at 10 m is 3.3 mm, on this wall 13 mm; the wall's 3 cm shift the place by 3 cm tan(75 deg).
@@ -112,7 +112,7 @@ def test_a_pose_without_covariance_counts_as_exact(wall, detections_of):
     posed = PosedCamera(
         camera=CAMERA,
         site_from_cam=Similarity(
-            rotation=looking([0, -10, 2], [0, 0, 2]).site_from_cam.rotation, translation=np.array([0.0, -10.0, 2.0])
+            rotation=look_at([0, -10, 2], [0, 0, 2]).site_from_cam.rotation, translation=np.array([0.0, -10.0, 2.0])
         ),
     )
     made = detections_of(("a", "p", "crack", BOX))
@@ -129,7 +129,7 @@ def test_a_pose_without_covariance_counts_as_exact(wall, detections_of):
 
 def test_a_measured_surface_stands_off_the_building_by_its_own_sigma(wall, detections_of):
     made = detections_of(("a", "p", "crack", BOX))
-    posed = {"p": looking([0, -10, 2], [0, 0, 2])}
+    posed = {"p": look_at([0, -10, 2], [0, 0, 2])}
     declared = RegistrationSettings(model_sigma_m=0.03)
     measured = replace(wall, surface_sigma_m=0.007)
     [one] = observe_detections(made, posed, wall, Surface(wall), declared).to_pylist()
@@ -138,7 +138,7 @@ def test_a_measured_surface_stands_off_the_building_by_its_own_sigma(wall, detec
 
 
 def test_along_the_wall_itself_the_covariance_is_still_a_number(wall, detections_of):
-    posed = looking([-9.9, -1e-3, 2.0], [9.0, 0.0, 2.0])
+    posed = look_at([-9.9, -1e-3, 2.0], [9.0, 0.0, 2.0])
     [row] = observe_detections(
         detections_of(("a", "p", "crack", (995.0, 745.0, 10.0, 10.0))),
         {"p": posed},

@@ -12,11 +12,11 @@ from facadelake.core.tables import table_from_rows
 from facadelake.registration.observation import observe_detections
 from facadelake.registration.patch import convert_patches_to_wkb
 from facadelake.registration.settings import RegistrationSettings
-from tests.unit.registration.wall_scene import looking, sheet
+from tests.unit.registration.wall_scene import look_at, make_rectangle
 
 SETTINGS = RegistrationSettings()
-AHEAD = looking([0.0, -10.0, 2.0], [0.0, 0.0, 2.0])
-OBLIQUE = looking([-8.0, -6.0, 4.0], [0.0, 0.0, 2.0])
+AHEAD = look_at([0.0, -10.0, 2.0], [0.0, 0.0, 2.0])
+OBLIQUE = look_at([-8.0, -6.0, 4.0], [0.0, 0.0, 2.0])
 
 
 def building_of(wall: BuildingModel, *parts: tuple[str, str, str | None, np.ndarray]) -> BuildingModel:
@@ -104,7 +104,7 @@ def test_a_crack_width_in_pixels_is_measured_across_the_crack(wall, detections_o
     """From 53 deg aside the wall is squeezed along x alone: an upright crack's pixel is wider than a level one's."""
     upright = np.array([[-0.01, 0, 1.5], [0.01, 0, 1.5], [0.01, 0, 2.5], [-0.01, 0, 2.5]])
     level = np.array([[-0.5, 0, 1.99], [0.5, 0, 1.99], [0.5, 0, 2.01], [-0.5, 0, 2.01]])
-    aside = looking([-8.0, -6.0, 2.0], [0.0, 0.0, 2.0])
+    aside = look_at([-8.0, -6.0, 2.0], [0.0, 0.0, 2.0])
     made = detections_of(*[(name, "p", "crack", (0, 0, 1, 1)) for name in ("level", "upright")], crack_width_px=2.0)
     made = masked(made, seen_as(aside, level), seen_as(aside, upright))
     wide = {
@@ -152,10 +152,10 @@ def test_a_patch_goes_round_a_corner_and_both_sides_count(wall, detections_of):
     """A wall's corner at x = 0, seen over its edge: half the crack lies on each side."""
     corner = building_of(
         wall,
-        ("south", "IfcWall", None, sheet([-5, 0, 0], [5, 0, 0], [0, 0, 4])),
-        ("east", "IfcWall", None, sheet([0, 0, 0], [0, 5, 0], [0, 0, 4])),
+        ("south", "IfcWall", None, make_rectangle([-5, 0, 0], [5, 0, 0], [0, 0, 4])),
+        ("east", "IfcWall", None, make_rectangle([0, 0, 0], [0, 5, 0], [0, 0, 4])),
     )
-    posed = looking([7.0, -7.0, 2.0], [0.0, 0.0, 2.0])
+    posed = look_at([7.0, -7.0, 2.0], [0.0, 0.0, 2.0])
     ends = np.array([[-0.4, 0, 1.9], [-0.4, 0, 2.1], [0, 0.6, 1.9], [0, 0.6, 2.1]])
     made = detections_of(("a", "p", "crack", box_about(posed, ends)))
     row = only(observe_detections(made, {"p": posed}, corner, Surface(corner), SETTINGS))
@@ -171,9 +171,10 @@ def test_a_patch_goes_round_a_corner_and_both_sides_count(wall, detections_of):
 
 def test_a_wall_behind_a_railing_is_what_the_defect_is_on_though_the_middle_ray_meets_a_bar(wall, detections_of):
     bars = [
-        ("railing", "IfcRailing", None, sheet([x - 0.01, -1.5, 0], [0.02, 0, 0], [0, 0, 3])) for x in (-0.2, 0.0, 0.2)
+        ("railing", "IfcRailing", None, make_rectangle([x - 0.01, -1.5, 0], [0.02, 0, 0], [0, 0, 3]))
+        for x in (-0.2, 0.0, 0.2)
     ]
-    building = building_of(wall, ("wall", "IfcWall", None, sheet([-10, 0, 0], [20, 0, 0], [0, 0, 6])), *bars)
+    building = building_of(wall, ("wall", "IfcWall", None, make_rectangle([-10, 0, 0], [20, 0, 0], [0, 0, 6])), *bars)
     made = detections_of(("a", "p", "crack", (1000 - 45, 750 - 30, 90, 60)))
     row = only(observe_detections(made, {"p": AHEAD}, building, Surface(building), SETTINGS))
     assert row["element_guid"] == "wall"
@@ -190,16 +191,16 @@ def deep_window(wall, depth_m=0.25):
     d = depth_m
     return building_of(
         wall,
-        ("wall", "IfcWall", None, sheet([-5, 0, 0], [4.5, 0, 0], [0, 0, 4])),
-        ("wall", "IfcWall", None, sheet([0.5, 0, 0], [4.5, 0, 0], [0, 0, 4])),
-        ("wall", "IfcWall", None, sheet([-0.5, 0, 0], [1, 0, 0], [0, 0, 1])),
-        ("wall", "IfcWall", None, sheet([-0.5, 0, 2], [1, 0, 0], [0, 0, 2])),
-        ("wall", "IfcWall", None, sheet([-0.5, 0, 1], [0, d, 0], [0, 0, 1])),
-        ("wall", "IfcWall", None, sheet([0.5, 0, 1], [0, d, 0], [0, 0, 1])),
-        ("wall", "IfcWall", None, sheet([-0.5, 0, 1], [1, 0, 0], [0, d, 0])),
-        ("wall", "IfcWall", None, sheet([-0.5, 0, 2], [1, 0, 0], [0, d, 0])),
-        ("window", "IfcWindow", "wall", sheet([-0.5, d, 1], [1, 0, 0], [0, 0, 1])),
-        ("window", "IfcWindow", "wall", sheet([-0.48, 0.02, 1], [0, d - 0.02, 0], [0, 0, 1])),
+        ("wall", "IfcWall", None, make_rectangle([-5, 0, 0], [4.5, 0, 0], [0, 0, 4])),
+        ("wall", "IfcWall", None, make_rectangle([0.5, 0, 0], [4.5, 0, 0], [0, 0, 4])),
+        ("wall", "IfcWall", None, make_rectangle([-0.5, 0, 0], [1, 0, 0], [0, 0, 1])),
+        ("wall", "IfcWall", None, make_rectangle([-0.5, 0, 2], [1, 0, 0], [0, 0, 2])),
+        ("wall", "IfcWall", None, make_rectangle([-0.5, 0, 1], [0, d, 0], [0, 0, 1])),
+        ("wall", "IfcWall", None, make_rectangle([0.5, 0, 1], [0, d, 0], [0, 0, 1])),
+        ("wall", "IfcWall", None, make_rectangle([-0.5, 0, 1], [1, 0, 0], [0, d, 0])),
+        ("wall", "IfcWall", None, make_rectangle([-0.5, 0, 2], [1, 0, 0], [0, d, 0])),
+        ("window", "IfcWindow", "wall", make_rectangle([-0.5, d, 1], [1, 0, 0], [0, 0, 1])),
+        ("window", "IfcWindow", "wall", make_rectangle([-0.48, 0.02, 1], [0, d - 0.02, 0], [0, 0, 1])),
     )
 
 
@@ -226,7 +227,7 @@ def test_what_is_on_a_windows_frame_stays_on_the_window(wall, detections_of):
 
 def test_what_is_on_a_reveal_is_on_the_wall_that_hosts_the_window(wall, detections_of):
     building = deep_window(wall)
-    from_left, from_right = looking([-6, -6, 1.5], [0.5, 0.1, 1.5]), looking([6, -6, 1.5], [-0.5, 0.1, 1.5])
+    from_left, from_right = look_at([-6, -6, 1.5], [0.5, 0.1, 1.5]), look_at([6, -6, 1.5], [-0.5, 0.1, 1.5])
     bare = element_under(building, detections_of, from_left, [[0.5, 0.05, 1.4], [0.5, 0.2, 1.4], [0.5, 0.2, 1.6]])
     assert bare["element_guid"] == "wall"
     # The lining lies within the model's tolerance of the reveal; what is seen there is as likely on the wall.
@@ -265,8 +266,8 @@ def test_a_mask_that_runs_over_a_jump_has_the_outline_and_area_of_its_part_on_th
     """The wall ends at x = 0.5; another one begins there 2 m behind, so that no reveal joins them."""
     building = building_of(
         wall,
-        ("wall", "IfcWall", None, sheet([0.5, 0, 0], [4.5, 0, 0], [0, 0, 4])),
-        ("behind", "IfcWall", None, sheet([-5, 2, 0], [10, 0, 0], [0, 0, 4])),
+        ("wall", "IfcWall", None, make_rectangle([0.5, 0, 0], [4.5, 0, 0], [0, 0, 4])),
+        ("behind", "IfcWall", None, make_rectangle([-5, 2, 0], [10, 0, 0], [0, 0, 4])),
     )
     crack = np.array([[0.2, 0, 1.3], [1.2, 0, 1.8], [1.2, 0, 1.83], [0.2, 0, 1.33]])  # 0.7 m of it on the wall
     made = masked(detections_of(("a", "p", "crack", (0, 0, 1, 1))), seen_as(AHEAD, crack))
@@ -284,7 +285,7 @@ def test_a_mask_that_runs_over_a_jump_has_the_outline_and_area_of_its_part_on_th
 def test_what_is_mostly_on_the_wall_lies_in_its_face_though_its_middle_is_over_the_opening(wall, detections_of):
     """From the left the reveal is seen, so wall, reveal and glass hang together; the middle ray meets the reveal."""
     building = deep_window(wall)
-    posed = looking([-3, -9, 1.5], [0.5, 0, 1.5])
+    posed = look_at([-3, -9, 1.5], [0.5, 0, 1.5])
     corners = np.array([[0.15, 0, 1.4], [0.8, 0, 1.4], [0.8, 0, 1.6]])
     made = detections_of(("a", "p", "crack", box_about(posed, corners)))
     row = only(observe_detections(made, {"p": posed}, building, Surface(building), SETTINGS))

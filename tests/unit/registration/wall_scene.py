@@ -16,7 +16,7 @@ from facadelake.core.tables import table_from_rows
 CAMERA = Camera(width_px=2000, height_px=1500, fx_px=1500, fy_px=1500, cx_px=1000, cy_px=750)
 
 
-def looking(eye, at) -> PosedCamera:
+def look_at(eye, at) -> PosedCamera:
     """A camera at ``eye`` that looks at ``at``, upright."""
     z = np.asarray(at, dtype=float) - eye
     z /= np.linalg.norm(z)
@@ -28,7 +28,7 @@ def looking(eye, at) -> PosedCamera:
     )
 
 
-def sheet(corner, across, upward):
+def make_rectangle(corner, across, upward):
     """A rectangle as two triangles; its normal is across x upward."""
     corner, across, upward = (np.asarray(v, dtype=float) for v in (corner, across, upward))
     return np.array([corner, corner + across, corner + across + upward, corner + upward])
@@ -37,7 +37,7 @@ def sheet(corner, across, upward):
 @pytest.fixture
 def wall() -> BuildingModel:
     """A wall facing south in the plane y = 0, x from -10 to 10: element "low" up to z = 3, "high" up to z = 6."""
-    low, high = sheet([-10, 0, 0], [20, 0, 0], [0, 0, 3]), sheet([-10, 0, 3], [20, 0, 0], [0, 0, 3])
+    low, high = make_rectangle([-10, 0, 0], [20, 0, 0], [0, 0, 3]), make_rectangle([-10, 0, 3], [20, 0, 0], [0, 0, 3])
     rows = [
         {
             "element_guid": guid, "ifc_class": "IfcWall", "element_name": f"{guid} wall", "storey": storey,

@@ -215,7 +215,7 @@ def test_cards_are_written_and_say_what_is_missing(
     places = map_defects_to_model(
         inspection, painted.surface, find_drawn_facades(inspection, painted.surface, SETTINGS), ["D2"]
     )
-    cards = draw_cards(inspection, painted.surface, ["D1", "D2"], tmp_path, places=places, most_sightings=9)
+    cards = draw_cards(inspection, painted.surface, ["D1", "D2"], tmp_path, overviews=places, max_observations=9)
     assert cards.missing == ()
     assert {name: path.name for name, path in cards.paths.items()} == {"D1": "card_1.png", "D2": "card_2.png"}
     whole = cv2.imread(str(cards.paths["D2"]))
@@ -226,7 +226,7 @@ def test_cards_are_written_and_say_what_is_missing(
     (elsewhere / "a.png").write_bytes(b"no picture")
     broken = draw_cards(
         replace(inspection, photographs_root=elsewhere), painted.surface, ["D1", "D2"], tmp_path / "again",
-        places={}, most_sightings=1,
+        overviews={}, max_observations=1,
     )  # fmt: skip
     assert broken.missing == ("a.png",)
     assert set(broken.paths) == {"D1", "D2"}

@@ -47,7 +47,7 @@ def test_panels_are_drawn_whole_pixels_large():
 
 def test_the_legend_names_what_is_in_sight_and_no_more():
     texts = [text.get_text() for axes in sheet().axes if axes.get_legend() for text in axes.get_legend().get_texts()]
-    assert texts == ["WallStandardCase (1)", "Window (1)", "no part of the building", "not in the model"]
+    assert texts == ["WallStandardCase (1)", "Window (1)", "not part of the building", "not in the model"]
 
 
 def test_what_is_beside_the_building_is_grey_and_what_is_not_there_white():

@@ -26,7 +26,7 @@ def two(painted: Painted) -> Inspection:
     return inspection_of(painted, rows, IDS)
 
 
-def asked(painted: Painted, inspection: Inspection, **names: list[str]) -> PictureSelection:
+def select(painted: Painted, inspection: Inspection, **names: list[str]) -> PictureSelection:
     given = {"defects": [], "facades": [], "photos": [], **names}
     return select_by_name(inspection, painted.surface, settings=SETTINGS, **given)
 
@@ -44,27 +44,27 @@ def asked(painted: Painted, inspection: Inspection, **names: list[str]) -> Pictu
     ],
 )
 def test_names_as_people_write_them(painted: Painted, two: Inspection, kind: str, word: str, found: str) -> None:
-    wanted = asked(painted, two, **{kind: [word]})
+    wanted = select(painted, two, **{kind: [word]})
     assert (*wanted.defect_ids, *wanted.facades, *wanted.photo_ids) == (found,)
     assert not wanted.distribution
 
 
 @pytest.mark.parametrize(
-    ("kind", "word", "told"),
+    ("kind", "word", "message"),
     [
-        ("defects", "D0013", "defect 'D0013'.*near it: .*wall-2026-D0012"),
-        ("facades", "sout", "facade 'sout'.*near it: South"),
-        ("photos", "c.png", r"photograph 'c.png'.*near it: .*[ab]\.png"),
-        ("photos", "zzzzzzz", r"photograph 'zzzzzzz'.*near it: a.png.*\(of 3\)"),
+        ("defects", "D0013", "defect 'D0013'.*similar names: .*wall-2026-D0012"),
+        ("facades", "sout", "facade 'sout'.*similar names: South"),
+        ("photos", "c.png", r"photograph 'c.png'.*similar names: .*[ab]\.png"),
+        ("photos", "zzzzzzz", r"photograph 'zzzzzzz'.*similar names: a.png.*\(of 3\)"),
     ],
 )
-def test_an_unknown_name_is_told_with_near_ones(
-    painted: Painted, two: Inspection, kind: str, word: str, told: str
+def test_an_unknown_name_is_refused_with_similar_ones(
+    painted: Painted, two: Inspection, kind: str, word: str, message: str
 ) -> None:
-    with pytest.raises(InputDataError, match=told):
-        asked(painted, two, **{kind: [word]})
+    with pytest.raises(InputDataError, match=message):
+        select(painted, two, **{kind: [word]})
     with pytest.raises(InputDataError, match="the campaign has none"):
-        asked(painted, inspection_of(painted, [], []), defects=["1"])
+        select(painted, inspection_of(painted, [], []), defects=["1"])
 
 
 def test_what_is_wanted_is_written_and_again(painted: Painted, two: Inspection, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Labels in COCO form: a file with images, annotations and categories, photographs beside it or in a folder."""
+"""Labels in COCO format: a file with images, annotations and categories."""
 
 from __future__ import annotations
 
@@ -12,53 +12,53 @@ from facadelake.evaluation.detectors.labels.labels import LabelCollector, Labell
 
 
 def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:
-    """Photographs and boxes of a COCO file; every category that stands for a defect class is labelled everywhere.
+    """Read a COCO file. Each category with a defect class counts as labelled in all photographs.
 
-    Photographs are looked for by the file's ``file_name`` beside it, in ``images`` there or one folder up, and by name
-    alone where the name is the only one. A crowd (``iscrowd``) is ignored.
+    A photograph is searched by its ``file_name`` beside the file and in ``images`` there or one folder up, then by the
+    name alone where only one file has it. A crowd (``iscrowd``) is ignored.
     """
     coco = read_coco(file)
     root = file.parent.parent if file.parent.name.lower() == "annotations" else file.parent
-    gathered = LabelCollector(root)
+    collector = LabelCollector(root)
     classes = {key: crosswalk.find_defect_class(name) for key, name in coco.categories.items()}
     labelled = frozenset(one for one in classes.values() if one is not None)
     by_image: dict[int | str, list[CocoAnnotation]] = defaultdict(list)
     for annotation in coco.annotations:
         if annotation.image_id not in coco.images:
-            gathered.left_out["boxes of an image that the file does not list"] += 1
+            collector.left_out["boxes of an image that is not in the file"] += 1
         by_image[annotation.image_id].append(annotation)
-    places = _PhotographIndex(root, file.parent)
+    index = _PhotographIndex(root, file.parent)
     for image_id, image in coco.images.items():
-        path = places.find(image.file_name)
+        path = index.find(image.file_name)
         if path is None:
-            gathered.left_out["photographs that are not there"] += 1
+            collector.left_out["photographs that do not exist"] += 1
             continue
-        size = gathered.read_size(path)
+        size = collector.read_size(path)
         if size is None:
             continue
         if not _is_size_as_stated(image, size):
-            gathered.left_out["photographs of another size than the file says (turned or resized after labelling)"] += 1
+            collector.left_out["photographs of another size than in the labels (rotated or resized)"] += 1
             continue
         boxes = []
         for annotation in by_image[image_id]:
             defect_class = classes.get(annotation.category_id)
             box = _parse_box(annotation, size)
             if box is None:
-                gathered.left_out["boxes that are not four numbers"] += 1
+                collector.left_out["boxes that are not four numbers"] += 1
             elif defect_class is None:
                 name = coco.categories.get(annotation.category_id, f"category {annotation.category_id}")
-                gathered.left_out[f"boxes of class '{name}', which stands for no defect class"] += 1
+                collector.left_out[f"boxes of class '{name}', which has no defect class"] += 1
             else:
                 boxes.append(TruthBox(box=box, defect_class=defect_class, ignored=annotation.is_crowd))
-        gathered.add(path, size, boxes, labelled)
-    return replace(gathered.create_set("coco"), source=file)
+        collector.add(path, size, boxes, labelled)
+    return replace(collector.create_set("coco"), source=file)
 
 
 class _PhotographIndex:
-    """Where the photographs of a file lie."""
+    """Index of the photographs of a COCO file."""
 
-    def __init__(self, root: Path, beside: Path) -> None:
-        self._folders = list(dict.fromkeys([beside, beside / "images", root, root / "images"]))
+    def __init__(self, root: Path, folder: Path) -> None:
+        self._folders = list(dict.fromkeys([folder, folder / "images", root, root / "images"]))
         self._by_name: dict[str, list[Path]] = defaultdict(list)
         for path in find_photographs(root):
             self._by_name[path.name].append(path)
@@ -68,8 +68,8 @@ class _PhotographIndex:
         for folder in self._folders:
             if (folder / name).is_file():
                 return folder / name
-        alike = self._by_name.get(name.rsplit("/", 1)[-1], [])
-        return alike[0] if len(alike) == 1 else None
+        same_name = self._by_name.get(name.rsplit("/", 1)[-1], [])
+        return same_name[0] if len(same_name) == 1 else None
 
 
 def _is_size_as_stated(image: CocoImage, size: tuple[int, int]) -> bool:

@@ -1,4 +1,4 @@
-"""How labels are written. Apart from their readers, because the command line knows it before it needs them."""
+"""Formats of labels. A module of its own: the command line imports it without the readers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class LabelFormat(StrEnum):
-    """A format of labels; ``auto`` is found out by what lies there."""
+    """A format of labels; ``auto``: detected by the files."""
 
     AUTO = "auto"
     COCO = "coco"

@@ -1,4 +1,4 @@
-"""Labelled photographs: what a reader of any format gives, and what it had to leave out."""
+"""Labelled photographs: the common result of the readers of all formats."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PHOTOGRAPH_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp
 
 @dataclass(frozen=True, kw_only=True)
 class TruthBox:
-    """A labelled defect; an ``ignored`` one (a crowd, a difficult one) neither counts as found nor as missed."""
+    """A labelled defect, px; an ``ignored`` one (crowd, difficult) counts neither as found nor as missed."""
 
     box: Box
     defect_class: DefectClass
@@ -29,12 +29,12 @@ class TruthBox:
 
 @dataclass(frozen=True, kw_only=True)
 class LabelledImage:
-    """A photograph with all its defects of the classes ``labelled``; of other classes nothing is known.
+    """A photograph with all its defects of the classes ``labelled``; other classes are unknown.
 
-    ``key`` is its name in figures (the path below the data folder); pixels are those of the photograph as stored.
-    ``site`` is the building or source it shows, None where nobody said. ``gsd_mm`` (mm a pixel) and ``area_m2``
-    (facade to be seen in it) are None where nobody said. ``target``, a mask of any size over the whole photograph, is
-    true where it shows the building; None: everywhere.
+    ``key``: its name in figures, the path below the data folder. Boxes are in pixels of the photograph as stored.
+    ``site``: the building or source that it shows; ``gsd_mm`` (mm/px) and ``area_m2`` (area of facade that it shows):
+    None where unknown. ``target``: a mask of any size over the whole photograph, true on the building; None: the
+    building is everywhere.
     """
 
     key: str
@@ -51,8 +51,11 @@ class LabelledImage:
 
 @dataclass(frozen=True, kw_only=True)
 class LabelledSet:
-    """Photographs with labels; ``left_out`` counts what could not be used, by reason in words; ``source`` is the one
-    file of labels, where it is one."""
+    """Labelled photographs of one data set.
+
+    ``left_out``: numbers of photographs and boxes that cannot be used, by reason. ``source``: the file of labels, where
+    there is one file.
+    """
 
     name: str
     label_format: str
@@ -62,13 +65,13 @@ class LabelledSet:
 
     @property
     def labelled(self) -> tuple[DefectClass, ...]:
-        """The classes that some photograph has labels of, in the vocabulary's order."""
+        """The classes that are labelled in a photograph, in the order of the vocabulary."""
         known = frozenset().union(*(image.labelled for image in self.images))
         return tuple(one for one in DefectClass if one in known)
 
     @property
     def sha256(self) -> str:
-        """Hash of names, sizes in bytes and pixels, sites, classes and boxes: the same set gives the same figures."""
+        """SHA-256 of names, sizes in bytes and pixels, sites, classes and boxes: what determines the figures."""
         digest = hashlib.sha256()
         for image in sorted(self.images, key=lambda one: one.key):
             boxes = sorted(
@@ -83,16 +86,16 @@ class LabelledSet:
 
 
 class LabelCollector:
-    """Collects a reader's photographs and counts, by reason, what it leaves out."""
+    """Collects the photographs of a reader and counts what it leaves out, by reason."""
 
     def __init__(self, root: Path) -> None:
-        """``root`` is the folder below which photographs are named."""
+        """``root``: the folder from which the photographs' keys start."""
         self.root = root
         self.images: list[LabelledImage] = []
         self.left_out: Counter[str] = Counter()
 
     def read_size(self, path: Path) -> tuple[int, int] | None:
-        """Width and height as stored, or None with the reason counted."""
+        """Width and height of a photograph as stored; None, with the reason counted, where it cannot be read."""
         try:
             with Image.open(path) as image:
                 width, height = image.size
@@ -104,12 +107,19 @@ class LabelCollector:
     def add(
         self, path: Path, size: tuple[int, int], boxes: Sequence[TruthBox], labelled: frozenset[DefectClass]
     ) -> None:
-        """Take a photograph; boxes are cut to it, those outside or without size are left out and counted."""
+        """Add a photograph. Boxes are clipped to it; those outside or without area are left out and counted.
+
+        Args:
+            path: The photograph.
+            size: Width and height as stored, px.
+            boxes: Its labelled defects.
+            labelled: The classes that are labelled in it.
+        """
         width, height = size
         kept = []
         for one in boxes:
             if not (one.box.width_px > 0 and one.box.height_px > 0):
-                self.left_out["boxes of no size"] += 1
+                self.left_out["boxes without area"] += 1
                 continue
             inside = clip_box(one.box, image_width_px=width, image_height_px=height).inside
             if inside is None:
@@ -127,25 +137,25 @@ class LabelCollector:
             )
         )
 
-    def create_set(self, form: str) -> LabelledSet:
-        """The set. Raises InputDataError where no photograph is left."""
+    def create_set(self, label_format: str) -> LabelledSet:
+        """Create the set. Raises InputDataError where no photograph is left."""
         if not self.images:
             reasons = ", ".join(f"{count} {reason}" for reason, count in self.left_out.items())
             raise InputDataError(
-                f"{self.root} holds no labelled photograph of form {form} to be used ({reasons or 'none found'}); "
-                "give a folder or file in COCO, YOLO or VOC form with its photographs (docs/evaluate-detector.md)"
+                f"{self.root} has no usable labelled photograph of format {label_format} ({reasons or 'none found'}); "
+                "give a folder or file in COCO, YOLO or VOC format with its photographs (docs/evaluate-detector.md)"
             )
         images = tuple(sorted(self.images, key=lambda one: one.key))
-        return LabelledSet(name=self.root.name, label_format=form, images=images, left_out=dict(self.left_out))
+        return LabelledSet(name=self.root.name, label_format=label_format, images=images, left_out=dict(self.left_out))
 
 
 def make_key(root: Path, path: Path) -> str:
-    """The path below ``root`` with forward slashes; the file's name where it lies elsewhere."""
+    """The path below ``root`` with forward slashes; the file name where the file is elsewhere."""
     return path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
 
 
 def find_photographs(folder: Path) -> list[Path]:
-    """All photographs below a folder, in order; hidden files and folders are passed over."""
+    """All photographs below a folder, sorted; hidden files and folders are skipped."""
     return sorted(
         path
         for path in folder.rglob("*")
@@ -156,19 +166,19 @@ def find_photographs(folder: Path) -> list[Path]:
 
 
 def open_sound_photographs(folder: Path) -> LabelledSet:
-    """All photographs below ``folder`` as free of defects of any class. Raises InputDataError where there are none."""
+    """All photographs below ``folder``, labelled as free of defects. Raises InputDataError where there are none."""
     if not folder.is_dir():
-        raise InputDataError(f"photographs without defects: {folder} is no folder")
-    gathered = LabelCollector(folder)
+        raise InputDataError(f"photographs without defects: {folder} is not a folder")
+    collector = LabelCollector(folder)
     for path in find_photographs(folder):
-        size = gathered.read_size(path)
+        size = collector.read_size(path)
         if size is not None:
-            gathered.add(path, size, [], frozenset(DefectClass))
-    return gathered.create_set("photographs without defects")
+            collector.add(path, size, [], frozenset(DefectClass))
+    return collector.create_set("photographs without defects")
 
 
 def restrict_to_classes(labelled: LabelledSet, classes: frozenset[DefectClass]) -> LabelledSet:
-    """The set with labels of ``classes`` alone: of others nothing is known, whatever its list of classes says."""
+    """The set with labels of ``classes`` alone; other classes count as unknown, whatever the data lists."""
     images = tuple(
         replace(
             image,
@@ -181,12 +191,13 @@ def restrict_to_classes(labelled: LabelledSet, classes: frozenset[DefectClass]) 
 
 
 def combine_sets(sets: Sequence[LabelledSet]) -> LabelledSet:
-    """Several sets as one: keys begin with their set's name where there is more than one, sites too."""
+    """Combine sets into one; with several, keys and sites start with the name of their set. Raises InputDataError for
+    two sets of one name."""
     if len(sets) == 1:
         return sets[0]
     names = Counter(one.name for one in sets)
     if max(names.values()) > 1:
-        raise InputDataError(f"two of the data sets are both named '{names.most_common(1)[0][0]}'; rename one folder")
+        raise InputDataError(f"two data sets have the name '{names.most_common(1)[0][0]}'; rename one folder")
     left_out: Counter[str] = Counter()
     images = []
     for one in sets:
@@ -194,5 +205,5 @@ def combine_sets(sets: Sequence[LabelledSet]) -> LabelledSet:
         for image in one.images:
             site = None if image.site is None else f"{one.name}/{image.site}"
             images.append(replace(image, key=f"{one.name}/{image.key}", site=site))
-    forms = "+".join(sorted({one.label_format for one in sets}))
-    return LabelledSet(name=" + ".join(names), label_format=forms, images=tuple(images), left_out=dict(left_out))
+    formats = "+".join(sorted({one.label_format for one in sets}))
+    return LabelledSet(name=" + ".join(names), label_format=formats, images=tuple(images), left_out=dict(left_out))

@@ -1,4 +1,4 @@
-"""Labelled photographs of whatever label_format, opened by what lies there."""
+"""Labelled photographs of any format: detection of the format and choice of the split."""
 
 from __future__ import annotations
 
@@ -23,27 +23,35 @@ def open_labels(
     label_format: LabelFormat = LabelFormat.AUTO,
     class_names: Sequence[str] = (),
     split: str | None = None,
-    sited: bool = False,
+    has_sites: bool = False,
 ) -> LabelledSet:
-    """Read ``data``, a COCO file or a folder of COCO, YOLO or VOC labels.
+    """Read labelled photographs.
 
-    ``class_names`` name YOLO's numbers; ``split`` (train, val, test) chooses among a folder's parts, unless a file of
-    sites does so later (``sited``).
-    Raises InputDataError where there is nothing of the label_format, or labels of several forms and nobody chose.
+    Args:
+        data: A COCO file, or a folder of COCO, YOLO or VOC labels.
+        crosswalk: Defect classes by class name.
+        label_format: The format; ``auto``: detected.
+        class_names: Names of YOLO's class numbers, in their order; empty: those of the folder's files.
+        split: Only this split (train, val, test), by the folders or the name of the COCO file.
+        has_sites: A file of sites selects the split later.
+
+    Raises:
+        InputDataError: There are no labels of the format, or several formats or COCO files to choose from, or nothing
+            that names the split.
     """
     if not data.exists():
         raise InputDataError(f"labelled data {data} does not exist; give a COCO file or a folder of labels")
     labelled = _read_labels(data, crosswalk, label_format, class_names, split)
-    if split is not None and not sited and not _is_of_split(labelled, data, split):
+    if split is not None and not has_sites and not _is_of_split(labelled, data, split):
         raise InputDataError(
-            f"nothing in {data} says which photographs are of split '{split}': neither its folders nor a COCO file are "
-            "called so; give --sites with a column 'split', or leave --split out"
+            f"{data} does not define the photographs of split '{split}': neither its folders nor a COCO file have that "
+            "name; give --sites with a column 'split', or omit --split"
         )
     return labelled
 
 
 def _is_of_split(labelled: LabelledSet, data: Path, split: str) -> bool:
-    """Whether the COCO file given, or every photograph's folder, is named after the split."""
+    """Whether the COCO file, or a folder of each photograph, has the name of the split."""
     by_folder = all(split in image.key.split("/")[:-1] for image in labelled.images)
     return by_folder or split in _split_stem(data if data.is_file() else labelled.source or data)
 
@@ -58,7 +66,7 @@ def _read_labels(
     if data.is_file():
         if data.suffix.lower() != ".json" or label_format not in (LabelFormat.AUTO, LabelFormat.COCO):
             raise InputDataError(
-                f"{data} is a file, which only COCO labels (.json) are; give the folder of YOLO or VOC"
+                f"{data} is a file, but only COCO labels (.json) are a file; give the folder of YOLO or VOC labels"
             )
         return read_coco_labels(data, crosswalk)
     coco_files = _find_coco_files(data) if label_format in (LabelFormat.AUTO, LabelFormat.COCO) else []
@@ -80,14 +88,14 @@ def _detect_format(folder: Path, coco_files: list[Path]) -> LabelFormat:
     if len(found) != 1:
         names = " and ".join(found) or "neither COCO nor YOLO nor VOC"
         raise InputDataError(
-            f"{folder} holds labels of {names}; choose with --format coco, yolo or voc, or give the COCO file itself"
+            f"{folder} has labels of {names}; choose with --format coco, yolo or voc, or give the COCO file itself"
         )
     return found[0]
 
 
 def _find_coco_files(folder: Path) -> list[Path]:
-    places = [*folder.glob("*.json"), *folder.glob("annotations/*.json")]
-    return sorted(path for path in places if _is_coco(path))
+    files = [*folder.glob("*.json"), *folder.glob("annotations/*.json")]
+    return sorted(path for path in files if _is_coco(path))
 
 
 def _choose_coco_file(folder: Path, files: list[Path], split: str | None) -> Path:
@@ -96,7 +104,7 @@ def _choose_coco_file(folder: Path, files: list[Path], split: str | None) -> Pat
     if len(files) != 1:
         names = ", ".join(path.name for path in files) or "none"
         raise InputDataError(
-            f"{folder} holds {len(files)} COCO files ({names}); name one with --data, or choose with --split"
+            f"{folder} has {len(files)} COCO files ({names}); give one with --data, or choose with --split"
         )
     return files[0]
 
@@ -106,7 +114,7 @@ def _is_coco(path: Path) -> bool:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError):
         return False
-    return isinstance(content, dict) and {"images", "annotations"} <= content.keys()  # the reader says what lacks
+    return isinstance(content, dict) and {"images", "annotations"} <= content.keys()  # the reader reports missing keys
 
 
 def _is_voc(path: Path) -> bool:
@@ -117,16 +125,16 @@ def _is_voc(path: Path) -> bool:
 
 
 def _is_yolo(path: Path) -> bool:
-    """A text file named as a photograph is, in YOLO's places, whose first line is numbers (or which is empty)."""
+    """Whether the first line is at least five numbers, or the file is empty and beside a photograph of its name."""
     try:
         text = path.read_text(encoding="utf-8-sig").strip()
     except (OSError, UnicodeDecodeError):
         return False
     if not text:
         return any(path.with_suffix(ending).is_file() for ending in PHOTOGRAPH_SUFFIXES)
-    words = text.splitlines()[0].split()
+    values = text.splitlines()[0].split()
     try:
-        [float(word) for word in words]
+        [float(value) for value in values]
     except ValueError:
         return False
-    return len(words) >= 5
+    return len(values) >= 5

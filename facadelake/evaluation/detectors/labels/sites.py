@@ -1,4 +1,4 @@
-"""What is told of labelled photographs beside their labels: site, split, GSD, area."""
+"""Site, split, GSD and area of labelled photographs, from files beside their labels."""
 
 from __future__ import annotations
 
@@ -22,13 +22,19 @@ _ROBOFLOW_SUFFIX = re.compile(r"(_(png|jpg|jpeg))*\.rf\.[0-9a-f]+$")
 
 
 def assign_sites(labelled: LabelledSet, file: Path | None, split: str | None = None) -> LabelledSet:
-    """The photographs with their sites, of one ``split`` where it is given.
+    """Assign sites to photographs, and select a split.
 
-    ``file`` is a CSV with columns ``image`` (path below the data folder, its end, or a pattern such as ``k1/*``) and
-    ``site``, and ``split`` where there are splits; or a YAML: data folder's name, site, then ``split`` and
-    ``pictures`` (training/data/sites.yaml). Without a file the folders are the sites, where there are several.
-    A photograph that the file does not list keeps no site; with ``split`` it is left out and counted.
-    Raises InputDataError for a file that lacks a column, or where nothing is left.
+    Args:
+        labelled: The photographs.
+        file: A CSV with the columns ``image`` (path below the data folder, the end of the path, or a pattern such as
+            ``k1/*``), ``site`` and, for splits, ``split``; or a YAML with the data folder's name, the site, then
+            ``split`` and ``pictures`` (training/data/sites.yaml). None: the folders are the sites, where there are
+            several.
+        split: Only the photographs of this split. Those that ``file`` does not list are left out and counted; without
+            ``split`` they have no site.
+
+    Raises:
+        InputDataError: The file cannot be read or lacks a column, or no photograph is left.
     """
     if file is None:
         return replace(labelled, images=tuple(_assign_sites_by_folder(labelled.images)))
@@ -36,37 +42,37 @@ def assign_sites(labelled: LabelledSet, file: Path | None, split: str | None = N
     rows = _read_yaml(file, labelled.name) if is_yaml else _read_csv(file, ("image", "site"))
     if split is not None and "split" not in rows.columns:
         raise InputDataError(
-            f"{file} has no column 'split' (it has {sorted(rows.columns)}), but --split {split} is asked"
+            f"{file} has no column 'split' (it has {sorted(rows.columns)}), which --split {split} needs"
         )
     left_out = Counter(labelled.left_out)
     images = []
     for image in labelled.images:
         row = rows.find_row(image)
         if split is not None and row is None:
-            left_out["photographs that the sites' file does not list"] += 1
+            left_out["photographs that are not in the file of sites"] += 1
         if split is not None and (row is None or row["split"] != split):
             continue
         images.append(replace(image, site=(row["site"] or None) if row else None))
     if not images:
         raise InputDataError(
-            f"{file} puts none of the {len(labelled.images)} photographs of {labelled.name} "
-            + ("into its sites; " if split is None else f"into split '{split}'; ")
+            f"{file} has none of the {len(labelled.images)} photographs of {labelled.name}"
+            + ("; " if split is None else f" in split '{split}'; ")
             + f"its column 'image' must hold names such as '{labelled.images[0].key}'"
         )
     return replace(labelled, images=tuple(images), left_out=dict(left_out))
 
 
 def assign_scale(images: tuple[LabelledImage, ...], file: Path) -> tuple[LabelledImage, ...]:
-    """The photographs with GSD and area of facade from a CSV with columns ``image`` (as for sites; ``*`` for all) and
-    ``gsd_mm`` (mm a pixel) or ``area_m2`` (of facade to be seen in it), or both.
+    """Assign GSD and area of facade to photographs, from a CSV.
 
-    A GSD alone gives the whole photograph's area; an area alone gives the GSD at which the whole photograph has it.
-    Raises InputDataError for values that are not positive numbers, and where no photograph is listed.
+    Its columns are ``image`` (as for sites; ``*``: all), and ``gsd_mm`` (mm/px) or ``area_m2`` (facade in the
+    photograph) or both. One is computed from the other as if the whole photograph showed facade. Raises InputDataError
+    where a value is not a positive number, a column is missing, or no photograph is listed.
     """
     rows = _read_csv(file, ("image",))
     if not rows.columns & {"gsd_mm", "area_m2"}:
         raise InputDataError(f"{file} has neither a column gsd_mm nor area_m2 (it has {sorted(rows.columns)})")
-    scaled = []
+    with_scale = []
     for image in images:
         row = rows.find_row(image)
         gsd, area = (rows.get_positive_number(row, name) for name in ("gsd_mm", "area_m2"))
@@ -75,10 +81,10 @@ def assign_scale(images: tuple[LabelledImage, ...], file: Path) -> tuple[Labelle
             area = pixels * (gsd / 1000) ** 2
         elif area is not None and gsd is None:
             gsd = 1000 * (area / pixels) ** 0.5
-        scaled.append(replace(image, gsd_mm=gsd, area_m2=area))
-    if all(image.area_m2 is None for image in scaled):
+        with_scale.append(replace(image, gsd_mm=gsd, area_m2=area))
+    if all(image.area_m2 is None for image in with_scale):
         raise InputDataError(f"{file} lists none of the photographs, such as '{images[0].key}'; correct column 'image'")
-    return tuple(scaled)
+    return tuple(with_scale)
 
 
 def _assign_sites_by_folder(images: tuple[LabelledImage, ...]) -> list[LabelledImage]:
@@ -91,29 +97,29 @@ def _assign_sites_by_folder(images: tuple[LabelledImage, ...]) -> list[LabelledI
 
 
 class _PhotographTable:
-    """What a file tells of photographs, by their path or its end, with ending or without; then by pattern."""
+    """Rows of a file by photograph: its path, the end of the path, with or without suffix; then by pattern."""
 
     def __init__(self, file: Path, rows: list[dict[str, str]], columns: frozenset[str]) -> None:
         self._file = file
         self.columns = columns
-        named = {row["image"].strip(): row for row in rows}
-        self._exact = {name: row for name, row in named.items() if not _WILDCARDS & set(name)}
-        self._patterns = [(name, row) for name, row in named.items() if _WILDCARDS & set(name)]
+        by_name = {row["image"].strip(): row for row in rows}
+        self._exact = {name: row for name, row in by_name.items() if not _WILDCARDS & set(name)}
+        self._patterns = [(name, row) for name, row in by_name.items() if _WILDCARDS & set(name)]
 
     def find_row(self, image: LabelledImage) -> Mapping[str, str] | None:
-        """The line of a photograph, or None."""
+        """The row of a photograph, or None."""
         parts = image.key.split("/")
-        ends = ["/".join(parts[i:]) for i in range(len(parts))]
-        for name in ends:
+        suffixes = ["/".join(parts[i:]) for i in range(len(parts))]
+        for name in suffixes:
             stem = name.rpartition(".")[0]
-            for form in (name, stem, _ROBOFLOW_SUFFIX.sub("", stem)):
-                if form in self._exact:
-                    return self._exact[form]
-        fitting = (row for pattern, row in self._patterns if any(fnmatchcase(end, pattern) for end in ends))
-        return next(fitting, None)
+            for candidate in (name, stem, _ROBOFLOW_SUFFIX.sub("", stem)):
+                if candidate in self._exact:
+                    return self._exact[candidate]
+        matching = (row for pattern, row in self._patterns if any(fnmatchcase(suffix, pattern) for suffix in suffixes))
+        return next(matching, None)
 
     def get_positive_number(self, row: Mapping[str, str] | None, column: str) -> float | None:
-        """A line's number, None where the line or the value is not there."""
+        """A number of a row; None where row or value are missing. Raises InputDataError where it is not positive."""
         text = (row or {}).get(column) or ""
         if not text.strip():
             return None
@@ -155,7 +161,7 @@ def _read_yaml(file: Path, set_name: str) -> _PhotographTable:
         raise InputDataError(f"{file} cannot be read ({error.strerror}); give a CSV or YAML file") from error
     except (UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         raise InputDataError(
-            f"{file} does not hold, for the data folder's name '{set_name}', sites with 'split' and 'pictures' "
-            f"({type(error).__name__}: {error}); training/data/sites.yaml shows the form, or give a CSV file"
+            f"{file} has no sites with 'split' and 'pictures' for the data folder '{set_name}' "
+            f"({type(error).__name__}: {error}); training/data/sites.yaml is an example; or give a CSV file"
         ) from error
     return _PhotographTable(file, rows, frozenset({"image", "site", "split"}))

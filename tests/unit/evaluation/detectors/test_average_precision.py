@@ -150,4 +150,6 @@ def test_our_accumulation_is_pycocotools(seed: int) -> None:
 def test_only_the_best_of_a_photograph_count() -> None:
     found = {"one": (*(guess(0.9 - i / 1000, NOWHERE) for i in range(100)), guess(0.1, A))}
     assert both(match_predictions([image("one", A)], found, CRACK))[0] == 0
-    assert both(match_predictions([image("one", A)], found, CRACK, most=101))[0] == pytest.approx(1 / 101, abs=1e-12)
+    assert both(match_predictions([image("one", A)], found, CRACK, boxes_max=101))[0] == pytest.approx(
+        1 / 101, abs=1e-12
+    )
