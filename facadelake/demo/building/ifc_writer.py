@@ -1,19 +1,15 @@
-"""The demo building as an IFC4 file: storeys, walls with openings, windows, balconies, materials, georeference."""
+"""The demo building as an IFC4 file: walls with openings, windows, doors, slabs, storey bands and balconies."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import ifcopenshell
-import ifcopenshell.api.aggregate
-import ifcopenshell.api.context
 import ifcopenshell.api.feature
-import ifcopenshell.api.georeference
 import ifcopenshell.api.material
 import ifcopenshell.api.project
 import ifcopenshell.api.pset
 import ifcopenshell.api.root
-import ifcopenshell.api.unit
 import numpy as np
 
 from facadelake.demo.building.charts import Chart, make_building_charts
@@ -28,6 +24,7 @@ from facadelake.demo.building.ifc_entities import (
     make_tangent_rectangle,
     set_body,
 )
+from facadelake.demo.building.ifc_project import add_materials, add_spatial_structure
 from facadelake.demo.building.placement import DemoPlacement
 from facadelake.demo.recipe import DemoBuilding, DemoRecipe, OpeningRow
 
@@ -43,68 +40,8 @@ class _BuildingWriter:
         self.charts = {c.name: c for c in make_building_charts(building, 0.01)}
         self.model = ifcopenshell.api.project.create_file(version="IFC4")
         self.walls: dict[tuple[str, int], Entity] = {}
-        self.storeys = self._add_spatial_structure(placement)
-        self._add_materials()
-
-    def _add_spatial_structure(self, placement: DemoPlacement) -> list[Entity]:
-        """Add project, site, building, storeys and georeference; returns the storeys."""
-        m = self.model
-        project = ifcopenshell.api.root.create_entity(m, ifc_class="IfcProject", name="Facadelake demo building")
-        ifcopenshell.api.unit.assign_unit(m, length={"is_metric": True, "raw": "METERS"})
-        model = ifcopenshell.api.context.add_context(m, context_type="Model")
-        ifcopenshell.api.context.add_context(
-            m, context_type="Model", context_identifier="Body", target_view="MODEL_VIEW", parent=model
-        )
-        site = ifcopenshell.api.root.create_entity(m, ifc_class="IfcSite", name="Demo site")
-        house = ifcopenshell.api.root.create_entity(m, ifc_class="IfcBuilding", name="Demo building")
-        ifcopenshell.api.aggregate.assign_object(m, products=[site], relating_object=project)
-        ifcopenshell.api.aggregate.assign_object(m, products=[house], relating_object=site)
-        storeys = []
-        for storey in self.b.storeys:
-            entity = ifcopenshell.api.root.create_entity(m, ifc_class="IfcBuildingStorey", name=storey.name)
-            entity.Elevation = storey.floor_m
-            storeys.append(entity)
-        ifcopenshell.api.aggregate.assign_object(m, products=storeys, relating_object=house)
-        ifcopenshell.api.georeference.add_georeferencing(m)
-        ifcopenshell.api.georeference.edit_georeferencing(
-            m,
-            projected_crs={
-                "Name": placement.crs,
-                "Description": "ETRS89 / UTM zone 32N; heights are ellipsoidal (GRS80)",
-                "GeodeticDatum": "ETRS89",
-                "MapProjection": "UTM",
-                "MapZone": "32N",
-            },
-            coordinate_operation={
-                "Eastings": placement.east_m,
-                "Northings": placement.north_m,
-                "OrthogonalHeight": placement.height_m,
-                "XAxisAbscissa": float(np.cos(placement.rotation_rad)),
-                "XAxisOrdinate": float(np.sin(placement.rotation_rad)),
-                "Scale": placement.scale,
-            },
-        )
-        return storeys
-
-    def _add_materials(self) -> None:
-        """Add the materials and the layers of the external wall."""
-        m = self.model
-        names = (
-            "Lime render",
-            "Clay brick",
-            "Gypsum plaster",
-            "Reinforced concrete",
-            "Glass",
-            "Galvanised steel",
-            "Sandstone",
-        )
-        self.material = {n: ifcopenshell.api.material.add_material(m, name=n) for n in names}
-        self.layers = ifcopenshell.api.material.add_material_set(
-            m, name="External wall", set_type="IfcMaterialLayerSet"
-        )
-        for name, thick in (("Lime render", 0.02), ("Clay brick", self.b.wall_m - 0.035), ("Gypsum plaster", 0.015)):
-            layer = ifcopenshell.api.material.add_layer(m, layer_set=self.layers, material=self.material[name])
-            ifcopenshell.api.material.edit_layer(m, layer=layer, attributes={"LayerThickness": thick})
+        self.storeys = add_spatial_structure(self.model, building, placement)
+        self.materials, self.layers = add_materials(self.model, building.wall_m)
 
     def describe(self, element: Entity, pset: str, material: str | None, *, external: bool = True) -> None:
         """Assign the common property set and the material of an element.
@@ -123,7 +60,7 @@ class _BuildingWriter:
                 m, products=[element], type="IfcMaterialLayerSet", material=self.layers
             )
         else:
-            ifcopenshell.api.material.assign_material(m, products=[element], material=self.material[material])
+            ifcopenshell.api.material.assign_material(m, products=[element], material=self.materials[material])
 
     def add_wall(self, facade: str, storey: int, name: str, solid: Entity) -> None:
         """Add an external wall.
