@@ -37,11 +37,11 @@ class InitialPlacement:
     """An initial placement ``site_from_sfm`` and the control observations to adjust the block to.
 
     ``method``: the control in words, for the passport. ``gps_used`` (n,): the priors that agree with the placement.
-    ``points_used`` of ``points_total`` control points, tie points or photographs. ``compute_residual_m``: distances (k,)
-    at the control after the adjustment. ``marked``, ``shared`` and ``model``: observations of the control. ``edge_shift``
-    of a placement by the model's edges. ``datum_sigma_m`` (3,): sigma to which the placement itself constrains the
-    block's datum, instead of GPS (None: GPS does). ``frame_covariance_m2`` (3, 3): error that all control shares (the
-    frame of an earlier campaign).
+    ``points_used`` of ``points_total`` control points, tie points or photographs. ``compute_residual_m``: distances
+    (k,) at the control after the adjustment. ``marked``, ``shared`` and ``model``: observations of the control.
+    ``edge_shift``: of a placement by the model's edges. ``datum_sigma_m`` (3,): sigma to which the placement itself
+    constrains the block's datum, instead of GPS (None: GPS does). ``frame_covariance_m2`` (3, 3): error that all
+    control shares (the frame of an earlier campaign).
     """
 
     kind: ControlKind

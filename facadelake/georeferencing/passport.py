@@ -27,7 +27,7 @@ _MAX_FRAME_SIGMAS, _MIN_FRAME_TOLERANCE_M = 3.0, 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PassportPoint:
-    """A point of the passport: its given coordinates (3,), and the residual ``given - adjusted`` (3,), metres in site."""
+    """A point of the passport: given coordinates (3,) and residual ``given - adjusted`` (3,), metres in site."""
 
     name: str
     kind: PointKind
