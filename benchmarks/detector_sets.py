@@ -124,7 +124,7 @@ def castle_facade(work: Path) -> LabelledSet:
     surface = Surface(model)
     root = building.locate_photographs("2026-04")
     photos = ingest_photographs(root, distance_to_model_m=build_horizontal_distance(model), close_range_below_m=8.0)
-    place = SiteFrame(
+    site_frame = SiteFrame(
         origin=model.origin,
         map_crs=model.map_crs,
         vertical_datum=model.vertical_datum,

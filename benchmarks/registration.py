@@ -94,7 +94,7 @@ def _registered(scene: Scenery, placed: ImportedPlacement, boxes: str) -> dict[s
 def imported(report: Report, work: Path) -> None:
     """Registration alone."""
     for scene in _sceneries():
-        place = SiteFrame(
+        site_frame = SiteFrame(
             origin=scene.model.origin,
             map_crs=scene.model.map_crs,
             vertical_datum=scene.model.vertical_datum,

@@ -49,7 +49,7 @@ class Castle:
 
     def placed(self, path: Path) -> ImportedPlacement:
         model = self.model
-        place = SiteFrame(
+        site_frame = SiteFrame(
             origin=model.origin, map_crs=model.map_crs, vertical_datum=model.vertical_datum,
             georeference_level=model.georeference_level,
         )  # fmt: skip
