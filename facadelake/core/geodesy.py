@@ -123,6 +123,6 @@ def transform(points: Float64Nx3, source: str, target: str) -> Float64Nx3:
         bad = points[~np.isfinite(out).all(axis=1)][0]
         raise GeoreferenceError(
             f"the point {bad.tolist()} of {source} lies outside the domain of {target}; "
-            "check whether axes are swapped or units wrong"
+            "check the axis order and the unit"
         )
     return out

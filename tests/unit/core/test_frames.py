@@ -63,5 +63,5 @@ def test_what_a_similarity_refuses() -> None:
         estimate_similarity(line, points)
     with pytest.raises(GeoreferenceError, match="not a proper rotation"):
         Similarity(rotation=np.diag([1.0, 1, -1]), translation=np.zeros(3))
-    with pytest.raises(GeoreferenceError, match=r"scale is 0\.0"):
+    with pytest.raises(GeoreferenceError, match=r"scale of a transform is 0\.0"):
         Similarity(rotation=np.eye(3), translation=np.zeros(3), scale=0.0)
