@@ -22,8 +22,8 @@ def find_registered_rules(portfolio: Path, building_id: str) -> str | None:
 def describe_replaced_regrading(building: Building, campaign_id: str, rules: str) -> str:
     """Notice that a new inspection replaced a regrading by the registry's rule pack."""
     return (
-        f"the previous version was regraded by {rules}, this one is graded by {building.severity_rules}, the registry's "
-        f"rule pack; to grade it by {rules}: facadelake regrade {building.id} {campaign_id} --rules {rules}"
+        f"the previous version was regraded by {rules}, this one is graded by the registry's {building.severity_rules}"
+        f"; to grade it by {rules}: facadelake regrade {building.id} {campaign_id} --rules {rules}"
     )
 
 

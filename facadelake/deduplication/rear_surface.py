@@ -1,6 +1,6 @@
 """Reassignment of observations to a surface behind the first one that the model has on their rays.
 
-The model may contain a part that is elsewhere in reality, or a wall that is too thick. Two kinds of evidence show that a
+The model may have a part that is elsewhere in reality, or a wall that is too thick. Two kinds of evidence show that a
 defect is on a surface behind the first: the rays of one group intersect clearly there; or two groups of one class,
 without a photograph in common, are separate on the first surface and coincide on one behind, which is unlikely for two
 defects.

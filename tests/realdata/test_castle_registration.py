@@ -86,7 +86,7 @@ def test_published_cameras_as_poses(castle: Castle, tmp_path: Path) -> None:
     assert (exact.camera_error.mae or 1) < 1e-4  # m: eleven digits of truth's degrees
     # methods.md: 4.4 cm is the ceiling of the surface, whose relief is not in the model; less would be too good.
     assert 0.035 < (exact.observation_error.distance.mean or 0) < 0.045
-    # The check points were triangulated with these cameras, from marks that the rays meet to 4 mm.
+    # The check points were triangulated with these cameras, from image marks whose rays intersect to 4 mm.
     assert 0.0005 < (exact.defect_error.distance.mae or 0) < 0.01
     assert (exact.merge.f1 or 0) >= 0.99
     assert exact.check_points.lost == exact.check_points.duplicated == 0

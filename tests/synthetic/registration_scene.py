@@ -24,7 +24,7 @@ Array = np.ndarray
 FOCAL, WIDTH, HEIGHT = 3000.0, 4000, 3000
 K1, K2, P1, P2 = -0.10, 0.03, 4e-4, -3e-4
 LEDGE_M, BACK_M, RADIUS_M = 4.5, 2.0, 8.0
-FAR_M = 25.0  # nothing is found further away, where another wall may stand between
+FAR_M = 25.0  # nothing is found further away, where another wall may occlude it
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -43,7 +43,7 @@ class Wall:
 
     @property
     def right(self) -> Array:
-        """To the right of someone outside who looks at the wall."""
+        """To the right of someone outside who style at the wall."""
         return np.cross(UP, self.out)
 
     def outward(self, u: Array) -> Array:
@@ -75,13 +75,13 @@ class Wall:
         return [low, np.array([low[3], low[2], high[1], high[0]]), high]
 
     def element_of(self, v: float) -> str:
-        """What part of the wall a place is on."""
+        """The element that a place is on."""
         return "high" if self.kind == "setback" and v > LEDGE_M else "wall"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Defect:
-    """A rectangle on a wall; ``off_m`` is how far the real surface stands before the model there."""
+    """A rectangle on a wall; ``off_m`` is distance of the real surface in front of the model there."""
 
     name: str
     wall: int
@@ -101,7 +101,7 @@ class Defect:
         return np.column_stack([u, v, np.full(len(u), self.off_m)])
 
     def xyz(self, walls: Sequence[Wall]) -> Array:
-        """The true middle in site."""
+        """The true centre in site."""
         return walls[self.wall].points([(self.u, self.v, self.off_m)])[0]
 
 
@@ -114,7 +114,7 @@ class Shot:
     axes: Array
 
     def pixels(self, xyz: Array) -> Array:
-        """Where site points (n, 3) are seen, by Brown's model; NaN behind the camera."""
+        """Pixels of site points (n, 3), by Brown's model; NaN behind the camera."""
         x, y, z = ((xyz - self.centre) @ self.axes).T
         with np.errstate(divide="ignore", invalid="ignore"):
             x, y = np.where(z > 0.1, x / z, np.nan), np.where(z > 0.1, y / z, np.nan)
@@ -125,7 +125,7 @@ class Shot:
         return np.column_stack([FOCAL * px + WIDTH / 2 + 12.0, FOCAL * py + HEIGHT / 2 - 9.0])
 
     def stated(self, moved: Array | None = None, turned: Array | None = None) -> PosedCamera:
-        """The pose as the product is told it: moved by (3,) m in site, turned by (3,) rad about the camera's axes."""
+        """The pose given to the product: moved by (3,) m in site, turned by (3,) rad about the camera's axes."""
         x, y, z = np.zeros(3) if turned is None else turned
         angle = float(np.linalg.norm([x, y, z])) or 1.0
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -149,7 +149,7 @@ def aim_shot(name: str, eye: Array, at: Array) -> Shot:
 def fan(
     wall: Wall, name: str, oblique_deg: Sequence[float], *, u: float = 0.0, v: float = 4.0, far_m: float = 9.0
 ) -> list[Shot]:
-    """Photographs of (u, v) from so far, each seen from so many degrees to the right of the normal there."""
+    """Photographs of (u, v) from ``far_m``, at ``oblique_deg`` to the right of the normal there."""
     at = wall.points([(u, v, 0.0)])[0]
     out = wall.outward(np.array([u]))[0]
     shots = []
@@ -160,7 +160,7 @@ def fan(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class DrawnDetections:
     """Table ``detections`` and, by detection_id, the true defect."""
 
     table: pa.Table
@@ -168,8 +168,8 @@ class Found:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looks:
-    """How detections are drawn: ``jitter`` (one sigma of a box's middle, as a share of its size, beside half a pixel),
+class DetectionStyle:
+    """How detections are drawn: ``jitter`` (one sigma of a box's centre, as a share of its size, beside half a pixel),
     as masks instead of boxes, by which incidence at most, and with which class by defect and photograph."""
 
     jitter: float = 0.0
@@ -180,8 +180,12 @@ class Looks:
 
 
 def draw_detections(
-    walls: Sequence[Wall], shots: Sequence[Shot], defects: Sequence[Defect], looks: Looks, rng: np.random.Generator
-) -> Found:
+    walls: Sequence[Wall],
+    shots: Sequence[Shot],
+    defects: Sequence[Defect],
+    style: DetectionStyle,
+    rng: np.random.Generator,
+) -> DrawnDetections:
     """A detection of each defect in each photograph that sees it whole, in front, and not too flat."""
     rows, truth = [], {}
     for shot in shots:
@@ -194,22 +198,22 @@ def draw_detections(
             cosine /= far_m
             xy = shot.pixels(border)
             inside = (xy >= 2) & (xy <= [WIDTH - 2, HEIGHT - 2])
-            if not inside.all() or far_m.max() > FAR_M or cosine.min() < np.cos(np.radians(looks.incidence_max_deg)):
+            if not inside.all() or far_m.max() > FAR_M or cosine.min() < np.cos(np.radians(style.incidence_max_deg)):
                 continue
             low, size = xy.min(axis=0), np.ptp(xy, axis=0)
-            moved = rng.normal(size=2) * np.hypot(looks.pixel_px, looks.jitter * size)
+            moved = rng.normal(size=2) * np.hypot(style.pixel_px, style.jitter * size)
             name = f"{shot.name}#{defect.name}"
             truth[name] = defect
             ring = ", ".join(f"{x:.4f} {y:.4f}" for x, y in [*(xy + moved), xy[0] + moved])
-            kind = looks.renamed.get((defect.name, shot.name), defect.kind)
+            kind = style.renamed.get((defect.name, shot.name), defect.kind)
             x, y = low + moved
             rows.append(
                 {"detection_id": name, "photo_id": shot.name, "detection_outcome": "accepted", "defect_class": kind,
                  "source_class": kind, "score": 0.9, "box_x_px": x, "box_y_px": y, "box_width_px": size[0],
-                 "box_height_px": size[1], "mask": f"POLYGON (({ring}))" if looks.masks else None,
+                 "box_height_px": size[1], "mask": f"POLYGON (({ring}))" if style.masks else None,
                  "detector": "coco:scene", "detector_sha256": "0"}
             )  # fmt: skip
-    return Found(table=table_from_rows("detections", rows), truth=truth)
+    return DrawnDetections(table=table_from_rows("detections", rows), truth=truth)
 
 
 def build_walls(walls: Sequence[Wall]) -> BuildingModel:
@@ -237,5 +241,5 @@ def build_walls(walls: Sequence[Wall]) -> BuildingModel:
 
 
 def shift_defects(defects: Sequence[Defect], sigma_m: float, rng: np.random.Generator) -> list[Defect]:
-    """The defects on a real surface that stands off the model by a draw of one sigma each."""
+    """The defects at random distances (``sigma_m``) from the model."""
     return [replace(defect, off_m=float(sigma_m * rng.normal())) for defect in defects]

@@ -1,4 +1,4 @@
-"""Registration against scenes whose truth is known by other means: own projections, own surfaces, drawn errors.
+"""Registration of synthetic scenes with known truth: own projections, own surfaces, simulated errors.
 
 Bounds are two-sided where errors were drawn: a covariance that covers everything is as wrong as one that covers little.
 """
@@ -28,8 +28,8 @@ from tests.synthetic.registration_scene import (
     HEIGHT,
     WIDTH,
     Defect,
-    Found,
-    Looks,
+    DetectionStyle,
+    DrawnDetections,
     Shot,
     Wall,
     aim_shot,
@@ -43,7 +43,7 @@ REGISTER, MERGE = RegistrationSettings(), MergeSettings()
 KINDS = ("flat", "cylinder", "setback")
 FAN = (-60.0, -30.0, 0.0, 30.0, 60.0)
 CHI2_95, CHI2_68 = 7.815, 3.527  # of three degrees of freedom
-BOXES = Looks(jitter=REGISTER.box_sigma_share, pixel_px=REGISTER.pixel_sigma_px)
+BOXES = DetectionStyle(jitter=REGISTER.box_sigma_share, pixel_px=REGISTER.pixel_sigma_px)
 Row = dict[str, object]
 
 
@@ -60,7 +60,10 @@ def exact(shots: Sequence[Shot]) -> dict[str, PosedCamera]:
 
 
 def observed(
-    walls: Sequence[Wall], found: Found, posed: Mapping[str, PosedCamera], covariance: np.ndarray | None = None
+    walls: Sequence[Wall],
+    found: DrawnDetections,
+    posed: Mapping[str, PosedCamera],
+    covariance: np.ndarray | None = None,
 ) -> pa.Table:
     model = build_walls(walls)
     stated = {} if covariance is None else dict.fromkeys(posed, covariance)
@@ -68,7 +71,10 @@ def observed(
 
 
 def merged(
-    walls: Sequence[Wall], found: Found, posed: Mapping[str, PosedCamera], covariance: np.ndarray | None = None
+    walls: Sequence[Wall],
+    found: DrawnDetections,
+    posed: Mapping[str, PosedCamera],
+    covariance: np.ndarray | None = None,
 ) -> MergeResult:
     stated = {} if covariance is None else dict.fromkeys(posed, covariance)
     seen = observed(walls, found, posed, covariance)
@@ -77,8 +83,8 @@ def merged(
     )
 
 
-def truths(result: MergeResult, found: Found) -> dict[str, Defect]:
-    """The true defect of most sightings of each defect."""
+def truths(result: MergeResult, found: DrawnDetections) -> dict[str, Defect]:
+    """The true defect of most observations of each defect."""
     votes: dict[str, Counter[Defect]] = defaultdict(Counter)
     for row in result.observations.to_pylist():
         if row["defect_id"] is not None:
@@ -86,7 +92,7 @@ def truths(result: MergeResult, found: Found) -> dict[str, Defect]:
     return {name: count.most_common(1)[0][0] for name, count in votes.items()}
 
 
-def pairwise_f1(result: MergeResult, found: Found) -> float:
+def pairwise_f1(result: MergeResult, found: DrawnDetections) -> float:
     """Of "same defect" decisions."""
     pairs = [(found.truth[r["detection_id"]].name, r["defect_id"]) for r in result.observations.to_pylist()]
     pairs = [pair for pair in pairs if pair[1] is not None]
@@ -110,14 +116,14 @@ def misses(rows: Sequence[Row], true: Sequence[np.ndarray]) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("masks", "kind", "bound_m"), [
-    *((False, kind, 0.003) for kind in KINDS),  # the middle of a box is not quite that of what it is drawn about
+    *((False, kind, 0.003) for kind in KINDS),  # the centre of a box is not exactly that of the defect
     *((True, kind, 0.001 if kind == "cylinder" else 1e-4) for kind in KINDS),  # facets leave the cylinder by 0.3 mm
 ])  # fmt: skip
 def test_places_on_known_surfaces_up_to_60_degrees(masks: bool, kind: str, bound_m: float) -> None:
     walls = [Wall(kind=kind, foot=(40.0, -25.0, 3.0), bearing_deg=110.0)]
     shots = fan(walls[0], "p", FAN)
     defects = grid(0, (-2, 0, 2), (2.5, 3.5, 5.5, 6.5))
-    found = draw_detections(walls, shots, defects, Looks(masks=masks), np.random.default_rng(0))
+    found = draw_detections(walls, shots, defects, DetectionStyle(masks=masks), np.random.default_rng(0))
     rows = observed(walls, found, exact(shots)).to_pylist()
     assert len(rows) >= 50
     assert {row["observation_outcome"] for row in rows} == {"registered"}
@@ -133,12 +139,12 @@ def test_places_on_known_surfaces_up_to_60_degrees(masks: bool, kind: str, bound
             np.testing.assert_allclose(row["area_m2"], 0.04, rtol=0, atol=0.0006)  # m2
 
 
-def test_the_middle_of_what_is_large_and_seen_aslant() -> None:
-    """The middle of a box lies 20 cm beside that of a band of 3 m seen at 60 degrees: what is nearer looks larger."""
+def test_the_centre_of_a_large_defect_seen_obliquely() -> None:
+    """The centre of a box is 20 cm from that of a band of 3 m seen at 60 degrees: what is nearer appears larger."""
     walls = [Wall()]
     shots = fan(walls[0], "p", (-60.0, 60.0))
     bands = grid(0, (0,), (3.9, 4.1), width_m=3.0, height_m=0.1)
-    found = draw_detections(walls, shots, bands, Looks(incidence_max_deg=80.0), np.random.default_rng(0))
+    found = draw_detections(walls, shots, bands, DetectionStyle(incidence_max_deg=80.0), np.random.default_rng(0))
     rows = observed(walls, found, exact(shots)).to_pylist()
     assert len(rows) == 4
     for row in rows:
@@ -148,7 +154,7 @@ def test_the_middle_of_what_is_large_and_seen_aslant() -> None:
 
 
 def test_two_sigma_holds_nineteen_of_twenty_observations() -> None:
-    """Poses, boxes and the building's surface are off by draws of what is stated of them."""
+    """Poses, boxes and surface have simulated errors of the stated sigmas."""
     rng = np.random.default_rng(7)
     walls = [Wall(kind=KINDS[i % 3], foot=(60.0 * (i % 3), 60.0 * (i // 3), 0), bearing_deg=40.0 * i) for i in range(9)]
     shots = [shot for i, wall in enumerate(walls) for shot in fan(wall, f"w{i}", FAN)]
@@ -173,7 +179,7 @@ def test_relief_that_the_model_does_not_know_is_triangulated_and_kept_as_a_devia
     shots = [shot for i, wall in enumerate(walls) for shot in fan(wall, f"w{i}", FAN)]
     flush = [defect for i in range(3) for defect in grid(i, (-2, 0, 2), (2.5, 3.5, 5.5, 6.5))]
     defects = shift_defects(flush, 0.04, rng)
-    found = draw_detections(walls, shots, defects, Looks(jitter=0.02, pixel_px=0.3), rng)
+    found = draw_detections(walls, shots, defects, DetectionStyle(jitter=0.02, pixel_px=0.3), rng)
     result = merged(walls, found, exact(shots))
     own, rows = truths(result, found), result.defects.to_pylist()
     assert pairwise_f1(result, found) == 1.0
@@ -183,7 +189,7 @@ def test_relief_that_the_model_does_not_know_is_triangulated_and_kept_as_a_devia
         np.linalg.norm(place(row) - found.truth[row["detection_id"]].xyz(walls))
         for row in result.observations.to_pylist()
     ]
-    assert 0.02 < np.mean(alone) < 0.08  # m: the surface is 4 cm off, and rays meet it up to 60 degrees flat
+    assert 0.02 < np.mean(alone) < 0.08  # m: the surface is 4 cm off, and the incidence is up to 60 degrees
     assert 0.001 < error.mean() < 0.006  # m
     assert np.percentile(error, 95) < 0.012  # m
     assert {row["position_method"] for row in rows} == {"triangulated"}
@@ -196,7 +202,7 @@ def test_relief_that_the_model_does_not_know_is_triangulated_and_kept_as_a_devia
 
 
 def test_two_sigma_holds_nineteen_of_twenty_defects() -> None:
-    """Each wall's block of photographs is off as a whole; boxes and relief are drawn for each."""
+    """Each wall's block has a common error; those of boxes and relief are independent."""
     rng = np.random.default_rng(1)
     walls = [
         Wall(kind=KINDS[i % 3], foot=(60.0 * (i % 5), 60.0 * (i // 5), 0), bearing_deg=40.0 * i) for i in range(10)
@@ -204,7 +210,11 @@ def test_two_sigma_holds_nineteen_of_twenty_defects() -> None:
     shots = [shot for i, wall in enumerate(walls) for shot in fan(wall, f"{i}-w", FAN)]
     flush = [defect for i in range(len(walls)) for defect in grid(i, (-2, 0, 2), (2.5, 3.5, 5.5, 6.5))]
     found = draw_detections(
-        walls, shots, shift_defects(flush, MERGE.relief_m, rng), Looks(jitter=MERGE.centre_share, pixel_px=0.5), rng
+        walls,
+        shots,
+        shift_defects(flush, MERGE.relief_m, rng),
+        DetectionStyle(jitter=MERGE.centre_share, pixel_px=0.5),
+        rng,
     )
     block_m = 0.005
     moved = block_m * rng.normal(size=(len(walls), 3))
@@ -220,7 +230,7 @@ def test_two_sigma_holds_nineteen_of_twenty_defects() -> None:
 @pytest.mark.parametrize(("jitter", "least"), [(0.0, 1.0), (0.06, 0.97)])
 @pytest.mark.parametrize("upright", [False, True])
 def test_defects_20_cm_apart_are_kept_apart(jitter: float, least: float, upright: bool) -> None:
-    """Pairs of the same class and size, 20 cm from middle to middle, side by side or one above the other."""
+    """Pairs of the same class and size, 20 cm from centre to centre, side by side or one above the other."""
     walls = [Wall(kind=kind, foot=(60.0 * i, 0, 0), bearing_deg=70.0 * i) for i, kind in enumerate(KINDS)]
     shots = [shot for i, wall in enumerate(walls) for shot in fan(wall, f"w{i}", (-50, -20, 5, 30, 55))]
     size = {"width_m": 0.12, "height_m": 0.12}
@@ -230,7 +240,7 @@ def test_defects_20_cm_apart_are_kept_apart(jitter: float, least: float, upright
             two = replace(one, name=f"{one.name}b", **({"v": one.v + 0.2} if upright else {"u": one.u + 0.2}))
             defects += [one, two]
     rng = np.random.default_rng(5)
-    found = draw_detections(walls, shots, defects, Looks(jitter=jitter, pixel_px=0.5 if jitter else 0.0), rng)
+    found = draw_detections(walls, shots, defects, DetectionStyle(jitter=jitter, pixel_px=0.5 if jitter else 0.0), rng)
     result = merged(walls, found, exact(shots))
     assert pairwise_f1(result, found) >= least
     for name in {row["defect_id"] for row in result.defects.to_pylist()}:
@@ -248,7 +258,7 @@ def test_the_same_window_again_and_again_has_its_own_defect_each() -> None:
     ]
     sills = grid(0, np.arange(-7.2, 7.3, 0.9), (3.0, 5.5), width_m=0.5, height_m=0.15)
     rng = np.random.default_rng(2)
-    found = draw_detections(walls, shots, sills, Looks(jitter=0.04, pixel_px=0.5), rng)
+    found = draw_detections(walls, shots, sills, DetectionStyle(jitter=0.04, pixel_px=0.5), rng)
     result = merged(walls, found, exact(shots))
     assert len(result.defects) == len({defect.name for defect in found.truth.values()})
     assert pairwise_f1(result, found) == 1.0
@@ -259,7 +269,9 @@ def test_the_order_of_rows_and_photographs_changes_nothing() -> None:
     walls = [Wall(kind="setback", bearing_deg=215.0)]
     shots = fan(walls[0], "p", FAN)
     near = grid(0, np.arange(-2, 2.1, 0.35), (2.5, 5.5), width_m=0.3, height_m=0.3)
-    found = draw_detections(walls, shots, shift_defects(near, 0.05, rng), Looks(jitter=0.12, pixel_px=1.0), rng)
+    found = draw_detections(
+        walls, shots, shift_defects(near, 0.05, rng), DetectionStyle(jitter=0.12, pixel_px=1.0), rng
+    )
     first = merged(walls, found, exact(shots))
     order = rng.permutation(len(found.table))
     again = merged(walls, replace(found, table=found.table.take(pa.array(order))), exact(shots[::-1]))
@@ -274,7 +286,7 @@ def test_a_class_that_one_photograph_got_wrong_makes_no_second_defect() -> None:
     shots = fan(walls[0], "p", FAN)
     defects = grid(0, (-1.5, 0, 1.5), (2.5, 4.0, 5.5))
     wrong = {(defect.name, shots[i % 5].name): "moisture" for i, defect in enumerate(defects)}
-    found = draw_detections(walls, shots, defects, Looks(renamed=wrong), np.random.default_rng(0))
+    found = draw_detections(walls, shots, defects, DetectionStyle(renamed=wrong), np.random.default_rng(0))
     renamed = sum(row["defect_class"] == "moisture" for row in found.table.to_pylist())
     assert renamed >= 8
     result = merged(walls, found, exact(shots))
@@ -289,17 +301,17 @@ def test_two_defects_of_two_classes_at_one_place_stay_two() -> None:
     shots = fan(walls[0], "p", FAN)
     cracks = grid(0, (-1.5, 0, 1.5), (3.0, 5.0))
     damp = [replace(crack, name=f"{crack.name}m", kind="moisture") for crack in cracks]
-    found = draw_detections(walls, shots, [*cracks, *damp], Looks(), np.random.default_rng(0))
+    found = draw_detections(walls, shots, [*cracks, *damp], DetectionStyle(), np.random.default_rng(0))
     result = merged(walls, found, exact(shots))
     assert Counter(result.defects["defect_class"].to_pylist()) == {"crack": 6, "moisture": 6}
 
 
 def test_one_pose_that_is_grossly_wrong_does_not_move_the_others_defects() -> None:
-    """One photograph of six stands 0.6 m from where it is said to: its sightings are thrown out, or alone."""
+    """The pose of one photograph of six is wrong by 0.6 m: its observations are rejected or remain single."""
     walls = [Wall(kind="setback")]
     shots = fan(walls[0], "p", (-55, -35, -10, 10, 35, 55))
     defects = shift_defects(grid(0, (-2, -0.5, 1, 2.5), (2.5, 5.5)), 0.03, np.random.default_rng(8))
-    found = draw_detections(walls, shots, defects, Looks(pixel_px=0.5, jitter=0.02), np.random.default_rng(8))
+    found = draw_detections(walls, shots, defects, DetectionStyle(pixel_px=0.5, jitter=0.02), np.random.default_rng(8))
     posed = exact(shots) | {shots[2].name: shots[2].stated(np.array([0.45, 0.0, -0.4]))}
     result = merged(walls, found, posed)
     own = truths(result, found)
@@ -313,8 +325,8 @@ def test_one_pose_that_is_grossly_wrong_does_not_move_the_others_defects() -> No
 # Outcomes
 
 
-def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
-    """A wall, a post before it that tie points show, a mask over a part, a photograph along the wall, and strays."""
+def test_every_outcome_occurs_with_its_reason(tmp_path: Path) -> None:
+    """A wall, a post in front of it with tie points, a mask, a photograph along the wall, and boxes without a ray."""
     walls = [Wall()]
     facing = fan(walls[0], "p", (-20, -10, 0, 10, 20), far_m=14.0)
     along = aim_shot("flat.jpg", np.array([-9.0, -0.9, 4.0]), np.array([2.0, 0.0, 4.0]))
@@ -323,8 +335,8 @@ def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
     plain, masked = Defect(name="plain", wall=0, u=-2.0, v=4.0), Defect(name="masked", wall=0, u=2.0, v=4.0)
     far = Defect(name="far", wall=0, u=1.0, v=4.0)
     rng = np.random.default_rng(6)
-    found = draw_detections(walls, facing, [plain, masked, behind_post], Looks(), rng)
-    flat = draw_detections(walls, [along], [far], Looks(incidence_max_deg=89.0), rng)
+    found = draw_detections(walls, facing, [plain, masked, behind_post], DetectionStyle(), rng)
+    flat = draw_detections(walls, [along], [far], DetectionStyle(incidence_max_deg=89.0), rng)
     assert len(flat.table) == 1
     extra = []
     template = found.table.to_pylist()[0]
@@ -340,7 +352,7 @@ def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
     surface = Surface(model)
     seen = observe_detections(table, posed, model, surface, settings=REGISTER)
 
-    # The post stands 2 m before the wall and hides what is behind it: no photograph has tie points of that.
+    # The post is 2 m in front of the wall; no photograph has tie points of what it occludes.
     post = np.array([(u, -2.0, v) for u in np.linspace(-0.6, 0.6, 7) for v in np.linspace(2.5, 5.5, 16)])
     bare = [(u, v, 0.0) for u in np.arange(-5, 5.1, 0.3) for v in np.arange(1, 7.1, 0.3) if abs(u) > 1.5]
     on_wall = walls[0].points(bare)
@@ -355,10 +367,10 @@ def test_every_outcome_is_met_and_says_why(tmp_path: Path) -> None:
     x, y = facing[0].pixels(masked.xyz(walls)[None])[0].astype(int)
     covered[y - 120 : y + 120, x - 120 : x + 120] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), covered)
-    scene = ExclusionEvidence(
+    evidence = ExclusionEvidence(
         tie_points=triangulate_tie_points(tracks, posed), masks={facing[0].name: tmp_path / "mask.png"}
     )
-    rows = exclude_observations(seen, table, posed, model.elements, surface, scene, ExclusionSettings()).to_pylist()
+    rows = exclude_observations(seen, table, posed, model.elements, surface, evidence, ExclusionSettings()).to_pylist()
 
     outcome = {row["detection_id"]: row["observation_outcome"] for row in rows}
     assert set(outcome.values()) == {str(word) for word in ObservationOutcome}, outcome

@@ -1,4 +1,4 @@
-"""Observations compared by appearance: the same place under other light, a neighbour aside, nothing to see."""
+"""Observations compared by appearance: the same place in other light, a neighbour beside it, no texture."""
 
 import cv2
 import numpy as np
@@ -73,7 +73,7 @@ def compare_pair(folder, places, photo):
     return pictures.compare_pairs(observations, list(cameras), np.array([0]), np.array([1]), np.array([0.06]))
 
 
-def test_one_place_looks_the_same_from_aside_and_in_other_light(folder):
+def test_one_place_looks_the_same_obliquely_and_in_other_light(folder):
     found = compare_pair(folder, [(0.1, 2.1), (0.12, 2.09)], [0, 1])
     assert 0.8 < found.score[0] <= 1.0
     assert found.same[0]

@@ -107,7 +107,7 @@ def test_no_group_holds_a_photograph_twice(seed):
 
 
 def test_relief_separates_oblique_observations_in_a_known_direction():
-    """10 cm of relief, seen from 45 degrees left and right: the hits part by 20 cm along the wall, not upward."""
+    """10 cm of relief, seen from 45 degrees left and right: the hits are 20 cm apart along the wall, not upward."""
     rays = np.array([[1.0, 1, 0], [-1.0, 1, 0]]) / np.sqrt(2)
     base = replace(place_observations(np.array([-0.1, 0.1]), np.array([0, 1])), ray_site=rays)
     upward = replace(base, xyz_site_m=np.array([[0.0, 0, -0.1], [0, 0, 0.1]]))
@@ -115,8 +115,8 @@ def test_relief_separates_oblique_observations_in_a_known_direction():
     assert cluster(upward) == [0, 1]
 
 
-def test_a_campaign_that_stands_off_the_model_still_merges(wall, detections_of):
-    """All cameras 0.8 m too far forward and 0.5 m aside, as GPS alone may place them; one defect seen from three."""
+def test_a_campaign_with_an_offset_from_the_model_still_merges(wall, detections_of):
+    """All cameras 0.8 m too far forward and 0.5 m to the side, as with GPS alone; one defect in three photographs."""
     real = {f"p{i}": look_at([-6.0 + 6 * i, -8.0, 2.0], [0.0, 0.0, 1.5]) for i in range(3)}
     placed = {name: look_at(p.centre_site_m + np.array([0.5, 0.8, 0]), [0.5, 0.8, 1.5]) for name, p in real.items()}
     made = []
@@ -166,11 +166,11 @@ def test_defects_have_their_place_their_element_and_a_stable_name(wall, inspecte
     detections, observations, cameras = inspected
     result = merge_observations(observations, detections, wall, cameras, prefix="tower-2026-04")
     rows = result.defects.to_pylist()
-    # South facade: who stands before it has west to the left; the upper storey comes first.
+    # South facade: seen from outside, west is to the left; the upper storey comes first.
     assert [row["defect_id"] for row in rows] == [f"tower-2026-04-D{i:04d}" for i in (1, 2, 3, 4)]
     found = np.array([[row["x_site_m"], row["y_site_m"], row["z_site_m"]] for row in rows])
     expected = [[-2.0, 0, 4.5], [-1.8, 0, 4.5], [1.0, 0, 4.5], [0.0, 0, 1.0]]
-    # Boxes are drawn about the points' images here, not about what is 10 cm wide there: 0.5 mm.
+    # The boxes are centred on the images of the points: 0.5 mm from the centres of what they enclose.
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3)  # m
     assert [row["photo_count"] for row in rows] == [3, 3, 3, 3]
     assert [row["storey"] for row in rows] == ["First floor"] * 3 + ["Ground floor"]
@@ -184,7 +184,7 @@ def test_defects_have_their_place_their_element_and_a_stable_name(wall, inspecte
 
 
 def test_a_facade_named_by_its_degrees_is_walked_along_from_its_own_left(wall, inspected):
-    """Where two facades look south their names tell the bearing; west is to the left as for any south facade."""
+    """Where two facades face south their names state the bearing; west is to the left as on any south facade."""
     detections, _, cameras = inspected
     elements = wall.elements
     for name, values in (("facade", ["S-170", "S-170"]), ("facade_azimuth_deg", [170.0, 170.0])):

@@ -78,7 +78,7 @@ def test_outliers_of_two_neighbours_are_not_a_third_defect():
     assert cluster(observations) == [0, 0, 0, 0, 1, 1, 1, 1]
 
 
-# A crack 1 m long; in photograph 0 a drain pipe hides its middle, or a tile ends there.
+# A crack 1 m long; in photograph 0 a drain pipe hides its centre, or a tile ends there.
 HALVES = [(-0.28, 2.0), (0.28, 2.0)]
 HALF_SIZE = (0.44, 0.1)
 BOXES_APART = [(100, 100, 147, 33), (287, 100, 147, 33)]
@@ -110,7 +110,7 @@ def test_boxes_that_meet_at_a_seam_are_one_unless_others_see_two():
     assert cluster(make_observations(places, [0, 0], size_m=size, boxes=BOXES_MEETING)) == [0, 0]
     twice = make_observations(places * 2, [0, 0, 1, 1], size_m=np.tile(size, (2, 1)), boxes=BOXES_MEETING + BOXES_APART)
     assert cluster(twice) == [0, 1, 0, 1]
-    uneven = [(100, 100, 167, 33), (267, 90, 167, 60)]  # a corner: they touch, but the sides do not go on
+    uneven = [(100, 100, 167, 33), (267, 90, 167, 60)]  # a corner: they touch, but their sides do not continue
     assert cluster(make_observations(places, [0, 0], size_m=size, boxes=uneven)) == [0, 1]
 
 

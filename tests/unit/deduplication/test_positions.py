@@ -16,7 +16,7 @@ NOISE = PositionNoise(size_share=0.02, floor_m=0.003, relief_m=0.05)
 
 
 def observe_place(place, eyes=EYES, aside=None, size_m=0.2, pose_covariance_m2=None):
-    """What cameras at ``eyes`` make of a place before or behind a model whose wall is y = 0; hits moved ``aside``."""
+    """Observations from ``eyes`` of a point in front of or behind the model's wall y = 0; hits shifted ``aside``."""
     ray = (place if aside is None else place + aside) - eyes
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     distance = -eyes[:, 1] / ray[:, 1]
@@ -44,10 +44,12 @@ def one(observations, noise=NOISE, settings=None):
 
 
 def test_crossing_rays_find_the_relief_that_the_model_lacks():
-    """The real place stands 8 cm before the model's wall; the hits lie where each ray met the model."""
+    """The real point is 8 cm in front of the model's wall; the hits are where each ray hit the model."""
     place = np.array([0.3, -0.08, 1.2])
     found = one(observe_place(place))
-    assert 0.0 < np.linalg.norm(found.xyz_site_m[0] - place) < 0.002  # m: the surface holds it back a little
+    assert (
+        0.0 < np.linalg.norm(found.xyz_site_m[0] - place) < 0.002
+    )  # m: the prior of the surface has a small influence
     assert 0.077 < found.deviation_m[0] < 0.08  # m, before the wall
     assert found.triangulated[0]
     mean_of_hits = observe_place(place).xyz_site_m.mean(axis=0)

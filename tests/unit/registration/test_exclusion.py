@@ -1,4 +1,4 @@
-"""A board stands before a wall: what it hides, what a mask blackens, and what is no part of the building."""
+"""Exclusion: a board in front of a wall occludes it, masks, and elements that are not part of the building."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ NOISE_PX = 0.3
 
 
 def tracks_of(points, cameras=CAMERAS, seed=7, noise_px=NOISE_PX):
-    """Every camera sees every point, but for wall points that the board at x -1..1, z 1..3 hides from it."""
+    """Every camera shows every point, except wall points that the board at x -1..1, z 1..3 occludes."""
     rng = np.random.default_rng(seed)
     photo, point, xy = [], [], []
     for index, posed in enumerate(cameras.values()):
@@ -54,7 +54,7 @@ def box_at(posed, xyz, size_px=40.0):
     return (x - size_px / 2, y - size_px / 2, size_px, size_px)
 
 
-def excluded(wall, made, scene, cameras=CAMERAS):
+def excluded(wall, made, evidence, cameras=CAMERAS):
     """Rows by detection_id, as if every box had been registered whose photograph has a pose."""
     observed = table_from_rows(
         "observations",
@@ -68,12 +68,12 @@ def excluded(wall, made, scene, cameras=CAMERAS):
         ],
     )  # fmt: skip
     rows = exclude_observations(
-        observed, made, cameras, wall.elements, Surface(wall), scene, ExclusionSettings()
+        observed, made, cameras, wall.elements, Surface(wall), evidence, ExclusionSettings()
     ).to_pylist()
     return {row["detection_id"]: row for row in rows}
 
 
-def test_tie_points_are_where_they_were_and_their_covariance_says_how_well():
+def test_tie_points_have_their_positions_and_consistent_covariances():
     cameras = {f"p{i}": look_at([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-6.0, -3, 0.0, 3, 6.0))}
     found = triangulate_tie_points(tracks_of(WALL, cameras, noise_px=0.6), cameras)
     error = found.xyz_site_m - WALL[cKDTree(WALL).query(found.xyz_site_m)[1]]  # a quarter of a metre lies between them
@@ -92,15 +92,15 @@ def test_a_wrong_match_is_no_tie_point():
     assert len(found.xyz_site_m) == len(triangulate_tie_points(tracks, CAMERAS).xyz_site_m) - 1
 
 
-def test_what_the_board_hides_is_occluded_and_how_far_it_stands_is_told(wall, detections_of):
+def test_a_detection_behind_the_board_is_occluded_with_its_gap(wall, detections_of):
     posed = CAMERAS["p1"]
     made = detections_of(
         ("behind", "p1", "crack", box_at(posed, [0.0, -BOARD_M, 2.0])),
         ("beside", "p1", "crack", box_at(posed, [2.5, 0.0, 2.0])),
         ("over the edge", "p1", "crack", box_at(posed, [1.2, -BOARD_M, 2.0], 60)),
     )
-    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, BOARD])), CAMERAS))
-    rows = excluded(wall, made, scene)
+    evidence = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, BOARD])), CAMERAS))
+    rows = excluded(wall, made, evidence)
     assert rows["behind"]["observation_outcome"] == "occluded"
     np.testing.assert_allclose(rows["behind"]["occluder_gap_m"], BOARD_M, rtol=0, atol=0.1)  # m
     assert "in front of the model" in rows["behind"]["reason"]
@@ -111,16 +111,16 @@ def test_what_the_board_hides_is_occluded_and_how_far_it_stands_is_told(wall, de
 def test_the_board_alone_decides(wall, detections_of):
     """The same box, the same wall points: without the board's points it is registered."""
     made = detections_of(("behind", "p1", "crack", box_at(CAMERAS["p1"], [0.0, -BOARD_M, 2.0])))
-    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(WALL), CAMERAS))
-    assert excluded(wall, made, scene)["behind"]["observation_outcome"] == "registered"
+    evidence = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(WALL), CAMERAS))
+    assert excluded(wall, made, evidence)["behind"]["observation_outcome"] == "registered"
 
 
 @pytest.mark.parametrize("relief_m", [0.02, 0.06, 0.25])
-def test_relief_hides_nothing(wall, detections_of, relief_m):
+def test_relief_occludes_nothing(wall, detections_of, relief_m):
     made = detections_of(("on it", "p1", "crack", box_at(CAMERAS["p1"], [0.0, -relief_m, 2.0])))
     relief = grid(np.arange(-1, 1.01, 0.25), -relief_m, np.arange(1, 3.01, 0.25))
-    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, relief])), CAMERAS))
-    assert excluded(wall, made, scene)["on it"]["observation_outcome"] == "registered"
+    evidence = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, relief])), CAMERAS))
+    assert excluded(wall, made, evidence)["on it"]["observation_outcome"] == "registered"
 
 
 def test_an_oblique_view_of_relief_is_no_gap(wall, detections_of):
@@ -128,12 +128,12 @@ def test_an_oblique_view_of_relief_is_no_gap(wall, detections_of):
     cameras = {f"p{i}": look_at([-14.0, -2.9, z], [0.0, 0.0, 2.0]) for i, z in enumerate((1.0, 2.0, 3.0))}
     relief = grid(np.arange(-1, 1.01, 0.25), -0.2, np.arange(1, 3.01, 0.25))
     made = detections_of(("on it", "p1", "crack", box_at(cameras["p1"], [0.0, -0.2, 2.0], 10)))
-    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(relief, cameras), cameras))
-    assert excluded(wall, made, scene, cameras)["on it"]["observation_outcome"] == "registered"
+    evidence = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(relief, cameras), cameras))
+    assert excluded(wall, made, evidence, cameras)["on it"]["observation_outcome"] == "registered"
 
 
 def test_a_campaign_that_lies_metres_off_is_not_all_occluded(wall, detections_of):
-    """By GPS alone the whole block stands 1.5 m before the model: the facade's own offset widens the limit."""
+    """With GPS alone the whole block is 1.5 m in front of the model: the offset of the facade increases the limit."""
     offset = np.array([0.3, -1.5, 0.4])
     moved = {
         name: PosedCamera(
@@ -146,8 +146,8 @@ def test_a_campaign_that_lies_metres_off_is_not_all_occluded(wall, detections_of
     }
     places = [[x, 0.0, z] for x in (-4.0, -2.0, 0.0, 2.0, 4.0) for z in (1.5, 2.5, 3.5)]
     made = detections_of(*[(f"d{i}", "p1", "crack", box_at(CAMERAS["p1"], place)) for i, place in enumerate(places)])
-    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(WALL), moved))
-    assert {row["observation_outcome"] for row in excluded(wall, made, scene, moved).values()} == {"registered"}
+    evidence = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(WALL), moved))
+    assert {row["observation_outcome"] for row in excluded(wall, made, evidence, moved).values()} == {"registered"}
     stated = ExclusionEvidence(
         tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, BOARD])), CAMERAS), placement_sigma_m=1.0
     )
@@ -156,22 +156,22 @@ def test_a_campaign_that_lies_metres_off_is_not_all_occluded(wall, detections_of
 
 
 @pytest.mark.parametrize(("own", "outcome"), [(4, "occluded"), (2, "registered")])
-def test_what_others_matched_hides_too_where_the_photograph_confirms_it(wall, detections_of, own, outcome):
-    """In p1 but ``own`` points of the board were matched: with too few, it may have stood there at another time."""
+def test_tie_points_of_other_photographs_occlude_where_the_photograph_confirms_them(wall, detections_of, own, outcome):
+    """In p1 only ``own`` points of the board were matched: with too few, it may have been there at another time."""
     cameras = {f"p{i}": look_at([x, -12.0, 2.0], [0.0, 0.0, 2.5]) for i, x in enumerate((-3.0, 0.0, 3.0, 5.0, -5.0))}
     tracks = tracks_of(np.vstack([WALL, BOARD]), cameras)
     of_board = tracks.point >= len(WALL)
-    mine = np.flatnonzero((tracks.photo == 1) & of_board)
-    inner = mine[np.abs(BOARD[tracks.point[mine] - len(WALL)] - [0, -BOARD_M, 2]).max(axis=1) < 0.6]
+    of_photo = np.flatnonzero((tracks.photo == 1) & of_board)
+    inner = of_photo[np.abs(BOARD[tracks.point[of_photo] - len(WALL)] - [0, -BOARD_M, 2]).max(axis=1) < 0.6]
     kept = np.ones(len(tracks.point), dtype=bool)
-    kept[np.setdiff1d(mine, np.random.default_rng(3).choice(inner, own, replace=False))] = False
+    kept[np.setdiff1d(of_photo, np.random.default_rng(3).choice(inner, own, replace=False))] = False
     tracks = replace(tracks, photo=tracks.photo[kept], point=tracks.point[kept], xy_img=tracks.xy_img[kept])
     made = detections_of(("behind", "p1", "crack", box_at(cameras["p1"], [0.1, -BOARD_M, 2.1])))
     rows = excluded(wall, made, ExclusionEvidence(tie_points=triangulate_tie_points(tracks, cameras)), cameras)
     assert rows["behind"]["observation_outcome"] == outcome
 
 
-def test_what_stands_behind_or_beside_the_camera_hides_nothing(wall, detections_of):
+def test_tie_points_behind_or_beside_the_camera_occlude_nothing(wall, detections_of):
     """A drone between a tree and the wall: the tree is behind it, however strong the lens's distortion."""
     camera = replace(CAMERAS["p1"].camera, k1=-0.3, k2=0.05)
     cameras = {name: replace(posed, camera=camera) for name, posed in CAMERAS.items()}
@@ -193,14 +193,14 @@ def test_what_stands_behind_or_beside_the_camera_hides_nothing(wall, detections_
     assert {row["observation_outcome"] for row in rows.values()} == {"registered"}
 
 
-def test_few_and_far_tie_points_hide_nothing(wall, detections_of):
-    corners = grid([-1, 1], -BOARD_M, [1, 3])  # 2 m apart: one may look between them
+def test_sparse_tie_points_occlude_nothing(wall, detections_of):
+    corners = grid([-1, 1], -BOARD_M, [1, 3])  # 2 m apart: the wall may be visible between them
     made = detections_of(("between", "p1", "crack", box_at(CAMERAS["p1"], [0.0, -BOARD_M, 2.0])))
-    scene = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, corners])), CAMERAS))
-    assert excluded(wall, made, scene)["between"]["observation_outcome"] == "registered"
+    evidence = ExclusionEvidence(tie_points=triangulate_tie_points(tracks_of(np.vstack([WALL, corners])), CAMERAS))
+    assert excluded(wall, made, evidence)["between"]["observation_outcome"] == "registered"
 
 
-def test_black_in_the_mask_is_masked_whatever_the_ray_met(wall, detections_of, tmp_path):
+def test_black_in_the_mask_overrides_other_outcomes(wall, detections_of, tmp_path):
     mask = np.full((1500, 2000), 255, dtype=np.uint8)
     mask[:, :1000] = 0
     cv2.imwrite(str(tmp_path / "p1_mask.png"), mask)
@@ -235,7 +235,7 @@ def test_masks_are_counted_by_pixels_and_checked_for_size(tmp_path):
         compute_masked_shares(tmp_path / "none.png", camera, boxes)
 
 
-def test_a_mask_of_the_wrong_size_is_told_and_not_used(wall, detections_of, tmp_path, caplog):
+def test_a_mask_of_the_wrong_size_is_logged_and_not_used(wall, detections_of, tmp_path, caplog):
     cv2.imwrite(str(tmp_path / "m.png"), np.zeros((10, 10), dtype=np.uint8))
     made = detections_of(("a", "p1", "crack", (900, 700, 40, 40)))
     with caplog.at_level("WARNING"):

@@ -84,14 +84,14 @@ CRACK = np.array([[-1.0, 0, 1.2], [0.2, 0, 2.1], [0.2, 0, 2.112], [-1.0, 0, 1.21
 
 
 @pytest.mark.parametrize("posed", [AHEAD, OBLIQUE], ids=["ahead", "oblique"])
-def test_a_slanting_cracks_mask_has_its_length_area_and_middle_from_wherever_it_is_seen(wall, detections_of, posed):
+def test_an_inclined_cracks_length_area_and_centre_do_not_depend_on_the_view(wall, detections_of, posed):
     made = masked(detections_of(("a", "p", "crack", (0, 0, 1, 1))), seen_as(posed, CRACK))
     row = only(observe_detections(made, {"p": posed}, wall, Surface(wall), SETTINGS))
     assert row["observation_outcome"] == "registered"
     np.testing.assert_allclose(row["length_m"], np.hypot(1.2, 0.912), rtol=0, atol=1e-3)  # m
     np.testing.assert_allclose(row["area_m2"], 1.2 * 0.012, rtol=0, atol=1e-4)  # m2
     np.testing.assert_allclose([row["width_m"], row["height_m"]], [1.2, 0.912], rtol=0, atol=1e-3)  # m
-    # The middle of the pixels lies 1 cm and more nearer to an oblique camera; that of the surface does not.
+    # The centroid of the pixels is 1 cm and more nearer to an oblique camera; that of the surface is not.
     np.testing.assert_allclose(xyz(row), [-0.4, 0, 1.656], rtol=0, atol=0.001)  # m
     outline = patch_in_site(row, wall)
     flat = shapely.Polygon(shapely.get_coordinates(outline, include_z=True)[:, [0, 2]])
@@ -149,7 +149,7 @@ def test_a_boxs_patch_is_its_four_corners_on_the_wall(wall, detections_of):
 
 
 def test_a_patch_goes_round_a_corner_and_both_sides_count(wall, detections_of):
-    """A wall's corner at x = 0, seen over its edge: half the crack lies on each side."""
+    """A wall's corner at x = 0, seen across its edge: half of the crack is on each side."""
     corner = building_of(
         wall,
         ("south", "IfcWall", None, make_rectangle([-5, 0, 0], [5, 0, 0], [0, 0, 4])),
@@ -159,7 +159,7 @@ def test_a_patch_goes_round_a_corner_and_both_sides_count(wall, detections_of):
     ends = np.array([[-0.4, 0, 1.9], [-0.4, 0, 2.1], [0, 0.6, 1.9], [0, 0.6, 2.1]])
     made = detections_of(("a", "p", "crack", box_about(posed, ends)))
     row = only(observe_detections(made, {"p": posed}, corner, Surface(corner), SETTINGS))
-    assert row["element_guid"] == "east"  # the box's middle is there
+    assert row["element_guid"] == "east"  # the box's centre is there
     outline = shapely.get_coordinates(patch_in_site(row, corner), include_z=True)
     on_south, on_east = np.abs(outline[:, 1]) < 1e-4, np.abs(outline[:, 0]) < 1e-4
     assert (on_south | on_east).all() and on_south.any() and on_east.any()
@@ -169,7 +169,7 @@ def test_a_patch_goes_round_a_corner_and_both_sides_count(wall, detections_of):
     np.testing.assert_allclose(row["length_m"], np.hypot(np.hypot(0.4, 0.6), 0.21), rtol=0, atol=0.02)  # m
 
 
-def test_a_wall_behind_a_railing_is_what_the_defect_is_on_though_the_middle_ray_meets_a_bar(wall, detections_of):
+def test_a_defect_behind_a_railing_is_on_the_wall_although_the_centre_ray_hits_a_bar(wall, detections_of):
     bars = [
         ("railing", "IfcRailing", None, make_rectangle([x - 0.01, -1.5, 0], [0.02, 0, 0], [0, 0, 3]))
         for x in (-0.2, 0.0, 0.2)
@@ -178,7 +178,7 @@ def test_a_wall_behind_a_railing_is_what_the_defect_is_on_though_the_middle_ray_
     made = detections_of(("a", "p", "crack", (1000 - 45, 750 - 30, 90, 60)))
     row = only(observe_detections(made, {"p": AHEAD}, building, Surface(building), SETTINGS))
     assert row["element_guid"] == "wall"
-    np.testing.assert_allclose(xyz(row), [0, 0, 2], rtol=0, atol=1e-6)  # m: where the middle ray would go on to
+    np.testing.assert_allclose(xyz(row), [0, 0, 2], rtol=0, atol=1e-6)  # m: where the centre ray would hit the wall
     np.testing.assert_allclose(row["width_m"], 0.6, rtol=0, atol=1e-3)  # m
     assert patch_in_site(row, building).area < 0.6 * 0.4  # the bars are cut out
 
@@ -230,7 +230,7 @@ def test_what_is_on_a_reveal_is_on_the_wall_that_hosts_the_window(wall, detectio
     from_left, from_right = look_at([-6, -6, 1.5], [0.5, 0.1, 1.5]), look_at([6, -6, 1.5], [-0.5, 0.1, 1.5])
     bare = element_under(building, detections_of, from_left, [[0.5, 0.05, 1.4], [0.5, 0.2, 1.4], [0.5, 0.2, 1.6]])
     assert bare["element_guid"] == "wall"
-    # The lining lies within the model's tolerance of the reveal; what is seen there is as likely on the wall.
+    # The lining is within the model's tolerance of the reveal, so a defect there is as likely on the wall.
     lined = element_under(
         building, detections_of, from_right, [[-0.48, 0.05, 1.4], [-0.48, 0.2, 1.4], [-0.48, 0.2, 1.6]]
     )
@@ -282,8 +282,8 @@ def test_a_mask_that_runs_over_a_jump_has_the_outline_and_area_of_its_part_on_th
     np.testing.assert_allclose(xyz(row), [0.85, 0, 1.64], rtol=0, atol=pitch_m)  # m
 
 
-def test_what_is_mostly_on_the_wall_lies_in_its_face_though_its_middle_is_over_the_opening(wall, detections_of):
-    """From the left the reveal is seen, so wall, reveal and glass hang together; the middle ray meets the reveal."""
+def test_a_defect_mostly_on_the_wall_is_in_its_plane_although_its_centre_is_over_the_opening(wall, detections_of):
+    """From the left the reveal is visible, so wall, reveal and glass are continuous; the centre ray hits the reveal."""
     building = deep_window(wall)
     posed = look_at([-3, -9, 1.5], [0.5, 0, 1.5])
     corners = np.array([[0.15, 0, 1.4], [0.8, 0, 1.4], [0.8, 0, 1.6]])
@@ -292,7 +292,7 @@ def test_what_is_mostly_on_the_wall_lies_in_its_face_though_its_middle_is_over_t
     assert (row["observation_outcome"], row["element_guid"]) == ("registered", "wall")
     np.testing.assert_allclose([row["normal_x"], row["normal_y"]], [0, -1], rtol=0, atol=1e-9)
     np.testing.assert_allclose(row["y_site_m"], 0.0, rtol=0, atol=1e-6)  # m
-    # The ray itself goes on to the reveal.
+    # The ray itself hits the reveal.
     [[column, line]] = posed.project_site(np.array([xyz(row)]))
     met = Surface(building).cast(*posed.rays_site_from_img(np.array([[column, line]])))
     assert met.xyz_site_m[0, 1] > 0.01  # m

@@ -1,4 +1,4 @@
-"""A wall of two elements before a camera, and detections drawn on it."""
+"""A wall of two elements in front of a camera, and detections on it."""
 
 from collections.abc import Callable
 

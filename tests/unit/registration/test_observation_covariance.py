@@ -1,4 +1,4 @@
-"""The stated covariance of an observation is what its causes do to it: cast again with each cause drawn at random."""
+"""The covariance of an observation against a Monte Carlo simulation of pose, pixel and surface."""
 
 from dataclasses import replace
 
@@ -20,19 +20,19 @@ DISTORTED = Camera(
 )
 BOX = (560.0, 950.0, 60.0, 24.0)
 DRAWS = 6000
-WITHIN = 0.08  # four sigmas of a variance from that many draws
+WITHIN = 0.08  # four sigmas of a variance from this number of draws
 
 
 def pose_covariance(sigma_m: float, sigma_deg: float) -> np.ndarray:
-    """Centre and attitude hang together, as they do where tie points hold a camera."""
+    """Centre and attitude are correlated, as they are where tie points determine a pose."""
     rng = np.random.default_rng(5)
     mix = np.linalg.qr(rng.normal(size=(6, 6)))[0] * [0.3, 0.6, 0.9, 1.0, 1.1, 1.3]
     scale = np.diag([sigma_m] * 3 + [np.radians(sigma_deg)] * 3)
     return scale @ mix @ mix.T @ scale
 
 
-def drawn_again(posed, settings, covariance, rng) -> np.ndarray:
-    """Places (DRAWS, 3) of the box's middle on the wall y = 0, with pose, pixel and wall as they might have been."""
+def simulate_positions(posed, settings, covariance, rng) -> np.ndarray:
+    """Positions (DRAWS, 3) of the box's centre on the wall y = 0, with random errors of pose, pixel and wall."""
     x, y, width, height = BOX
     poses = rng.multivariate_normal(np.zeros(6), covariance, size=DRAWS)
     sigma = np.hypot(settings.pixel_sigma_px, settings.box_sigma_share * np.array([width, height]))
@@ -57,18 +57,18 @@ def drawn_again(posed, settings, covariance, rng) -> np.ndarray:
     ],
     ids=["all of it", "the wall off its model, obliquely", "the pose", "the box"],
 )
-def test_the_covariance_is_that_of_places_drawn_again(wall, detections_of, eye, settings, covariance):
+def test_the_covariance_is_that_of_simulated_positions(wall, detections_of, eye, settings, covariance):
     posed = replace(look_at(eye, [-1.0, 0.0, 1.5]), camera=DISTORTED)
     made = detections_of(("a", "p", "crack", BOX))
     row = observe_detections(made, {"p": posed}, wall, Surface(wall), settings, {"p": covariance}).to_pylist()[0]
     assert row["observation_outcome"] == "registered"
     stated = np.array(row["covariance_site"]).reshape(3, 3)
     np.testing.assert_allclose(stated, stated.T, rtol=0, atol=1e-15)  # m2
-    places = drawn_again(posed, settings, covariance, np.random.default_rng(11))
+    places = simulate_positions(posed, settings, covariance, np.random.default_rng(11))
     np.testing.assert_allclose(
         places.mean(axis=0), [row["x_site_m"], row["y_site_m"], row["z_site_m"]], rtol=0, atol=0.01
     )  # m
-    # In the axes that make the stated covariance the unit one, the drawn ones' is too: neither larger nor smaller.
+    # In the axes in which the stated covariance is the identity, the simulated one is too: two-sided.
     values, axes = np.linalg.eigh(stated)
     kept = values > 1e-9 * values.max()
     found = np.cov((places - places.mean(axis=0)) @ axes[:, kept] / np.sqrt(values[kept]), rowvar=False)
@@ -78,13 +78,13 @@ def test_the_covariance_is_that_of_places_drawn_again(wall, detections_of, eye, 
     np.testing.assert_allclose(sigmas, places.std(axis=0), rtol=WITHIN / 2, atol=1e-9)  # m
 
 
-def test_a_grazing_ray_makes_of_the_walls_deviation_a_large_shift_along_the_wall(wall, detections_of):
+def test_at_a_large_incidence_the_walls_deviation_is_a_large_shift_along_the_wall(wall, detections_of):
     settings = RegistrationSettings(model_sigma_m=0.03, box_sigma_share=0.0)
     steep = np.radians(75.0)
     posed = look_at([-10 * np.sin(steep), -10 * np.cos(steep), 2.0], [0.0, 0.0, 2.0])
     made = detections_of(("a", "p", "crack", (995.0, 745.0, 10.0, 10.0)))
     row = observe_detections(made, {"p": posed}, wall, Surface(wall), settings).to_pylist()[0]
-    # Half a pixel at 10 m is 3.3 mm, on this wall 13 mm; the wall's 3 cm shift the place by 3 cm tan(75 deg).
+    # Half a pixel at 10 m is 3.3 mm, on this wall 13 mm; the wall's 3 cm shift the position by 3 cm tan(75 deg).
     half_pixel = 0.5 * 10 / 1500 / np.cos(steep)
     np.testing.assert_allclose(row["sigma_east_m"], np.hypot(0.03 * np.tan(steep), half_pixel), rtol=0, atol=5e-4)  # m
     np.testing.assert_allclose(row["sigma_north_m"], 0.03, rtol=0, atol=5e-4)  # m
@@ -127,7 +127,7 @@ def test_a_pose_without_covariance_counts_as_exact(wall, detections_of):
     assert loose["sigma_up_m"] > 1.3 * exact["sigma_up_m"]
 
 
-def test_a_measured_surface_stands_off_the_building_by_its_own_sigma(wall, detections_of):
+def test_a_measured_surface_has_its_own_sigma(wall, detections_of):
     made = detections_of(("a", "p", "crack", BOX))
     posed = {"p": look_at([0, -10, 2], [0, 0, 2])}
     declared = RegistrationSettings(model_sigma_m=0.03)

@@ -31,7 +31,7 @@ def one(detections, posed, wall, settings=SETTINGS):
     return rows[0]
 
 
-def test_seen_square_on_everything_follows_from_the_triangle_rule(wall, detections_of):
+def test_square_on_position_and_extent_follow_from_similar_triangles(wall, detections_of):
     box = box_of(AHEAD, [1.2, 0, 3.5], 0.3, 0.2)
     row = one(detections_of(("a", "p", "crack", box)), {"p": AHEAD}, wall)
     assert row["observation_outcome"] == "registered"
@@ -71,7 +71,7 @@ def test_obliquely_the_extent_on_the_wall_stays(wall, detections_of, angle_deg):
     row = one(detections_of(("a", "p", "crack", box)), {"p": posed}, wall)
     np.testing.assert_allclose(
         row["width_m"], 0.4, rtol=0, atol=0.02
-    )  # m: the box is wider than the rectangle's middle
+    )  # m: the box is wider than the rectangle at its centre
     np.testing.assert_allclose(row["incidence_deg"], angle_deg, rtol=0, atol=0.5)  # deg
     by_one_depth = box[2] * row["gsd_mm"] / 1000
     assert abs(by_one_depth - 0.4 * np.cos(a)) < 0.02  # m
@@ -91,7 +91,7 @@ def test_every_accepted_detection_has_a_row_with_an_outcome(wall, detections_of)
     assert [(row["detection_id"], row["observation_outcome"]) for row in rows] == [
         ("a", "registered"), ("b", "unlocalised"), ("c", "outside"), ("d", "off_target"), ("e", "grazing"),
     ]  # fmt: skip
-    # What stands before the building, and what a mask leaves out, is for exclusion to say.
+    # Occlusion and masks are outcomes of exclusion.
     not_of_observe = {ObservationOutcome.OCCLUDED, ObservationOutcome.MASKED}
     assert {row["observation_outcome"] for row in rows} == set(ObservationOutcome) - not_of_observe
     assert [row["reason"] for row in rows] == [
@@ -123,7 +123,7 @@ def test_what_was_not_accepted_is_not_observed(wall, detections_of):
 
 
 def test_a_patch_ends_where_the_depth_jumps(wall, detections_of):
-    """A pillar of 0.4 m stands 2 m before the wall: a box of 1 m about it has the pillar's width alone."""
+    """A pillar of 0.4 m is 2 m in front of the wall: a box of 1 m around it has the width of the pillar."""
     pillar = np.array([[-0.2, -2, 0], [0.2, -2, 0], [0.2, -2, 4], [-0.2, -2, 4]], dtype=float)
     surface = Surface.from_mesh(
         np.vstack([wall.vertices_site_m, pillar]),
@@ -140,7 +140,7 @@ def test_a_patch_ends_where_the_depth_jumps(wall, detections_of):
     assert row["target_share"] == 1.0
 
 
-def test_batches_do_not_change_the_answer(wall, detections_of):
+def test_the_result_does_not_depend_on_the_batches(wall, detections_of):
     cameras = {f"p{i}": look_at([i - 3.0, -9.0 - i, 2.0], [0.0, 0.0, 2.0]) for i in range(4)}
     made = detections_of(*[(f"d{i:02d}", f"p{i % 4}", "crack", (500 + 30 * i, 700, 40, 30)) for i in range(20)])
     whole = observe_detections(made, cameras, wall, Surface(wall), SETTINGS)
@@ -165,7 +165,7 @@ def test_settings_out_of_range_are_refused():
 
 
 def test_a_surface_nearer_than_anyone_flies_is_not_what_the_photograph_shows(wall, detections_of):
-    # By its pose's error the camera stands 0.3 m before a wall that is beside it, not before it.
+    # By the error of its pose the camera is 0.3 m from a wall that in reality is beside it.
     near = look_at([0.0, -0.3, 2.0], [0.0, 0.0, 2.0])
     box = box_of(near, [0.0, 0, 2.0], 0.01, 0.01)
     assert one(detections_of(("a", "p", "crack", box)), {"p": near}, wall)["observation_outcome"] == "off_target"
