@@ -71,15 +71,15 @@ def boxes(labelled: LabelledSet) -> list[tuple[float, float, float, float]]:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        ("0 0.5 0.5 0.2", "lines that are not a class and a box of 0..1"),
-        ("0 250 150 40 30", "lines that are not a class and a box of 0..1"),
-        ("0 0.5 0.5 nan 0.2", "lines that are not a class and a box of 0..1"),
-        ("crack 0.5 0.5 0.2 0.2", "lines that are not a class and a box of 0..1"),
-        ("0 0.5 0.5 0 0.2", "boxes of no size"),
-        ("0 0.5 0.5 -0.2 0.2", "boxes of no size"),
+        ("0 0.5 0.5 0.2", "lines that are not a class and a box from 0 to 1"),
+        ("0 250 150 40 30", "lines that are not a class and a box from 0 to 1"),
+        ("0 0.5 0.5 nan 0.2", "lines that are not a class and a box from 0 to 1"),
+        ("crack 0.5 0.5 0.2 0.2", "lines that are not a class and a box from 0 to 1"),
+        ("0 0.5 0.5 0 0.2", "boxes without area"),
+        ("0 0.5 0.5 -0.2 0.2", "boxes without area"),
         ("0 1.4 0.5 0.2 0.2", "boxes outside their photograph"),
-        ("2 0.5 0.5 0.2 0.2", "boxes of class 2, of 2 named"),
-        ("-1 0.5 0.5 0.2 0.2", "boxes of class -1, of 2 named"),
+        ("2 0.5 0.5 0.2 0.2", "boxes of class number 2 without a name (2 names)"),
+        ("-1 0.5 0.5 0.2 0.2", "boxes of class number -1 without a name (2 names)"),
     ],
 )
 def test_a_yolo_line_out_of_range_is_counted_and_the_rest_counts(tmp_path: Path, line: str, why: str) -> None:
@@ -98,14 +98,14 @@ def test_yolo_labels_of_a_photograph_that_exif_turns_are_not_taken(tmp_path: Pat
     labelled = yolo(tmp_path, "0 0.2 0.2 0.2 0.2", orientation=orientation)
     assert [image.path.name for image in labelled.images] == ["sound.jpg"]
     assert labelled.left_out == {
-        "photographs that EXIF turns (YOLO does not say of which view its shares are; store them upright)": 1
+        "photographs with an EXIF rotation (YOLO does not define the view of its coordinates; store them upright)": 1
     }
 
 
 def test_names_that_skip_a_number_and_names_that_are_missing(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match=r"'names' numbers \['0', '2'\]; they must be 0, 1, 2"):
+    with pytest.raises(InputDataError, match=r"'names' has numbers \['0', '2'\]; they must be 0, 1, 2"):
         yolo(tmp_path, "0 0.5 0.5 0.2 0.2", names="names: {0: crack, 2: spalling}\n")
-    with pytest.raises(InputDataError, match="nothing says what their class numbers stand for"):
+    with pytest.raises(InputDataError, match="no names of their class numbers"):
         yolo(tmp_path, "0 0.5 0.5 0.2 0.2", names="nc: 2\n")
 
 
@@ -120,9 +120,9 @@ def test_coco_categories_that_none_of_the_boxes_has(tmp_path: Path) -> None:
     with_rust = coco(tmp_path, categories=[{"id": 1, "name": "rust"}])
     labelled = open_labels(with_rust, CROSSWALK)
     assert labelled.labelled == ()
-    assert labelled.left_out == {"boxes of class 'rust', which stands for no defect class": 1}
+    assert labelled.left_out == {"boxes of class 'rust', which has no defect class": 1}
     unnamed = open_labels(coco(tmp_path, categories=[]), CROSSWALK)
-    assert unnamed.left_out == {"boxes of class 'category 1', which stands for no defect class": 1}
+    assert unnamed.left_out == {"boxes of class 'category 1', which has no defect class": 1}
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_voc_without_a_size_is_read_at_the_photographs(tmp_path: Path, size: str
 
 def test_voc_of_the_turned_view_is_not_taken(tmp_path: Path) -> None:
     folder = voc(tmp_path, f"<size><width>{HEIGHT}</width><height>{WIDTH}</height></size>")
-    with pytest.raises(InputDataError, match="1 photographs of another size than the file says"):
+    with pytest.raises(InputDataError, match="1 photographs of another size than in the labels"):
         open_labels(folder, CROSSWALK)
 
 

@@ -17,8 +17,7 @@ from facadelake.evaluation.detectors.labels.labels import LabelCollector, Labell
 
 # Labelling tools write shares of the rotated view; nothing states whether this one did.
 _EXIF_ROTATED = (
-    "photographs with an EXIF rotation (YOLO does not define whether its coordinates are of the rotated view; store "
-    "them upright)"
+    "photographs with an EXIF rotation (YOLO does not define the view of its coordinates; store them upright)"
 )
 _NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names", "labels/classes.txt")
 
@@ -70,7 +69,7 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
             if number is None or box is None:
                 collector.left_out["lines that are not a class and a box from 0 to 1"] += 1
             elif not 0 <= number < len(classes):
-                collector.left_out[f"boxes of class number {number}, of {len(classes)} names"] += 1
+                collector.left_out[f"boxes of class number {number} without a name ({len(classes)} names)"] += 1
             elif (defect_class := classes[number]) is None:
                 collector.left_out[f"boxes of class '{names[number]}', which has no defect class"] += 1
             else:

@@ -82,7 +82,7 @@ def test_figures_by_hand(model: Path, data: Path, tmp_path: Path) -> None:
     assert crack["calibration"]["count"] == 6 and crack["calibration"]["count_shown"] == 3
     assert crack["calibration"]["expected_precision"] == pytest.approx(0.8, abs=1e-6)
     assert crack["calibration"]["precision_shown"] == pytest.approx(1 / 3)
-    assert printed["data"]["left_out"] == {"photographs that the sites' file does not list": 1}
+    assert printed["data"]["left_out"] == {"photographs that are not in the file of sites": 1}
     assert [(one["site"], one["truths"], one["ap50"]) for one in printed["sites"]] == [
         ("north", 2, pytest.approx(51 / 101)),
         ("south", 0, None),
@@ -155,16 +155,16 @@ def test_a_file_of_detections_is_judged_like_a_model(data: Path, tmp_path: Path)
     assert crack["ap50"] == pytest.approx(1.0, abs=1e-12) and crack["operating"]["f1"] == 1
     content["images"] = [{"id": i, "file_name": f"other {i}.png"} for i in range(4)]
     file.write_text(json.dumps(content))
-    with pytest.raises(InputDataError, match="names none of the 4 labelled photographs"):
+    with pytest.raises(InputDataError, match="has none of the 4 labelled photographs"):
         run("--model", file, "--data", data)
 
 
 def test_what_is_refused(model: Path, data: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match="nothing to judge on"):
+    with pytest.raises(InputDataError, match="no data to evaluate on"):
         run("--model", model)
-    with pytest.raises(InputDataError, match="is no file to be judged"):
+    with pytest.raises(InputDataError, match="is not a file that can be evaluated"):
         run("--model", tmp_path / "none.onnx", "--data", data)
-    with pytest.raises(InputDataError, match="leave --threshold out"):
+    with pytest.raises(InputDataError, match="omit --threshold"):
         run("--model", model, "--data", data, "--write-card", "--threshold", "0.1")
     model.with_suffix(".card.yaml").unlink()
     with pytest.raises(ModelError, match="does not exist"):

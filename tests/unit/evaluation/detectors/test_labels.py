@@ -110,9 +110,9 @@ def test_a_coco_file_in_annotations_finds_photographs_in_splits(tmp_path: Path) 
     for split in ("train", "test"):
         (tmp_path / "annotations" / f"instances_{split}.json").write_text(file.read_text())
     file.unlink()
-    with pytest.raises(InputDataError, match=r"holds 2 COCO files .* --split"):
+    with pytest.raises(InputDataError, match=r"has 2 COCO files .* --split"):
         open_labels(tmp_path, CROSSWALK)
-    with pytest.raises(InputDataError, match=r"nothing in .* says which photographs are of split 'val'"):
+    with pytest.raises(InputDataError, match=r"does not define the photographs of split 'val'"):
         open_labels(tmp_path / "annotations" / "instances_test.json", CROSSWALK, split="val")
     assert [image.key for image in open_labels(tmp_path, CROSSWALK, split="test").images] == [
         "images/test/a.jpg",
@@ -153,13 +153,13 @@ def test_bad_annotations_are_counted(tmp_path: Path) -> None:
     ]
     assert labelled.left_out == {
         "boxes that are not four numbers": 1,
-        "boxes of no size": 1,
+        "boxes without area": 1,
         "boxes outside their photograph": 1,
-        "boxes of class 'graffiti', which stands for no defect class": 1,
-        "boxes of an image that the file does not list": 1,
-        "photographs that are not there": 1,
+        "boxes of class 'graffiti', which has no defect class": 1,
+        "boxes of an image that is not in the file": 1,
+        "photographs that do not exist": 1,
         "photographs that cannot be read": 1,
-        "photographs of another size than the file says (turned or resized after labelling)": 1,
+        "photographs of another size than in the labels (rotated or resized)": 1,
     }
 
 
@@ -171,7 +171,10 @@ def test_yolo_lines(tmp_path: Path) -> None:
     assert boxes_by_photograph(labelled)[0][1] == [
         ("crack", *(pytest.approx(v) for v in (10, 8, 80, 40)))
     ]  # a polygon's box
-    assert labelled.left_out == {"lines that are not a class and a box of 0..1": 4, "boxes of class 7, of 2 named": 1}
+    assert labelled.left_out == {
+        "lines that are not a class and a box from 0 to 1": 4,
+        "boxes of class number 7 without a name (2 names)": 1,
+    }
 
 
 def test_yolo_needs_names_and_labels(tmp_path: Path) -> None:
@@ -180,12 +183,12 @@ def test_yolo_needs_names_and_labels(tmp_path: Path) -> None:
         open_labels(tmp_path, CROSSWALK)
     renamed = open_labels(tmp_path, CROSSWALK, class_names=["damp", "rust"])
     assert renamed.labelled == (MOISTURE,)
-    assert renamed.left_out == {"boxes of class 'rust', which stands for no defect class": 1}
+    assert renamed.left_out == {"boxes of class 'rust', which has no defect class": 1}
     (tmp_path / "labels" / "test" / "b.txt").unlink()
     once = open_labels(tmp_path, CROSSWALK, class_names=["crack", "spalling"])
     assert len(once.images) == 2 and list(once.left_out.values()) == [1]
     (tmp_path / "labels" / "test" / "a.txt").unlink()
-    with pytest.raises(InputDataError, match="no labelled photograph of form yolo"):
+    with pytest.raises(InputDataError, match="no usable labelled photograph of format yolo"):
         open_labels(tmp_path, CROSSWALK, label_format=LabelFormat.YOLO, class_names=["crack"])
 
 
@@ -203,7 +206,7 @@ def test_voc_difficult_and_broken_files(tmp_path: Path) -> None:
     assert labelled.left_out == {
         "boxes that are not four numbers": 1,
         "XML files that cannot be read": 1,
-        "photographs that are not there": 1,
+        "photographs that do not exist": 1,
     }
 
 
@@ -241,8 +244,8 @@ def test_sites_and_splits(tmp_path: Path) -> None:
     sites.write_text("image,site,split\na.jpg,north,test\n")
     alone = assign_sites(labelled, sites, "test")
     assert [image.key for image in alone.images] == ["images/a.jpg"]
-    assert alone.left_out == {"photographs that the sites' file does not list": 1}
-    with pytest.raises(InputDataError, match="none of the 2 photographs of walls into split 'val'"):
+    assert alone.left_out == {"photographs that are not in the file of sites": 1}
+    with pytest.raises(InputDataError, match="none of the 2 photographs of walls in split 'val'"):
         assign_sites(labelled, sites, "val")
     sites.write_text("image,place\na.jpg,north\n")
     with pytest.raises(InputDataError, match="no column site"):
@@ -251,7 +254,7 @@ def test_sites_and_splits(tmp_path: Path) -> None:
     by_yaml.write_text("walls:\n  north: {split: test, pictures: [a]}\n  south: {split: val, pictures: [images/b]}\n")
     assert [image.site for image in assign_sites(labelled, by_yaml, "val").images] == ["south"]
     by_yaml.write_text("roofs: {}\n")
-    with pytest.raises(InputDataError, match="data folder's name 'walls'"):
+    with pytest.raises(InputDataError, match="data folder 'walls'"):
         assign_sites(labelled, by_yaml)
 
 
@@ -277,7 +280,7 @@ def test_sets_are_joined_under_their_names(tmp_path: Path) -> None:
         "two/JPEGImages/a.jpg",
         "two/JPEGImages/b.jpg",
     ]
-    with pytest.raises(InputDataError, match="both named 'one'"):
+    with pytest.raises(InputDataError, match="have the name 'one'"):
         combine_sets([first, first])
 
 

@@ -63,7 +63,7 @@ def test_boxes_of_a_file_are_filtered_and_found_by_the_end_of_their_path(tmp_pat
     found = collect_predictions(looker, [one, other], build_crosswalk({}))
     assert [(p.score, p.box.width_px) for p in found.above_threshold[one.key]] == [(1.0, 5), (0.9, 30)]  # cut to 100 px
     assert len(found.above_floor[one.key]) == 3 and not found.above_threshold[other.key]
-    assert found.left_out == {"boxes found of class 'person', which stands for no defect class": 1}
+    assert found.left_out == {"predicted boxes of class 'person', which has no defect class": 1}
 
 
 def test_a_broken_photograph_is_left_out(tmp_path: Path) -> None:
