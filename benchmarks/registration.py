@@ -88,7 +88,7 @@ def _registered(scene: Scenery, placed: ImportedPlacement, boxes: str) -> dict[s
             origin=scene.model.origin,
             map_crs=scene.model.map_crs,
         )
-    ).to_json()
+    ).convert_to_json()
 
 
 def imported(report: Report, work: Path) -> None:

@@ -100,8 +100,8 @@ def evaluate_detector(
         written = write_results(path, figures, answer.image_labels, command=command)
         problems.print(f"written: {written}", soft_wrap=True, highlight=False)
     if as_json:
-        found: dict[str, object] = {} if figures is None else figures.to_json()
-        found["image_labels"] = [one.to_json() for one in answer.image_labels]
+        found: dict[str, object] = {} if figures is None else figures.convert_to_json()
+        found["image_labels"] = [one.convert_to_json() for one in answer.image_labels]
         sys.stdout.write(json.dumps(found, indent=2) + "\n")
     else:
         show_answer(console, answer)

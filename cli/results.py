@@ -206,6 +206,6 @@ def evaluate(
             problems.print(f"written: {path}", soft_wrap=True, highlight=False)
     figures = compute_figures(compared)
     if as_json:
-        sys.stdout.write(json.dumps(figures.to_json(), indent=2) + "\n")
+        sys.stdout.write(json.dumps(figures.convert_to_json(), indent=2) + "\n")
     else:
         show_figures(console, figures)

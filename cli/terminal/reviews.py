@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.evaluation.model_comparison import REPORT, CampaignComparison, Change, ModelComparisonResult
+from facadelake.evaluation.model_comparison import REPORT, CampaignComparison, Change, DetectorComparisonResult
 from facadelake.reviews import Review, ReviewedCampaign, ReviewImport, ReviewTask
 from facadelake.reviews.training import MANIFEST, Split, TrainingSet
 from schemas.vocabulary import Verdict
@@ -120,7 +120,7 @@ def show_training_set(console: Console, done: TrainingSet, placed: Mapping[str, 
     console.print(f"written to {done.folder}; {MANIFEST} lists sources and terms of use", soft_wrap=True)
 
 
-def show_comparison(console: Console, done: ModelComparisonResult) -> None:
+def show_comparison(console: Console, done: DetectorComparisonResult) -> None:
     """Print one line per campaign, place and class, the comparison with reviews, lost defects and the files."""
     comparison = done.comparison
     table = RichTable(

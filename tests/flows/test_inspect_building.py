@@ -14,7 +14,6 @@ import cv2
 import geopandas as gpd
 import pytest
 
-from facadelake.building.surface.view_images import read_view_images
 from facadelake.lake.read import list_versions, read_table
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
 
@@ -99,18 +98,20 @@ def test_a_photograph_is_shown_beside_the_model(small: SmallPortfolio, first_run
     place = ("--portfolio", str(small.registry), "--lake", str(small.lake))
     done = run("view", "small", CAMPAIGN, Path(photo_id).name, "--output", str(tmp_path / "view.png"), *place)
     assert photo_id in done.stdout
-    sheet, images = cv2.imread(str(tmp_path / "view.png")), read_view_images(tmp_path / "view.npz")
-    assert sheet.shape[1] > 2 * images.depth_m.shape[1]
+    sheet = cv2.imread(str(tmp_path / "view.png"))
+    with np.load(tmp_path / "view.npz") as archive:
+        depth_m, target = archive["depth_m"], archive["target"]
+    assert sheet.shape[1] > 2 * depth_m.shape[1]
     # What the run registered lies in these images where the photograph shows it, as deep and on the same element.
     detections = {row["detection_id"]: row for row in rows(small, "detections")}
-    scale = images.depth_m.shape[1] / 800
+    scale = depth_m.shape[1] / 800
     for row in rows(small, "observations"):
         if row["photo_id"] == photo_id and row["defect_id"]:
             box = detections[row["detection_id"]]
             x = (box["box_x_px"] + box["box_width_px"] / 2) * scale
             y = (box["box_y_px"] + box["box_height_px"] / 2) * scale
-            assert images.target[int(y), int(x)]
-            assert 0.7 * row["distance_m"] < images.depth_m[int(y), int(x)] < row["distance_m"] + 0.5
+            assert target[int(y), int(x)]
+            assert 0.7 * row["distance_m"] < depth_m[int(y), int(x)] < row["distance_m"] + 0.5
     missing = run("view", "small", CAMPAIGN, "nothing.JPG", *place, expect=1)
     assert "match 'nothing.JPG'" in missing.stderr
 

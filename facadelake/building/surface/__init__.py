@@ -1,4 +1,4 @@
-"""surface."""
+"""The building's surface: ray casting, model edges, footprint, virtual views."""
 
 import lazy_loader
 

@@ -34,6 +34,7 @@ def compute_outline(corners_site_m: Float64Array) -> shapely.Geometry:
 
 
 def _rasterise_outline(corners_site_m: Float64Array) -> shapely.Geometry:
+    """Union of the raster cells that triangles (m, 3, 3) touch in plan."""
     flat = corners_site_m[:, :, :2]
     low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
     cell_m = max(_CELL_M, float((high - low).max()) / _MAX_CELLS)
@@ -59,7 +60,7 @@ def lon_lat_from_site(outline: shapely.Geometry, level_m: float, origin: SiteOri
 
 
 def build_horizontal_distance(building: BuildingModel) -> Callable[[Float64Nx2], Float64N]:
-    """Build a function of points (n, 2: lon_deg, lat_deg) that gives their distance (n,) in metres from the footprint."""
+    """Build a function that gives the distance (n,) in metres of points (n, 2: lon_deg, lat_deg) from the footprint."""
     footprint = compute_outline(building.vertices_site_m[building.triangles])
     shapely.prepare(footprint)
 

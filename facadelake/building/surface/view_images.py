@@ -1,9 +1,9 @@
-"""What a photograph shows of the model, pixel by pixel: depth, element, and whether it is the building at all.
+"""Render depth, element and target mask of the model in a photograph's pixels.
 
-The images lie pixel on pixel over the photograph, lens distortion kept, at a fraction of its size. On disk they are
-one NumPy archive ``NAME.npz``: ``depth_m`` float32, along the camera's z, inf where no surface is; ``element`` int32,
-row of the legend, -1 where none is; ``target`` bool; and the legend's ``element_guid``, ``ifc_class``,
-``element_name`` and ``storey``, row by row.
+The images coincide with the photograph, including lens distortion, at a fraction of its size. On disk they are one
+NumPy archive ``NAME.npz``: ``depth_m`` float32, along the camera's z, inf where there is no surface; ``element`` int32,
+row of the legend, -1 where there is none; ``target`` bool; and the columns ``element_guid``, ``ifc_class``,
+``element_name`` and ``storey`` of the legend.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ _LEGEND = ("element_guid", "ifc_class", "element_name", "storey")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ViewImages:
-    """Images (h, w): ``depth_m`` float32, ``element`` int32 and ``target``; ``legend`` has a row an element, of columns
-    element_guid, ifc_class, element_name, storey."""
+    """Images (h, w) ``depth_m``, ``element`` and ``target``.
+
+    ``legend`` has one row per element with the columns element_guid, ifc_class, element_name, storey.
+    """
 
     depth_m: Float32Array
     element: NDArray[np.int32]
@@ -37,7 +39,7 @@ class ViewImages:
     def save(self, path: Path) -> None:
         """Write the archive ``path``, whose suffix is .npz."""
         guid, kind, name, storey = (
-            np.array([word or "" for word in self.legend.column(column).to_pylist()]) for column in _LEGEND
+            np.array([value or "" for value in self.legend.column(column).to_pylist()]) for column in _LEGEND
         )
         np.savez_compressed(
             path,
@@ -52,28 +54,27 @@ class ViewImages:
 
 
 def render_view_images(posed: PosedCamera, surface: Surface, elements: pa.Table, scale: float) -> ViewImages:
-    """The images at ``scale`` (0 to 1) times the photograph's size, by a ray through each pixel's centre.
+    """Render the images by a ray through the centre of each pixel.
 
-    ``elements`` is the table whose rows the surface's triangles belong to.
+    Args:
+        posed: the photograph's camera.
+        surface: the model's surface.
+        elements: table ``elements``, whose rows the surface's triangles refer to.
+        scale: size of the images relative to the photograph, above 0 and at most 1.
+
+    Returns:
+        The images.
+
+    Raises:
+        InputDataError: ``scale`` is out of range.
     """
     if not 0 < scale <= 1:
-        raise InputDataError(f"the scale of a view is {scale}; it must be above 0 and at most 1")
+        raise InputDataError(f"the scale of view images is {scale}; it must be above 0 and at most 1")
     depth, element = surface.render_depth(posed, scale)
-    is_target = np.append(mask_target_elements(elements), False)  # the last answers for MISS
+    is_target = np.append(mask_target_elements(elements), False)  # the last entry is for MISS (-1)
     return ViewImages(
         depth_m=depth.astype(np.float32),
         element=element.astype(np.int32),
         target=is_target[element],
         legend=elements.select(list(_LEGEND)),
     )
-
-
-def read_view_images(path: Path) -> ViewImages:
-    """What ``ViewImages.save`` wrote; raises InputDataError where ``path`` is no such archive."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            depth, element, target = archive["depth_m"], archive["element"], archive["target"]
-            legend = pa.table({name: archive[name].tolist() for name in _LEGEND})
-    except (OSError, ValueError, KeyError) as error:
-        raise InputDataError(f"{path} holds no images of a view ({error}); make it anew") from error
-    return ViewImages(depth_m=depth, element=element, target=target, legend=legend)

@@ -35,7 +35,7 @@ class CheckPointCounts:
     near_apart: int
     nearest_apart_m: float | None
 
-    def to_json(self) -> dict[str, float | int | None]:
+    def convert_to_json(self) -> dict[str, float | int | None]:
         """The fields as keys."""
         return asdict(self)
 

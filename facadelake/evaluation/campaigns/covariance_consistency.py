@@ -34,7 +34,7 @@ class CovarianceConsistency:
     median_ratio: float | None = None
     p95_ratio: float | None = None
 
-    def to_json(self) -> dict[str, float | int | None]:
+    def convert_to_json(self) -> dict[str, float | int | None]:
         """The fields as keys."""
         return asdict(self)
 

@@ -51,17 +51,17 @@ class CampaignFigures:
         """Share of the cameras inside their stated 95 % ellipsoid."""
         return self.consistency_cameras.inside_2sigma
 
-    def to_json(self) -> dict[str, object]:
+    def convert_to_json(self) -> dict[str, object]:
         """The figures under stable keys; a round trip is given by its mean."""
         return {
             "photographs": {"total": self.photographs_total, "localised": self.photographs_localised},
-            "camera_error_m": self.camera_error.to_json(),
-            "ray_error_m": self.ray_error.to_json(),
-            "observation_error_m": self.observation_error.to_json(),
-            "defect_error_m": self.defect_error.to_json(),
+            "camera_error_m": self.camera_error.convert_to_json(),
+            "ray_error_m": self.ray_error.convert_to_json(),
+            "observation_error_m": self.observation_error.convert_to_json(),
+            "defect_error_m": self.defect_error.convert_to_json(),
             "roundtrip_px": self.roundtrip_px.mean,
             "roundtrip_cm": self.roundtrip_cm.mean,
-            "merge": self.merge.to_json(),
+            "merge": self.merge.convert_to_json(),
             "element_correct_share": self.element_correct_share,
             "off_truth": self.registered_without_check_point,
             "coverage_2sigma": self.coverage_2sigma,
@@ -70,9 +70,9 @@ class CampaignFigures:
             "roundtrip_defects_px": self.roundtrip_defects_px.mean,
             "roundtrip_defects_cm": self.roundtrip_defects_cm.mean,
             "element_correct_share_defects": self.element_correct_share_defects,
-            "sigma_honesty": {name: one.to_json() for name, one in self._list_consistency()},
-            "check_points": self.check_points.to_json(),
-            "table2": self.table2.to_json(),
+            "sigma_honesty": {name: one.convert_to_json() for name, one in self._list_consistency()},
+            "check_points": self.check_points.convert_to_json(),
+            "table2": self.table2.convert_to_json(),
         }
 
     def format_rows(self) -> list[tuple[str, ...]]:

@@ -20,7 +20,7 @@ class MergeFigures:
     f1: float | None
     clusters_exact: float | None
 
-    def to_json(self) -> dict[str, float | None]:
+    def convert_to_json(self) -> dict[str, float | None]:
         """The fields as keys."""
         return {
             "precision": self.precision,

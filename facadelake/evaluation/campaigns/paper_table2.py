@@ -29,9 +29,9 @@ class TwoAxisStatistics:
     vertical: ErrorStatistics
     diagonal: ErrorStatistics
 
-    def to_json(self) -> dict[str, object]:
+    def convert_to_json(self) -> dict[str, object]:
         """The three statistics by name."""
-        return {name: getattr(self, name).to_json() for name in ("horizontal", "vertical", "diagonal")}
+        return {name: getattr(self, name).convert_to_json() for name in ("horizontal", "vertical", "diagonal")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class PaperTable2:
     defects: TwoAxisStatistics
     defects_3d: ErrorStatistics
 
-    def to_json(self) -> dict[str, object]:
+    def convert_to_json(self) -> dict[str, object]:
         """The paper's figures as printed, and ours."""
         axes = ("horizontal", "vertical", "diagonal")
         return {
@@ -59,10 +59,10 @@ class PaperTable2:
                 "rmse": dict(zip(axes, PAPER_RMSE, strict=True)),
                 "remark": PAPER_REMARK,
             },
-            "round_trip_cm": self.round_trip.to_json(),
-            "round_trip_defects_cm": self.round_trip_defects.to_json(),
-            "observations_cm": {**self.observations.to_json(), "3d": self.observations_3d.to_json()},
-            "defects_cm": {**self.defects.to_json(), "3d": self.defects_3d.to_json()},
+            "round_trip_cm": self.round_trip.convert_to_json(),
+            "round_trip_defects_cm": self.round_trip_defects.convert_to_json(),
+            "observations_cm": {**self.observations.convert_to_json(), "3d": self.observations_3d.convert_to_json()},
+            "defects_cm": {**self.defects.convert_to_json(), "3d": self.defects_3d.convert_to_json()},
         }
 
     def format_rows(self) -> list[tuple[str, ...]]:

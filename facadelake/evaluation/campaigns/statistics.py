@@ -26,7 +26,7 @@ class ErrorStatistics:
     p95: float | None = None
     iqr: float | None = None
 
-    def to_json(self) -> dict[str, float | int | None]:
+    def convert_to_json(self) -> dict[str, float | int | None]:
         """The fields as keys."""
         return asdict(self)
 
@@ -49,14 +49,14 @@ class SurfaceErrorStatistics:
     horizontal: ErrorStatistics
     vertical: ErrorStatistics
 
-    def to_json(self) -> dict[str, object]:
+    def convert_to_json(self) -> dict[str, object]:
         """The statistics of the 3D distance, and an object for each direction."""
         parts: Mapping[str, ErrorStatistics] = {
             "normal": self.normal,
             "horizontal": self.horizontal,
             "vertical": self.vertical,
         }
-        return {**self.distance.to_json(), **{name: part.to_json() for name, part in parts.items()}}
+        return {**self.distance.convert_to_json(), **{name: part.convert_to_json() for name, part in parts.items()}}
 
 
 def compute_statistics(errors: Float64N) -> ErrorStatistics:

@@ -140,7 +140,7 @@ def _build_class_entry(one: ClassFigures) -> dict[str, Any]:
         "ap50_by_photographs": None if by_photographs is None else [by_photographs.low, by_photographs.high],
         "mean_ap50_of_sites": one.mean_ap50_of_sites,
         "ap50_95": one.ap50_95,
-        **one.operating.to_json(),
+        **one.operating.convert_to_json(),
         "ece": one.calibration.ece,
         "expected_precision": one.calibration.expected_precision,
         "precision_down_to_threshold": one.calibration.precision_shown,

@@ -111,12 +111,12 @@ class DetectorFigures:
     megapixels_per_s: float | None
     remarks: tuple[str, ...]
 
-    def to_json(self) -> dict[str, object]:
+    def convert_to_json(self) -> dict[str, object]:
         """The fields under their names; the keys are stable."""
         found: dict[str, object] = asdict(self)
-        found["operating"] = self.operating.to_json()
-        found["classes"] = [{**asdict(one), "operating": one.operating.to_json()} for one in self.classes]
-        found["sites"] = [{**asdict(one), "operating": one.operating.to_json()} for one in self.sites]
+        found["operating"] = self.operating.convert_to_json()
+        found["classes"] = [{**asdict(one), "operating": one.operating.convert_to_json()} for one in self.classes]
+        found["sites"] = [{**asdict(one), "operating": one.operating.convert_to_json()} for one in self.sites]
         return found
 
 

@@ -55,7 +55,7 @@ class ImageLevelFigures:
     classes: tuple[ImageLevelClassFigures, ...]
     left_out: dict[str, int]
 
-    def to_json(self) -> dict[str, object]:
+    def convert_to_json(self) -> dict[str, object]:
         """The fields under their names."""
         return asdict(self)
 

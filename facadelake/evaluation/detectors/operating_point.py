@@ -43,7 +43,7 @@ class OperatingPoint:
         total = 2 * self.hits + self.false_alarms + self.misses
         return 2 * self.hits / total if total else None
 
-    def to_json(self) -> dict[str, float | int | None]:
+    def convert_to_json(self) -> dict[str, float | int | None]:
         """Counts and shares."""
         shares = {name: getattr(self, name) for name in ("precision", "recall", "f1")}
         return {"hits": self.hits, "false_alarms": self.false_alarms, "misses": self.misses, **shares}

@@ -27,8 +27,8 @@ from facadelake.evaluation.model_comparison.contact_sheet import Crop, write_she
 from facadelake.evaluation.model_comparison.defect_changes import DefectChange, compare_defects, join_detections
 from facadelake.evaluation.model_comparison.report import (
     CampaignComparison,
-    ComparedModel,
-    ModelComparison,
+    ComparedDetector,
+    DetectorComparison,
     count_changes,
     list_lost_defects,
     locate_comparison,
@@ -48,10 +48,10 @@ _CROPS_MAX = 48  # of a sheet
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelComparisonResult:
+class DetectorComparisonResult:
     """A comparison, its folder, and the paths of its contact sheets."""
 
-    comparison: ModelComparison
+    comparison: DetectorComparison
     folder: Path
     sheets: tuple[Path, ...]
 
@@ -65,7 +65,7 @@ def compare_models(
     lake: Path,
     sample: int | None,
     folder: Path | None,
-) -> ModelComparisonResult:
+) -> DetectorComparisonResult:
     """Run two models on photographs of committed campaigns and write a report with contact sheets.
 
     The lake's tables are not changed; the detections of a model are kept in the lake's cache.
@@ -93,15 +93,15 @@ def compare_models(
         )
     report_folder = folder or locate_comparison(lake, models[0].sha256, models[1].sha256)
     results = [_compare_on_campaign(building, campaign_id, models, lake, sample) for building, campaign_id in chosen]
-    comparison = ModelComparison(
-        old=ComparedModel(name=models[0].name, sha256=models[0].sha256),
-        new=ComparedModel(name=models[1].name, sha256=models[1].sha256),
+    comparison = DetectorComparison(
+        old=ComparedDetector(name=models[0].name, sha256=models[0].sha256),
+        new=ComparedDetector(name=models[1].name, sha256=models[1].sha256),
         made_at=datetime.now(UTC).replace(microsecond=0),
         facadelake=version_of("facadelake"),
         campaigns=tuple(result.report for result in results),
     )
     write_comparison(comparison, report_folder)
-    return ModelComparisonResult(
+    return DetectorComparisonResult(
         comparison=comparison, folder=report_folder, sheets=_draw_sheets(report_folder, results, comparison)
     )
 
@@ -216,7 +216,7 @@ def _detect_cached(
     return read_table("detections", open_stage_cache(lake).get_or_make("compare", key, make).folder)
 
 
-def _draw_sheets(folder: Path, results: Sequence[_CampaignResult], comparison: ModelComparison) -> tuple[Path, ...]:
+def _draw_sheets(folder: Path, results: Sequence[_CampaignResult], comparison: DetectorComparison) -> tuple[Path, ...]:
     """Contact sheets of vanishing, appearing and lost defects, the highest scores first."""
     names = f"{comparison.old.name} {comparison.old.sha256[:8]} -> {comparison.new.name} {comparison.new.sha256[:8]}"
     sheets = []

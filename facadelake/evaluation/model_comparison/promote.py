@@ -19,13 +19,13 @@ from facadelake.detection import (
 )
 from facadelake.detection.inference import find_card, load_detector
 from facadelake.evaluation.detectors.card_results import list_evaluations
-from facadelake.evaluation.model_comparison.report import REPORT, ModelComparison, locate_comparison, read_comparison
+from facadelake.evaluation.model_comparison.report import REPORT, DetectorComparison, locate_comparison, read_comparison
 
 _log = logging.getLogger("facadelake.flows")
 
 
 def list_objections(
-    comparison: ModelComparison,
+    comparison: DetectorComparison,
     *,
     old_sha256: str | None,
     new_sha256: str,
@@ -74,7 +74,7 @@ def list_objections(
     return tuple(objections)
 
 
-def describe_evidence(comparison: ModelComparison, *, lost_max: int) -> str:
+def describe_evidence(comparison: DetectorComparison, *, lost_max: int) -> str:
     """The evidence of a promotion in one sentence, for the list of models."""
     counts = comparison.review_counts
     photographs = sum(len(campaign.photographs) for campaign in comparison.campaigns)

@@ -24,7 +24,7 @@ class _ReportPart(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class ComparedModel(_ReportPart):
+class ComparedDetector(_ReportPart):
     """A model: the name in its card and the SHA-256 of its file."""
 
     name: str
@@ -65,11 +65,11 @@ class CampaignComparison(_ReportPart):
     lost: tuple[LostDefect, ...]
 
 
-class ModelComparison(_ReportPart):
+class DetectorComparison(_ReportPart):
     """The comparison of two models on the photographs of committed campaigns."""
 
-    old: ComparedModel
-    new: ComparedModel
+    old: ComparedDetector
+    new: ComparedDetector
     made_at: datetime
     facadelake: str
     campaigns: tuple[CampaignComparison, ...]
@@ -124,7 +124,7 @@ def _describe_lost_defect(finding: ReviewedFinding) -> LostDefect:
     )
 
 
-def write_comparison(comparison: ModelComparison, folder: Path) -> Path:
+def write_comparison(comparison: DetectorComparison, folder: Path) -> Path:
     """Write the report to ``folder`` and return its path. Raises StoreError where it cannot be written."""
     path = folder / REPORT
     part = path.with_name(f".{REPORT}.part")
@@ -139,10 +139,10 @@ def write_comparison(comparison: ModelComparison, folder: Path) -> Path:
     return path
 
 
-def read_comparison(path: Path) -> ModelComparison:
+def read_comparison(path: Path) -> DetectorComparison:
     """Read a report. Raises InputDataError where it is missing or not a report."""
     try:
-        return ModelComparison.model_validate_json(path.read_text(encoding="utf-8"))
+        return DetectorComparison.model_validate_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise InputDataError(f"comparison {path} does not exist; run 'facadelake compare-models'") from error
     except (OSError, UnicodeDecodeError, ValidationError) as error:

@@ -71,7 +71,7 @@ def test_two_known_errors_by_hand(tmp_path: Path) -> None:
     assert merged.nees == pytest.approx(6.25 / 6, rel=0, abs=1e-6)
     assert merged.median_ratio == pytest.approx(3.125 / 2.366, rel=0, abs=1e-6)
     assert (figures.element_correct_share, figures.element_correct_share_defects) == (1.0, 1.0)
-    content = figures.to_json()
+    content = figures.convert_to_json()
     assert (content["coverage_2sigma_observations"], content["coverage_2sigma_defects"]) == (0.0, 1.0)
     table = figures.table2
     # 3 cm right and 0; 0 and 4 cm up: per axis, and the diagonal from the same samples.

@@ -61,7 +61,7 @@ def test_poses_without_a_covariance_are_not_counted(tmp_path: Path) -> None:
     covariance = dict.fromkeys(["in.jpg", "out.jpg"], ELLIPSOID_M2)
     some = figures_of(errors, covariance, tmp_path)
     assert (some.coverage_2sigma, some.camera_error.n) == (0.5, 3)
-    assert json.loads(json.dumps(some.to_json()))["coverage_2sigma"] == 0.5
+    assert json.loads(json.dumps(some.convert_to_json()))["coverage_2sigma"] == 0.5
     assert figures_of(errors, {}, tmp_path).coverage_2sigma is None
 
 

@@ -115,7 +115,7 @@ def test_the_round_trip_is_the_papers(tmp_path: Path) -> None:
     figures = figures_of(made, tmp_path)
     assert figures.roundtrip_px.mean == pytest.approx(5.0, rel=0, abs=1e-6)  # px
     assert figures.roundtrip_cm.mean == pytest.approx(2.5, rel=0, abs=1e-6)  # cm
-    json_figures = figures.to_json()
+    json_figures = figures.convert_to_json()
     assert json_figures["roundtrip_px"] == figures.roundtrip_px.mean
     behind = replace(made_one, xyz_site_m=np.array([0.0, -30.0, 2.0]))
     with pytest.raises(SchemaError, match=r"observation near/1.jpg#0 is registered behind the camera of near/1.jpg"):
@@ -123,7 +123,7 @@ def test_the_round_trip_is_the_papers(tmp_path: Path) -> None:
 
 
 def test_json_has_exactly_the_agreed_keys(tmp_path: Path) -> None:
-    content = json.loads(json.dumps(figures_of(campaign(), tmp_path).to_json()))
+    content = json.loads(json.dumps(figures_of(campaign(), tmp_path).convert_to_json()))
     assert list(content) == [
         "photographs", "camera_error_m", "ray_error_m", "observation_error_m", "defect_error_m", "roundtrip_px",
         "roundtrip_cm", "merge", "element_correct_share", "off_truth", "coverage_2sigma",
@@ -208,7 +208,7 @@ def test_what_counts_and_what_does_not(tmp_path: Path) -> None:
 
 def test_detections_of_a_model_have_no_truth(tmp_path: Path) -> None:
     made = replace(campaign(), detector="onnx:crack")
-    content = figures_of(made, tmp_path).to_json()
+    content = figures_of(made, tmp_path).convert_to_json()
     assert content["camera_error_m"]["n"] == 5  # type: ignore[index]
     assert content["ray_error_m"] == {"n": 0, **dict.fromkeys(STATS[1:])}
     assert content["defect_error_m"]["normal"]["n"] == 0  # type: ignore[index]
@@ -219,7 +219,7 @@ def test_detections_of_a_model_have_no_truth(tmp_path: Path) -> None:
 
 def test_a_campaign_without_detections_or_poses_has_empty_figures(tmp_path: Path) -> None:
     made = Made(centres_true_m=CAMERAS, centres_found_m={}, points_true_m={}, unlocalised=list(CAMERAS))
-    content = figures_of(made, tmp_path).to_json()
+    content = figures_of(made, tmp_path).convert_to_json()
     assert content["photographs"] == {"total": 5, "localised": 0}
     assert content["camera_error_m"] == {"n": 0, **dict.fromkeys([*STATS[1:], *OFFSETS])}
     assert content["roundtrip_px"] is None

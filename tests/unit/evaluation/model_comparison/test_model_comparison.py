@@ -17,8 +17,8 @@ from facadelake.evaluation.model_comparison.defect_changes import compare_defect
 from facadelake.evaluation.model_comparison.promote import describe_evidence, list_objections
 from facadelake.evaluation.model_comparison.report import (
     CampaignComparison,
-    ComparedModel,
-    ModelComparison,
+    ComparedDetector,
+    DetectorComparison,
     count_changes,
     list_lost_defects,
     read_comparison,
@@ -156,10 +156,10 @@ def test_a_defect_seen_in_another_of_its_photographs_is_not_lost() -> None:
     assert (len(two.defects), len(two.lost)) == (2, 1)
 
 
-def report(compared: ReviewComparison) -> ModelComparison:
-    return ModelComparison(
-        old=ComparedModel(name="old", sha256=OLD_MODEL),
-        new=ComparedModel(name="new", sha256=NEW_MODEL),
+def report(compared: ReviewComparison) -> DetectorComparison:
+    return DetectorComparison(
+        old=ComparedDetector(name="old", sha256=OLD_MODEL),
+        new=ComparedDetector(name="new", sha256=NEW_MODEL),
         made_at=datetime(2026, 5, 1, tzinfo=UTC),
         facadelake="0",
         campaigns=(
