@@ -114,7 +114,14 @@ def compare_ambiguous_pairs(
 
 
 def _share_photograph(photo: RowIndices, group: RowIndices, a: RowIndices, b: RowIndices) -> BoolArray:
-    """Whether the groups ``a`` and ``b`` (k,) have a photograph in common."""
+    """Whether two groups have a photograph in common.
+
+    Args:
+        photo: photograph (n,) of each observation.
+        group: group (n,) of each observation.
+        a: groups (k,).
+        b: groups (k,).
+    """
     shape = (int(group.max(initial=0)) + 1, int(photo.max(initial=0)) + 1)
     photos_of_group = csr_array((np.ones(len(group)), (group, photo)), shape=shape)
     common: BoolArray = np.asarray(photos_of_group[a].multiply(photos_of_group[b]).sum(axis=1)).ravel() > 0

@@ -125,7 +125,17 @@ def build_defects_table(
 
 
 def _select_best_observations(group: RowIndices, quality: Float64N, photo: RowIndices, groups: int) -> RowIndices:
-    """Row (groups,) of each group's best observation; of equally good ones that of the last photograph."""
+    """The best observation of each group; of equally good ones that of the last photograph.
+
+    Args:
+        group: group (n,) of each observation.
+        quality: quality (n,) of each observation.
+        photo: photograph (n,) of each observation.
+        groups: number of groups.
+
+    Returns:
+        Rows (groups,).
+    """
     order = np.lexsort((-photo, -quality, group))
     best = np.full(groups, -1, dtype=np.int64)
     selected = order[np.r_[True, np.diff(group[order]) != 0][: len(order)]]

@@ -114,9 +114,13 @@ def label_groups(group: RowIndices) -> RowIndices:
 
 
 def _find_reciprocal_neighbours(low: RowIndices, high: RowIndices, mean: Float64N, count: int) -> BoolArray:
-    """Which links (k,) are the nearest of both their groups; of equally near ones that of the lowest group.
+    """Which links are the nearest of both their groups; of equally near ones that of the lowest group.
 
-    ``mean`` (k,): mean squared distance of the groups ``low`` and ``high`` (k,); ``count``: number of groups.
+    Args:
+        low: first groups (k,) of the links.
+        high: second groups (k,).
+        mean: mean squared distances (k,).
+        count: number of groups.
     """
     nearest, best = np.full(count, np.inf), np.full(count, count, dtype=np.int64)
     np.minimum.at(nearest, low, mean)
@@ -129,8 +133,13 @@ def _find_reciprocal_neighbours(low: RowIndices, high: RowIndices, mean: Float64
 
 
 def _find_photo_conflicts(group: RowIndices, photo: RowIndices, low: RowIndices, high: RowIndices) -> BoolArray:
-    """Which joins (k,) of groups ``low`` and ``high`` would have two observations of one photograph; a group joins
-    once.
+    """Which joins of groups would have two observations of one photograph; a group is in one join at most.
+
+    Args:
+        group: group (n,) of each observation.
+        photo: photograph (n,) of each observation.
+        low: first groups (k,) of the joins.
+        high: second groups (k,).
     """
     join = np.full(len(group), -1, dtype=np.int64)
     join[low], join[high] = np.arange(len(low)), np.arange(len(low))

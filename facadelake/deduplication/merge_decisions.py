@@ -66,7 +66,14 @@ def build_merges_table(
 
 
 def _select_nearest_pairs(first: RowIndices, second: RowIndices, sigmas: Float64N, joined: BoolArray) -> BoolArray:
-    """Which pairs (k,) are among the nearest of one of their observations, of joined and of separate pairs."""
+    """Which pairs are among the nearest of one of their observations, of joined and of separate pairs.
+
+    Args:
+        first: first rows (k,) of the pairs.
+        second: their second rows (k,).
+        sigmas: their Mahalanobis distances (k,).
+        joined: which pairs (k,) are of one defect.
+    """
     kept = np.zeros(len(first), dtype=bool)
     for of_kind, number in ((joined, _JOINED_PAIRS), (~joined, _APART_PAIRS)):
         rows = np.flatnonzero(of_kind & np.isfinite(sigmas) | of_kind & joined)

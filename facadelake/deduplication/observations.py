@@ -108,7 +108,7 @@ def read_observations(
     """Registered rows of table ``observations`` as arrays, in their order.
 
     Args:
-        seen: the registered rows.
+        registered: the registered rows.
         detections: table ``detections``, for the boxes.
         posed: cameras of the localised photographs by photo_id.
         covariances: covariances (6, 6) of poses by photo_id: centre (m, site), attitude (rad, about the camera's axes).
@@ -152,10 +152,10 @@ def _propagate_pose_covariance(
     """Covariance of positions due to the poses of their photographs.
 
     Args:
-        away: offsets (n, 3) of the positions from their cameras' centres, in site.
+        offset: offsets (n, 3) of the positions from their cameras' centres, in site.
         photo: photograph (n,) of each position.
-        turns: rotations (p, 3, 3) of the photographs, site from camera.
-        stated: covariances (p, 6, 6) of their poses.
+        rotations: rotations (p, 3, 3) of the photographs, site from camera.
+        pose_covariances: covariances (p, 6, 6) of their poses.
 
     Returns:
         Covariances (n, 3, 3) in m2, in site.

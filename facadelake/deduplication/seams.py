@@ -156,7 +156,14 @@ def _count_other_photographs(
 
 
 def _are_as_large(observations: ObservationArrays, i: RowIndices, j: RowIndices, whole: RowIndices) -> BoolArray:
-    """Whether the patches of observations ``whole`` (k,) are as large as those of ``i`` and ``j`` (k,) together."""
+    """Whether the patches of observations are as large as those of two others together.
+
+    Args:
+        observations: the observations (n).
+        i: rows (k,) of one part.
+        j: rows (k,) of the other part.
+        whole: rows (k,) of the observations that are compared.
+    """
     area, is_enough = np.ones(len(i)), np.ones(len(i), dtype=bool)
     difference = observations.xyz_site_m[j] - observations.xyz_site_m[i]
     for extent, axes in zip(

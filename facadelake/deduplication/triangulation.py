@@ -52,7 +52,11 @@ class TriangulatedPoints:
 class GroupRays:
     """The rays of observations in groups.
 
-    ``rows`` (n,): rows of the observations, group after group; ``group`` (n,): ascending from 0 without gaps.
+    Args:
+        observations: the observations.
+        rows: rows (n,) of the observations, group after group.
+        group: group (n,) of each ray, ascending from 0 without gaps.
+        noise: noise of the observations, which gives the information matrices (n, 3, 3) of the rays.
     """
 
     def __init__(
@@ -139,6 +143,7 @@ def triangulate_groups(rays: GroupRays, planes: SurfacePlanes, plane_sigma_m: fl
 
 
 def _triangulate_batch(rays: GroupRays, planes: SurfacePlanes, plane_sigma_m: float) -> TriangulatedPoints:
+    """``triangulate_groups`` for one batch."""
     normal = planes.normal_site
     outer = normal[:, :, None] * normal[:, None, :]
     position = rays.compute_medians()

@@ -110,7 +110,7 @@ def exclude_observations(
             if occluders is not None:
                 _exclude_occluded(photo_id, photo_rows, boxes, occluders, settings.occlusion.share_min)
             step.advance()
-    _log.info("%s", Counter(str(row["observation_outcome"]) for row in rows))
+    _log.info("outcomes after exclusion: %s", Counter(str(row["observation_outcome"]) for row in rows))
     return table_from_rows("observations", rows)
 
 

@@ -97,7 +97,12 @@ class _ImageTiePoints:
 class Occluders:
     """The tie points of a campaign that are in front of the model.
 
-    ``placement_sigma_m``: one sigma of the campaign's position relative to the model.
+    Args:
+        points: the campaign's tie points.
+        posed: cameras of the localised photographs by photo_id.
+        surface: the building's surface.
+        placement_sigma_m: one sigma of the campaign's position relative to the model.
+        settings: limits of occlusion.
     """
 
     def __init__(

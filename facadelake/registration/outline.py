@@ -109,6 +109,7 @@ def _build_box_template(side: int) -> _OutlineSamples:
 
 
 def _sample_box(box: Float64Array, template: _OutlineSamples, side: int) -> _OutlineSamples:
+    """The samples of the unit square, ``template``, in a box (4,): x, y, width, height in pixels."""
     return _OutlineSamples(
         polygon_img=shapely.box(box[0], box[1], box[0] + box[2], box[1] + box[3]),
         pitch_px=box[2:] / side,
@@ -132,6 +133,7 @@ def _read_mask_polygon(wkt: str | None, box: Float64Array) -> Any | None:
 
 
 def _sample_mask(mask: Any, count: int) -> _OutlineSamples:
+    """About ``count`` samples of a mask on a square lattice; of a mask thinner than the pitch, also of its boundary."""
     left, top, right, bottom = mask.bounds
     pitch = max(
         float(np.sqrt(mask.area / count)), float(np.sqrt((right - left) * (bottom - top) / _LATTICE_POINTS_MAX))

@@ -191,10 +191,10 @@ def measure_extents(
     """Extents of patches on the surface.
 
     Args:
-        coords: vertices (c, 3) in site, in the order of their patches.
-        of_vertex: patch (c,) of each vertex, ascending.
-        xyz: positions (n, 3) of the patches in site.
-        normal: unit normals (n, 3) at the positions.
+        vertex_site_m: vertices (c, 3) in site, in the order of their patches.
+        patch_of_vertex: patch (c,) of each vertex, ascending.
+        xyz_site_m: positions (n, 3) of the patches in site.
+        normal_site: unit normals (n, 3) at the positions.
 
     Returns:
         Horizontal extent, upward extent and the largest distance of two vertices (n, 3), in m.
