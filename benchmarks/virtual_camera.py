@@ -121,7 +121,7 @@ def render_ready(folder: Path) -> None:
     from facadelake.building.surface.render_worker import RenderView
 
     view = RenderView(folder)
-    cost = cost_of(view.buffer, 2)
+    cost = cost_of(view.render_depth_buffer, 2)
     print(cost.wall_s, cost.cpu_s)
 
 

@@ -41,7 +41,7 @@ def write_pictures(answer: DetectorEvaluation, folder: Path) -> list[Path]:
 
 
 def _show_figures(console: Console, figures: DetectorFigures) -> None:
-    judged, data = figures.judged, figures.data
+    judged, data = figures.detector, figures.data
     if figures.classes:
         _print_table(
             console,
@@ -94,7 +94,7 @@ def _show_figures(console: Console, figures: DetectorFigures) -> None:
     if figures.megapixels_per_s is not None and figures.photographs_per_s is not None:
         speed = f"{figures.photographs_per_s:.1f} photographs/s, {figures.megapixels_per_s:.1f} Mpx/s"
         console.print(f"speed {speed} (at a low score threshold)", highlight=False)
-    for name, count in figures.unjudged.items():
+    for name, count in figures.unlabelled.items():
         console.print(
             f"{count} boxes of {name} predicted on data without labels of that class: not evaluated", highlight=False
         )
@@ -106,7 +106,7 @@ def _show_figures(console: Console, figures: DetectorFigures) -> None:
 def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
     _print_table(
         console,
-        f"{figures.judged.name} ({figures.judged.sha256[:12]}) on whole photographs of {figures.name}; without defect: "
+        f"{figures.detector.name} ({figures.detector.sha256[:12]}) on whole photographs of {figures.name}; without defect: "
         + ", ".join(figures.sound_folders),
         ("class", "with defect", "without", "AUROC", "95 %", "average precision", "recall", "false alarm share"),
         [

@@ -12,6 +12,7 @@ from typing import Any
 
 import cv2
 import geopandas as gpd
+import numpy as np
 import pytest
 
 from facadelake.lake.read import list_versions, read_table

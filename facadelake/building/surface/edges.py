@@ -92,11 +92,8 @@ def _find_creases(
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(cross, axis=1)
     has_area = area > 1e-9
-    faces, normals, element = (
-        weld.ravel()[triangles[has_area]],
-        cross[has_area] / area[has_area, None],
-        element[has_area],
-    )
+    faces, element = weld.ravel()[triangles[has_area]], element[has_area]
+    normals = cross[has_area] / area[has_area, None]
     ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     face = np.repeat(np.arange(len(faces)), 3)
     has_length = ends[:, 0] != ends[:, 1]

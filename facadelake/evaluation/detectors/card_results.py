@@ -104,7 +104,7 @@ def _build_entries(figures: DetectorFigures, head: Mapping[str, str]) -> list[di
                 "split": data.split,
                 "data_sha256": data.sha256,
                 **head,
-                "threshold": figures.judged.threshold,
+                "threshold": figures.detector.threshold,
                 "photographs": data.photographs,
                 "sites": data.sites,
                 "classes": [_build_class_entry(one) for one in figures.classes],
@@ -125,7 +125,7 @@ def _build_entries(figures: DetectorFigures, head: Mapping[str, str]) -> list[di
             }
         )
     if figures.negatives is not None:
-        entries.append(_build_negatives_entry(figures.negatives, figures.judged.threshold, figures.data.split, head))
+        entries.append(_build_negatives_entry(figures.negatives, figures.detector.threshold, figures.data.split, head))
     return entries
 
 
@@ -180,7 +180,7 @@ def _build_image_level_entry(figures: ImageLevelFigures, head: Mapping[str, str]
         "split": None,
         "data_sha256": figures.sha256,
         **head,
-        "threshold": figures.judged.threshold,
+        "threshold": figures.detector.threshold,
         "sound_folders": list(figures.sound_folders),
         "classes": [
             {

@@ -92,12 +92,12 @@ class ClassFigures:
 class DetectorFigures:
     """All figures of an evaluation.
 
-    ``map50``, ``map50_95``: means over the classes with labelled boxes. ``unjudged``: number of shown boxes of a class
+    ``map50``, ``map50_95``: means over the classes with labelled boxes. ``unlabelled``: number of shown boxes of a class
     without labels in their photograph, by class. ``photographs_per_s``, ``megapixels_per_s``: speed of detection
     without reading of files. The fields are the keys of the JSON output.
     """
 
-    judged: EvaluatedDetector
+    detector: EvaluatedDetector
     data: EvaluationData
     classes: tuple[ClassFigures, ...]
     map50: float | None
@@ -105,7 +105,7 @@ class DetectorFigures:
     operating: OperatingPoint
     sites: tuple[SiteFigures, ...]
     confusions: tuple[Confusion, ...]
-    unjudged: dict[str, int]
+    unlabelled: dict[str, int]
     negatives: FalseAlarmFigures | None
     photographs_per_s: float | None
     megapixels_per_s: float | None
@@ -180,7 +180,7 @@ def evaluate_boxes(
     known_sites = {image.site for image in images if image.site is not None}
     left_out = Counter(labelled.left_out) + Counter(collected.left_out)
     figures = DetectorFigures(
-        judged=EvaluatedDetector(name=source.name, sha256=source.sha256, threshold=source.threshold),
+        detector=EvaluatedDetector(name=source.name, sha256=source.sha256, threshold=source.threshold),
         data=EvaluationData(
             name=labelled.name,
             form=labelled.label_format,
@@ -197,7 +197,7 @@ def evaluate_boxes(
         operating=sum_operating_points([one.operating for one in by_class]),
         sites=sites,
         confusions=count_confusions(images, collected.above_threshold),
-        unjudged=_count_unlabelled(images, collected),
+        unlabelled=_count_unlabelled(images, collected),
         negatives=alarms,
         photographs_per_s=len(images) / collected.seconds if collected.seconds > 0 else None,
         megapixels_per_s=collected.megapixels / collected.seconds if collected.seconds > 0 else None,

@@ -48,7 +48,7 @@ class ImageLevelClassFigures:
 class ImageLevelFigures:
     """Figures of a folder of class folders; ``sound_folders`` count as free of defects, ``left_out``: by reason."""
 
-    judged: EvaluatedDetector
+    detector: EvaluatedDetector
     name: str
     sha256: str
     sound_folders: tuple[str, ...]
@@ -107,7 +107,7 @@ def evaluate_image_labels(
     labelled = image_set.labelled
     left_out = Counter(labelled.left_out) + Counter(collected.left_out)
     return ImageLevelFigures(
-        judged=EvaluatedDetector(name=source.name, sha256=source.sha256, threshold=source.threshold),
+        detector=EvaluatedDetector(name=source.name, sha256=source.sha256, threshold=source.threshold),
         name=labelled.name,
         sha256=labelled.sha256,
         sound_folders=image_set.sound_folders,

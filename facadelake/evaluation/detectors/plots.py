@@ -42,7 +42,7 @@ def write_plots(evaluation: BoxEvaluation, folder: Path) -> list[Path]:
         FigureCanvasAgg(figure)
         if draw(figure, evaluation):
             data = figures.data.name or (figures.negatives.name if figures.negatives else "")
-            subject = f"{figures.judged.name} on {data}"
+            subject = f"{figures.detector.name} on {data}"
             figure.suptitle(f"{subject}: {title}", fontsize=10, ha="left", x=0.01)
             path = folder / f"{name}.png"
             figure.savefig(path)
@@ -67,7 +67,7 @@ def _plot_precision_recall(figure: Figure, evaluation: BoxEvaluation) -> bool:
         if counts.precision is not None and counts.recall is not None:
             axes.plot(
                 counts.recall, counts.precision, "o", color="#000000",
-                label=f"score ≥ {evaluation.figures.judged.threshold:.2f}: "
+                label=f"score ≥ {evaluation.figures.detector.threshold:.2f}: "
                 f"precision {counts.precision:.2f}, recall {counts.recall:.2f}",
             )  # fmt: skip
         axes.set_xlim(0, 1.01)
@@ -100,7 +100,7 @@ def _plot_reliability(figure: Figure, evaluation: BoxEvaluation) -> bool:
         width = 0.8 / BINS / len(known)
         lower.bar([b.low + 0.1 / BINS + (k + 0.5) * width for b in bins], [b.count for b in bins], width, color=colour)
     for axes in (upper, lower):
-        axes.axvline(evaluation.figures.judged.threshold, color="#999999", linewidth=0.8)
+        axes.axvline(evaluation.figures.detector.threshold, color="#999999", linewidth=0.8)
     upper.set_ylim(0, 1.02)
     upper.legend(fontsize=8)
     lower.set_yscale("log")
@@ -151,7 +151,7 @@ def _plot_false_alarms(figure: Figure, evaluation: BoxEvaluation) -> bool:
     known = alarms.rates[0].area_m2 is not None
     values = [one.per_photograph if one.per_10_m2 is None else one.per_10_m2 for one in alarms.by_threshold]
     axes.step([one.score for one in alarms.by_threshold], values, where="mid", color="#d55e00", marker=".")
-    axes.axvline(evaluation.figures.judged.threshold, color="#999999", linewidth=0.8)
+    axes.axvline(evaluation.figures.detector.threshold, color="#999999", linewidth=0.8)
     if known:
         axes.axhline(_GOAL_PER_10_M2, color="#000000", linewidth=0.8, linestyle="dotted")
     axes.set_yscale("symlog", linthresh=0.01)
