@@ -30,6 +30,7 @@ from schemas.vocabulary import DefectClass
 
 _BOXES_UNLIMITED = 10**6  # predictions of a photograph at the threshold
 NO_SITE = "(site unknown)"
+_KEYS = {"detector": "judged", "unlabelled": "unjudged"}  # of the JSON output, where they are not the fields' names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +93,9 @@ class ClassFigures:
 class DetectorFigures:
     """All figures of an evaluation.
 
-    ``map50``, ``map50_95``: means over the classes with labelled boxes. ``unlabelled``: number of shown boxes of a class
-    without labels in their photograph, by class. ``photographs_per_s``, ``megapixels_per_s``: speed of detection
-    without reading of files. The fields are the keys of the JSON output.
+    ``map50``, ``map50_95``: means over the classes with labelled boxes. ``unlabelled``: number of shown boxes of a
+    class without labels in their photograph, by class. ``photographs_per_s``, ``megapixels_per_s``: speed of detection
+    without reading of files.
     """
 
     detector: EvaluatedDetector
@@ -112,12 +113,12 @@ class DetectorFigures:
     remarks: tuple[str, ...]
 
     def convert_to_json(self) -> dict[str, object]:
-        """The fields under their names; the keys are stable."""
-        found: dict[str, object] = asdict(self)
-        found["operating"] = self.operating.convert_to_json()
-        found["classes"] = [{**asdict(one), "operating": one.operating.convert_to_json()} for one in self.classes]
-        found["sites"] = [{**asdict(one), "operating": one.operating.convert_to_json()} for one in self.sites]
-        return found
+        """The figures under stable keys."""
+        content: dict[str, object] = {_KEYS.get(name, name): value for name, value in asdict(self).items()}
+        content["operating"] = self.operating.convert_to_json()
+        content["classes"] = [{**asdict(one), "operating": one.operating.convert_to_json()} for one in self.classes]
+        content["sites"] = [{**asdict(one), "operating": one.operating.convert_to_json()} for one in self.sites]
+        return content
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -56,8 +56,8 @@ class ImageLevelFigures:
     left_out: dict[str, int]
 
     def convert_to_json(self) -> dict[str, object]:
-        """The fields under their names."""
-        return asdict(self)
+        """The figures under stable keys."""
+        return {"judged" if name == "detector" else name: value for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True, kw_only=True)
