@@ -1,4 +1,4 @@
-"""detection."""
+"""Detections in photographs: ONNX detectors and their cards, the model registry, imported COCO files."""
 
 import lazy_loader
 

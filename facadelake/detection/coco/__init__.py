@@ -1,4 +1,4 @@
-"""coco."""
+"""COCO files of detections: reading, masks, import."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""inference."""
+"""ONNX detectors on single images: sessions, cards, letterbox, mask outlines."""
 
 import lazy_loader
 

@@ -1,1 +1,1 @@
-"""layouts."""
+"""Output layouts of detectors: how output tensors become candidates."""

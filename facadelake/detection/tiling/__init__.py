@@ -1,4 +1,4 @@
-"""tiling."""
+"""Detection in photographs of any size: tile passes and the merging of their detections."""
 
 import lazy_loader
 
