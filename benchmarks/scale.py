@@ -158,7 +158,7 @@ def measure_reconstruction(photographs: str) -> dict[str, Any]:
         reconstruct(table, root, out, ReconstructionSettings())
         spent = cost.read()
         block = read_reconstruction(out)
-        pairs = len(json.loads((out / "job.json").read_text())["pairs"])
+        pairs = len(json.loads((out / "diagnostics" / "job.json").read_text())["pairs"])
     return {
         **spent,
         "photographs": len(table),

@@ -52,4 +52,4 @@ def draw(job: InspectionJob, results: StageResults, checks: StageResult) -> Stag
         "campaign": job.campaign_id,
         "placement_sigma_max_m": job.building.tolerances.placement_sigma_max_m,
     }
-    return run_stage(job, "draw", reads={**results.by_name(), "checks": checks}, inputs=inputs, make=make)
+    return run_stage(job, "draw", reads={**results.map_by_name(), "checks": checks}, inputs=inputs, make=make)

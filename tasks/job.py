@@ -67,10 +67,10 @@ class StageResults:
     merged: StageResult
     integrity: StageResult
 
-    def by_name(self) -> dict[str, StageResult | None]:
+    def map_by_name(self) -> dict[str, StageResult | None]:
         """All results by field name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    def stages(self) -> list[StageResult]:
+    def list_results(self) -> list[StageResult]:
         """The results that exist, in the order they ran."""
-        return [stage for stage in self.by_name().values() if stage is not None]
+        return [stage for stage in self.map_by_name().values() if stage is not None]

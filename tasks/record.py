@@ -35,7 +35,7 @@ def read_stage_tables(results: StageResults) -> dict[str, pa.Table]:
 
 def compute_fingerprint(results: StageResults) -> str:
     """Hash over the keys of all stages: inputs, settings and code of the campaign."""
-    return compute_key({"stages": [stage.key for stage in results.stages()]})
+    return compute_key({"stages": [stage.key for stage in results.list_results()]})
 
 
 def assemble_campaign(job: InspectionJob, results: StageResults) -> tuple[RunRecord, dict[str, pa.Table]]:
@@ -67,7 +67,7 @@ def _run_record(job: InspectionJob, results: StageResults, detections: pa.Table)
     setting = job.building.detector
     if not detectors and isinstance(setting, OnnxDetectorSetting):  # it found nothing
         detectors = [hash_file(locate_model(setting))]
-    fresh = [stage for stage in results.stages() if not stage.hit]
+    fresh = [stage for stage in results.list_results() if not stage.hit]
     settings = {
         "control": job.control or "auto",
         "detections": job.detections or "registry",
@@ -85,6 +85,6 @@ def _run_record(job: InspectionJob, results: StageResults, detections: pa.Table)
         detector_sha256=detectors[0] if detectors else "none",
         configuration=json.dumps(settings, sort_keys=True),
         stage_seconds=json.dumps({stage.stage: round(stage.seconds, 2) for stage in fresh}),
-        stage_keys=json.dumps({stage.stage: stage.key for stage in results.stages()}),
+        stage_keys=json.dumps({stage.stage: stage.key for stage in results.list_results()}),
         stage_peak_mib=json.dumps({stage.stage: round(stage.peak_mib) for stage in fresh}),
     )

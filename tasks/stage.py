@@ -82,7 +82,7 @@ def run_stage(
 def _check_reads(stage: str, reads: Reads, make: Callable[[Path], Counts]) -> None:
     """Require that all stage results ``make`` refers to are in ``reads``: else the cache could return stale ones."""
     for name, value in inspect.getclosurevars(make).nonlocals.items():
-        seen = value.stages() if isinstance(value, StageResults) else [value]
+        seen = value.list_results() if isinstance(value, StageResults) else [value]
         for one in seen:
             if isinstance(one, StageResult):
                 assert one in reads.values(), f"stage {stage} uses {name} without naming it in reads"

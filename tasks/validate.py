@@ -26,7 +26,7 @@ def validate_tables(job: InspectionJob, results: StageResults) -> StageResult:
         write_table("checks", checks, folder)
         return {"checks": len(checks), "failed": len(select_failures(checks))}
 
-    result = run_stage(job, "validate", reads=results.by_name(), inputs={}, make=make)
+    result = run_stage(job, "validate", reads=results.map_by_name(), inputs={}, make=make)
     checks = read_table("checks", result.folder)
     failed = len(select_failures(checks))
     if failed:

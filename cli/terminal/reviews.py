@@ -46,7 +46,7 @@ def show_import(console: Console, done: ReviewImport) -> None:
     else:
         console.print(f"{done.added.added} reviews added in lake version {done.added.version}", end="")
         console.print(f", {done.added.unchanged} were already there" if done.added.unchanged else "")
-    _some(console, f"{len(done.parsed.remarks)} entries were not used:", done.parsed.remarks)
+    _print_some(console, f"{len(done.parsed.remarks)} entries were not used:", done.parsed.remarks)
     _unmatched(console, done.unmatched)
 
 
@@ -80,10 +80,10 @@ def show_reviews(console: Console, campaigns: Sequence[ReviewedCampaign], *, lin
 
 def _unmatched(console: Console, reviews: Sequence[Review]) -> None:
     told = [f"{word.verdict} {word.reviewed_class} at {word.subject}" for word in reviews]
-    _some(console, f"{len(told)} reviews are of detections that the campaign no longer has:", told)
+    _print_some(console, f"{len(told)} reviews are of detections that the campaign no longer has:", told)
 
 
-def _some(console: Console, head: str, lines: Sequence[str]) -> None:
+def _print_some(console: Console, head: str, lines: Sequence[str]) -> None:
     if not lines:
         return
     console.print(head)
@@ -133,7 +133,7 @@ def show_comparison(console: Console, done: DetectorComparisonResult) -> None:
     for change in Change:
         table.add_column(change, justify="right")
     for campaign in comparison.campaigns:
-        _rows(table, campaign)
+        _add_rows(table, campaign)
     console.print(table)
     for campaign in comparison.campaigns:
         if campaign.wall is None:
@@ -143,7 +143,7 @@ def show_comparison(console: Console, done: DetectorComparisonResult) -> None:
                 soft_wrap=True,
                 highlight=False,
             )
-    _words(console, comparison.review_counts)
+    _print_review_counts(console, comparison.review_counts)
     for one in comparison.lost[:_MOST]:
         console.print(f"  lost: {one.defect} ({one.defect_class}), {one.photo_id}", soft_wrap=True, highlight=False)
     if len(comparison.lost) > _MOST:
@@ -152,7 +152,7 @@ def show_comparison(console: Console, done: DetectorComparisonResult) -> None:
         console.print(f"written: {path}", soft_wrap=True, highlight=False)
 
 
-def _rows(table: RichTable, campaign: CampaignComparison) -> None:
+def _add_rows(table: RichTable, campaign: CampaignComparison) -> None:
     looked = f"{len(campaign.photographs)} of {campaign.photographs_total}"
     for where, counts in (("boxes", campaign.boxes), ("defects on the wall", campaign.wall or {})):
         for defect_class, numbers in counts.items():
@@ -160,7 +160,7 @@ def _rows(table: RichTable, campaign: CampaignComparison) -> None:
             table.add_row(*head, *(str(numbers[change]) for change in Change))
 
 
-def _words(console: Console, words: dict[str, int]) -> None:
+def _print_review_counts(console: Console, words: dict[str, int]) -> None:
     if not words.get("confirmed") and not words.get("rejected"):
         console.print("these photographs have no reviews, so it is unknown which changes are improvements")
         return

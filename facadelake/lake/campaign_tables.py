@@ -32,7 +32,7 @@ class RunRecord:
     stage_peak_mib: str
     stage_keys: str
 
-    def row(self) -> dict[str, Any]:
+    def build_row(self) -> dict[str, Any]:
         """The row of table ``runs``, without the run's keys."""
         return {
             "started_at": self.started_at,
@@ -97,9 +97,9 @@ def build_campaign_tables(
         stage_tables: the tables that the stages made, by name.
     """
     return {
-        "buildings": table_from_rows("buildings", [building.row()]),
+        "buildings": table_from_rows("buildings", [building.build_row()]),
         "campaigns": table_from_rows("campaigns", [build_campaign_row(photographs_uri, stage_tables)]),
-        "runs": table_from_rows("runs", [run.row()]),
+        "runs": table_from_rows("runs", [run.build_row()]),
         **stage_tables,
     }
 

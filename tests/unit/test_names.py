@@ -22,13 +22,13 @@ PACKAGES = sorted(
 
 VERBS = frozenset(
     """
-    accept add adjust advance align append apply archive arrange ask assign attach attribute average bake begin
+    accept add adjust answer assemble advance align append apply archive arrange ask assign attach attribute average bake begin
     blend bound build bundle cache calibrate card cast catch check choose classify clear clip close cluster collect
     colour combine commit compare compute concatenate condense configure connect convert convolve copy correct
     correlate count cover create crop cut declare decode deduplicate delete demo derive describe detect develop diff
     dilate distribute divide doctor download draft drape draw drop eliminate encode end enter erode estimate
     evaluate exclude expand expect explain export extend extract extrude fill filter find fit fix flatten follow
-    forget format gate generate georeference get grade group grow guess guide has hash hold import include index
+    forget format gate generate georeference get grade group grow guess guide handle has hash hold import include index
     infer ingest initialise insert inspect install integrate interpolate intersect invert is join judge keep label
     lay letterbox light limit linearise link list listen load localise locate lock log look make map mark mask match
     measure merge mesh migrate move name normalise notify observe offer open order orient outline pack paint pair
@@ -44,7 +44,9 @@ VERBS = frozenset(
     """.split()  # noqa: SIM905
 )
 # Named as the command line, Prefect or a library wants them.
-NAMED_BY_OTHERS = frozenset({"main", "campaigns", "defects", "sql", "pictures", "doctor", "cache"})
+NAMED_BY_OTHERS = frozenset(
+    {"main", "campaigns", "defects", "sql", "pictures", "doctor", "cache", "emit", "training_set"}
+)
 # Short ways to declare a column (schemas/column.py): the declaration reads as a list of nouns.
 DECLARATIONS = frozenset({"text", "real", "count", "time", "flag"})
 # Words of this project's early private dialect; docs/glossary.md has the field's.

@@ -24,8 +24,8 @@ _MIN_COSINE = 1e-6  # hits of rays closer to the plane are not refined
 class Hits:
     """First hits of n rays; a miss has distance inf, point and normal NaN, triangle and element ``MISS``.
 
-    ``distance_m`` (n,), ``xyz_site_m`` (n, 3), ``normal_site`` (n, 3) unit normals on the ray's side, ``triangle`` (n,),
-    ``element`` (n,) rows of the building's elements.
+    ``distance_m`` (n,), ``xyz_site_m`` (n, 3), ``normal_site`` (n, 3) unit normals on the ray's side, ``triangle``
+    (n,), ``element`` (n,) rows of the building's elements.
     """
 
     distance_m: Float64N
@@ -134,8 +134,8 @@ class Surface:
     def render_depth(self, posed: PosedCamera, scale: float) -> tuple[Float64Array, Int64Array]:
         """Render depth along the camera's z in metres (inf: miss) and element rows (``MISS``), both (h, w).
 
-        ``scale`` (at most 1) reduces the photograph's size. Lens distortion is applied, so that pixels coincide with the
-        photograph's.
+        ``scale`` (at most 1) reduces the photograph's size. Lens distortion is applied, so that the pixels coincide
+        with the photograph's.
         """
         camera = posed.camera
         width, height = max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale))

@@ -1,4 +1,4 @@
-"""A virtual photograph of the model from a posed camera, by pyrender in a process of its own (the paper's Fig. 8)."""
+"""Render a virtual photograph of the model from a posed camera, by pyrender in a separate process (paper, Fig. 8)."""
 
 from __future__ import annotations
 
@@ -37,9 +37,10 @@ _WALL = (215, 205, 190)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VirtualView:
-    """``colour`` (h, w, 3) uint8; ``buffer`` (h, w), the depth buffer's values in [0, 1], 1 where no surface is.
+    """A rendering of the model.
 
-    ``near_m`` and ``far_m`` are the clipping planes, which bound the depth buffer's resolution.
+    ``colour`` (h, w, 3); ``buffer`` (h, w): values of the depth buffer in [0, 1], 1 where there is no surface.
+    ``near_m`` and ``far_m`` are the clipping planes, which determine the depth buffer's resolution.
     """
 
     colour: UInt8Array
@@ -49,14 +50,14 @@ class VirtualView:
 
     @property
     def depth_m(self) -> Float64Array:
-        """Depth (h, w) along the camera's z, inf where the view misses the model."""
+        """Depth (h, w) along the camera's z, inf where there is no surface."""
         return np.where(self.buffer < 1.0, depth_from_buffer(self.buffer, self.near_m, self.far_m), np.inf)
 
 
 def render_virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
-    """The model as a camera without distortion at ``posed`` would see it, ``scale`` times the photograph's size.
+    """Render the model from ``posed`` without lens distortion, at ``scale`` times the photograph's size.
 
-    Raises ModelError where the renderer fails, with what it said.
+    Raises ModelError with the renderer's last message if it fails.
     """
     camera = posed.camera
     width, height = max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale))
@@ -71,9 +72,9 @@ def render_virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: f
             check=False,
         )
         if run.returncode != 0:
-            last = (run.stderr.strip().splitlines() or ["no message"])[-1]
+            last_line = (run.stderr.strip().splitlines() or ["no message"])[-1]
             raise ModelError(
-                f"the virtual view could not be rendered ({last}); `facadelake doctor` says what is missing"
+                f"the virtual view could not be rendered ({last_line}); `facadelake doctor` reports what is missing"
             )
         with np.load(Path(folder) / "view.npz") as view:
             buffer = view["buffer"].astype(np.float64)
@@ -84,12 +85,23 @@ def render_virtual_view(building: BuildingModel, posed: PosedCamera, *, scale: f
 def write_scene(
     folder: Path, building: BuildingModel, posed: PosedCamera, width_px: int, height_px: int
 ) -> tuple[float, float]:
-    """Write ``scene.npz`` for the renderer's process; returns the clipping planes before the camera, metres."""
+    """Write ``scene.npz`` for the renderer's process.
+
+    Args:
+        folder: folder of the file.
+        building: the model.
+        posed: the camera.
+        width_px: width of the image.
+        height_px: height of the image.
+
+    Returns:
+        Depths of the near and the far clipping plane, metres.
+    """
     camera, surface = posed.camera, Surface(building)
-    along = (building.vertices_site_m - posed.centre_site_m) @ posed.site_from_cam.rotation[:, 2]
-    # Clipping planes hug the scene: the buffer's steps grow with the square of depth over near.
+    depth = (building.vertices_site_m - posed.centre_site_m) @ posed.site_from_cam.rotation[:, 2]
+    # The planes are close to the scene, because the spacing of the buffer's values is proportional to depth**2 / near.
     near = max(0.05, 0.5 * float(surface.measure_distance(posed.centre_site_m[None])[0]))
-    far = max(2 * near, 1.05 * float(along.max()))
+    far = max(2 * near, 1.05 * float(depth.max()))
     np.savez(
         folder / "scene.npz",
         triangles=(building.vertices_site_m[building.triangles] - posed.centre_site_m).astype(np.float32),
@@ -104,22 +116,24 @@ def write_scene(
 
 
 def render_virtual_photograph(building: BuildingModel, posed: PosedCamera, *, scale: float = 1.0) -> VirtualView:
-    """The model as the photograph itself would show it, pixel on pixel, its lens distortion included.
+    """Render the model in the photograph's pixels, including its lens distortion.
 
-    A camera without distortion that sees all the photograph sees is rendered, and its picture bent: colours between
-    pixels, depths from the nearest. Raises ModelError as ``render_virtual_view`` does.
+    A camera without distortion that covers the photograph is rendered and its image resampled: colours bilinearly,
+    depths by nearest neighbour. Raises ModelError as ``render_virtual_view`` does.
     """
     camera = posed.camera
     width, height = max(1, round(camera.width_px * scale)), max(1, round(camera.height_px * scale))
-    straight = undistort_camera(camera)
-    view = render_virtual_view(building, PosedCamera(camera=straight, site_from_cam=posed.site_from_cam), scale=scale)
+    undistorted = undistort_camera(camera)
+    view = render_virtual_view(
+        building, PosedCamera(camera=undistorted, site_from_cam=posed.site_from_cam), scale=scale
+    )
     columns = (np.arange(width) + 0.5) * camera.width_px / width
     rows = (np.arange(height) + 0.5) * camera.height_px / height
     maps = np.empty((2, height, width), dtype=np.float32)
-    rendered = np.array(view.buffer.shape[::-1]) / np.array([straight.width_px, straight.height_px])
+    rendered_scale = np.array(view.buffer.shape[::-1]) / np.array([undistorted.width_px, undistorted.height_px])
     for i, row in enumerate(rows):
-        xy = straight.project(camera.rays_cam_from_img(np.column_stack([columns, np.full(width, row)])))
-        maps[:, i] = (xy * rendered - 0.5).T  # OpenCV counts a pixel's centre as a whole number
+        xy = undistorted.project(camera.rays_cam_from_img(np.column_stack([columns, np.full(width, row)])))
+        maps[:, i] = (xy * rendered_scale - 0.5).T  # in OpenCV pixel centres are integers
     return replace(
         view,
         colour=np.asarray(
@@ -132,7 +146,7 @@ def render_virtual_photograph(building: BuildingModel, posed: PosedCamera, *, sc
 
 
 def undistort_camera(camera: Camera) -> Camera:
-    """A camera without distortion, of the same focal length, that sees all that ``camera`` sees."""
+    """A camera without distortion and with the same focal length that covers the field of view of ``camera``."""
     along = np.linspace(0.0, 1.0, 65)
     ends = np.zeros_like(along)
     border = np.vstack(
@@ -153,25 +167,19 @@ def undistort_camera(camera: Camera) -> Camera:
 
 
 def _shade_triangles(building: BuildingModel, surface: Surface) -> UInt8Array:
-    """A colour for each triangle (m, 3): by the element's class, shaded by a fixed sun."""
+    """Colour of each triangle (m, 3): by the element's class, shaded by a fixed sun."""
     classes = building.elements.column("ifc_class").to_pylist()
     base = np.array([_PALETTE.get(name, _WALL) for name in classes], dtype=np.float64)[building.element_of_triangle]
     shade = 0.62 + 0.38 * np.clip(surface.normals_site @ _SUN, 0.0, 1.0)
-    tinted: UInt8Array = (base * shade[:, None]).astype(np.uint8)
-    return tinted
+    shaded: UInt8Array = (base * shade[:, None]).astype(np.uint8)
+    return shaded
 
 
 def depth_from_buffer(z_s: Float64Array, near_m: float, far_m: float) -> Float64Array:
-    """Depth along the camera's z of depth buffer values ``z_s`` in [0, 1] (any shape), metres.
+    """Depth along the camera's z, metres, from values ``z_s`` of the depth buffer in [0, 1] (any shape).
 
-    The paper's Eq. 7 reads ``n / (z_s (f - n) + f)``, which is n / f at the near plane and has no unit; its own Eqs. 5
-    and 6 give ``f n / (f - z_s (f - n))``: n at z_s = 0 and f at z_s = 1.
+    ``f n / (f - z_s (f - n))``, which is n at z_s = 0 and f at z_s = 1, follows from the paper's Eqs. 5 and 6. Its
+    Eq. 7, ``n / (z_s (f - n) + f)``, has no unit and gives n / f at the near plane.
     """
     depth: Float64Array = far_m * near_m / (far_m - z_s * (far_m - near_m))
     return depth
-
-
-def buffer_step(depth_m: Float64Array, near_m: float, far_m: float, bits: int = 24) -> Float64Array:
-    """How far apart two neighbouring values of the buffer lie at ``depth_m``, metres: the buffer's resolution there."""
-    step: Float64Array = depth_m**2 * (far_m - near_m) / (far_m * near_m) / 2**bits
-    return step

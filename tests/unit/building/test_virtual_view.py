@@ -141,8 +141,8 @@ def test_rendered_depth_agrees_with_rays_within_the_buffers_resolution(scene):
     assert len(np.unique(view.colour.reshape(-1, 3), axis=0)) >= 4  # sky, and shaded faces
 
 
-def by_rays(building, posed, *, scale):
-    """A stand-in for the renderer, of a camera without distortion: it is the bending that is looked at."""
+def render_by_rays(building, posed, *, scale):
+    """Replaces the renderer by rays of a camera without distortion, because the test is of the resampling."""
     depth, _ = Surface(building).render_depth(posed, scale)
     buffer = np.where(np.isfinite(depth), buffer_value(np.where(np.isfinite(depth), depth, NEAR)), 1.0)
     return VirtualView(colour=np.zeros((*depth.shape, 3), dtype=np.uint8), buffer=buffer, near_m=NEAR, far_m=FAR)
@@ -150,7 +150,7 @@ def by_rays(building, posed, *, scale):
 
 def test_a_virtual_photograph_has_the_photographs_distortion(scene, monkeypatch):
     """Half the size, 30 px of barrel distortion at the corner: its depths are those of the photograph's own rays."""
-    monkeypatch.setattr("facadelake.building.surface.virtual_view.render_virtual_view", by_rays)
+    monkeypatch.setattr("facadelake.building.surface.virtual_view.render_virtual_view", render_by_rays)
     camera = Camera(
         width_px=800, height_px=600, fx_px=840, fy_px=830, cx_px=414.6, cy_px=292.2, k1=-0.18, k2=0.03, p1=0.001,
         p2=-0.001,
@@ -171,13 +171,13 @@ def test_a_virtual_photograph_has_the_photographs_distortion(scene, monkeypatch)
     both = met & np.isfinite(plain)
     assert np.median(np.abs(plain[both] - rays[both])) > 5 * np.median(
         np.abs(depth[both] - rays[both])
-    )  # it is the bending
+    )  # the difference is the distortion
 
 
-def test_the_straightened_camera_sees_every_pixel_of_the_photograph():
+def test_the_undistorted_camera_covers_every_pixel_of_the_photograph():
     camera = Camera(width_px=800, height_px=600, fx_px=840, fy_px=830, cx_px=414.6, cy_px=292.2, k1=0.1, p1=0.002)
-    straight = undistort_camera(camera)
+    undistorted = undistort_camera(camera)
     border = np.array([[0, 0], [800, 0], [0, 600], [800, 600], [400, 0], [0, 300], [800, 300], [400, 600]], dtype=float)
-    assert straight.is_inside(straight.project(camera.rays_cam_from_img(border))).all()
+    assert undistorted.is_inside(undistorted.project(camera.rays_cam_from_img(border))).all()
     plain = Camera(width_px=800, height_px=600, fx_px=840, fy_px=830, cx_px=414.6, cy_px=292.2)
     assert abs(undistort_camera(plain).width_px - 800) <= 4  # px: no more than is needed
