@@ -144,6 +144,6 @@ def inspect_building(
         version=committed.version,
         changed=committed.changed,
         release=release,
-        list_results=(*results.list_results(), checks, *([pictures] if pictures else [])),
+        stages=(*results.list_results(), checks, *([pictures] if pictures else [])),
         warnings=tuple(warnings),
     )

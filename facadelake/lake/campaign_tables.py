@@ -64,7 +64,7 @@ class BuildingRecord:
     origin_lat_deg: float
     origin_height_ellipsoidal_m: float
 
-    def row(self) -> dict[str, Any]:
+    def build_row(self) -> dict[str, Any]:
         """The row of table ``buildings``, without the run's keys."""
         return dict(vars(self))
 
