@@ -29,8 +29,7 @@ def resolve_campaign(building: Building, campaign_id: str) -> str:
 
 
 def choose_poses(building: Building, campaign_id: str, georeference: str, poses: str | None) -> Path | None:
-    """The poses to import: those of the option, otherwise the registry's unless a control is named; None: reconstruct
-    them.
+    """The poses to import: the option's, otherwise the registry's unless a control is named; None: reconstruct them.
 
     Args:
         building: the registered building.

@@ -19,8 +19,10 @@ _OUTCOMES = tuple(str(outcome) for outcome in CrackWidthOutcome)  # the best fir
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrackWidthEstimate:
-    """Widths of g groups in mm: width, maximum, one sigma and resolution limit (g,), NaN where there is none;
-    ``outcome`` (g,) text.
+    """Widths of g groups in mm, NaN where there is none.
+
+    ``width_mm``, ``width_max_mm``, one sigma ``sigma_mm`` and resolution limit ``limit_mm`` (g,); ``outcome`` (g,)
+    text.
     """
 
     width_mm: Float64N

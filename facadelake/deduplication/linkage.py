@@ -31,8 +31,9 @@ class _GroupLinks:
     barred: BoolArray
 
     def merge_groups(self, group: RowIndices) -> _GroupLinks:
-        """The links after groups are replaced by ``group`` (n,): those inside one group are removed, parallel ones
-        added up.
+        """The links after groups are replaced by ``group`` (n,).
+
+        Links inside one group are removed, parallel ones added up.
         """
         low, high = group[self.low], group[self.high]
         low, high = np.minimum(low, high), np.maximum(low, high)

@@ -10,7 +10,7 @@ from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64Nx3
 from facadelake.deduplication.observations import ObservationArrays
 from facadelake.deduplication.pairs import PositionNoise
 from facadelake.deduplication.settings import MergeSettings
-from facadelake.deduplication.triangulation import GroupRays, SurfacePlanes, find_planes, triangulate_groups
+from facadelake.deduplication.triangulation import GroupRays, find_planes, triangulate_groups
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,8 +31,7 @@ class DefectPositions:
 
 
 def compute_block_covariance(observations: ObservationArrays, rays: GroupRays, settings: MergeSettings) -> Float64Nx3x3:
-    """Covariance (g, 3, 3) in m2 of the error that all observations of a group share: that of the block, from its
-    poses.
+    """Covariance (g, 3, 3) in m2 of the error that all observations of a group share: the block's, from its poses.
 
     The poses of a block are assumed to be fully correlated through its datum, so their covariance does not average out.
     They overestimate it where intrinsics compensate attitudes, so it is scaled down to ``settings.block_sigma_m`` where
@@ -52,7 +51,6 @@ def estimate_positions(
     group: RowIndices,
     noise: PositionNoise,
     settings: MergeSettings,
-    planes: SurfacePlanes | None = None,
 ) -> DefectPositions:
     """Positions of groups of observations.
 
@@ -65,7 +63,6 @@ def estimate_positions(
         group: group (n,) of each, from 0 without gaps.
         noise: noise of the rays.
         settings: offset and block sigma of the campaign.
-        planes: the surface at each group; None: where their rays hit the model.
     """
     if len(group) == 0:
         empty = np.zeros(0)
@@ -75,8 +72,7 @@ def estimate_positions(
         )  # fmt: skip
     order = np.argsort(group, kind="stable")
     rays = GroupRays(observations, order, group[order], noise)
-    if planes is None:
-        planes = find_planes(observations, rays)
+    planes = find_planes(observations, rays)
     normal = planes.normal_site
     outer = normal[:, :, None] * normal[:, None, :]
     plane_variance = noise.relief_m**2 + settings.offset_m**2

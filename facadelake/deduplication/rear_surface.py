@@ -35,8 +35,9 @@ _DECIDED_GATES = 1.5  # in gates: closer groups on the first surface were decide
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReassignedObservations:
-    """``observations``, of which ``rows`` (m,) are moved to a rear surface, on ``element`` (m,), rows of table
-    ``elements``.
+    """Observations, some of which are moved to a rear surface.
+
+    ``rows`` (m,): those that are moved; ``element`` (m,): rows of table ``elements`` that they are on.
     """
 
     observations: ObservationArrays
