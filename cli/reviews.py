@@ -24,7 +24,7 @@ from facadelake.reviews.training import PictureMode, TrainingLabelFormat
 review = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
-    help="Reviews of detections: export a task, import the reviews, list the current ones (docs/reviews-and-training.md).",
+    help="Reviews of detections: export a task, import reviews, list the current ones (docs/reviews-and-training.md).",
 )
 
 
