@@ -179,7 +179,7 @@ class Occluders:
         )
 
     def _project_tie_points(self, photo_id: str) -> _ImageTiePoints | None:
-        """The photograph's image points and other tie points in front of the model; None where it has no image points."""
+        """The photograph's image points and other tie points in front of the model; None if it has no image points."""
         image_points = self._points.image_points.get(photo_id)
         if image_points is None or not len(image_points.point):
             return None
