@@ -1,8 +1,8 @@
-"""What of the model's edges a camera sees: samples that rays do not find hidden, and where they lie in the photograph.
+"""Samples of the model's edges that a camera sees, and their pixels.
 
-An edge is visible in a view where the surface differs on its two sides: it turns (a crease), or it ends before
-something farther away (a silhouette). Seams between elements in one plane show nothing, and hidden samples are those
-with something nearer on both sides. Both are asked of rays, so the elements need not be united first.
+An edge is visible in a view where the surface differs on its two sides: it changes direction (a crease), or it ends
+before something farther away (a silhouette). Seams between elements in one plane show nothing; samples with something
+nearer on both sides are hidden. Both are decided by rays, so the elements need not be merged first.
 """
 
 from __future__ import annotations
@@ -12,27 +12,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.building.surface import ModelEdges, Surface
-from facadelake.core.arrays import BoolArray, Float64Array, Int64Array
+from facadelake.core.arrays import BoolArray, Float64N, Float64Nx2, Float64Nx3, Int64Array
 from facadelake.core.camera import PosedCamera
 
 _CREASE_COSINE = np.cos(np.radians(20.0))
-_SIDE_PX = 1.5  # where the rays beside an edge are cast, pixels of the photograph
+_SIDE_PX = 1.5  # distance of the rays beside an edge from it, in pixels of the photograph
 _OWN_PLANE_M = 0.005
 _MIN_DEPTH_M = 0.1
-_MIN_SENSITIVITY = 0.35  # of a shift, at least this share must move an edge across itself
+_MIN_SENSITIVITY = 0.35  # least share of a shift that must move an edge across itself
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EdgeSamples:
     """Points on the edges: ``xyz_site_m`` (n, 3), unit ``direction`` (n, 3), their ``edge`` and ``feature`` (n,)."""
 
-    xyz_site_m: Float64Array
-    direction: Float64Array
+    xyz_site_m: Float64Nx3
+    direction: Float64Nx3
     edge: Int64Array
     feature: Int64Array
 
     def take(self, which: BoolArray) -> EdgeSamples:
-        """Those of ``which`` (n,)."""
+        """The samples selected by ``which`` (n,)."""
         return EdgeSamples(
             xyz_site_m=self.xyz_site_m[which],
             direction=self.direction[which],
@@ -43,16 +43,19 @@ class EdgeSamples:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VisibleEdgeSamples:
-    """The samples a camera sees: ``row`` (k,) in the samples asked, ``xy_img`` and unit ``normal_img`` (k, 2) in
-    pixels of the photograph, ``pixel_m`` (k,) the size of a pixel at the sample, square to the view."""
+    """Samples that a camera sees.
+
+    ``row`` (k,) in the edge samples; ``xy_img`` and unit normal of the edge ``normal_img`` (k, 2) in pixels of the
+    photograph; ``pixel_m`` (k,): size of a pixel at the sample, square to the view.
+    """
 
     row: Int64Array
-    xy_img: Float64Array
-    normal_img: Float64Array
-    pixel_m: Float64Array
+    xy_img: Float64Nx2
+    normal_img: Float64Nx2
+    pixel_m: Float64N
 
     def take(self, which: BoolArray) -> VisibleEdgeSamples:
-        """Those of ``which`` (k,)."""
+        """The samples selected by ``which`` (k,)."""
         return VisibleEdgeSamples(
             row=self.row[which],
             xy_img=self.xy_img[which],
@@ -81,34 +84,44 @@ def find_visible_samples(
     surface: Surface,
     *,
     border_px: float,
-    free_directions: Float64Array | None = None,
+    free_directions: Float64Nx3 | None = None,
 ) -> VisibleEdgeSamples:
-    """The samples that ``posed`` sees, ``border_px`` or more inside its photograph.
+    """The samples that a camera sees.
 
-    With ``free_directions`` (j, 3), unit directions of shift in site, only edges that such a shift moves across themselves.
+    Args:
+        samples: Samples of the model's edges.
+        posed: The camera.
+        surface: The model's surface, which hides samples.
+        border_px: Least distance of a sample from the border of the photograph.
+        free_directions: Unit directions of shift (j, 3) in site; if given, only edges that such a shift moves across
+            themselves are returned.
+
+    Returns:
+        The visible samples.
     """
-    in_photograph = _project_samples(samples, posed, border_px)
-    row = in_photograph.row
+    projected = _project_samples(samples, posed, border_px)
+    row = projected.row
     ray = samples.xyz_site_m[row] - posed.centre_site_m
     # Beside the edge as the camera sees it: across the plane of the edge and the camera's centre.
     beside = np.cross(samples.direction[row], ray)
     beside /= np.maximum(np.linalg.norm(beside, axis=1, keepdims=True), 1e-12)
     if free_directions is not None:
-        moved = np.linalg.norm(beside @ free_directions.T, axis=1) > _MIN_SENSITIVITY
-        in_photograph, ray, beside = in_photograph.take(moved), ray[moved], beside[moved]
-    beside *= (_SIDE_PX * in_photograph.pixel_m)[:, None]
-    xyz, distance = samples.xyz_site_m[in_photograph.row], np.linalg.norm(ray, axis=1)
-    hidden, own, normals = np.zeros(len(xyz), dtype=bool), [], []
+        sensitive = np.linalg.norm(beside @ free_directions.T, axis=1) > _MIN_SENSITIVITY
+        projected, ray, beside = projected.take(sensitive), ray[sensitive], beside[sensitive]
+    beside *= (_SIDE_PX * projected.pixel_m)[:, None]
+    xyz, distance = samples.xyz_site_m[projected.row], np.linalg.norm(ray, axis=1)
+    hidden, on_own_face, normals = np.zeros(len(xyz), dtype=bool), [], []
     for side in (-1.0, 1.0):
         hits = surface.cast(np.broadcast_to(posed.centre_site_m, ray.shape), ray + side * beside)
         normal = np.where(hits.hit[:, None], hits.normal_site, 0.0)
-        beyond = np.abs(np.einsum("ij,ij->i", normal, xyz - np.where(hits.hit[:, None], hits.xyz_site_m, 0.0)))
-        # The edge's own faces lie in planes through it; anything else before it hides it.
-        own.append(hits.hit & (beyond < _OWN_PLANE_M))
-        hidden |= ~own[-1] & (hits.distance_m < distance)
+        plane_distance = np.abs(np.einsum("ij,ij->i", normal, xyz - np.where(hits.hit[:, None], hits.xyz_site_m, 0.0)))
+        # The edge's own faces lie in planes through it; anything else in front hides it.
+        on_own_face.append(hits.hit & (plane_distance < _OWN_PLANE_M))
+        hidden |= ~on_own_face[-1] & (hits.distance_m < distance)
         normals.append(normal)
-    turned = np.einsum("ij,ij->i", normals[0], normals[1]) < _CREASE_COSINE
-    return in_photograph.take(~hidden & ((own[0] ^ own[1]) | (own[0] & own[1] & turned)))
+    crease = np.einsum("ij,ij->i", normals[0], normals[1]) < _CREASE_COSINE
+    silhouette = on_own_face[0] ^ on_own_face[1]
+    return projected.take(~hidden & (silhouette | (on_own_face[0] & on_own_face[1] & crease)))
 
 
 def _project_samples(samples: EdgeSamples, posed: PosedCamera, border_px: float) -> VisibleEdgeSamples:
@@ -116,7 +129,7 @@ def _project_samples(samples: EdgeSamples, posed: PosedCamera, border_px: float)
     camera = posed.camera
     xyz_cam = posed.site_from_cam.invert().apply(samples.xyz_site_m)
     depth = xyz_cam[:, 2]
-    # Distortion folds far outside the photograph: only what lies in its cone may be projected.
+    # Distortion folds far outside the photograph: only points in its cone may be projected.
     width, height = camera.width_px, camera.height_px
     corners = camera.rays_cam_from_img(np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]]))
     widest = 1.02 * float(np.linalg.norm(corners[:, :2] / corners[:, 2:], axis=1).max())
@@ -128,11 +141,11 @@ def _project_samples(samples: EdgeSamples, posed: PosedCamera, border_px: float)
     direction_cam = samples.direction[row] @ posed.site_from_cam.rotation
     along = camera.project(xyz_cam[row] + step[:, None] * direction_cam) - xy
     length = np.linalg.norm(along, axis=1)
-    clear = length > 0.1  # else the edge points at the camera
-    along = along[clear] / length[clear, None]
+    across_view = length > 0.1  # else the edge points at the camera
+    along = along[across_view] / length[across_view, None]
     return VisibleEdgeSamples(
-        row=row[clear],
-        xy_img=xy[clear],
+        row=row[across_view],
+        xy_img=xy[across_view],
         normal_img=np.column_stack([-along[:, 1], along[:, 0]]),
-        pixel_m=depth[row[clear]] / camera.fx_px,
+        pixel_m=depth[row[across_view]] / camera.fx_px,
     )

@@ -1,4 +1,4 @@
-"""How well shifted cameras meet the model's edges: gradients across the visible edges, feature by feature."""
+"""Scores of shifted cameras against the model's edges: image gradients across the visible edges, by feature."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.building.surface import Surface
-from facadelake.core.arrays import Float64Array, Int64Array
+from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64x3, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.model.edge_samples import EdgeSamples, VisibleEdgeSamples, find_visible_samples
@@ -20,26 +20,29 @@ from facadelake.georeferencing.model.gradients import (
 )
 
 _MIN_SAMPLES = 3  # of an edge in a photograph
-_BATCH = 64
+_SHIFTS_PER_BATCH = 64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EdgeScene:
-    """What is scored: photograph k was taken by ``cameras[k]``; ``rows`` are used; shifts run along ``free_directions`` (j, 3);
-    ``features`` counts the model's."""
+    """The input of the scores.
+
+    Photograph k was taken by ``cameras[k]``; ``rows`` are the photographs used. Shifts run along ``free_directions``
+    (j, 3). ``features``: number of features of the model.
+    """
 
     cameras: Sequence[PosedCamera]
     photographs: GreyPhotographs
     rows: Int64Array
     samples: EdgeSamples
     surface: Surface
-    free_directions: Float64Array
+    free_directions: Float64Nx3
     features: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EdgeScores:
-    """Evidence (shifts, features) and its weight, in samples; ``usual_weight`` is what a shift is expected to see."""
+    """Evidence (shifts, features) and its weight, in samples; ``usual_weight``: median of the shifts' root weights."""
 
     evidence: Float64Array
     weight: Float64Array
@@ -47,88 +50,99 @@ class EdgeScores:
 
     @property
     def mean(self) -> Float64Array:
-        """Mean evidence (shifts, features), 0 to 1; 0 where nothing is seen."""
+        """Mean evidence (shifts, features), 0 to 1; 0 where nothing is visible."""
         return np.divide(self.evidence, self.weight, out=np.zeros_like(self.evidence), where=self.weight > 0)
 
     @property
-    def total(self) -> Float64Array:
-        """Score of each shift: mean evidence of the features, each counted by the root of what is seen of it."""
+    def total(self) -> Float64N:
+        """Score of each shift: mean evidence of the features, each weighted by the root of its samples."""
         root = np.sqrt(self.weight)
-        # A shift that leaves little in sight (cameras under the ground) is not to win by a few chance hits.
+        # A shift that leaves few edges visible (cameras under the ground) must not win by chance.
         total: Float64Array = (root * self.mean).sum(axis=1) / np.maximum(
             root.sum(axis=1), max(self.usual_weight, 1e-12)
         )
         return total
 
 
-def score_shifts(search: EdgeScene, shifts: Float64Array, node: Int64Array, tolerance_m: float) -> EdgeScores:
-    """Evidence for ``shifts`` (s, j); what is visible is asked once for those of one ``node`` (s,)."""
-    evidence, weight = np.zeros((len(shifts), search.features)), np.zeros((len(shifts), search.features))
-    nodes = [np.flatnonzero(node == k) for k in range(node.max() + 1)]
-    for row in search.rows:
-        level: ImageGradients | None = None
-        for members in nodes:
+def score_shifts(scene: EdgeScene, shifts: Float64Array, group: Int64Array, tolerance_m: float) -> EdgeScores:
+    """Score shifts of the cameras.
+
+    Args:
+        scene: Cameras, photographs and edge samples.
+        shifts: Shifts (s, j) in metres along the free directions.
+        group: Group (s,) of each shift; visibility is determined once for a group, at its mean.
+        tolerance_m: Tolerance of the edges on the building; photographs are blurred by half of it.
+
+    Returns:
+        Evidence and weight of every shift and feature.
+    """
+    evidence, weight = np.zeros((len(shifts), scene.features)), np.zeros((len(shifts), scene.features))
+    groups = [np.flatnonzero(group == k) for k in range(group.max() + 1)]
+    for row in scene.rows:
+        gradients: ImageGradients | None = None
+        for members in groups:
             centre = shifts[members].mean(axis=0)
-            posed = shift_camera(search.cameras[row], centre @ search.free_directions)
-            seen = find_visible_samples(
-                search.samples, posed, search.surface, border_px=4.0, free_directions=search.free_directions
+            posed = shift_camera(scene.cameras[row], centre @ scene.free_directions)
+            visible = find_visible_samples(
+                scene.samples, posed, scene.surface, border_px=4.0, free_directions=scene.free_directions
             )
-            if len(seen.row) < _MIN_SAMPLES:
+            if len(visible.row) < _MIN_SAMPLES:
                 continue
-            if level is None:
-                level = _compute_gradients(search, int(row), float(np.median(seen.pixel_m)), tolerance_m)
+            if gradients is None:
+                gradients = _compute_gradients(scene, int(row), float(np.median(visible.pixel_m)), tolerance_m)
             for batch in _split_into_batches(members):
-                _add_evidence(search, posed, seen, level, shifts[batch] - centre, evidence, weight, batch)
+                _add_evidence(scene, posed, visible, gradients, shifts[batch] - centre, evidence, weight, batch)
     usual = float(np.median(np.sqrt(weight).sum(axis=1)))
     return EdgeScores(evidence=evidence, weight=weight, usual_weight=usual)
 
 
 def _split_into_batches(members: Int64Array) -> Iterator[Int64Array]:
-    for begin in range(0, len(members), _BATCH):
-        yield members[begin : begin + _BATCH]
+    for begin in range(0, len(members), _SHIFTS_PER_BATCH):
+        yield members[begin : begin + _SHIFTS_PER_BATCH]
 
 
-def _compute_gradients(search: EdgeScene, row: int, pixel_m: float, tolerance_m: float) -> ImageGradients:
-    """Gradients blurred by half of ``tolerance_m`` on the building."""
+def _compute_gradients(scene: EdgeScene, row: int, pixel_m: float, tolerance_m: float) -> ImageGradients:
+    """Gradients of a photograph blurred by half of ``tolerance_m`` on the building, where a pixel is ``pixel_m``."""
     sigma = tolerance_m / 2 / pixel_m
-    reduction = choose_reduction(sigma, search.cameras[row].camera)
+    reduction = choose_reduction(sigma, scene.cameras[row].camera)
     return compute_gradients(
-        search.photographs.read_grey(row, reduction), reduction=reduction, sigma_px=max(sigma / reduction, 0.7)
+        scene.photographs.read_grey(row, reduction), reduction=reduction, sigma_px=max(sigma / reduction, 0.7)
     )
 
 
 def _add_evidence(
-    search: EdgeScene,
+    scene: EdgeScene,
     posed: PosedCamera,
-    seen: VisibleEdgeSamples,
-    level: ImageGradients,
+    visible: VisibleEdgeSamples,
+    gradients: ImageGradients,
     shifts: Float64Array,
     evidence: Float64Array,
     weight: Float64Array,
     rows: Int64Array,
 ) -> None:
-    """Add one photograph's evidence for ``shifts`` (b, j), from where ``posed`` stands, to their ``rows``.
+    """Add one photograph's evidence for ``shifts`` (b, j), relative to ``posed``, to their ``rows`` (b,) in place.
 
-    Along one edge in one photograph the contrast has one sign, which texture has not: the mean comes before the square.
+    Along one edge in one photograph the contrast has one sign, unlike texture: the mean is taken before the square.
     """
-    xyz = search.samples.xyz_site_m[seen.row]
-    moved = (xyz[None] - (shifts @ search.free_directions)[:, None, :]).reshape(-1, 3)
-    xy = posed.project_site(moved).reshape(len(shifts), -1, 2)
-    inside = posed.camera.is_inside(xy.reshape(-1, 2)).reshape(xy.shape[:2])
-    across = level.sample_across(np.nan_to_num(xy, nan=-1e4), np.broadcast_to(seen.normal_img, xy.shape))
-    edge = search.samples.edge[seen.row]  # in rising order, as the samples are
+    xyz = scene.samples.xyz_site_m[visible.row]
+    shifted = (xyz[None] - (shifts @ scene.free_directions)[:, None, :]).reshape(-1, 3)
+    xy = posed.project_site(shifted).reshape(len(shifts), -1, 2)
+    inside = posed.camera.contains(xy.reshape(-1, 2)).reshape(xy.shape[:2])
+    across = gradients.sample_across(np.nan_to_num(xy, nan=-1e4), np.broadcast_to(visible.normal_img, xy.shape))
+    edge = scene.samples.edge[visible.row]  # in rising order, as the samples are
     first = np.flatnonzero(np.r_[True, edge[1:] != edge[:-1]])
     count = np.add.reduceat(inside, first, axis=1, dtype=np.float64)
     total = np.add.reduceat(across * inside, first, axis=1, dtype=np.float64)
     count[count < _MIN_SAMPLES] = 0.0
     mean = np.divide(total, count, out=np.zeros_like(total), where=count > 0)
-    feature = search.samples.feature[seen.row[first]]
+    feature = scene.samples.feature[visible.row[first]]
     for k, row in enumerate(rows):
-        evidence[row] += np.bincount(feature, count[k] * mean[k] ** 2, search.features)
-        weight[row] += np.bincount(feature, count[k], search.features)
+        evidence[row] += np.bincount(feature, count[k] * mean[k] ** 2, scene.features)
+        weight[row] += np.bincount(feature, count[k], scene.features)
 
 
-def shift_camera(posed: PosedCamera, shift_site_m: Float64Array) -> PosedCamera:
+def shift_camera(posed: PosedCamera, shift_site_m: Float64x3) -> PosedCamera:
+    """The camera with its centre shifted by ``shift_site_m`` (3,)."""
     site_from_cam = posed.site_from_cam
     return PosedCamera(
         camera=posed.camera,
