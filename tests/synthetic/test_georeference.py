@@ -311,7 +311,7 @@ def test_walls_alone_fix_the_plan_and_leave_the_height_to_gps() -> None:
     # Two opposite walls of 3 cm each; heights that name no datum may be off by the geoid.
     np.testing.assert_allclose(found.row["sigma_east_m"], 0.021, rtol=0, atol=0.01)  # m
     np.testing.assert_allclose(found.row["sigma_up_m"], 50.0, rtol=0, atol=1.0)  # m
-    assert "held by GPS alone: height" in found.row["remarks"]
+    assert "by GPS alone: height" in found.row["remarks"]
     assert abs(found.row["scale"] / 5.1 - 1) < 2e-3
     assert 0.003 < found.row["residual_rmse_m"] < 0.03  # m
 
@@ -320,7 +320,7 @@ def test_walls_and_ground_fix_the_height_too() -> None:
     scene = Scene(ring(16), ground=True)
     found = scene.placed(ControlKind.MODEL, model=model(ground=True))
     assert 1e-5 < np.linalg.norm(scene.error_m(found).mean(axis=0)) < 0.05  # m
-    assert "not observed by the model" not in found.row["remarks"]
+    assert "not determined by the model" not in found.row["remarks"]
     assert found.row["gps_offset_up_m"] == pytest.approx(2.1, abs=0.7)  # m
 
 

@@ -184,7 +184,7 @@ def test_storeys_that_repeat_beyond_every_photograph_are_refused() -> None:
     ]
     cameras = [_camera(x, -9.0, z, yaw_deg=-x) for x, z in [(-3, 0.0), (0, 0.4), (3, 0.0), (1, 1.4)]]
     scene = _scene(tall, cameras)
-    with pytest.raises(GeoreferenceError, match=r"fit its edges alike.*standard errors \(limit") as refused:
+    with pytest.raises(GeoreferenceError, match=r"fit its edges equally well.*standard errors \(limit") as refused:
         search_shift(
             _shifted(cameras, (0, 0, 0.9)), scene.photographs, scene.edges, scene.surface, _UP, np.array([1.6])
         )
@@ -201,6 +201,6 @@ def test_photographs_of_something_else_are_refused(house: _Scene) -> None:
 def test_a_model_without_edges_in_sight_is_refused(house: _Scene) -> None:
     away = [_camera(7.0, -12.0, 4.0, yaw_deg=180.0)]
     with pytest.raises(
-        GeoreferenceError, match=r"0 edges of the building model are seen by 1 photographs, 6 are needed"
+        GeoreferenceError, match=r"0 edges of the building model are visible in 1 photographs, 6 are needed"
     ):
         search_shift(away, house.photographs, house.edges, house.surface, _UP, np.array([0.5]))
