@@ -18,8 +18,8 @@ from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transfo
 from facadelake.georeferencing.gcp.placement import intersect_marks, place_by_control_points
 from facadelake.georeferencing.gps.alignment import align_to_gps
 from facadelake.georeferencing.gps.priors import GpsPriors
-from facadelake.georeferencing.model.placement import place_by_model
 from facadelake.georeferencing.model.edge_search import EdgeShift
+from facadelake.georeferencing.model.placement import place_by_model
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind

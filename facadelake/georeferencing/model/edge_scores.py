@@ -127,7 +127,7 @@ def _add_evidence(
     xyz = scene.samples.xyz_site_m[visible.row]
     shifted = (xyz[None] - (shifts @ scene.free_directions)[:, None, :]).reshape(-1, 3)
     xy = posed.project_site(shifted).reshape(len(shifts), -1, 2)
-    inside = posed.camera.contains(xy.reshape(-1, 2)).reshape(xy.shape[:2])
+    inside = posed.camera.is_inside(xy.reshape(-1, 2)).reshape(xy.shape[:2])
     across = gradients.sample_across(np.nan_to_num(xy, nan=-1e4), np.broadcast_to(visible.normal_img, xy.shape))
     edge = scene.samples.edge[visible.row]  # in rising order, as the samples are
     first = np.flatnonzero(np.r_[True, edge[1:] != edge[:-1]])
