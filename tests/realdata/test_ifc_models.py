@@ -84,7 +84,7 @@ def castle(shared_data) -> Castle:
         printed = numbers([row], [f"cam_from_site_r{i}{j}" for i in range(3) for j in range(3)]).reshape(3, 3)
         u, _, vt = np.linalg.svd(printed)  # printed to six digits: made orthonormal again
         fx, fy, cx, cy = numbers([row], ["fx_px", "fy_px", "cx_px", "cy_px"])[0]
-        # The truth's site has another origin than ours; the globe is common. The frames' axes part by 0.0001 degrees.
+        # The truth's site frame has another origin; both share the globe. Their axes differ by 0.0001 degrees.
         centre = building.origin.site_from_geo(numbers([row], GEO))[0]
         posed[row["image"]] = PosedCamera(
             camera=Camera(width_px=3072, height_px=2048, fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy),
@@ -195,7 +195,7 @@ def test_models_without_a_georeference_need_the_registrys(shared_data, name, ele
     assert not {row["ifc_class"] for row in rows} & {"IfcSpace", "IfcOpeningElement", "IfcSite", "IfcAnnotation"}
     np.testing.assert_allclose(np.ptp(building.vertices_site_m, axis=0), extent_m, rtol=0, atol=0.1)  # m
     assert {"N", "S", "E", "W"} <= {row["facade"] for row in rows}
-    # The model's axes stand 10 degrees to the left of the grid's, which stands 0.45 to the left of true north.
+    # The model's axes are rotated by 10 degrees to the left of the grid's, which are 0.45 to the left of true north.
     turned = {row["facade"]: row["facade_azimuth_deg"] for row in rows if row["facade_azimuth_deg"] is not None}
     assert set(turned) == {"N", "S", "E", "W"}
     for name, azimuth in (("E", 79.55), ("S", 169.55), ("W", 259.55), ("N", 349.55)):
@@ -215,7 +215,7 @@ def test_fzk_house_by_latitude_longitude_and_true_north(shared_data):
     assert "accuracy about 10 m, one sigma" in building.remarks
     zero = building.origin.site_from_geo(np.array([[8 + 26 / 60 + 11.5404 / 3600, 49 + 6 / 60 + 1.566 / 3600, 110.0]]))
     low, high = building.vertices_site_m.min(axis=0), building.vertices_site_m.max(axis=0)
-    assert (zero[0, :2] > low[:2] - 1).all()  # m: the house stands at its zero
+    assert (zero[0, :2] > low[:2] - 1).all()  # m: the house is at its origin
     assert (zero[0, :2] < high[:2] + 1).all()
     azimuths = {row["facade_azimuth_deg"] for row in building.elements.to_pylist()} - {None}
     np.testing.assert_allclose(sorted(azimuths), [40.0, 130.0, 220.0, 310.0], rtol=0, atol=0.05)  # deg
@@ -223,7 +223,7 @@ def test_fzk_house_by_latitude_longitude_and_true_north(shared_data):
 
 @pytest.mark.slow
 def test_duplex_by_its_ifc2x3_property_sets(shared_data):
-    """The user guide's sets stand at the site; the conversion by hand, then pyproj, gives the same places."""
+    """The user guide's property sets are at the site; the conversion by hand, then pyproj, gives the same positions."""
     path = shared_data / "ifc" / "Duplex_A_georef" / "Duplex_A_georef.ifc"
     # EPSG:9897 counts heights from Luxembourg's NG95, whose geoid grid PROJ's wheel does not bring.
     with pytest.raises(GeoreferenceError, match=r"grid|exact transformation"):

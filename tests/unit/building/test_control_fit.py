@@ -15,7 +15,7 @@ LON, LAT, HEIGHT, TURN = 8.4078, 48.9405, 178.25, 37.0
 
 
 def pairs_of(corners, noise=None):
-    """Pairs of a model that stands in true metres, its x axis 37 degrees anticlockwise of true east."""
+    """Pairs of a model in metres on the ground, its x axis 37 degrees anticlockwise from true east."""
     geo = geo_of_east_north_up(LON, LAT, HEIGHT, turned(corners))
     east, north = pyproj.Proj("+proj=utm +zone=32 +ellps=GRS80")(geo[:, 0], geo[:, 1])
     on_map = np.column_stack([east, north, geo[:, 2]]) + (0 if noise is None else noise)
@@ -40,12 +40,12 @@ def test_pairs_place_the_model_in_true_metres(write_ifc, count):
     assert_same_places(building, geo_of_east_north_up(LON, LAT, HEIGHT, turned(corners_of(box))))
 
 
-def test_pairs_may_lie_at_map_coordinates_already():
+def test_model_points_of_pairs_may_be_map_coordinates():
     """A model far from its zero that is turned a little against the map."""
     far = np.add(CORNERS, (456600.0, 5421000.0, 150.0))
-    moved = [ControlPair(ifc_m=tuple(a), map_m=pair.map_m) for a, pair in zip(far, pairs_of(CORNERS), strict=True)]
-    placement, _ = fit_placement(moved, "EPSG:25832", "ellipsoidal")
-    off = placement.map_from_ifc(far) - [pair.map_m for pair in moved]
+    pairs = [ControlPair(ifc_m=tuple(a), map_m=pair.map_m) for a, pair in zip(far, pairs_of(CORNERS), strict=True)]
+    placement, _ = fit_placement(pairs, "EPSG:25832", "ellipsoidal")
+    off = placement.map_from_ifc(far) - [pair.map_m for pair in pairs]
     assert np.abs(off).max() < 0.001  # m
 
 

@@ -81,10 +81,10 @@ def test_the_same_edges_wherever_the_building_stands_and_however_it_is_turned() 
     rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
     offset = np.array([300.0, -200.0, 50.0])
 
-    def moved(points: Float64Array) -> Float64Array:
+    def transform_points(points: Float64Array) -> Float64Array:
         return points @ rotation.T + offset
 
-    vertices = moved(np.vstack([np.array(corner) + _CORNERS * np.array(size) for corner, size in sizes]))
+    vertices = transform_points(np.vstack([np.array(corner) + _CORNERS * np.array(size) for corner, size in sizes]))
     triangles = np.vstack([_BOX + 8 * k for k in range(3)])
     there = extract_model_edges(vertices, triangles, np.repeat(np.arange(3), 12))
     back = ModelEdges(

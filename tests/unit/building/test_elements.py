@@ -1,4 +1,4 @@
-"""What an element is called, where it belongs and which way it faces."""
+"""Elements: names, storeys, areas, winding, materials and facades."""
 
 import ifcopenshell
 import ifcopenshell.api
@@ -21,7 +21,7 @@ PLACED = {
     "conversion": {"Eastings": 456639.0, "Northings": 5421033.0, "OrthogonalHeight": 178.0},
     "crs": {"Name": "EPSG:25832", "VerticalDatum": "ellipsoidal"},
 }
-# A room of 6 x 5 m under a roof slab: each wall is open to the sky on one side alone.
+# A room of 6 x 5 m under a roof slab: each wall is open to the sky on one side only.
 ROOM = (
     Box(name="south", size_m=(6.0, 0.3, 3.0), corner_m=(0.0, 0.0, 0.0)),
     Box(name="north", size_m=(6.0, 0.3, 3.0), corner_m=(0.0, 4.7, 0.0)),
@@ -103,10 +103,10 @@ def test_compass(direction, name):
     assert compass_from_direction(np.array(direction, dtype=float)) == name
 
 
-def test_a_return_does_not_turn_its_wall():
-    """A wall of 10 m that faces 156 degrees, with 6 m round the corner that face 246: their mean would look south.
+def test_a_return_does_not_change_the_direction_of_its_wall():
+    """A wall of 10 m that faces 156 degrees, with a return of 6 m that faces 246: their mean would be south.
 
-    The wall is of two facades, so its places decide, and the facade beside it keeps its direction.
+    The wall has two facades, so the normal at a point decides, and the facade of the long side keeps its direction.
     """
     a = np.radians(156.0)
     out, aside, up = np.array([np.sin(a), np.cos(a), 0]), np.array([-np.cos(a), np.sin(a), 0]), np.array([0, 0, 4.0])
@@ -130,10 +130,10 @@ def test_a_return_does_not_turn_its_wall():
 
 
 @pytest.mark.parametrize(
-    ("element", "normal", "seen"),
+    ("element", "normal", "expected"),
     [
         ("S", [0, -1, 0], "S"),
-        ("S", [1, 0, 0], "S"),  # a reveal counts with its wall
+        ("S", [1, 0, 0], "S"),  # a reveal belongs to its wall
         ("S", [0.1, 1, 0], "N"),  # the wall's other side
         ("S", [0, 0, 1], "S"),  # a sill
         ("level", [0, -1, 0], "S"),  # the edge of a slab
@@ -141,6 +141,6 @@ def test_a_return_does_not_turn_its_wall():
         ("inside", [1, 0, 0], "E"),
     ],
 )
-def test_the_facade_a_place_is_counted_with(element, normal, seen):
+def test_the_facade_assigned_to_a_point(element, normal, expected):
     facades = Facades(names=COMPASS, azimuths_deg=tuple(45.0 * number for number in range(8)))
-    assert facades.assign_facade(element, np.array(normal, dtype=float)) == seen
+    assert facades.assign_facade(element, np.array(normal, dtype=float)) == expected

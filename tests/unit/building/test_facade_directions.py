@@ -19,8 +19,8 @@ def facing(azimuth_deg, up=0.0):
 
 
 @pytest.mark.parametrize("turn", [0.0, 21.9, 22.5, 23.1, 44.0, 67.5, 180.3, 359.9])
-def test_a_rectangular_building_has_four_facades_however_it_stands(turn):
-    """At 22.5 degrees the compass's sectors end; walls that differ by a degree stay one facade."""
+def test_a_rectangular_building_has_four_facades_in_any_orientation(turn):
+    """22.5 degrees is the limit of a compass sector; walls that differ by a degree are one facade."""
     noise = np.random.default_rng(7).normal(0.0, 0.5, 40)
     azimuth = (turn + 90.0 * (np.arange(40) % 4) + noise) % 360.0
     found = cluster_directions(azimuth, np.full(40, 12.0))
@@ -40,7 +40,7 @@ def test_two_wings_of_one_compass_point_have_names_of_their_own():
     assert set(names) == {"N-350", "N-016", "S"}
 
 
-def test_a_return_of_little_area_falls_to_its_facade_and_a_small_side_stays():
+def test_a_small_return_is_dropped_and_a_small_side_is_kept():
     azimuth = np.array([0.0, 30.0, 180.0, 90.0])
     found = cluster_directions(azimuth, np.array([1000.0, 5.0, 1000.0, 5.0]))
     assert sorted(np.round(found).tolist()) == [0.0, 90.0, 180.0]
@@ -58,21 +58,21 @@ def test_no_walls_no_facades():
 
 
 @pytest.mark.parametrize(
-    ("element", "normal", "seen"),
+    ("element", "normal", "expected"),
     [
         ("N-350", facing(350.0), "N-350"),
-        ("N-350", facing(80.0), "N-350"),  # a reveal counts with its wall
+        ("N-350", facing(80.0), "N-350"),  # a reveal belongs to its wall
         ("N-350", facing(170.0), "S"),  # its other side
         ("around", facing(8.0), "N-016"),
-        ("around", facing(300.0), "NW"),  # no facade looks that way
+        ("around", facing(300.0), "NW"),  # no facade faces that direction
         ("around", facing(150.0), "SE"),  # 30 degrees from the southern facade: the compass decides
         ("around", facing(202.0), "S"),  # within half a sector of it
         ("level", facing(180.0, up=3.0), "level"),
     ],
 )
-def test_the_facade_of_a_place(element, normal, seen):
+def test_the_facade_assigned_to_a_point(element, normal, expected):
     facades = Facades(names=("N-350", "N-016", "S"), azimuths_deg=(350.0, 16.0, 180.0))
-    assert facades.assign_facade(element, normal) == seen
+    assert facades.assign_facade(element, normal) == expected
 
 
 def test_the_facades_of_a_table_of_elements():

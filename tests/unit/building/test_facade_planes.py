@@ -1,4 +1,4 @@
-"""Meshes of known walls, clean and rough, cut into facade planes."""
+"""Meshes of known walls, smooth and rough, segmented into facade planes."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def grid(corner, across, upward, step_m=0.5):
 
 
 def mesh(*parts, noise_m=0.0, turn_deg=0.0):
-    """Parts as one mesh, each vertex moved by ``noise_m``, all turned clockwise seen from above."""
+    """Parts as one mesh with noise of ``noise_m`` at each vertex, rotated clockwise in plan."""
     vertices, triangles, count = [], [], 0
     for points, faces in parts:
         vertices.append(points)
@@ -36,7 +36,7 @@ def mesh(*parts, noise_m=0.0, turn_deg=0.0):
 
 
 def house(step_m=0.5):
-    """20 m by 10 m by 6 m, without a ground; above its northern half stands a storey that is set back."""
+    """20 m by 10 m by 6 m, without a ground, with a setback storey on its northern half."""
     return (
         grid([0, 0, 0], [20, 0, 0], [0, 0, 6], step_m),  # south
         grid([20, 0, 0], [0, 10, 0], [0, 0, 6], step_m),  # east
@@ -69,14 +69,14 @@ def test_walls_of_a_house_coarse_fine_and_rough(step_m: float, noise_m: float, a
     assert np.isnan(azimuth["level-1"])
 
 
-def test_what_looks_near_a_border_of_the_compass_is_named_by_the_wall_and_not_by_its_noise() -> None:
-    """22.5 degrees part N from NE; the roughness of normals alone is ten times the margin of 0.5 degrees."""
+def test_a_wall_near_the_limit_of_a_compass_sector_is_named_by_its_fitted_plane() -> None:
+    """22.5 degrees separate N from NE; the roughness of the normals is ten times the margin of 0.5 degrees."""
     for turn, name in ((22.0, "facade-S-1"), (23.0, "facade-SW-1")):
         surface = mesh(grid([0, 0, 0], [20, 0, 0], [0, 0, 6], 0.25), noise_m=0.03, turn_deg=turn)
         assert segment_facade_planes(surface).names[0] == name
 
 
-def test_a_wall_that_is_wound_the_wrong_way_faces_the_open_side_all_the_same() -> None:
+def test_a_wall_with_reversed_winding_faces_the_open_side() -> None:
     parts = list(house(100.0))
     points, faces = parts[0]
     parts[0] = (points, faces[:, ::-1])
@@ -107,7 +107,7 @@ def test_reveals_join_their_wall_and_rooms_are_inside() -> None:
     assert abs(area["inside-1"] - 2 * 4 * 3) < 1e-6  # m2
 
 
-def test_elements_say_what_they_are_and_where() -> None:
+def test_elements_have_storey_facade_class_and_geometry() -> None:
     surface = mesh(*house())
     planes = segment_facade_planes(surface)
     floors = (StoreyLevel(name="Ground floor", floor_site_m=0.0), StoreyLevel(name="Attic", floor_site_m=6.0))

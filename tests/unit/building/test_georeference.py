@@ -1,4 +1,4 @@
-"""IFC to the globe by an independent path: the map conversion written out by hand, then pyproj."""
+"""IFC to the globe by an independent path: the map conversion computed by hand, then pyproj."""
 
 import ifcopenshell
 import ifcopenshell.api

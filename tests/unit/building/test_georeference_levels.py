@@ -60,7 +60,7 @@ def with_operation(path, kind, **attributes):
 
 
 def turned_corners(box, angle_deg):
-    """East, north, up of a box's corners where the model's x axis stands ``angle_deg`` anticlockwise of east."""
+    """East, north, up of a box's corners where the model's x axis is ``angle_deg`` anticlockwise from east."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     x, y, z = corners_of(box).T
     return np.column_stack([c * x - s * y, s * x + c * y, z])
@@ -90,7 +90,7 @@ def test_map_conversion_scaled_stretches_by_its_factors(write_ifc):
 
 
 @pytest.mark.parametrize("milli", [False, True])
-def test_rigid_operation_shifts_and_does_not_turn(write_ifc, milli):
+def test_rigid_operation_shifts_and_does_not_rotate(write_ifc, milli):
     path = write_ifc(Ifc(schema="IFC4X3", milli=milli))
     model = ifcopenshell.open(path)
     metre = model.create_entity("IfcSIUnit", None, "LENGTHUNIT", None, "METRE")
@@ -108,7 +108,7 @@ def test_rigid_operation_shifts_and_does_not_turn(write_ifc, milli):
         assert np.linalg.norm(found - corner, axis=1).min() < 0.0005  # m
 
 
-def test_rigid_operation_in_degrees_stands_upright_in_true_metres(write_ifc):
+def test_rigid_operation_in_degrees_is_upright_in_metres_on_the_ground(write_ifc):
     path = write_ifc(Ifc(schema="IFC4X3"))
 
     def edit(model):
@@ -125,13 +125,13 @@ def test_rigid_operation_in_degrees_stands_upright_in_true_metres(write_ifc):
     building = load_ifc_building(edited(path, edit), settings=IfcModelSettings(vertical_datum="ellipsoidal"))
     assert (building.georeference_level, building.map_crs) == ("50", "EPSG:32632")
     assert "latitude first" in building.remarks
-    # True north stands 20 degrees clockwise of the model's y axis, so its x axis looks 20 degrees north of east.
+    # True north is 20 degrees clockwise from the model's y axis, so its x axis points 20 degrees north of east.
     assert_same_places(building, geo_of_east_north_up(LON, LAT, HEIGHT, turned_corners(Box(), 20.0)))
 
 
 @pytest.mark.parametrize("where", ["site", "geometry"])
 def test_level_30_map_coordinates_in_a_placement_or_in_the_geometry(write_ifc, where):
-    """A wall of 4.001 m at 5e6 m: the millimetre is there at the end."""
+    """A wall of 4.001 m at 5e6 m keeps its millimetre."""
     size = (4.001, 0.3, 3.0)
     far = (EAST, NORTH, HEIGHT)
     if where == "geometry":
@@ -216,7 +216,7 @@ def test_level_20_is_refused_unless_it_is_accepted_by_name(write_ifc, schema):
     assert (building.georeference_level, building.map_crs) == ("20", "EPSG:32632")
     assert "accuracy about 10 m, one sigma" in building.remarks
     lon, lat = 8 + 24 / 60 + 28.08 / 3600, 48 + 56 / 60 + 25.8 / 3600
-    # True north is 35 degrees anticlockwise of the model's y axis, so its x axis looks 35 degrees south of east.
+    # True north is 35 degrees anticlockwise of the model's y axis, so its x axis points 35 degrees south of east.
     assert_same_places(building, geo_of_east_north_up(lon, lat, HEIGHT, turned_corners(Box(), -35.0)))
 
 
@@ -263,7 +263,7 @@ def test_an_address_is_not_a_position(write_ifc):
 
 
 def test_a_shift_in_geometry_and_conversion_is_detected_where_both_are_in_the_area_of_use(write_ifc):
-    """In Luxembourg's small numbers the doubled place is still near the country."""
+    """Luxembourg's coordinates are small: twice the shift is still near the country."""
     conversion = {"Eastings": 76670.0, "Northings": 77179.0, "OrthogonalHeight": 290.0}
     crs = {"Name": "EPSG:2169", "VerticalDatum": "ellipsoidal"}
     path = write_ifc(Ifc(boxes=[Box(corner_m=(76670.0, 77179.0, 290.0))], conversion=conversion, crs=crs))

@@ -117,7 +117,7 @@ def test_parts_of_a_curtain_wall(house, schema):
 
 
 @pytest.mark.parametrize("schema", SCHEMAS)
-def test_a_half_round_tower_faces_around_and_its_places_decide(house, schema):
+def test_a_half_round_tower_is_open_around(house, schema):
     edit = house(schema, Box(name="tower", size_m=(6.0, 6.0, 5.0)), Box(name="hall", size_m=(6.0, 0.3, 5.0),
                                                                         corner_m=(-3.0, 3.0, 0.0)))  # fmt: skip
     angle = np.radians(np.linspace(180.0, 360.0, 37))
@@ -131,7 +131,7 @@ def test_a_half_round_tower_faces_around_and_its_places_decide(house, schema):
 
 
 def test_a_gently_curved_wall_is_one_facade(house):
-    """An arc of 40 degrees has a direction: its middle's."""
+    """An arc of 40 degrees has the direction of its centre."""
     edit = house("IFC4", Box(name="arc", size_m=(6.0, 6.0, 5.0)), Box(name="hall", corner_m=(-2.0, 8.0, 0.0)))
     angle = np.radians(np.linspace(250.0, 290.0, 21))
     outer = [(20 * np.cos(a), 20 + 20 * np.sin(a)) for a in angle]
@@ -173,7 +173,7 @@ def test_layers_from_the_outside_in_whichever_way_the_wall_was_drawn(house, sche
 
 
 @pytest.mark.parametrize("schema", SCHEMAS)
-def test_layers_that_no_usage_lays_out_stay_as_listed(house, schema):
+def test_layers_without_a_usage_keep_the_order_of_the_ifc(house, schema):
     edit = house(
         schema, Box(name="south", size_m=(6.0, 0.3, 3.0)), Box(name="north", size_m=(6.0, 0.3, 3.0),
                                                                corner_m=(0.0, 4.7, 0.0)),
@@ -236,7 +236,7 @@ def test_a_model_without_storeys_has_none(house, schema):
     assert edit.building.storeys == ()
 
 
-def test_the_registrys_storeys_stand_in_for_those_an_ifc_lacks(house):
+def test_the_registrys_storeys_replace_those_an_ifc_lacks(house):
     edit = house("IFC4", Box(name="low"), Box(name="high", corner_m=(0.0, 0.0, 3.2)))
     without_storeys(edit)
     floors = (StoreyElevation(name="Upper", floor_m=181.2), StoreyElevation(name="Ground", floor_m=178.0))
@@ -249,7 +249,7 @@ def test_the_registrys_storeys_stand_in_for_those_an_ifc_lacks(house):
 
 
 def test_storeys_left_at_zero_count_by_their_elevation(house):
-    """Some writers place every storey at the building's zero and give the level in Elevation alone."""
+    """Some exporters place every storey at the building's origin and give the level only in Elevation."""
     edit = house("IFC4", Box(name="low"), Box(name="high", corner_m=(0.0, 0.0, 3.2), contained=False))
     for storey, elevation in zip(edit.model.by_type("IfcBuildingStorey"), (178.0, 181.0), strict=True):
         storey.Elevation = elevation
@@ -277,7 +277,7 @@ def test_several_buildings_in_a_file(house, schema):
     assert {name: row["ifc_building"] for name, row in rows.items()} == {
         "ours": "building", "theirs": "neighbour", "roof of theirs": "neighbour",
     }  # fmt: skip
-    # By elevation alone it is its own building's storey, not one of the other's at the same height.
+    # By elevation it is the storey of its own building, not one of the other building at the same height.
     assert rows["roof of theirs"]["storey"] == "Their floor"
     assert "the IFC has 2 buildings" in edit.building.remarks
     ours = IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", building="building")
@@ -293,7 +293,7 @@ def test_several_buildings_in_a_file(house, schema):
         )
 
 
-def test_elements_left_far_away_are_left_out_and_named(house):
+def test_distant_elements_are_omitted_and_reported(house):
     edit = house("IFC4", Box(name="wall"), Box(name="door", corner_m=(1.0, 0.0, 0.0)), Box(name="lost"))
     matrix = edit.one("lost").ObjectPlacement.RelativePlacement
     matrix.Location = edit.model.create_entity("IfcCartesianPoint", (0.0, 0.0, 0.0))

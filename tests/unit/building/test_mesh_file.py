@@ -1,4 +1,4 @@
-"""A box building written as OBJ, PLY, STL and glTF, and read back to the millimetre where PROJ says it stands."""
+"""A box written as OBJ, PLY, STL and glTF is read back at its position by PROJ to the millimetre."""
 
 import json
 import struct
@@ -97,7 +97,7 @@ def y_up(vertices):
 
 
 def corners_on_the_map(building: BuildingModel) -> np.ndarray:
-    """All corners of the triangles in EPSG:25832, by PROJ alone from the site's ECEF, rounded to 0.1 mm and unique."""
+    """All corners of the triangles in EPSG:25832, by PROJ from the site's ECEF, rounded to 0.1 mm and unique."""
     origin = building.origin
     lon, lat = np.radians([origin.lon_deg, origin.lat_deg])
     zero = np.array(
@@ -117,7 +117,7 @@ def in_order(points):
 
 
 @pytest.mark.parametrize("name", ["obj", "ply", "local obj", "local ply", "local stl", "glb", "glb of a large node"])
-def test_a_box_stands_where_its_file_says(tmp_path: Path, name: str) -> None:
+def test_a_box_is_at_the_position_in_its_file(tmp_path: Path, name: str) -> None:
     local = box(corner=(0, 0, 0))
     path, settings = {
         "obj": lambda: (obj(tmp_path / "a.obj", box()), SETTINGS),
@@ -280,17 +280,17 @@ def test_facades_stand_for_elements_and_storeys_come_from_the_registry(tmp_path:
 
 def test_a_ray_meets_the_mesh_where_the_box_is(tmp_path: Path) -> None:
     building = load_mesh_building(obj(tmp_path / "a.obj", box()), settings=SETTINGS)
-    middle = CORNER + SIZE / 2
+    centre = CORNER + SIZE / 2
     to_geo = pyproj.Transformer.from_crs(pyproj.CRS("EPSG:25832").to_3d(), "EPSG:4979", always_xy=True)
     eye, target = (building.origin.site_from_geo(np.array([to_geo.transform(*at)]))
-                   for at in (middle - [0, 30, 0], middle))  # fmt: skip
+                   for at in (centre - [0, 30, 0], centre))  # fmt: skip
     hits = Surface(building).cast(eye, target - eye)
     on_map = building.map_from_site(hits.xyz_site_m)[0]
-    np.testing.assert_allclose(on_map, middle - [0, SIZE[1] / 2, 0], rtol=0, atol=0.001)  # m
+    np.testing.assert_allclose(on_map, centre - [0, SIZE[1] / 2, 0], rtol=0, atol=0.001)  # m
     assert building.elements.column("element_guid")[int(hits.element[0])].as_py() == "facade-S-1"
 
 
-def test_a_building_without_model_stands_where_its_photographs_were_taken() -> None:
+def test_a_building_without_a_model_is_placed_at_its_photographs() -> None:
     lon_lat = np.array([[8.4081, 48.9402], [8.4083, 48.9405], [np.nan, np.nan], [8.4082, 48.9401]])
     place = place_building_without_model(lon_lat, settings=MeshModelSettings(vertical_datum="ellipsoidal"))
     assert (place.map_crs, place.surface_kind, place.has_surface) == ("EPSG:32632", SurfaceKind.AS_BUILT, False)

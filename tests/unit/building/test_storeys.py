@@ -1,4 +1,4 @@
-"""A place's storey: its element's own, or by level where the element reaches through several."""
+"""The storey of a point: its element's, or by level where the element extends over several storeys."""
 
 import numpy as np
 import pytest
@@ -23,12 +23,13 @@ def test_storey_by_level(z_m, name):
     assert find_storey((), z_m) == ""
 
 
-def test_a_curtain_wall_has_the_storey_of_the_place_and_a_parapet_its_own():
-    named = ["Ground", "Second", "First", None]
-    extents = np.array([[0.0, 9.0], [6.0, 9.0], [2.7, 6.4], [0.0, 9.0]])  # curtain wall, wall, wall with parapet, stray
+def test_points_of_a_curtain_wall_have_the_storey_of_their_level_and_those_of_a_parapet_their_walls():
+    element_storeys = ["Ground", "Second", "First", None]
+    # A curtain wall, a wall, a wall with a parapet, and one without a storey.
+    extents = np.array([[0.0, 9.0], [6.0, 9.0], [2.7, 6.4], [0.0, 9.0]])
     element = np.array([0, 0, 0, 1, 2, 3])
     z = np.array([1.0, 4.0, 8.0, 6.0, 6.3, 4.0])
-    found = find_storeys(LEVELS, named, extents, element, z)
+    found = find_storeys(LEVELS, element_storeys, extents, element, z)
     assert found == ["Ground", "First", "Second", "Second", "First", None]
 
 

@@ -1,4 +1,4 @@
-"""Rays against planes, spheres and boxes whose hits are known by formula."""
+"""Rays against planes, spheres and boxes whose hits have a closed form."""
 
 import cv2
 import numpy as np
@@ -21,14 +21,14 @@ def rotation(vector):
 
 
 def square(half_m, turn, middle):
-    """A square of 2 * half_m in the plane x, y, turned and moved."""
+    """A square of 2 * half_m in the plane x, y, rotated and translated."""
     corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half_m
     return corners @ turn.T + middle, np.array([[0, 1, 2], [0, 2, 3]])
 
 
 @settings(max_examples=60, deadline=None)
 @given(VECTOR, st.floats(-20, 20), st.floats(-20, 20), st.floats(3, 80), st.floats(-0.9, 0.9), st.floats(-0.9, 0.9))
-def test_a_ray_meets_a_turned_plane_where_the_formula_says(vector, x, y, distance, u, v):
+def test_a_ray_hits_a_rotated_plane_at_the_computed_point(vector, x, y, distance, u, v):
     turn, middle = rotation(vector), np.array([x, y, 5.0])
     surface = Surface.from_mesh(*square(10.0, turn, middle))
     target = middle + turn @ [10 * u, 10 * v, 0]
@@ -56,8 +56,8 @@ def test_the_normal_faces_the_ray_on_both_sides_of_a_sheet(vector):
         np.testing.assert_allclose(hits.normal_site[0], side * turn[:, 2], rtol=0, atol=1e-12)
 
 
-def test_far_from_the_origin_nothing_is_lost():
-    """5e5 and 5e6 m off, where a float32 coordinate is good to half a metre."""
+def test_precision_is_kept_far_from_the_origin():
+    """At 5e5 and 5e6 m the spacing of float32 is half a metre."""
     offset = np.array([456639.1363, 5421033.3718, 178.2501])
     corners, triangles = square(5.0, rotation([0.4, 0.2, -0.7]), offset)
     turn = rotation([0.4, 0.2, -0.7])
@@ -68,7 +68,7 @@ def test_far_from_the_origin_nothing_is_lost():
     assert np.linalg.norm(hits.xyz_site_m - targets, axis=1).max() < 1e-6  # m
 
 
-def test_a_sphere_is_met_at_its_radius_and_missed_outside():
+def test_a_sphere_is_hit_at_its_radius_and_missed_outside():
     ball = trimesh.creation.icosphere(subdivisions=5, radius=3.0)
     surface = Surface.from_mesh(ball.vertices, ball.faces)
     rng = np.random.default_rng(1)
@@ -106,7 +106,7 @@ def test_a_distance_beside_and_above_an_edge():
     np.testing.assert_allclose(surface.find_closest_points(points).xyz_site_m[1], [2.0, 0, 0], rtol=0, atol=1e-5)  # m
 
 
-def test_depth_is_along_the_axis_and_bends_with_the_lens():
+def test_depth_is_along_the_axis_and_follows_the_lens_distortion():
     """A wall square to the axis has one depth in every pixel, whatever the distortion."""
     camera = Camera(
         width_px=640, height_px=480, fx_px=500, fy_px=510, cx_px=330, cy_px=235, k1=-0.12, k2=0.03, p1=0.001

@@ -53,7 +53,7 @@ def at(image, xyz, scale):
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
-def test_each_pixel_tells_depth_element_and_target(surface, elements, scale):
+def test_each_pixel_has_depth_element_and_target(surface, elements, scale):
     images = render_view_images(POSED, surface, elements, scale)
     assert images.depth_m.shape == images.element.shape == images.target.shape == (160 * scale, 200 * scale)
     for xyz, depth, element, target in (
@@ -64,7 +64,7 @@ def test_each_pixel_tells_depth_element_and_target(surface, elements, scale):
         assert at(images.target, xyz, scale) == target
 
 
-def test_bands_make_no_seam(surface, elements, monkeypatch):
+def test_rendering_in_bands_gives_the_same_images(surface, elements, monkeypatch):
     whole = render_view_images(POSED, surface, elements, 1.0)
     monkeypatch.setattr("facadelake.building.surface.raycasting._CHUNK", 700)  # three rows and a half
     bands = render_view_images(POSED, surface, elements, 1.0)
