@@ -36,7 +36,7 @@ _MAX_RELATIVE_SIGMA = 0.35  # of a width; above it the width is a limit
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrackWidth:
-    """Width along a crack in px: mean with standard deviation, largest, and ``local_px`` (k,) at each position.
+    """Width along a crack in px: mean with standard deviation, and largest.
 
     ``limit_px`` is the smallest mean width that could be resolved. ``is_resolved``: the mean is a measurement; else
     ``limit_px`` is an upper limit of it. ``blur_px`` and ``contrast`` are parameters of the fit.
@@ -49,7 +49,6 @@ class CrackWidth:
     is_resolved: bool
     blur_px: float
     contrast: float
-    local_px: Float64N
 
 
 def fit_width(profiles: Profiles, blur: Blur) -> CrackWidth:
@@ -101,7 +100,6 @@ def fit_width(profiles: Profiles, blur: Blur) -> CrackWidth:
         is_resolved=is_measured,
         blur_px=sigma,
         contrast=mean_contrast,
-        local_px=local,
     )
 
 
