@@ -47,7 +47,7 @@ def throughput(model: Path, image: UInt8Image, threads: int, rounds: int) -> Non
     height, width = image.shape[:2]
     detector = load_detector(model, threads=1)
     spec = detector.card.input
-    tiles = [tile for look in plan_tile_passes(spec, width_px=width, height_px=height) for tile in look.tiles]
+    tiles = [tile for tile_pass in plan_tile_passes(spec, width_px=width, height_px=height) for tile in tile_pass.tiles]
     ready = []
     for tile in tiles:
         crop = image[tile.top : tile.bottom, tile.left : tile.right]

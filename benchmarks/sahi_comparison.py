@@ -118,8 +118,8 @@ def compare(image: Image, model: Path, card: Path | None, *, threads: int, repea
     all_in_one = load_detector(model, card, threads=threads)
     spec = one_each.card.input
     height, width = image.shape[:2]
-    looks = plan_tile_passes(spec, width_px=width, height_px=height)
-    tiles = sum(len(look.tiles) for look in looks)
+    passes = plan_tile_passes(spec, width_px=width, height_px=height)
+    tiles = sum(len(tile_pass.tiles) for tile_pass in passes)
     wrapped = Slices(model=all_in_one, confidence_threshold=one_each.card.score_threshold, image_size=spec.width_px)
     # One session of all threads, or a session of one thread fed by as many workers: each way has its faster one.
     ways = {
