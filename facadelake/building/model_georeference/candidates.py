@@ -78,7 +78,7 @@ def find_georeferences(
         accept_level: lowest LoGeoRef level that is accepted although its accuracy is metres.
 
     Returns:
-        The candidates, the preferred one first; none where the IFC is not georeferenced.
+        The candidates, the preferred one first; ``select_georeference`` checks them against the geometry.
 
     Raises:
         GeoreferenceError: the CRS or the vertical datum is neither in the IFC nor given, a statement is invalid, or
