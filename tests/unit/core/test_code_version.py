@@ -28,9 +28,10 @@ PLANTED = [
     ("how the worker is run", "facadelake/sfm/worker_process.py", ["reconstruct"]),
     ("the worker, named by a string", "facadelake/sfm/worker/mapping.py", ["reconstruct"]),
     ("the job of the worker", "facadelake/sfm/reconstruction_job.py", ["reconstruct"]),
+    ("deep import", "facadelake/building/model_georeference/map_placement.py", ["load_model"]),
     (
         "deep import",
-        "facadelake/building/model_georeference/map_placement.py",
+        "facadelake/building/model_georeference/crs.py",
         ["load_model", "georeference", "merge", "draw"],
     ),
     ("deep import", "facadelake/registration/rays.py", ["register", "merge"]),
