@@ -102,18 +102,20 @@ def read_coco_reviews(
     subjects = [_get_subject(entry) for entry in read_json(file)["annotations"]]
     drawn: dict[str, list[_DrawnBox]] = defaultdict(list)
     for annotation, subject in zip(coco.annotations, subjects, strict=True):
-        on = matches.get(annotation.image_id)
-        if on is None or on.photo_id is None:
+        image_match = matches.get(annotation.image_id)
+        if image_match is None or image_match.photo_id is None:
             remarks.append(f"annotation {annotation.annotation_id} is on none of the campaign's photographs")
             continue
-        if on.photo_id not in reviewed_photographs:
+        if image_match.photo_id not in reviewed_photographs:
             continue
         class_name = coco.categories.get(annotation.category_id)
-        parsed = _parse_annotation(annotation, on.photo_id, class_name, sizes[on.photo_id], crosswalk, subject)
+        parsed = _parse_annotation(
+            annotation, image_match.photo_id, class_name, sizes[image_match.photo_id], crosswalk, subject
+        )
         if isinstance(parsed, str):
-            remarks.append(f"annotation {annotation.annotation_id} on {on.photo_id}: {parsed}")
+            remarks.append(f"annotation {annotation.annotation_id} on {image_match.photo_id}: {parsed}")
         else:
-            drawn[on.photo_id].append(parsed)
+            drawn[image_match.photo_id].append(parsed)
     reviews: list[Review] = []
     for photo_id in sorted(reviewed_photographs):
         items_of_photo = [item for item in items if item.photo_id == photo_id]

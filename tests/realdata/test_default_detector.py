@@ -22,7 +22,7 @@ CROSSWALK = build_crosswalk({})
 
 
 @pytest.fixture(scope="module")
-def looker() -> OnnxPredictionSource:
+def source() -> OnnxPredictionSource:
     return OnnxPredictionSource(MODELS_FOLDER / SHIPPED_MODEL)
 
 
@@ -33,10 +33,10 @@ def folder_of(shared_data: Path, name: str) -> Path:
     return folder
 
 
-def test_cracks_on_walls_of_validation_sites(shared_data: Path, looker: OnnxPredictionSource) -> None:
+def test_cracks_on_walls_of_validation_sites(shared_data: Path, source: OnnxPredictionSource) -> None:
     labelled = assign_sites(open_labels(folder_of(shared_data, "crack_boxes_640"), CROSSWALK), SITES, "val")
     figures = evaluate_boxes(
-        looker, labelled, collect_predictions(looker, labelled.images, CROSSWALK), split="val"
+        source, labelled, collect_predictions(source, labelled.images, CROSSWALK), split="val"
     ).figures
     (crack,) = figures.classes
     assert crack.truths == 67 and figures.data.sites == 14
@@ -44,14 +44,14 @@ def test_cracks_on_walls_of_validation_sites(shared_data: Path, looker: OnnxPred
     assert crack.operating.precision is not None and crack.operating.precision > 0.7
 
 
-def test_facades_without_defects_stay_quiet(shared_data: Path, looker: OnnxPredictionSource) -> None:
+def test_facades_without_defects_stay_quiet(shared_data: Path, source: OnnxPredictionSource) -> None:
     sound = assign_sites(open_sound_photographs(folder_of(shared_data, "facade_negatives")), SITES, "val")
-    found = collect_predictions(looker, sound.images, CROSSWALK)
+    found = collect_predictions(source, sound.images, CROSSWALK)
     nothing = LabelledSet(name="", label_format="", images=())
     figures = evaluate_boxes(
-        looker,
+        source,
         nothing,
-        collect_predictions(looker, (), CROSSWALK),
+        collect_predictions(source, (), CROSSWALK),
         split="val",
         negatives=sound,
         collected_negatives=found,
