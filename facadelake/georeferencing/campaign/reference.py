@@ -1,4 +1,4 @@
-"""The reference of a building: tie points of a placed campaign, by which later campaigns find into its frame."""
+"""The reference of a campaign: tie points by which later campaigns are placed in its frame; one file a campaign."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 import shutil
 import uuid
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,17 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.arrays import Float64Array, Int64Array, UInt8Array
-from facadelake.core.camera import PosedCamera
-from facadelake.core.errors import GeoreferenceError, InputDataError
+from facadelake.core.arrays import Float64N, Float64Nx3, Float64Nx3x3, Float64x3x3, Int64Array, UInt8Array
+from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.sfm import Reconstruction, describe_tie_point_views
+from facadelake.sfm import Reconstruction
 
+REFERENCE_FILE = "reference.npz"
 MAX_POINTS = 100_000
-# A point that is known no better than this says nothing of a campaign to be placed at the centimetre.
-MAX_SIGMA_M = 0.10
-_VOXEL_M = 0.5
-_MIN_PHOTOGRAPHS = 2
+_HEADER_KEY = "said"  # of the file format
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,66 +30,67 @@ class ReferencePoints:
     """Tie points of a placed campaign, in site about ``origin``.
 
     ``xyz_site_m`` (n, 3); ``covariance_m2`` (n, 3, 3), each point's own error **within the campaign's block**;
-    ``descriptors`` (n, 128) SIFT; ``direction_site`` (n, 3) unit, the mean direction in which the photographs looked at
-    the point; ``gsd_m`` (n,) metres a pixel where it was seen best; ``photographs`` (n,) that saw it.
+    ``descriptors`` (n, 128) SIFT; ``direction_site`` (n, 3): unit mean viewing direction of the photographs that show
+    the point; ``gsd_m`` (n,): smallest ground sampling distance; ``photographs`` (n,): number that show it.
 
-    ``frame_covariance_m2`` (3, 3) is what all points have in common: how well the campaign itself was placed. A later
-    campaign that is adjusted to these points stands to the *reference* as well as the points' own covariances say, and
-    to the *globe* no better than ``frame_covariance_m2``: the common error moves all points together, so it must not
-    enter the adjustment point by point (it would be averaged away), but is added to the poses' covariances afterwards.
+    ``frame_covariance_m2`` (3, 3): error that all points share, the accuracy of the campaign's own placement. A later
+    campaign adjusted to these points is known relative to the *reference* as their own covariances state, and on the
+    *globe* no better than ``frame_covariance_m2``. The common error moves all points together, so it must not enter the
+    adjustment point by point (it would be averaged away); it is added to the poses' covariances afterwards.
     """
 
     building_id: str
     campaign_id: str
     origin: SiteOrigin
-    xyz_site_m: Float64Array
-    covariance_m2: Float64Array
+    xyz_site_m: Float64Nx3
+    covariance_m2: Float64Nx3x3
     descriptors: UInt8Array
-    direction_site: Float64Array
-    gsd_m: Float64Array
+    direction_site: Float64Nx3
+    gsd_m: Float64N
     photographs: Int64Array
-    frame_covariance_m2: Float64Array
+    frame_covariance_m2: Float64x3x3
 
     def __len__(self) -> int:
         return len(self.xyz_site_m)
 
     def transform_to(self, origin: SiteOrigin) -> ReferencePoints:
-        """The same points on the globe in the site frame about another ``origin`` (a model that was exported anew)."""
+        """The same points in the site frame about another ``origin`` (of a model exported again)."""
         if origin == self.origin:
             return self
-        move = origin.ecef_from_site().invert() @ self.origin.ecef_from_site()
-        turn = move.rotation
+        new_from_old = origin.ecef_from_site().invert() @ self.origin.ecef_from_site()
+        rotation = new_from_old.rotation
         return ReferencePoints(
             **{
                 **vars(self),
                 "origin": origin,
-                "xyz_site_m": move.apply(self.xyz_site_m),
-                "covariance_m2": turn @ self.covariance_m2 @ turn.T,
-                "direction_site": move.rotate(self.direction_site),
-                "frame_covariance_m2": turn @ self.frame_covariance_m2 @ turn.T,
+                "xyz_site_m": new_from_old.apply(self.xyz_site_m),
+                "covariance_m2": rotation @ self.covariance_m2 @ rotation.T,
+                "direction_site": new_from_old.rotate(self.direction_site),
+                "frame_covariance_m2": rotation @ self.frame_covariance_m2 @ rotation.T,
             }
         )
 
     def save(self, path: Path) -> str:
-        """Write one file, for ``read_reference``; returns the hash of its content, which the file carries too."""
-        said, arrays = self._parts()
-        digest = _content_hash(said, arrays)
+        """Write one file, for ``read_reference``; returns the hash of its content, which the file contains too."""
+        header, arrays = self._split_content()
+        digest = _hash_content(header, arrays)
+        stored = np.array(json.dumps(header | {"content_hash": digest}, sort_keys=True))
         with path.open("wb") as stream:
-            np.savez(stream, said=np.array(json.dumps(said | {"content_hash": digest}, sort_keys=True)), **arrays)
+            np.savez(stream, **{_HEADER_KEY: stored}, **arrays)
         return digest
 
-    def _parts(self) -> tuple[dict[str, object], dict[str, Any]]:
-        said: dict[str, object] = {
+    def _split_content(self) -> tuple[dict[str, object], dict[str, Any]]:
+        header: dict[str, object] = {
             "building_id": self.building_id,
             "campaign_id": self.campaign_id,
             "origin": vars(self.origin),
         }
         names = ("xyz_site_m", "covariance_m2", "descriptors", "direction_site", "gsd_m", "photographs")
-        return said, {name: getattr(self, name) for name in (*names, "frame_covariance_m2")}
+        return header, {name: getattr(self, name) for name in (*names, "frame_covariance_m2")}
 
 
-def _content_hash(said: Mapping[str, object], arrays: Mapping[str, NDArray[Any]]) -> str:
-    digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
+def _hash_content(header: Mapping[str, object], arrays: Mapping[str, NDArray[Any]]) -> str:
+    digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
         digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
@@ -100,22 +98,22 @@ def _content_hash(said: Mapping[str, object], arrays: Mapping[str, NDArray[Any]]
 
 
 def read_reference(path: Path) -> ReferencePoints:
-    """The reference that ``save`` wrote; raises InputDataError where it is missing, cut short or changed."""
+    """Read a file that ``save`` wrote; raises InputDataError where it is missing, truncated or changed."""
     try:
         with np.load(path) as loaded:
             arrays = dict(loaded)
-        said = json.loads(str(arrays.pop("said")))
-        digest = said.pop("content_hash")
-        origin = SiteOrigin(**said["origin"])
+        header = json.loads(str(arrays.pop(_HEADER_KEY)))
+        digest = header.pop("content_hash")
+        origin = SiteOrigin(**header["origin"])
         reference = ReferencePoints(
-            building_id=said["building_id"], campaign_id=said["campaign_id"], origin=origin, **arrays
+            building_id=header["building_id"], campaign_id=header["campaign_id"], origin=origin, **arrays
         )
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise InputDataError(
-            f"{path} holds no whole reference ({error}); georeference the earlier campaign again, or place this one "
-            "without a reference"
+            f"{path} is not a complete reference file ({error}); georeference the earlier campaign again, or place "
+            "this one without a reference"
         ) from error
-    if _content_hash(said, arrays) != digest:
+    if _hash_content(header, arrays) != digest:
         raise InputDataError(
             f"{path} was changed after it was written (its content does not match its hash {digest[:12]}); "
             "georeference the earlier campaign again"
@@ -123,83 +121,13 @@ def read_reference(path: Path) -> ReferencePoints:
     return reference
 
 
-def build_reference(
-    reconstruction: Reconstruction,
-    descriptors: UInt8Array,
-    *,
-    cameras: Sequence[PosedCamera],
-    xyz_site_m: Float64Array,
-    covariance_m2: Float64Array,
-    frame_covariance_m2: Float64Array,
-    building_id: str,
-    campaign_id: str,
-    origin: SiteOrigin,
-    most: int = MAX_POINTS,
-) -> ReferencePoints:
-    """The reference that a placed campaign leaves: its ``most`` best tie points, spread over the building.
-
-    ``descriptors`` (m, 128), ``xyz_site_m`` (m, 3) and ``covariance_m2`` (m, 3, 3) follow ``reconstruction.xyz_sfm``;
-    NaN where the adjustment dropped a point. ``cameras``: the adjusted ones, in the order of ``reconstruction.photos``.
-    Raises GeoreferenceError where no point is known to better than 10 cm.
-    """
-    check_descriptor_count(reconstruction, descriptors)
-    sigma_m = _compute_largest_sigma(covariance_m2)
-    seen = describe_tie_point_views(reconstruction, cameras, xyz_site_m)
-    usable = np.isfinite(xyz_site_m).all(axis=1) & (seen.photographs >= _MIN_PHOTOGRAPHS) & (sigma_m <= MAX_SIGMA_M)
-    if not usable.any():
-        raise GeoreferenceError(
-            f"none of the {len(xyz_site_m)} tie points is known to {MAX_SIGMA_M:.2f} m, so this campaign cannot be "
-            "the reference of later ones; photograph with more overlap, or nearer"
-        )
-    # Long tracks are found again more surely than short ones; of two as long the better known one.
-    worth = np.sqrt(seen.photographs) / np.maximum(sigma_m, 1e-4)
-    kept = np.flatnonzero(usable)
-    kept = kept[choose_spread_points(xyz_site_m[kept], worth[kept], most=most)]
-    return ReferencePoints(
-        building_id=building_id,
-        campaign_id=campaign_id,
-        origin=origin,
-        xyz_site_m=xyz_site_m[kept],
-        covariance_m2=covariance_m2[kept],
-        descriptors=descriptors[kept],
-        direction_site=seen.direction[kept],
-        gsd_m=seen.gsd[kept],
-        photographs=seen.photographs[kept],
-        frame_covariance_m2=frame_covariance_m2,
-    )
-
-
 def check_descriptor_count(reconstruction: Reconstruction, descriptors: UInt8Array) -> None:
-    """Raise InputDataError where the descriptors are not those of the reconstruction's tie points, row by row."""
+    """Raise InputDataError where the descriptors are not one for each of the reconstruction's tie points."""
     if descriptors.shape != (len(reconstruction.xyz_sfm), 128):
         raise InputDataError(
-            f"the descriptors are {descriptors.shape} for {len(reconstruction.xyz_sfm)} tie points (128 numbers for "
-            "each are needed): they belong to another reconstruction; remove its folder and run again"
+            f"the descriptors are an array of {descriptors.shape} for {len(reconstruction.xyz_sfm)} tie points (128 "
+            "numbers for each are needed): they belong to another reconstruction; remove its folder and run again"
         )
-
-
-def choose_spread_points(xyz_m: Float64Array, worth: Float64Array, *, most: int) -> Int64Array:
-    """Rows (sorted) of the ``most`` points: each half-metre cell gives its worthiest, then its second, and so on."""
-    if len(xyz_m) <= most:
-        return np.arange(len(xyz_m))
-    cell = np.unique(np.floor(xyz_m / _VOXEL_M).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
-    order = np.lexsort((-worth, cell))
-    first_of_cell = np.r_[0, np.flatnonzero(np.diff(cell[order])) + 1]
-    rank = np.arange(len(order)) - np.repeat(first_of_cell, np.diff(np.r_[first_of_cell, len(order)]))
-    chosen: Int64Array = np.sort(order[np.lexsort((-worth[order], rank))[:most]])
-    return chosen
-
-
-def _compute_largest_sigma(covariance_m2: Float64Array) -> Float64Array:
-    """One sigma (m,) in the direction in which each point is known worst; inf where it is not known."""
-    whole = np.isfinite(covariance_m2).all(axis=(1, 2))
-    sigma = np.full(len(covariance_m2), np.inf)
-    values = np.linalg.eigvalsh(covariance_m2[whole])
-    sigma[whole] = np.where(values[:, 0] > 0, np.sqrt(np.maximum(values[:, 2], 0)), np.inf)
-    return sigma
-
-
-REFERENCE_FILE = "reference.npz"
 
 
 def _get_folder(lake: Path, building_id: str) -> Path:
@@ -207,26 +135,35 @@ def _get_folder(lake: Path, building_id: str) -> Path:
 
 
 def list_earlier_references(lake: Path, building_id: str, campaign_id: str) -> list[Path]:
-    """References of the building's campaigns whose id sorts before ``campaign_id``, the first campaign first."""
+    """Reference files of the building's campaigns whose id sorts before ``campaign_id``, the first campaign first."""
     folder = _get_folder(lake, building_id)
     return sorted(path for path in folder.glob("*.npz") if path.stem < campaign_id)
 
 
-def store_reference(made: Path, lake: Path, building_id: str, campaign_id: str) -> Path:
-    """Keep the reference of a committed campaign in the lake's folder; an older one of the same campaign is replaced
-    whole."""
+def store_reference(source: Path, lake: Path, building_id: str, campaign_id: str) -> Path:
+    """Store the reference file of a committed campaign in the lake.
+
+    Args:
+        source: The reference file that the campaign wrote.
+        lake: The lake's folder.
+        building_id: The building.
+        campaign_id: The campaign; its older reference is replaced atomically.
+
+    Returns:
+        The stored file.
+    """
     folder = _get_folder(lake, building_id)
     folder.mkdir(parents=True, exist_ok=True)
     part = folder / f".{campaign_id}.{uuid.uuid4().hex[:8]}.part"
     try:
-        shutil.copyfile(made, part)
-        kept = folder / f"{campaign_id}.npz"
-        part.replace(kept)
+        shutil.copyfile(source, part)
+        stored = folder / f"{campaign_id}.npz"
+        part.replace(stored)
     finally:
         part.unlink(missing_ok=True)
-    return kept
+    return stored
 
 
 def drop_reference(lake: Path, building_id: str, campaign_id: str) -> None:
-    """Forget the reference of a campaign that was committed anew without one: its frame is no longer that one."""
+    """Remove the reference of a campaign that was committed again without one: its old frame is no longer valid."""
     (_get_folder(lake, building_id) / f"{campaign_id}.npz").unlink(missing_ok=True)

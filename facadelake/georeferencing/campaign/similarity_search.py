@@ -1,8 +1,8 @@
-"""The similarity that many point pairs share when most of the pairs may be wrong.
+"""Search for the similarity that many point pairs share when most of the pairs may be wrong.
 
-``similarity_fit.robust_similarity`` draws for a few good points (control, GPS) whose sigmas are known; here are
-thousands of pairs, of which one in ten may be right: draws follow the pairs' order (the surest first), and three pairs
-whose triangles are not alike are thrown away before anything is fitted.
+``similarity_fit.fit_similarity`` draws from a few good points (control, GPS) with known sigmas. Here are thousands of
+pairs, of which one in ten may be right: draws follow the pairs' order (the most distinctive first), and three pairs
+with triangles of different shape are rejected before anything is fitted.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import BoolArray, Float64Array, RowIndices
+from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64Nx3, Float64Nx3x3, RowIndices
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity, estimate_similarity
 
@@ -19,30 +19,38 @@ from facadelake.core.frames import Similarity, estimate_similarity
 _SHARES = (0.05, 0.15, 0.4, 1.0)
 _MIN_PAIRS_DRAWN_FROM = 60
 _TRIPLES = 60_000
-# Triples that are alike are fitted, this many of each share; with a tenth of the pairs right, 60 are.
+# Similar triples to fit of each share; with a tenth of the pairs right, 60 of 60,000 are.
 _MAX_FITS = 1_500
 _MAX_SCORED_PAIRS = 4_000
-# A triangle's sides must be so many tolerances long, or noise decides on its shape.
+# A triangle's sides must be so many tolerances long, or noise determines its shape.
 _MIN_SIDE_TOLERANCES = 10.0
 _MAX_ITERATIONS = 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SharedSimilarity:
-    """The similarity, which pairs (n,) agree with it, and all residuals (n, 3) ``target - fit(source)``."""
+    """The similarity, the pairs (n,) that agree with it, and all residuals (n, 3) ``target - fit(source)``."""
 
     target_from_source: Similarity
     agrees: BoolArray
-    residual: Float64Array
+    residual: Float64Nx3
 
 
 def search_similarity(
-    source: Float64Array, target: Float64Array, tolerance: Float64Array, *, seed: int = 1
+    source: Float64Nx3, target: Float64Nx3, tolerance: Float64N, *, seed: int = 1
 ) -> SharedSimilarity | None:
-    """The similarity on which most of the pairs (n, 3), ordered from sure to unsure, agree within ``tolerance`` (n,).
+    """Search for the similarity on which most pairs agree.
 
-    None where no four pairs agree. ``tolerance`` and ``target`` have one unit; the scale is free within what the
-    triangles say. Source: Fischler and Bolles 1981; MSAC (Torr and Zisserman 2000).
+    Args:
+        source: Points (n, 3), ordered from the most to the least distinctive pair.
+        target: Their partners (n, 3) in the target frame.
+        tolerance: Tolerance (n,) of each residual, in the unit of ``target``.
+        seed: Seed of the draws.
+
+    Returns:
+        The similarity; None where no four pairs agree.
+
+    Source: Fischler and Bolles 1981; MSAC (Torr and Zisserman 2000); PROSAC (Chum and Matas 2005).
     """
     if len(source) < 3:
         return None
@@ -65,9 +73,9 @@ def search_similarity(
 
 
 def _draw_similar_triples(
-    source: Float64Array, target: Float64Array, tolerance: Float64Array, first: int, rng: np.random.Generator
+    source: Float64Nx3, target: Float64Nx3, tolerance: Float64N, first: int, rng: np.random.Generator
 ) -> RowIndices:
-    """Rows (m, 3) of ``first`` pairs whose triangles are long-sided and have one shape within the tolerances."""
+    """Rows (m, 3) of the ``first`` pairs whose triangles have long sides and one shape within the tolerances."""
     rows = rng.integers(0, first, size=(_TRIPLES, 3))
     sides = [(0, 1), (1, 2), (2, 0)]
     long_target = np.stack([np.linalg.norm(target[rows[:, i]] - target[rows[:, j]], axis=1) for i, j in sides], axis=1)
@@ -76,17 +84,17 @@ def _draw_similar_triples(
     usable = (long_target > _MIN_SIDE_TOLERANCES * widest).all(axis=1) & (long_source > 0).all(axis=1)
     rows, long_target, long_source, widest = (x[usable] for x in (rows, long_target, long_source, widest))
     longest = long_target.max(axis=1)
-    # Height of a triangle over its longest side, by Heron: a thin one leaves the turn about its line open.
+    # Height of a triangle over its longest side, by Heron: a thin one leaves the rotation about its line open.
     half = long_target.sum(axis=1) / 2
     area = np.sqrt(np.maximum(half * (half[:, None] - long_target).prod(axis=1), 0.0))
     scale = long_target.sum(axis=1) / long_source.sum(axis=1)
-    unlike = np.abs(long_target - scale[:, None] * long_source).max(axis=1)
-    alike = (2 * area > 0.1 * longest**2) & (unlike < 1.5 * widest[:, 0])
-    chosen: RowIndices = rows[alike][:_MAX_FITS]
+    difference = np.abs(long_target - scale[:, None] * long_source).max(axis=1)
+    similar = (2 * area > 0.1 * longest**2) & (difference < 1.5 * widest[:, 0])
+    chosen: RowIndices = rows[similar][:_MAX_FITS]
     return chosen
 
 
-def _fit_umeyama(source: Float64Array, target: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+def _fit_umeyama(source: Float64Nx3x3, target: Float64Nx3x3) -> tuple[Float64Nx3x3, Float64Nx3, Float64N]:
     """Rotations (m, 3, 3), translations (m, 3), scales (m,) of triples (m, 3, 3); Umeyama 1991, many at once."""
     mean_source, mean_target = source.mean(axis=1), target.mean(axis=1)
     a, b = source - mean_source[:, None], target - mean_target[:, None]
@@ -100,35 +108,39 @@ def _fit_umeyama(source: Float64Array, target: Float64Array) -> tuple[Float64Arr
 
 
 def _compute_cost(
-    source: Float64Array,
-    target: Float64Array,
-    tolerance: Float64Array,
-    rotation: Float64Array,
-    translation: Float64Array,
-    scale: Float64Array,
-) -> Float64Array:
-    moved = (scale[:, None, None] * rotation) @ source.T + translation[:, :, None]
-    squared = ((moved - target.T) ** 2).sum(axis=1) / tolerance**2
+    source: Float64Nx3,
+    target: Float64Nx3,
+    tolerance: Float64N,
+    rotation: Float64Nx3x3,
+    translation: Float64Nx3,
+    scale: Float64N,
+) -> Float64N:
+    """MSAC cost (m,) of m similarities on n pairs."""
+    transformed = (scale[:, None, None] * rotation) @ source.T + translation[:, :, None]
+    squared = ((transformed - target.T) ** 2).sum(axis=1) / tolerance**2
     cost: Float64Array = np.minimum(squared, 1.0).sum(axis=1)
     return cost
 
 
 def _refine_similarity(
-    start: Similarity, source: Float64Array, target: Float64Array, tolerance: Float64Array
+    start: Similarity, source: Float64Nx3, target: Float64Nx3, tolerance: Float64N
 ) -> SharedSimilarity | None:
-    """Least squares on what agrees, until that no longer changes; wide at first, for three points have a long lever."""
+    """Least squares on the agreeing pairs until they no longer change; None where fewer than four agree.
+
+    The tolerance is wide at first, because the error of three points grows with the distance from them.
+    """
     fit, agrees = start, np.zeros(len(source), dtype=bool)
     for widening in np.r_[2.0, 1.5, np.ones(_MAX_ITERATIONS)]:
         residual = target - fit.apply(source)
-        now = np.linalg.norm(residual, axis=1) < widening * tolerance
-        if now.sum() < 4:
+        within = np.linalg.norm(residual, axis=1) < widening * tolerance
+        if within.sum() < 4:
             return None
-        if widening == 1.0 and (now == agrees).all():
+        if widening == 1.0 and (within == agrees).all():
             break
-        agrees = now
+        agrees = within
         try:
             fit = estimate_similarity(source[agrees], target[agrees], 1.0 / tolerance[agrees] ** 2)
-        except GeoreferenceError:  # what agrees lies on one line
+        except GeoreferenceError:  # the agreeing points lie on one line
             return None
     residual = target - fit.apply(source)
     return SharedSimilarity(target_from_source=fit, agrees=agrees, residual=residual)
