@@ -8,12 +8,8 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.georeferencing.campaign.reference import (
-    ReferencePoints,
-    build_reference,
-    choose_spread_points,
-    read_reference,
-)
+from facadelake.georeferencing.campaign.reference import ReferencePoints, read_reference
+from facadelake.georeferencing.campaign.reference_selection import build_reference, choose_spread_points
 from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from facadelake.sfm.tie_point_covariance import (
     compute_tie_point_covariance,
@@ -55,7 +51,7 @@ def reference(of: Campaign, *, most: int = 1000, spoil: slice | None = None) -> 
         building_id="house",
         campaign_id="2026-04",
         origin=ORIGIN,
-        most=most,
+        max_points=most,
     )
 
 
@@ -77,7 +73,7 @@ def test_it_keeps_what_the_adjustment_kept_in_its_rows(placed: Campaign) -> None
 
 
 def test_a_smaller_reference_is_spread_over_the_building(placed: Campaign) -> None:
-    few = reference(placed, most=60)
+    few = reference(placed, max_points=60)
     assert len(few) == 60
     cells = {tuple(cell) for cell in np.floor(few.xyz_site_m / 0.5).astype(int).tolist()}
     assert len(cells) == 60  # no half-metre cell gives its second point before every cell gave its first
@@ -85,8 +81,8 @@ def test_a_smaller_reference_is_spread_over_the_building(placed: Campaign) -> No
 
 def test_of_a_cell_the_worthiest_point_is_chosen() -> None:
     xyz = np.array([[0.1, 0.1, 0.1], [0.2, 0.1, 0.1], [0.3, 0.1, 0.1], [5.0, 5.0, 5.0]])
-    assert choose_spread_points(xyz, np.array([1.0, 3.0, 2.0, 0.1]), most=2).tolist() == [1, 3]
-    assert choose_spread_points(xyz, np.array([1.0, 3.0, 2.0, 0.1]), most=3).tolist() == [1, 2, 3]
+    assert choose_spread_points(xyz, np.array([1.0, 3.0, 2.0, 0.1]), max_points=2).tolist() == [1, 3]
+    assert choose_spread_points(xyz, np.array([1.0, 3.0, 2.0, 0.1]), max_points=3).tolist() == [1, 2, 3]
 
 
 def test_a_campaign_of_loose_points_cannot_be_a_reference(placed: Campaign) -> None:

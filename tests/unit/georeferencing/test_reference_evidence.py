@@ -55,7 +55,8 @@ def test_windows_of_another_bay_are_not_the_same_windows(built_m: float, far: st
     first, looks_first, second, looks_second = look_alike(built_m)
     earlier = campaign(first, looks_first, a_similarity(1), rng)
     later = campaign(second, looks_second, a_similarity(2), rng)
-    with pytest.raises(GeoreferenceError, match=f"only looks alike: they lie {far} .* in \\d+ of the \\d+ places"):
+    message = f"surface that looks alike: residuals are {far} .* in \\d+ of the \\d+ cells"
+    with pytest.raises(GeoreferenceError, match=message):
         match_reference(later.reconstruction, later.descriptors, reference(earlier), origin=ORIGIN)
 
 
