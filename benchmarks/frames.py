@@ -32,7 +32,8 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.detection.coco import read_coco
 from facadelake.evaluation.campaigns.truth import Truth, read_truth
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
-from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference
+from facadelake.georeferencing.campaign.reference import ReferencePoints
+from facadelake.georeferencing.campaign.reference_selection import build_reference
 from facadelake.georeferencing.similarity_fit import fit_similarity
 from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from facadelake.photos import ingest_photographs

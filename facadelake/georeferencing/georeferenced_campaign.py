@@ -17,7 +17,8 @@ from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
-from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference
+from facadelake.georeferencing.campaign.reference import ReferencePoints
+from facadelake.georeferencing.campaign.reference_selection import build_reference
 from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gps.priors import GpsPriors
 from facadelake.georeferencing.initial_placement import InitialPlacement

@@ -83,7 +83,7 @@ def _derive_priors(
     return priors | {duplicate: priors[first] for duplicate, first in original_of.items()}, original_of
 
 
-def _none_unless_finite(value: float | None) -> float | None:
+def _finite_or_none(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
@@ -111,25 +111,25 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, priors: PhotoPriors
         "camera_model": exif.model or None,
         "camera_serial": priors.serial or None,
         "lens_model": exif.lens_model or None,
-        "focal_length_mm": _none_unless_finite(exif.focal_length_mm),
-        "focal_length_35mm_mm": _none_unless_finite(focal.px * FULL_FRAME_DIAGONAL_MM / diagonal_px),
+        "focal_length_mm": _finite_or_none(exif.focal_length_mm),
+        "focal_length_35mm_mm": _finite_or_none(focal.px * FULL_FRAME_DIAGONAL_MM / diagonal_px),
         "taken_at": exif.taken_at if is_clock_set(exif.taken_at) else None,
         "prior_source": position.source,
-        "prior_lon_deg": _none_unless_finite(position.lon_deg),
-        "prior_lat_deg": _none_unless_finite(position.lat_deg),
-        "prior_height_m": _none_unless_finite(position.height_m),
+        "prior_lon_deg": _finite_or_none(position.lon_deg),
+        "prior_lat_deg": _finite_or_none(position.lat_deg),
+        "prior_height_m": _finite_or_none(position.height_m),
         "prior_height_datum": position.height_datum,
-        "prior_height_relative_m": _none_unless_finite(drone.relative_altitude_m) if drone else None,
+        "prior_height_relative_m": _finite_or_none(drone.relative_altitude_m) if drone else None,
         "prior_sigma_horizontal_m": position.sigma.horizontal_m if located else None,
         "prior_sigma_vertical_m": position.sigma.vertical_m if located else None,
-        "prior_yaw_deg": _none_unless_finite(attitude.yaw_deg),
-        "prior_pitch_deg": _none_unless_finite(attitude.pitch_deg),
-        "prior_roll_deg": _none_unless_finite(attitude.roll_deg),
-        "prior_sigma_yaw_deg": _none_unless_finite(attitude.sigma_yaw_deg),
-        "prior_sigma_tilt_deg": _none_unless_finite(attitude.sigma_tilt_deg),
+        "prior_yaw_deg": _finite_or_none(attitude.yaw_deg),
+        "prior_pitch_deg": _finite_or_none(attitude.pitch_deg),
+        "prior_roll_deg": _finite_or_none(attitude.roll_deg),
+        "prior_sigma_yaw_deg": _finite_or_none(attitude.sigma_yaw_deg),
+        "prior_sigma_tilt_deg": _finite_or_none(attitude.sigma_tilt_deg),
         "prior_evidence": priors.evidence or None,
-        "prior_focal_px": _none_unless_finite(focal.px),
-        "prior_sigma_focal_px": _none_unless_finite(focal.sigma_px),
+        "prior_focal_px": _finite_or_none(focal.px),
+        "prior_sigma_focal_px": _finite_or_none(focal.sigma_px),
         "prior_focal_evidence": focal.evidence or None,
         "prior_calibration": focal.calibration or None,
         "prior_warnings": "; ".join(priors.warnings) or None,

@@ -62,8 +62,8 @@ def check_priors(
     for flight in sorted({one.flight for one in timed}):
         members = [i for i, one in enumerate(timed) if one.flight == flight and math.isfinite(one.time_s)]
         members.sort(key=lambda i: timed[i].time_s)
-        _mark_jumps(priors, members, times_s)
-        _mark_frozen(priors, members, times_s)
+        _discard_jumps(priors, members, times_s)
+        _widen_frozen_runs(priors, members, times_s)
     return priors
 
 
@@ -136,7 +136,7 @@ def _suggest_correction(place: Float64Array, distance: Callable[[Float64Nx2], Fl
     return f"; with {list(possible)[best]} it would be {metres[best]:.0f} m away: correct the metadata"
 
 
-def _mark_jumps(priors: list[PositionPrior], members: list[int], times_s: Float64Array) -> None:
+def _discard_jumps(priors: list[PositionPrior], members: list[int], times_s: Float64Array) -> None:
     """Discard positions and heights that cannot be reached at the speed of a drone from those before and after."""
     members = [i for i in members if _has_position(priors[i])]
     if len(members) < 3:
@@ -206,7 +206,7 @@ def _find_off_chain(
     return np.flatnonzero(~on_chain)
 
 
-def _mark_frozen(priors: list[PositionPrior], members: list[int], times_s: Float64Array) -> None:
+def _widen_frozen_runs(priors: list[PositionPrior], members: list[int], times_s: Float64Array) -> None:
     """Runs of identical positions: sigma becomes the distance that was flown meanwhile."""
     members = [i for i in members if _has_position(priors[i])]
     runs = [list(run) for _, run in groupby(members, key=lambda i: _get_lon_lat(priors[i]))]

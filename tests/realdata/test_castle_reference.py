@@ -18,7 +18,8 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.matching import match_reference
-from facadelake.georeferencing.campaign.reference import ReferencePoints, build_reference, read_reference
+from facadelake.georeferencing.campaign.reference import ReferencePoints, read_reference
+from facadelake.georeferencing.campaign.reference_selection import build_reference
 from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from facadelake.photos.ingest import ingest_photographs
 from facadelake.sfm.reconstruction import Reconstruction, read_descriptors, read_reconstruction
@@ -156,5 +157,5 @@ def test_another_part_of_the_courtyard_is_refused(halves: tuple[Half, Half], ref
         **{name: getattr(reference, name)[left] for name in ("direction_site", "gsd_m", "photographs")},
     )
     right = np.where((x_m > middle_m + 1.0)[:, None], later.descriptors, 0).astype(np.uint8)
-    with pytest.raises(GeoreferenceError, match=r"cannot be found in the reference|only looks alike"):
+    with pytest.raises(GeoreferenceError, match=r"does not match the reference|surface that looks alike"):
         match_reference(later.reconstruction, right, part, origin=ORIGIN)

@@ -1,4 +1,4 @@
-"""The cards of many defects: each photograph is read once, a card is drawn when the last of its photographs was."""
+"""Cards of many defects. Each photograph is read once; a card is drawn after the last of its photographs."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from facadelake.reporting.inspection import Inspection
 log = logging.getLogger(__name__)
 
 _QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 93]
-_LEAST_CELLS, _MOST_CELLS = 120, 400
+_MIN_CELLS, _MAX_CELLS = 120, 400
 
 
 @dataclass(frozen=True, kw_only=True)
 class CardFiles:
-    """Files of the cards by defect_id, and the photographs that are missing or cannot be read."""
+    """Files of the cards by defect_id, and photographs that are missing or unreadable."""
 
     paths: Mapping[str, Path]
     missing: tuple[str, ...]
@@ -42,7 +42,7 @@ class CardFiles:
 
 @dataclass(kw_only=True, eq=False)
 class _PendingCard:
-    """A card whose photographs are being read; pieces are kept as JPEG: a campaign may have thousands of them."""
+    """A card whose photographs are being read; crops are kept as JPEG, because there may be thousands of them."""
 
     mark: DefectMark
     row: Row
@@ -64,14 +64,21 @@ def draw_cards(
     overviews: Mapping[str, FacadeOverview],
     max_observations: int,
 ) -> CardFiles:
-    """Write ``card_<label>.png`` into ``folder`` for each of ``defect_ids``.
+    """Write ``card_<label>.png`` for each defect.
 
-    ``places`` are the facades that defects lie on, by defect_id; ``max_observations`` bounds what is drawn, and so what
-    is read, for each. Memory: one photograph, and the pieces of those cards that wait for another one.
+    Memory: one photograph, and the crops of cards that need further photographs.
+
+    Args:
+        inspection: the campaign.
+        surface: surface of its building model.
+        defect_ids: defects.
+        folder: folder to write into.
+        overviews: overviews of the facades by defect_id; a defect without one is not on an elevation.
+        max_observations: largest number of observations on a card, which limits the photographs to be read.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    opened = _prepare_cards(inspection, frozenset(defect_ids), max_observations)
-    wanted = sorted({photo_id for card in opened for photo_id in card.unread_photos})
+    pending = _prepare_cards(inspection, frozenset(defect_ids), max_observations)
+    photo_ids = sorted({photo_id for card in pending for photo_id in card.unread_photos})
     merges = group_merges(inspection.merges)
     storeys = find_storey_bases(inspection.building)
     paths: dict[str, Path] = {}
@@ -79,7 +86,7 @@ def draw_cards(
 
     def finish(card: _PendingCard) -> None:
         path = folder / f"card_{format_file_label(card.mark.label)}.png"
-        material = CardContents(
+        contents = CardContents(
             mark=card.mark,
             subtitle=f"{inspection.building_name} · campaign {inspection.campaign_id}",
             facts=list_card_facts(card.row, inspection, merges.get(card.mark.defect_id, [])),
@@ -87,25 +94,25 @@ def draw_cards(
             best_photo_id=card.best.photo_id if card.best else None,
             patch=card.patch,
             tiles=[
-                ObservationTile(observation=one, picture=_decode_jpeg(card.tiles.get(one.detection_id)))
-                for one in card.observations
+                ObservationTile(observation=item, picture=_decode_jpeg(card.tiles.get(item.detection_id)))
+                for item in card.observations
             ],
             left_out=card.left_out,
             overview=overviews.get(card.mark.defect_id),
             storeys=storeys,
         )
-        draw_card(material).savefig(path, dpi=DPI, pil_kwargs={"compress_level": 1})
+        draw_card(contents).savefig(path, dpi=DPI, pil_kwargs={"compress_level": 1})
         paths[card.mark.defect_id] = path
 
-    for card in opened:
+    for card in pending:
         if not card.unread_photos:
             finish(card)
-    for photo_id in track(wanted, label="Drawing cards"):
-        cards = [card for card in opened if photo_id in card.unread_photos]
+    for photo_id in track(photo_ids, label="Drawing cards"):
+        cards = [card for card in pending if photo_id in card.unread_photos]
         try:
             pixels = read_photograph(inspection.locate_photograph(photo_id), inspection.posed[photo_id].camera)
         except InputDataError as error:
-            log.warning("its defects' cards do without it: %s", error)
+            log.warning("photograph not shown on cards: %s", error)
             missing.append(photo_id)
             pixels = None
         for card in cards:
@@ -114,47 +121,48 @@ def draw_cards(
             card.unread_photos.remove(photo_id)
             if not card.unread_photos:
                 finish(card)
-        opened = [card for card in opened if card.unread_photos]
+        pending = [card for card in pending if card.unread_photos]
     return CardFiles(paths=paths, missing=tuple(missing))
 
 
 def _prepare_cards(inspection: Inspection, defect_ids: frozenset[str], max_observations: int) -> list[_PendingCard]:
     rows = {row["defect_id"]: row for row in inspection.defects.to_pylist()}
-    sightings = group_observations(inspection)
-    opened = []
+    observations = group_observations(inspection)
+    pending = []
     for mark in create_marks(inspection.defects, inspection.building.origin):
         if mark.defect_id not in defect_ids:
             continue
-        own = [one for one in sightings[mark.defect_id] if one.photo_id in inspection.posed]
-        shown = own[:max_observations]
-        there = [one for one in shown if inspection.locate_photograph(one.photo_id).is_file()]
-        opened.append(
+        localised = [item for item in observations[mark.defect_id] if item.photo_id in inspection.posed]
+        selected = localised[:max_observations]
+        existing = [item for item in selected if inspection.locate_photograph(item.photo_id).is_file()]
+        pending.append(
             _PendingCard(
                 mark=mark,
                 row=rows[mark.defect_id],
-                observations=shown,
-                left_out=len(own) - len(shown),
-                best=there[0] if there else None,
-                unread_photos={one.photo_id for one in shown},
+                observations=selected,
+                left_out=len(localised) - len(selected),
+                best=existing[0] if existing else None,
+                unread_photos={item.photo_id for item in selected},
             )
         )
-    return opened
+    return pending
 
 
 def _add_photograph(
     card: _PendingCard, photo_id: str, pixels: UInt8Image, inspection: Inspection, surface: Surface
 ) -> None:
-    """Cut out of a photograph (RGB) what the card shows of it."""
+    """Add the crops of a photograph (RGB) and, where it is the best one, the rectified view."""
     colour = get_class_colour(card.mark.defect_class)
-    for sighting in card.observations:
-        if sighting.photo_id == photo_id:
-            card.tiles[sighting.detection_id] = _encode_jpeg(crop_detection(pixels, sighting.outline, TILE_PX, colour))
+    for observation in card.observations:
+        if observation.photo_id == photo_id:
+            crop = crop_detection(pixels, observation.outline, TILE_PX, colour)
+            card.tiles[observation.detection_id] = _encode_jpeg(crop)
     if card.best is not None and card.best.photo_id == photo_id:
         card.best_tile = _encode_jpeg(crop_detection(pixels, card.best.outline, BEST_PX, colour))
         pixel_m = card.best.pixel_mm / 1000
         posed = inspection.posed[photo_id]
-        # Cells of less than half a pixel show nothing more.
-        cells = int(np.clip(2.0 * choose_patch_side_m(card.mark) / pixel_m, _LEAST_CELLS, _MOST_CELLS))
+        # Cells smaller than half a pixel add no detail.
+        cells = int(np.clip(2.0 * choose_patch_side_m(card.mark) / pixel_m, _MIN_CELLS, _MAX_CELLS))
         card.patch = rectify_patch(card.mark, posed, pixels, surface, cells, pixel_m)
 
 
@@ -162,9 +170,9 @@ def _encode_jpeg(bgr: UInt8Image) -> UInt8Array:
     return np.asarray(cv2.imencode(".jpg", bgr, _QUALITY)[1], dtype=np.uint8)
 
 
-def _decode_jpeg(piece: UInt8Array | None) -> UInt8Image | None:
-    """RGB pixels of a kept piece."""
-    if piece is None:
+def _decode_jpeg(jpeg: UInt8Array | None) -> UInt8Image | None:
+    """RGB pixels of an encoded crop."""
+    if jpeg is None:
         return None
-    bgr = cv2.imdecode(piece, cv2.IMREAD_COLOR)
+    bgr = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
     return np.asarray(cv2.cvtColor(np.asarray(bgr), cv2.COLOR_BGR2RGB), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""Pieces of photographs round a detection, with its outline; and each defect's best one for the report."""
+"""Crops of photographs around a detection, with its outline; the best one of each defect for the report."""
 
 from __future__ import annotations
 
@@ -21,41 +21,41 @@ from facadelake.reporting.inspection import Inspection, PictureSettings
 
 log = logging.getLogger(__name__)
 
-_MARGIN = 1.1  # of the box's longer side, left free around it
-_LEAST_SIDE_PX = 24.0
+_MARGIN = 1.1  # margin around the box, as a share of its longer side
+_MIN_SIDE_PX = 24.0
 _JPEG_QUALITY = 82
-_ROOMY_PX = 400  # from this width on there is room for a white rim round an outline
+_WHITE_RIM_PX = 400  # smallest width of a crop whose outline gets a white rim
 
 
 def write_crops(inspection: Inspection, folder: Path, settings: PictureSettings | None = None) -> dict[str, Path]:
     """Write ``defect_<label>.jpg`` for each defect into ``folder``; returns the paths by defect_id.
 
-    The crop is the defect's box in its best photograph with room around it, square, ``thumbnail_px`` wide. A defect
-    whose best photograph has no box of it, or cannot be read, has no crop. Photographs are read one by one, once.
+    The crop is square, ``thumbnail_px`` wide: the defect's box in its best photograph with a margin. A defect has no
+    crop where its best photograph is unreadable or has no box of it. Each photograph is read once.
     """
     settings = settings or PictureSettings()
     folder.mkdir(parents=True, exist_ok=True)
     rows = inspection.defects.select(["defect_id", "defect_class", "best_photo_id"]).to_pylist()
     labels = label_ids([row["defect_id"] for row in rows])
-    sightings = group_observations(inspection)
+    observations = group_observations(inspection)
     by_photo: dict[str, list[tuple[Mapping[str, str], DefectObservation]]] = {}
     for row in rows:
-        own = sightings[row["defect_id"]]
+        own = observations[row["defect_id"]]
         if own and own[0].photo_id == row["best_photo_id"]:
             by_photo.setdefault(own[0].photo_id, []).append((row, own[0]))
     paths: dict[str, Path] = {}
-    for photo_id, wanted in track(sorted(by_photo.items()), label="Cutting out defects"):
+    for photo_id, best_views in track(sorted(by_photo.items()), label="Cropping defects"):
         if photo_id not in inspection.posed:
             continue
         try:
             pixels = read_photograph(inspection.locate_photograph(photo_id), inspection.posed[photo_id].camera)
         except InputDataError as error:
-            log.warning("no crops of its defects: %s", error)
+            log.warning("crops not written: %s", error)
             continue
-        for row, sighting in wanted:
+        for row, observation in best_views:
             path = folder / f"defect_{format_file_label(labels[row['defect_id']])}.jpg"
             crop = crop_detection(
-                pixels, sighting.outline, settings.thumbnail_px, get_class_colour(row["defect_class"])
+                pixels, observation.outline, settings.thumbnail_px, get_class_colour(row["defect_class"])
             )
             cv2.imwrite(str(path), crop, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
             paths[row["defect_id"]] = path
@@ -63,20 +63,27 @@ def write_crops(inspection: Inspection, folder: Path, settings: PictureSettings 
 
 
 def format_file_label(text: str) -> str:
-    """``text`` as a part of a file's name, the same on every system."""
+    """The text as a part of a file name that is valid on all systems."""
     return re.sub(r"[^A-Za-z0-9_-]", "_", text)
 
 
 def crop_detection(pixels: UInt8Image, outline: DetectionOutline, size_px: int, colour: str) -> UInt8Image:
-    """A square piece (BGR, ``size_px`` wide) of a photograph (RGB) round a detection, its outline drawn on it."""
+    """A square crop (BGR) of a photograph around a detection, with its outline.
+
+    Args:
+        pixels: photograph (h, w, 3), RGB.
+        outline: outline of the detection.
+        size_px: width of the crop.
+        colour: colour of the outline, "#rrggbb".
+    """
     side = max(outline.width_px, outline.height_px) * (1 + 2 * _MARGIN)
-    side = min(max(side, _LEAST_SIDE_PX), float(min(pixels.shape[:2])))
+    side = min(max(side, _MIN_SIDE_PX), float(min(pixels.shape[:2])))
     corner = np.clip(outline.centre_px - side / 2, 0, np.array([pixels.shape[1], pixels.shape[0]]) - side)
     left, top = np.floor(corner).astype(int)
-    piece = pixels[top : top + int(side), left : left + int(side), ::-1]
-    scale = size_px / piece.shape[0]
+    region = pixels[top : top + int(side), left : left + int(side), ::-1]
+    scale = size_px / region.shape[0]
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-    crop = np.ascontiguousarray(cv2.resize(piece, (size_px, size_px), interpolation=method), dtype=np.uint8)
+    crop = np.ascontiguousarray(cv2.resize(region, (size_px, size_px), interpolation=method), dtype=np.uint8)
     draw_outline(crop, outline, np.array([left, top]), scale, colour)
     return crop
 
@@ -84,11 +91,19 @@ def crop_detection(pixels: UInt8Image, outline: DetectionOutline, size_px: int, 
 def draw_outline(
     picture: UInt8Image, outline: DetectionOutline, corner_px: Float64Array, scale: float, colour: str
 ) -> None:
-    """Draw a detection on a piece (BGR) of its photograph that begins at ``corner_px`` (2,): its mask, else its box."""
+    """Draw the mask of a detection, else its box, on a crop of its photograph.
+
+    Args:
+        picture: crop (h, w, 3), BGR; changed in place.
+        outline: outline of the detection.
+        corner_px: upper left corner (2,) of the crop in the photograph, pixels.
+        scale: scale of the crop.
+        colour: colour of the outline, "#rrggbb".
+    """
     first = np.array([outline.left_px, outline.top_px])
     size = np.array([outline.width_px, outline.height_px])
     box = first + size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     rings = [np.round((ring - corner_px) * scale).astype(np.int32) for ring in (outline.rings_px or (box,))]
-    if max(picture.shape[:2]) >= _ROOMY_PX:
+    if max(picture.shape[:2]) >= _WHITE_RIM_PX:
         cv2.polylines(picture, rings, True, (255, 255, 255), 4, cv2.LINE_AA)
     cv2.polylines(picture, rings, True, bgr_from_hex(colour), 2, cv2.LINE_AA)

@@ -1,4 +1,4 @@
-"""The sightings of each defect: its boxes in the photographs, the best first."""
+"""Observations of each defect: its detections in photographs, the best view first."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ import numpy as np
 import shapely
 from shapely.errors import ShapelyError
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64Nx2
 from facadelake.reporting.inspection import Inspection
 
-_FLATTEST_COS = 0.02
+_MIN_INCIDENCE_COS = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DetectionOutline:
-    """A detection in its photograph: its box, and the rings (n, 2) of its mask where it has one; pixels."""
+    """The box of a detection, and the rings of its mask where it has one; pixels."""
 
     left_px: float
     top_px: float
     width_px: float
     height_px: float
-    rings_px: tuple[Float64Array, ...]
+    rings_px: tuple[Float64Nx2, ...]
 
     @property
     def centre_px(self) -> Float64Array:
-        """The middle (2,) of the box."""
+        """Centre (2,) of the box."""
         return np.array([self.left_px + self.width_px / 2, self.top_px + self.height_px / 2])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DefectObservation:
-    """One detection of a defect; angles and pixel sizes are None where the surface was not met."""
+    """One observation of a defect; ``incidence_deg`` and ``gsd_mm`` are None where it is not on the surface."""
 
     detection_id: str
     photo_id: str
@@ -45,15 +45,15 @@ class DefectObservation:
 
     @property
     def pixel_mm(self) -> float:
-        """The longest side of a pixel on the surface: what tells how well it is shown; inf where unknown."""
+        """Longest side of a pixel on the surface, millimetres; inf where unknown. The smallest is the best view."""
         if self.gsd_mm is None or self.incidence_deg is None:
             return np.inf
-        return self.gsd_mm / max(float(np.cos(np.radians(self.incidence_deg))), _FLATTEST_COS)
+        return self.gsd_mm / max(float(np.cos(np.radians(self.incidence_deg))), _MIN_INCIDENCE_COS)
 
 
 def read_outline(detection: Mapping[str, Any]) -> DetectionOutline:
-    """The box and mask of a row of ``detections``; a mask that cannot be read is left out."""
-    rings: tuple[Float64Array, ...] = ()
+    """The outline of a row of table ``detections``; an invalid mask is ignored."""
+    rings: tuple[Float64Nx2, ...] = ()
     if detection.get("mask"):
         try:
             parts = shapely.get_parts(shapely.from_wkt(detection["mask"])).tolist()
@@ -70,7 +70,7 @@ def read_outline(detection: Mapping[str, Any]) -> DetectionOutline:
 
 
 def group_observations(inspection: Inspection) -> dict[str, list[DefectObservation]]:
-    """The sightings of each defect by defect_id: those in its best photograph first, then by pixel size."""
+    """Observations by defect_id: those in the defect's best photograph first, then by pixel size on the surface."""
     detections = {row["detection_id"]: row for row in inspection.detections.to_pylist()}
     best = dict(
         zip(
@@ -79,12 +79,12 @@ def group_observations(inspection: Inspection) -> dict[str, list[DefectObservati
             strict=True,
         )
     )
-    found: dict[str, list[DefectObservation]] = {defect_id: [] for defect_id in best}
+    groups: dict[str, list[DefectObservation]] = {defect_id: [] for defect_id in best}
     for row in inspection.observations.to_pylist():
         box = detections.get(row["detection_id"])
-        if box is None or row["defect_id"] not in found:
+        if box is None or row["defect_id"] not in groups:
             continue
-        found[row["defect_id"]].append(
+        groups[row["defect_id"]].append(
             DefectObservation(
                 detection_id=row["detection_id"],
                 photo_id=row["photo_id"],
@@ -94,6 +94,8 @@ def group_observations(inspection: Inspection) -> dict[str, list[DefectObservati
                 score=box["score"],
             )
         )
-    for defect_id, own in found.items():
-        own.sort(key=lambda one: (one.photo_id != best[defect_id], one.pixel_mm, -one.score, one.detection_id))
-    return found
+    for defect_id, observations in groups.items():
+        observations.sort(
+            key=lambda item: (item.photo_id != best[defect_id], item.pixel_mm, -item.score, item.detection_id)
+        )
+    return groups

@@ -1,4 +1,4 @@
-"""What the passport says, fact by fact in plain words: the number, what it means, its limit and the verdict."""
+"""Facts of the passport: value, meaning, limit and assessment of each quantity of the georeferencing."""
 
 from __future__ import annotations
 
@@ -10,46 +10,51 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from facadelake.core.arrays import Float64N
 from schemas.vocabulary import ControlKind, PoseSource
 
 Row = Mapping[str, Any]
 AXES = ("east", "north", "up")
 
-# What a tachymeter leaves on a facade, each axis, and what three of its sigmas allow as a mean.
+# One sigma per axis of a point surveyed on a facade with a total station.
 _SURVEY_SIGMA_M = 0.01
+# Limits of a good georeferencing. The mean residual of control points is limited to three sigmas of the survey.
 _MAX_CONTROL_RESIDUAL_M = 0.03
 _MAX_DOMING_M = 0.02
 _MAX_MODEL_DISTANCE_M = 0.10
 _MAX_SIGMA_RATIO = 3.0
 _MAX_TIE_SIGMA_PX = 1.0
 
-_CONTROL_WORDS: Mapping[str, tuple[str, str]] = {
-    ControlKind.GCP: ("control points", "how far the adjusted control points lie from their survey"),
+_CONTROL_TEXTS: Mapping[str, tuple[str, str]] = {
+    ControlKind.GCP: ("control points", "distance of the adjusted control points from their surveyed positions"),
     ControlKind.CAMPAIGN: (
         "shared points",
-        "how far points shared with the earlier campaign lie from where that one has them",
+        "distance of points shared with the reference campaign from their positions there",
     ),
     ControlKind.MODEL: (
-        "the model's walls",
-        "how far tie points lie from the walls that hold them; relief that the model does not show is in it",
+        "walls of the model",
+        "distance of tie points from the walls of the model; includes relief that the model lacks",
     ),
-    ControlKind.GPS: ("GPS positions", "how far the cameras lie from the positions that their photographs state"),
-    ControlKind.IMPORTED: ("imported poses", "taken as another program found them: what is left there is not known"),
+    ControlKind.GPS: ("GPS positions", "distance of the adjusted cameras from the GPS positions of their photographs"),
+    ControlKind.IMPORTED: (
+        "imported poses",
+        "poses of another program, used without adjustment; residuals are not known",
+    ),
 }
 
 
 class FactStatus(StrEnum):
-    """What a person should do about a fact; ``NONE``: it is told, not judged."""
+    """Assessment of a fact: within its limit, to be checked, insufficient; ``NONE``: not assessed."""
 
     GOOD = "good"
-    CHECK = "look"
+    CHECK = "check"
     POOR = "poor"
     NONE = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fact:
-    """One line of the passport."""
+    """One line of the passport; ``limit`` is empty where the fact is not assessed."""
 
     name: str
     value: str
@@ -59,12 +64,16 @@ class Fact:
 
 
 def format_length(metres: float) -> str:
-    """Millimetres below 0.1 m, else metres."""
+    """A length in millimetres below 0.1 m, else in metres."""
     return f"{1000 * metres:.0f} mm" if abs(metres) < 0.1 else f"{metres:.2f} m"
 
 
 def list_passport_facts(row: Row, poses: pa.Table, *, placement_sigma_max_m: float) -> tuple[Fact, ...]:
-    """The facts of a row of table ``georeference`` and its table ``poses``, the weightiest first."""
+    """Facts of a campaign, the most important first.
+
+    ``row``: its row of table ``georeference``. ``poses``: its rows of table ``poses``. ``placement_sigma_max_m``:
+    largest permitted standard deviation of the campaign's position, metres.
+    """
     return (
         _report_sigma(row, placement_sigma_max_m),
         _report_check_points(row),
@@ -76,16 +85,16 @@ def list_passport_facts(row: Row, poses: pa.Table, *, placement_sigma_max_m: flo
 
 
 def summarise_passport(row: Row, facts: tuple[Fact, ...]) -> tuple[FactStatus, str]:
-    """The verdict on the whole, and in a sentence how the campaign was placed, how well, and what to look at."""
+    """Overall assessment, and a sentence with the method, the accuracy and the facts to be checked."""
     worst = int(np.argmax(_get_sigmas(row)))
-    known = f"known to {format_length(_get_sigmas(row)[worst])} in its weakest direction ({AXES[worst]}, one sigma)"
-    said = f"placed by {row['method']}, {known}"
-    flagged = {verdict: [fact.name for fact in facts if fact.status is verdict] for verdict in FactStatus}
+    sigma = f"largest standard deviation {format_length(_get_sigmas(row)[worst])} ({AXES[worst]})"
+    description = f"georeferenced by {row['method']}, {sigma}"
+    flagged = {status: [fact.name for fact in facts if fact.status is status] for status in FactStatus}
     if flagged[FactStatus.POOR]:
-        return FactStatus.POOR, f"Metres only: {said}"
+        return FactStatus.POOR, f"Accuracy below requirement: {description}"
     if flagged[FactStatus.CHECK]:
-        return FactStatus.CHECK, f"Usable, but look at {', '.join(flagged[FactStatus.CHECK])}: {said}"
-    return FactStatus.GOOD, f"Good: {said}"
+        return FactStatus.CHECK, f"Usable, check {', '.join(flagged[FactStatus.CHECK])}: {description}"
+    return FactStatus.GOOD, f"Good: {description}"
 
 
 def _get_sigmas(row: Row) -> list[float]:
@@ -99,149 +108,149 @@ def _format_by_axis(values: list[float]) -> str:
 def _report_sigma(row: Row, limit_m: float) -> Fact:
     waived = row["control"] == ControlKind.GPS
     return Fact(
-        name="known to (one sigma)",
+        name="standard deviation",
         value=_format_by_axis(_get_sigmas(row)),
-        meaning="how far the cameras' middle may lie off its place, by its own account; twice this holds 95 % of "
-        "cases; walls near control points are known better: each defect has its own",
-        limit=format_length(limit_m) + (" (waived: GPS alone)" if waived else ""),
+        meaning="uncertainty of the campaign's position at the centroid of the cameras; 95 % of errors are within "
+        "twice this value; each defect has its own standard deviation, smaller near control points",
+        limit=format_length(limit_m) + (" (waived: GPS only)" if waived else ""),
         status=FactStatus.GOOD if max(_get_sigmas(row)) <= limit_m else FactStatus.POOR,
     )
 
 
 def _report_check_points(row: Row) -> Fact:
-    name, count = "held-out points", row["check_points"]
+    name, count = "independent points", row["check_points"]
     if not count:
         return Fact(
             name=name,
             value="none",
-            meaning="no surveyed point outside the adjustment tests the placement; bring check points",
-            limit="1 or more",
+            meaning="no surveyed point outside the adjustment tests the georeferencing; add check points",
+            limit="at least 1",
             status=FactStatus.CHECK,
         )
     limit_m = 3 * float(np.sqrt(sum(sigma**2 for sigma in _get_sigmas(row)) + 3 * _SURVEY_SIGMA_M**2))
     mean_m, largest_m = row["check_residual_mean_m"], row["check_residual_max_m"]
     return Fact(
         name=name,
-        value=f"{count}: mean {format_length(mean_m)}, largest {format_length(largest_m)}",
-        meaning="how far surveyed points lie off that did not hold the block: the error to expect",
-        limit=f"{format_length(limit_m)}: three of the stated sigmas",
+        value=f"{count}: mean {format_length(mean_m)}, maximum {format_length(largest_m)}",
+        meaning="error at check points and held-out control points, which did not take part in the adjustment",
+        limit=f"{format_length(limit_m)}: three standard deviations",
         status=FactStatus.GOOD if largest_m <= limit_m else FactStatus.CHECK,
     )
 
 
 def _report_control_residuals(row: Row) -> Fact:
-    name, meaning = _CONTROL_WORDS[row["control"]]
+    name, meaning = _CONTROL_TEXTS[row["control"]]
     if row["residual_mean_m"] is None:
         return Fact(name=name, value=f"{row['points_used']} of {row['points_total']} used", meaning=meaning)
     value = (
-        f"mean {format_length(row['residual_mean_m'])}, largest {format_length(row['residual_max_m'])} "
+        f"mean {format_length(row['residual_mean_m'])}, maximum {format_length(row['residual_max_m'])} "
         f"({row['points_used']} of {row['points_total']} used)"
     )
     if row["control"] not in (ControlKind.GCP, ControlKind.CAMPAIGN):
         return Fact(name=name, value=value, meaning=meaning)
-    good = row["residual_mean_m"] <= _MAX_CONTROL_RESIDUAL_M
+    is_good = row["residual_mean_m"] <= _MAX_CONTROL_RESIDUAL_M
     if row["control"] == ControlKind.GCP:
-        good = good and row["points_used"] == row["points_total"]
+        is_good = is_good and row["points_used"] == row["points_total"]
     limit = f"mean {format_length(_MAX_CONTROL_RESIDUAL_M)}" + (
         ", all used" if row["control"] == ControlKind.GCP else ""
     )
-    verdict = FactStatus.GOOD if good else FactStatus.CHECK
-    return Fact(name=name, value=value, meaning=meaning, limit=limit, status=verdict)
+    status = FactStatus.GOOD if is_good else FactStatus.CHECK
+    return Fact(name=name, value=value, meaning=meaning, limit=limit, status=status)
 
 
 def _report_weakest_direction(row: Row) -> Fact:
     sigmas = _get_sigmas(row)
-    worst, times = int(np.argmax(sigmas)), max(sigmas) / max(min(sigmas), 1e-9)
+    worst, ratio = int(np.argmax(sigmas)), max(sigmas) / max(min(sigmas), 1e-9)
     return Fact(
         name="weakest direction",
-        value=f"{AXES[worst]}, {times:.1f} times the best known one",
-        meaning="what the photographs and the control observe least",
+        value=f"{AXES[worst]}, {ratio:.1f} times the smallest standard deviation",
+        meaning="axis that photographs and control determine least",
         limit=f"{_MAX_SIGMA_RATIO:g} times",
-        status=FactStatus.GOOD if times <= _MAX_SIGMA_RATIO else FactStatus.CHECK,
+        status=FactStatus.GOOD if ratio <= _MAX_SIGMA_RATIO else FactStatus.CHECK,
     )
 
 
 def _report_doming(row: Row) -> Fact:
-    name = "bend of the block"
-    meaning = "how far its middle bulges out of its rim against the model's walls (doming)"
+    name = "doming"
+    meaning = "bending of the block, as the height of its centre over its rim, measured against the model's walls"
     if row["control"] == ControlKind.MODEL:
-        meaning += "; the model held the block, so this is no independent test"
-    bend_m, sigma_m = row["doming_m"], row["doming_sigma_m"]
-    if bend_m is None or sigma_m is None:
-        return Fact(name=name, value="not tested", meaning=f"{meaning}; too few tie points lie on walls")
-    good = abs(bend_m) <= max(_MAX_DOMING_M, 2 * sigma_m)
+        meaning += "; not an independent test, because the model is the control"
+    doming_m, sigma_m = row["doming_m"], row["doming_sigma_m"]
+    if doming_m is None or sigma_m is None:
+        return Fact(name=name, value="not tested", meaning=f"{meaning}; too few tie points on walls")
+    is_good = abs(doming_m) <= max(_MAX_DOMING_M, 2 * sigma_m)
     return Fact(
         name=name,
-        value=f"{1000 * bend_m:+.0f} mm ± {1000 * sigma_m:.0f} mm",
+        value=f"{1000 * doming_m:+.0f} mm ± {1000 * sigma_m:.0f} mm",
         meaning=meaning,
-        limit=f"{format_length(_MAX_DOMING_M)}, or two sigmas",
-        status=FactStatus.GOOD if good else FactStatus.CHECK,
+        limit=f"{format_length(_MAX_DOMING_M)} or two standard deviations",
+        status=FactStatus.GOOD if is_good else FactStatus.CHECK,
     )
 
 
 def _report_other_facts(row: Row, poses: pa.Table) -> Iterator[Fact]:
-    """What is there to be known; little of it is judged."""
+    """Further facts, most of them without assessment; those that were not measured are omitted."""
     if row["control"] != ControlKind.GPS and row["gps_offset_east_m"] is not None:
         parts = [row[f"gps_offset_{axis}_m"] for axis in AXES]
         sigma_m = row["gps_offset_sigma_m"]
         yield Fact(
-            name="GPS found off by",
+            name="GPS offset",
             value=", ".join(
                 "unknown" if part is None else f"{part:+.2f} m {axis}" for part, axis in zip(parts, AXES, strict=True)
             )
             + ("" if sigma_m is None else f" (± {format_length(sigma_m)})"),
-            meaning="what the photographs' GPS has in common as an error, against the adjusted cameras",
+            meaning="common offset of the photographs' GPS positions from the adjusted cameras",
         )
     if row["model_residual_m"] is not None:
         yield Fact(
             name="distance to the model",
             value=f"median {format_length(row['model_residual_m'])}",
-            meaning="of tie points from the model's faces: the relief and the building's deviation from its design",
+            meaning="distance of tie points from the model's surface: relief and deviations of the building from the model",
             limit=format_length(_MAX_MODEL_DISTANCE_M),
             status=FactStatus.GOOD if row["model_residual_m"] <= _MAX_MODEL_DISTANCE_M else FactStatus.CHECK,
         )
     if row["edge_score"] is not None:
-        rival = row["edge_score_runner_up"]
+        runner_up = row["edge_score_runner_up"]
         features = row["edge_features"]
         yield Fact(
             name="edges of the model",
-            value=("" if features is None else f"{features} met; ")
-            + f"score {row['edge_score']:.2f} here"
-            + ("" if rival is None else f", {rival:.2f} at the best other place"),
-            meaning="sills, storey lines and corners found in the photographs; alike windows could hold it a bay aside",
-            limit="better than any other place",
-            status=FactStatus.GOOD if rival is None or row["edge_score"] > rival else FactStatus.CHECK,
+            value=("" if features is None else f"{features} matched; ")
+            + f"score {row['edge_score']:.2f}"
+            + ("" if runner_up is None else f", {runner_up:.2f} at the best competing shift"),
+            meaning="sills, storey lines and corners matched in photographs; repeated windows may match one bay off",
+            limit="higher than at any other shift",
+            status=FactStatus.GOOD if runner_up is None or row["edge_score"] > runner_up else FactStatus.CHECK,
         )
     sigmas = _collect_camera_sigmas(poses)
     if len(sigmas):
         yield Fact(
-            name="cameras known to",
-            value=f"median {format_length(float(np.median(sigmas)))}, worst {format_length(float(sigmas.max()))}",
-            meaning="one sigma of a camera's place along its worst axis",
+            name="cameras",
+            value=f"median {format_length(float(np.median(sigmas)))}, maximum {format_length(float(sigmas.max()))}",
+            meaning="standard deviation of a camera's position along its weakest axis",
         )
     if row["tie_sigma_px"] is not None:
         yield Fact(
             name="tie points",
-            value=f"{row['tie_sigma_px']:.2f} px, variance raised {row['tie_variance_factor']:.1f} times",
-            meaning="one sigma of a point in a photograph; raised because neighbouring points err together",
+            value=f"{row['tie_sigma_px']:.2f} px, variance factor {row['tie_variance_factor']:.1f}",
+            meaning="standard deviation of an image point; the factor accounts for correlated errors of neighbours",
             limit=f"{_MAX_TIE_SIGMA_PX:g} px",
             status=FactStatus.GOOD if row["tie_sigma_px"] <= _MAX_TIE_SIGMA_PX else FactStatus.CHECK,
         )
     if row["reference_campaign"] is not None:
         yield Fact(
-            name="in the frame of",
+            name="reference",
             value=f"campaign {row['reference_campaign']}",
-            meaning="the earlier campaign whose points hold this one, so that defects can be compared",
+            meaning="earlier campaign that controls this one, so that defects can be compared",
         )
     yield Fact(
         name="CRS and heights",
         value=f"{row['map_crs']}, heights {row['vertical_datum']}; model: LoGeoRef {row['georeference_level']}",
-        meaning="map coordinates and the datum of heights; how the building model states its own place",
+        meaning="CRS of map coordinates, vertical datum, and level of georeference of the building model",
     )
 
 
-def _collect_camera_sigmas(poses: pa.Table) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """One sigma (n,) of the localised cameras' places along their worst axes of site."""
+def _collect_camera_sigmas(poses: pa.Table) -> Float64N:
+    """One sigma (n,) of the localised cameras' positions along their weakest axes of site, metres."""
     names = [f"sigma_{axis}_m" for axis in AXES]
     rows = [row for row in poses.select(["pose_source", *names]).to_pylist() if row["pose_source"] != PoseSource.PRIOR]
     known = [max(row[name] for name in names) for row in rows if row[names[0]] is not None]

@@ -1,4 +1,4 @@
-"""The passport as a picture: where the campaign stands, how well that is known, and what tells so."""
+"""The sheet of the passport: plan view, view from the south, facts and residuals."""
 
 from __future__ import annotations
 
@@ -47,22 +47,22 @@ _STATUS_COLOURS = {
     FactStatus.NONE: "#202020",
 }
 _KIND_LABELS = {
-    PointKind.CONTROL: "control point, as fitted",
-    PointKind.HELD_OUT: "the same, left out",
+    PointKind.CONTROL: "control point, adjusted",
+    PointKind.HELD_OUT: "control point, held out",
     PointKind.CHECK: "check point",
-    PointKind.GPS: "GPS of a photograph (true scale)",
+    PointKind.GPS: "GPS position of a photograph (true scale)",
 }
 
 
 def draw_passport(inspection: Inspection, path: Path) -> Path:
-    """Write the passport as a PNG: plan and view from the south on the left, facts and residuals on the right."""
+    """Write the passport as a PNG: plan view and view from the south on the left, facts and residuals on the right."""
     row = inspection.georeference.to_pylist()[0]
     facts = list_passport_facts(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
-    place = collect_geometry(inspection)
-    corners = compute_extent(inspection, place)
+    geometry = collect_geometry(inspection)
+    corners = compute_extent(inspection, geometry)
     wide, deep, high = corners[1] - corners[0]
     per_m = min(_VIEW_IN / wide, _VIEW_HEIGHT_IN / (deep + high))
-    scales = choose_scales(place, float(max(wide, deep)))
+    scales = choose_scales(geometry, float(max(wide, deep)))
 
     height_in = max(_TOP_IN + (deep + high) * per_m + 1.8, _LEAST_HEIGHT_IN)
     width_in = 0.75 + _VIEW_IN + _RIGHT_IN
@@ -75,20 +75,20 @@ def draw_passport(inspection: Inspection, path: Path) -> Path:
     _write_heading(figure, inspection, row, facts, height_in)
     left = 0.75 + (_VIEW_IN - wide * per_m) / 2
     plan = axes_at(left, _TOP_IN, wide * per_m, deep * per_m)
-    draw_view(plan, inspection, place, NORTH, corners, scales)
-    plan.set_ylabel("metres north", fontsize=8)
+    draw_view(plan, inspection, geometry, NORTH, corners, scales)
+    plan.set_ylabel("north (m)", fontsize=8)
     side = axes_at(left, _TOP_IN + deep * per_m + 0.35, wide * per_m, high * per_m)
-    draw_view(side, inspection, place, UP, corners, scales)
-    side.set_ylabel("metres up", fontsize=8)
-    side.set_xlabel("metres east of the site's origin; above: from the sky, below: from the south", fontsize=8)
-    _draw_legend(figure, place, scales)
-    _draw_scale_bars(plan, place, scales, float(wide), row_m=0.16 / per_m)
+    draw_view(side, inspection, geometry, UP, corners, scales)
+    side.set_ylabel("up (m)", fontsize=8)
+    side.set_xlabel("east of the site's origin (m); top: plan view, bottom: view from the south", fontsize=8)
+    _draw_legend(figure, geometry, scales)
+    _draw_scale_bars(plan, geometry, scales, float(wide), row_m=0.16 / per_m)
 
     right = 0.75 + _VIEW_IN + 0.35
     bottom = _write_facts(figure, facts, right, width_in, height_in)
-    panels = [("surveyed points: where they came to lie, minus survey (mm)", place.surveyed, 1000.0, False)]
-    gps = tuple(group for group in place.points if group[0] == PointKind.GPS)
-    panels.append(("GPS minus adjusted camera (m); bar: what they have in common", gps, 1.0, True))
+    panels = [("surveyed points: adjusted minus surveyed position (mm)", geometry.surveyed, 1000.0, False)]
+    gps = tuple(group for group in geometry.points if group[0] == PointKind.GPS)
+    panels.append(("GPS position minus adjusted camera (m); bar: median", gps, 1.0, True))
     each = (height_in - bottom - 0.35) / len(panels)
     for k, (title, groups, unit, common) in enumerate(panels):
         axes = axes_at(right + 0.5, bottom + k * each + 0.3, _RIGHT_IN - 1.1, each - 0.65)
@@ -101,23 +101,23 @@ def draw_passport(inspection: Inspection, path: Path) -> Path:
 def _write_heading(
     figure: Figure, inspection: Inspection, row: dict[str, Any], facts: tuple[Fact, ...], height: float
 ) -> None:
-    verdict, sentence = summarise_passport(row, facts)
+    status, sentence = summarise_passport(row, facts)
     title = f"{inspection.building_name}, {inspection.campaign_id}: passport"
     figure.text(0.012, 1 - 0.12 / height, title, fontsize=13, weight="bold", va="top", parse_math=False)
     for k, line in enumerate(textwrap.wrap(sentence, 150)[:2]):
         figure.text(
             0.012, 1 - (0.45 + 0.22 * k) / height, line, fontsize=10.5, weight="bold", va="top", parse_math=False,
-            color=_STATUS_COLOURS[verdict],
+            color=_STATUS_COLOURS[status],
         )  # fmt: skip
 
 
 def _write_facts(figure: Figure, facts: tuple[Fact, ...], left: float, width: float, height: float) -> float:
-    """Write the facts one under another; returns how far from the top they reach, inches."""
+    """Write the facts one below the other; returns their lower end, inches from the top of the sheet."""
     top = _TOP_IN
     for fact in facts:
         colour = _STATUS_COLOURS[fact.status]
-        word = fact.status.upper() if fact.status else ""
-        figure.text(left / width, 1 - top / height, word, fontsize=8, weight="bold", color=colour, va="top")
+        status = fact.status.upper() if fact.status else ""
+        figure.text(left / width, 1 - top / height, status, fontsize=8, weight="bold", color=colour, va="top")
         figure.text((left + 0.55) / width, 1 - top / height, fact.name, fontsize=8.5, weight="bold", va="top")
         lines = textwrap.wrap(fact.value, 56)
         if fact.limit:
@@ -131,20 +131,20 @@ def _write_facts(figure: Figure, facts: tuple[Fact, ...], left: float, width: fl
     return top
 
 
-def _draw_legend(figure: Figure, place: PassportGeometry, scales: DrawingScales) -> None:
+def _draw_legend(figure: Figure, geometry: PassportGeometry, scales: DrawingScales) -> None:
     handles = [
         Line2D([], [], color="#202020", marker="o", markersize=4, linestyle="none", label="camera"),
         Line2D(
             [], [], color="#0072b2", marker="o", markersize=9, markerfacecolor="#56b4e955", linestyle="none",
-            label=f"its 95 % (2 sigma) ellipse, {_format_factor(scales.ellipses)}",
+            label=f"95 % confidence ellipse, {_format_factor(scales.ellipses)}",
         ),
     ]  # fmt: skip
-    for kind, given, _ in place.points:
+    for kind, given, _ in geometry.points:
         colour, marker = POINT_STYLES[kind]
         label = f"{_KIND_LABELS[PointKind(kind)]} ({len(given)})"
         handles.append(Line2D([], [], color=colour, marker=marker, markersize=5, linestyle="none", label=label))
-    if place.surveyed:
-        label = f"from the survey to where it came to lie, {_format_factor(scales.residuals)}"
+    if geometry.surveyed:
+        label = f"residual, surveyed to adjusted position, {_format_factor(scales.residuals)}"
         handles.append(
             Line2D([], [], color="#606060", marker=r"$\rightarrow$", markersize=10, linestyle="none", label=label)
         )
@@ -153,27 +153,29 @@ def _draw_legend(figure: Figure, place: PassportGeometry, scales: DrawingScales)
 
 def _format_factor(factor: float) -> str:
     if factor == 1:
-        return "true size"
-    return f"{factor:g} times as large" if factor > 1 else f"{1 / factor:g} times smaller"
+        return "true scale"
+    return f"enlarged {factor:g} times" if factor > 1 else f"reduced {1 / factor:g} times"
 
 
-def _draw_scale_bars(axes: Axes, place: PassportGeometry, scales: DrawingScales, wide_m: float, row_m: float) -> None:
-    """Bars in the plan's lower left: metres of the plan, and millimetres of ellipses and residuals."""
+def _draw_scale_bars(
+    axes: Axes, geometry: PassportGeometry, scales: DrawingScales, wide_m: float, row_m: float
+) -> None:
+    """Draw scale bars of the plan, the ellipses and the residuals in the plan's lower left corner."""
     low_x, low_y = axes.get_xlim()[0], axes.get_ylim()[0]
     bars = [(1.0, "#202020", "plan"), (scales.ellipses, "#0072b2", "ellipses")]
-    if place.surveyed:
-        bars.append((scales.residuals, "#606060", "arrows"))
-    for k, (times, colour, what) in enumerate(bars):
-        fitting = [p * 10.0**e for e in range(-3, 4) for p in (1, 2, 5) if p * 10.0**e * times <= wide_m / 8]
+    if geometry.surveyed:
+        bars.append((scales.residuals, "#606060", "residuals"))
+    for k, (factor, colour, name) in enumerate(bars):
+        fitting = [p * 10.0**e for e in range(-3, 4) for p in (1, 2, 5) if p * 10.0**e * factor <= wide_m / 8]
         length = max(fitting, default=0.001)
         y = low_y + row_m * (0.6 + k)
         axes.add_patch(
             Rectangle(
-                (low_x + row_m * 0.5, y), length * times, row_m * 0.3, facecolor=colour, edgecolor="white", zorder=7
+                (low_x + row_m * 0.5, y), length * factor, row_m * 0.3, facecolor=colour, edgecolor="white", zorder=7
             )
         )
         axes.text(
-            low_x + row_m * 0.7 + length * times, y + row_m * 0.15, f"{what}: {format_length(length)}", fontsize=7.5,
+            low_x + row_m * 0.7 + length * factor, y + row_m * 0.15, f"{name}: {format_length(length)}", fontsize=7.5,
             va="center", zorder=7, bbox={"facecolor": "#ffffffc0", "edgecolor": "none", "pad": 0.8},
         )  # fmt: skip
 
@@ -181,7 +183,7 @@ def _draw_scale_bars(axes: Axes, place: PassportGeometry, scales: DrawingScales,
 def _draw_residuals(
     axes: Axes, groups: tuple[tuple[str, Float64Array, Float64Array], ...], unit: float, *, common: bool
 ) -> None:
-    """Signed residuals by axis of site, a dot each."""
+    """Draw the signed residuals along each axis of site, with their medians where ``common``."""
     axes.set_yticks(range(3), AXES, fontsize=8)
     axes.set_ylim(2.6, -0.6)
     axes.tick_params(labelsize=8)
@@ -192,7 +194,7 @@ def _draw_residuals(
         axes.text(
             0.5,
             0.5,
-            "none was measured",
+            "not measured",
             transform=axes.transAxes,
             ha="center",
             va="center",
@@ -203,11 +205,11 @@ def _draw_residuals(
         return
     for k, (kind, _, residual) in enumerate(groups):
         colour, marker = POINT_STYLES[kind]
-        shown = residual * unit * (1.0 if common else -1.0)
+        values = residual * unit * (1.0 if common else -1.0)
         for axis in range(3):
-            y = np.full(len(shown), axis + 0.26 * (k - (len(groups) - 1) / 2))
-            axes.plot(shown[:, axis], y, marker, color=colour, markersize=4.5, alpha=0.8, linestyle="none")
+            y = np.full(len(values), axis + 0.26 * (k - (len(groups) - 1) / 2))
+            axes.plot(values[:, axis], y, marker, color=colour, markersize=4.5, alpha=0.8, linestyle="none")
             if common:
-                axes.plot([np.median(shown[:, axis])] * 2, [axis - 0.35, axis + 0.35], color="#202020", linewidth=1.6)
+                axes.plot([np.median(values[:, axis])] * 2, [axis - 0.35, axis + 0.35], color="#202020", linewidth=1.6)
     largest = float(max(np.abs(residual).max() for _, _, residual in groups)) * unit
     axes.set_xlim(-1.1 * largest - 1e-9, 1.1 * largest + 1e-9)

@@ -22,7 +22,7 @@ def test_mutual_pairs_are_those_of_brute_force(monkeypatch: pytest.MonkeyPatch) 
     mutual = distance.argmin(axis=0)[nearest] == np.arange(300)
     ratio = sorted_[:, 0] / sorted_[:, 1]
     expected = {(i, int(nearest[i])): ratio[i] for i in np.flatnonzero(mutual & (ratio <= 0.9))}
-    found = match_descriptors(a, b, largest_ratio=0.9)
+    found = match_descriptors(a, b, max_ratio=0.9)
     assert dict.fromkeys(zip(found.a.tolist(), found.b.tolist(), strict=True)).keys() == expected.keys()
     assert 150 < len(found) <= 180
     said = [expected[pair] for pair in zip(found.a.tolist(), found.b.tolist(), strict=True)]
@@ -33,9 +33,9 @@ def test_mutual_pairs_are_those_of_brute_force(monkeypatch: pytest.MonkeyPatch) 
 def test_what_looks_alike_twice_is_no_pair() -> None:
     rng = np.random.default_rng(2)
     a = random_descriptors(50, rng)
-    assert len(match_descriptors(a, np.concatenate([a, a[:20]]), largest_ratio=0.9)) == 30
-    assert len(match_descriptors(a, a[:1], largest_ratio=0.9)) == 0  # nothing to compare the nearest with
-    assert len(match_descriptors(a[:0], a, largest_ratio=0.9)) == 0
+    assert len(match_descriptors(a, np.concatenate([a, a[:20]]), max_ratio=0.9)) == 30
+    assert len(match_descriptors(a, a[:1], max_ratio=0.9)) == 0  # nothing to compare the nearest with
+    assert len(match_descriptors(a[:0], a, max_ratio=0.9)) == 0
 
 
 @pytest.mark.parametrize("share", [0.6, 0.1])

@@ -54,7 +54,7 @@ def test_the_rectified_patch_is_true_to_scale(painted: Painted, photo_id: str) -
     """The painting's own coordinates against the patch's cells: the best scale between them is one, to 1 %."""
     x_m, z_m = 3.6, 2.2
     view = view_of(painted, mark_at(painted, x_m, z_m, width_m=0.9, height_m=0.7), photo_id)
-    assert view.shown.all()
+    assert view.visible.all()
     assert view.side_m == pytest.approx(0.9 * 1.8, rel=1e-9)
     along = (np.arange(300) + 0.5 - 150) * view.cell_m
     got = cv2.cvtColor(view.picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
@@ -107,9 +107,9 @@ def test_what_something_else_hides_is_grey(painted: Painted) -> None:
     view = view_of(replace(painted, surface=surface), mark_at(painted, 3.4, 2.0, width_m=1.0, height_m=1.0))
     # From the camera at x = 2, y = -5.5 the screen at y = -1.9 hides the wall's front from x of 3.5 to about 5.
     x_m = 3.4 + (np.arange(300) + 0.5 - 150) * view.cell_m
-    assert not view.shown[150, (x_m > 3.7) & (x_m < 4.2)].any()
-    assert view.shown[150, x_m < 3.4].all()
-    assert (view.picture[~view.shown] == 225).all()
+    assert not view.visible[150, (x_m > 3.7) & (x_m < 4.2)].any()
+    assert view.visible[150, x_m < 3.4].all()
+    assert (view.picture[~view.visible] == 225).all()
 
 
 def test_a_patch_of_its_own_is_the_outline(painted: Painted) -> None:
@@ -237,8 +237,8 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
     inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0, score=0.537)], ["D1"])
     (row,) = inspection.defects.to_pylist()
     bare = dict(list_card_facts(row, inspection, []))
-    assert bare["found by"] == "coco:x, score 0.54"
-    assert not {"deviation", "joined", "kept apart", "crack width", "one sigma", "position from"} & set(bare)
+    assert bare["detected by"] == "coco:x, score 0.54"
+    assert not {"deviation", "merged", "not merged", "crack width", "std. deviation", "position method"} & set(bare)
     assert "None" not in " ".join(bare.values())
     pairs = [
         {"detection_id": "a", "other_detection_id": "b", "defect_id": "D1", "other_defect_id": "D1",
@@ -255,21 +255,19 @@ def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) ->
     measured = {"deviation_from_model_m": -0.034, "deviation_sigma_m": 0.005, "crack_width_mm": 0.4, "length_m": 1.5}
     sigmas = {"sigma_east_m": 0.01, "sigma_north_m": 0.02, "sigma_up_m": 0.03}
     rich = {**row, **measured, **sigmas, "position_method": "triangulated"}
-    told = dict(list_card_facts(rich, inspection, merges["D1"]))
-    assert told["deviation"] == "34 mm behind the model's surface (± 5 mm)"
-    assert told["joined"] == "1 pair by geography and image; at most 1.2 sigma apart, likeness 0.71 to 0.71"
-    assert told["kept apart"] == "from D9, 20 cm away: looks different"
-    assert told["site e, n, u (m)"] == "2.000, 0.000, 1.000"
-    assert told["one sigma"] == "10.0, 20.0, 30.0 mm (east, north, up)"
-    assert told["position from"].endswith("(triangulated)")
-    assert told["crack width"] == "0.40 mm"
+    facts = dict(list_card_facts(rich, inspection, merges["D1"]))
+    assert facts["deviation"] == "34 mm behind the model surface (± 5 mm)"
+    assert facts["merged"] == ("1 pair (geography and image); Mahalanobis distance up to 1.2, similarity 0.71 to 0.71")
+    assert facts["not merged"] == "with D9, 20 cm away: looks different"
+    assert facts["site E, N, U (m)"] == "2.000, 0.000, 1.000"
+    assert facts["std. deviation"] == "10.0, 20.0, 30.0 mm (east, north, up)"
+    assert facts["position method"] == "triangulated from its observations"
+    assert facts["crack width"] == "0.40 mm"
     error = {"crack_width_mm": 2.34, "crack_width_sigma_mm": 0.42, "crack_width_max_mm": 4.06}
-    assert (
-        dict(list_card_facts({**rich, **error}, inspection, []))["crack width"] == "2.3 ± 0.4 mm, 4.1 mm at its widest"
-    )
+    assert dict(list_card_facts({**rich, **error}, inspection, []))["crack width"] == "2.3 ± 0.4 mm, maximum 4.1 mm"
     bound = {"crack_width_mm": None, "crack_width_limit_mm": 3.24, "crack_width_outcome": "below_limit"}
     assert dict(list_card_facts({**rich, **bound}, inspection, []))["crack width"] == "< 3.2 mm"
     assert "crack width" not in dict(
         list_card_facts({**rich, **bound, "crack_width_outcome": "no_line"}, inspection, [])
     )
-    assert "1.50 m at its longest" in told["size"]
+    assert "longest extent 1.50 m" in facts["size"]
