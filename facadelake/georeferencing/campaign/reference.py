@@ -22,7 +22,6 @@ from facadelake.sfm import Reconstruction
 
 REFERENCE_FILE = "reference.npz"
 MAX_POINTS = 100_000
-_HEADER_KEY = "said"  # of the file format
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,12 +70,15 @@ class ReferencePoints:
         )
 
     def save(self, path: Path) -> str:
-        """Write one file, for ``read_reference``; returns the hash of its content, which the file contains too."""
+        """Write one file, for ``read_reference``; returns the hash of its content, which the file contains too.
+
+        The header is the file's entry ``said``.
+        """
         header, arrays = self._split_content()
         digest = _hash_content(header, arrays)
         stored = np.array(json.dumps(header | {"content_hash": digest}, sort_keys=True))
         with path.open("wb") as stream:
-            np.savez(stream, **{_HEADER_KEY: stored}, **arrays)
+            np.savez(stream, said=stored, **arrays)
         return digest
 
     def _split_content(self) -> tuple[dict[str, object], dict[str, Any]]:
@@ -102,7 +104,7 @@ def read_reference(path: Path) -> ReferencePoints:
     try:
         with np.load(path) as loaded:
             arrays = dict(loaded)
-        header = json.loads(str(arrays.pop(_HEADER_KEY)))
+        header = json.loads(str(arrays.pop("said")))
         digest = header.pop("content_hash")
         origin = SiteOrigin(**header["origin"])
         reference = ReferencePoints(
