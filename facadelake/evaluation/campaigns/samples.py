@@ -18,13 +18,12 @@ Row = Mapping[str, Any]
 class PositionSamples:
     """Errors of n positions with a known true position, in site.
 
-    ``targets``: the check points. ``error_site_m`` (n, 3): estimated minus true. ``normal_site`` (n, 3): outward.
+    ``error_site_m`` (n, 3): estimated minus true. ``normal_site`` (n, 3): outward.
     ``covariance_m2``: (3, 3) as the run states it; None where it states none. ``incidence_deg``, ``distance_m``,
     ``deviation_m`` (n,): NaN where a row has no value.
     """
 
     ids: tuple[str, ...]
-    targets: tuple[str, ...]
     error_site_m: Float64Nx3
     xyz_true_site_m: Float64Nx3
     normal_site: Float64Nx3
@@ -45,11 +44,10 @@ def collect_position_samples(
 ) -> PositionSamples:
     """Samples of rows of ``observations`` or ``defects``, each with its check point; ``key``: the column of the id."""
     rows = [row for row, _ in pairs]
-    true = np.array([xyz_true_site_m[target] for _, target in pairs], dtype=np.float64).reshape(-1, 3)
+    true = np.array([xyz_true_site_m[point] for _, point in pairs], dtype=np.float64).reshape(-1, 3)
     estimated = _collect_columns(rows, "x_site_m", "y_site_m", "z_site_m")
     return PositionSamples(
         ids=tuple(row[key] for row in rows),
-        targets=tuple(target for _, target in pairs),
         error_site_m=estimated - true,
         xyz_true_site_m=true,
         normal_site=_collect_columns(rows, "normal_x", "normal_y", "normal_z"),
