@@ -1,4 +1,4 @@
-"""The report's tables of defects: each with its picture, and how many of which class are where."""
+"""Sections of the report on defects: their list with pictures, and their numbers by facade and storey."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from facadelake.reporting.elevations.elevation import Elevation
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.html import Html, html_from_value, link_file, render_paragraph, render_table
 
-# Grades of every rule pack that ships (data/severity/), worst first; an unknown grade stands behind them, before those
-# that say that there is no grade.
-_WORST_FIRST = (
+# Grades of the rule packs in data/severity/, the most severe first. Unknown grades follow them; grades that mean "not
+# graded" are last.
+_MOST_SEVERE_FIRST = (
     "very_severe",
     "unsafe",
     "critical",
@@ -40,29 +40,29 @@ _NO_GRADE = ("not_measured", "not_covered", "ungraded", "none", "")
 
 
 def count_by_facade(distribution: Distribution) -> Html:
-    """Defects by class for each facade and storey."""
+    """Table of the numbers of defects by class for each facade and storey."""
     heads = ["facade", "storey", *distribution.classes, "all"]
     lines: list[list[object]] = []
     for facade in distribution.facades:
         for storey in distribution.storeys:
-            cells = [distribution.counts[facade, storey, word] for word in distribution.classes]
+            cells = [distribution.counts[facade, storey, name] for name in distribution.classes]
             if sum(cells):
                 lines.append([facade, storey, *cells, sum(cells)])
     if lines:
-        totals = [distribution.count_defects(None, word) for word in distribution.classes]
+        totals = [distribution.count_defects(None, name) for name in distribution.classes]
         lines.append(["all", "", *totals, distribution.count_defects()])
     return render_table(heads, lines, numeric=range(2, len(heads)))
 
 
 def _rank_severity(severity: str) -> int:
-    word = severity.lower()
-    if word in _NO_GRADE:
-        return len(_WORST_FIRST) + 1 + _NO_GRADE.index(word)
-    return _WORST_FIRST.index(word) if word in _WORST_FIRST else len(_WORST_FIRST)
+    grade = severity.lower()
+    if grade in _NO_GRADE:
+        return len(_MOST_SEVERE_FIRST) + 1 + _NO_GRADE.index(grade)
+    return _MOST_SEVERE_FIRST.index(grade) if grade in _MOST_SEVERE_FIRST else len(_MOST_SEVERE_FIRST)
 
 
 def sort_by_severity(defects: pa.Table) -> list[dict[str, Any]]:
-    """Rows of table ``defects``: the worst grade first, then the largest."""
+    """Rows of table ``defects``: the most severe first, those of one grade by decreasing area."""
     rows: list[dict[str, Any]] = defects.to_pylist()
     return sorted(rows, key=lambda row: (_rank_severity(row["severity"]), -row["area_m2"], row["defect_id"]))
 
@@ -74,26 +74,41 @@ def list_defects(
     elevations: Sequence[Elevation],
     folder: Path,
 ) -> list[Html]:
-    """All defects, worst first, with their crops, which link their cards; before them what a reader must know."""
+    """Table of all defects, the most severe first, with notes on detection, grading and cards before it.
+
+    Args:
+        inspection: the campaign.
+        crops: crops by defect_id; they are linked to the cards.
+        cards: cards by defect_id.
+        elevations: drawn elevations, for the note on defects that are on none.
+        folder: folder of the page.
+    """
     labels = label_ids(inspection.defects.column("defect_id").to_pylist())
     rows = sort_by_severity(inspection.defects)
     rules = ", ".join(sorted({row["severity_rule"] for row in rows}))
-    drawn = {mark.defect_id for elevation in elevations for mark in elevation.marks}
-    missing = sum(row["defect_id"] not in drawn for row in rows)
+    on_elevations = {mark.defect_id for elevation in elevations for mark in elevation.marks}
+    missing = sum(row["defect_id"] not in on_elevations for row in rows)
     notes = []
     if rows:
-        words = f"Worst first, then largest. Found by {inspection.detectors}. "
+        note = f"Sorted by severity, then by area. Detected by {inspection.detectors}. "
         if "onnx:" in inspection.detectors:
-            words += (
-                "A model misses defects and shows some that are none; 'facadelake describe-detector' tells how often. "
+            note += (
+                "Automatic detection misses defects and reports false ones; 'facadelake describe-detector' lists the "
+                "rates. "
             )
-        notes.append(render_paragraph(f"{words}Severity is a proposal by {rules}, not a person's judgement."))
+        notes.append(
+            render_paragraph(
+                f"{note}Severities are proposed by rule pack {rules} and require an engineer's assessment."
+            )
+        )
     if missing:
-        notes.append(render_paragraph(f"{missing} of them lie on no elevation above (undersides, small facades)."))
+        notes.append(
+            render_paragraph(f"{missing} of the defects are not on an elevation above (soffits, small facades).")
+        )
     if cards:
-        all_of_them = "facadelake pictures BUILDING CAMPAIGN --all"
-        words = "This one has a card" if len(cards) == 1 else f"The first {len(cards)} have a card"
-        note = f"{words}: all that is known of it on one sheet; '{all_of_them}' draws every defect's."
+        command = "facadelake pictures BUILDING CAMPAIGN --all"
+        subject = "One defect has a card" if len(cards) == 1 else f"The first {len(cards)} defects have cards"
+        note = f"{subject} with all data on one sheet; '{command}' draws the cards of all defects."
         notes.append(render_paragraph(note))
     lines = [
         _format_defect(row, labels[row["defect_id"]], crops.get(row["defect_id"]), cards.get(row["defect_id"]), folder)
@@ -108,9 +123,9 @@ def list_defects(
         "storey",
         "facade",
         "element",
-        "seen in",
+        "visible in",
         "best photograph",
-        "place",
+        "latitude, longitude; height",
     ]
     return [*notes, render_table(heads, lines, numeric=[0])]
 
@@ -150,6 +165,8 @@ def _format_size(row: Mapping[str, Any]) -> str:
     return text if width is None else f"{text}; crack {width}"
 
 
-def html_from_class(word: str) -> Html:
-    """A class with its colour."""
-    return Html(f'<span class="dot" style="background:{get_class_colour(word)}"></span>{html_from_value(word)}')
+def html_from_class(defect_class: str) -> Html:
+    """The name of a defect class with its colour."""
+    return Html(
+        f'<span class="dot" style="background:{get_class_colour(defect_class)}"></span>{html_from_value(defect_class)}'
+    )

@@ -1,4 +1,4 @@
-"""Pieces of an HTML page: every text escaped, nothing from outside, readable in light, dark and on paper."""
+"""Elements of an HTML page: text is escaped, no external resources, styles for light, dark and print."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from urllib.parse import quote
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #5a5a5a; --ground: #ffffff; --line: #d5d5d5; --band: #f4f4f2;
-  --good: #00664a; --look: #8a5a00; --bad: #a32d00; }
+  --good: #00664a; --check: #8a5a00; --bad: #a32d00; }
 @media (prefers-color-scheme: dark) { :root { --ink: #ececec; --soft: #a9a9a9; --ground: #17181a; --line: #3c3d40;
-  --band: #212225; --good: #4fd1a5; --look: #e8b84a;
+  --band: #212225; --good: #4fd1a5; --check: #e8b84a;
   --bad: #ff9466; } }
 * { box-sizing: border-box; }
 body { margin: 0 auto; max-width: 1240px; padding: 1.2rem 1.4rem 3rem; background: var(--ground); color: var(--ink);
@@ -38,13 +38,13 @@ figcaption { color: var(--soft); font-size: 0.85rem; }
 img.crop { width: 110px; height: 110px; display: block; border-radius: 3px; }
 .dot { display: inline-block; width: 0.75em; height: 0.75em; border-radius: 50%; margin-right: 0.4em;
   border: 1px solid #8884; }
-.good { color: var(--good); } .look { color: var(--look); font-weight: 600; }
+.good { color: var(--good); } .check { color: var(--check); font-weight: 600; }
 .bad { color: var(--bad); font-weight: 600; }
 .soft { color: var(--soft); }
 code { font-size: 0.9em; }
 @media print {
   :root { --ink: #000; --soft: #444; --ground: #fff; --line: #bbb; --band: #f2f2f2; --good: #00664a;
-    --look: #8a5a00; --bad: #a32d00; }
+    --check: #8a5a00; --bad: #a32d00; }
   body { max-width: none; padding: 0; font-size: 10.5pt; } nav { display: none; } h2 { break-after: avoid; }
   figure, tr, .tile { break-inside: avoid; } .scroll { overflow: visible; } img.crop { width: 20mm; height: 20mm; } }
 """
@@ -52,20 +52,20 @@ code { font-size: 0.9em; }
 
 @dataclass(frozen=True)
 class Html:
-    """Text that is HTML already; everything else is escaped on its way into the page."""
+    """Text that is HTML already; all other text is escaped."""
 
     text: str
 
 
 def html_from_value(value: object) -> str:
-    """A cell's or paragraph's content as HTML; None is a dash."""
+    """The content of a cell or paragraph as HTML; None becomes a dash."""
     if isinstance(value, Html):
         return value.text
     return "–" if value is None else escape(str(value))
 
 
 def render_page(title: str, body: Iterable[Html]) -> str:
-    """A whole document that refers to nothing outside its folder."""
+    """An HTML document without references outside its folder."""
     parts = "\n".join(piece.text for piece in body)
     return (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -77,9 +77,16 @@ def render_page(title: str, body: Iterable[Html]) -> str:
 def render_table(
     heads: Sequence[str], rows: Iterable[Sequence[object]], *, caption: str = "", numeric: Iterable[int] = ()
 ) -> Html:
-    """A table; columns whose index is in ``numeric`` stand to the right."""
-    right = frozenset(numeric)
-    kind = [' class="n"' if i in right else "" for i in range(len(heads))]
+    """A table.
+
+    Args:
+        heads: column heads.
+        rows: cells, one per column; None becomes a dash.
+        caption: caption above the table.
+        numeric: indices of columns that are aligned right.
+    """
+    right_aligned = frozenset(numeric)
+    kind = [' class="n"' if i in right_aligned else "" for i in range(len(heads))]
     head = "".join(f"<th{k}>{html_from_value(h)}</th>" for h, k in zip(heads, kind, strict=True))
     lines = [
         "<tr>" + "".join(f"<td{k}>{html_from_value(cell)}</td>" for cell, k in zip(row, kind, strict=True)) + "</tr>"
@@ -93,7 +100,14 @@ def render_table(
 
 
 def render_figure(path: Path, folder: Path, alternative: str, caption: str) -> Html:
-    """A picture of the page's folder, shown as wide as there is room and linked at full size."""
+    """A picture at the width of the page, linked at full size.
+
+    Args:
+        path: file of the picture, below ``folder``.
+        folder: folder of the page.
+        alternative: alternative text.
+        caption: caption below the picture.
+    """
     link = link_file(path, folder)
     return Html(
         f'<figure><a href="{link}"><img src="{link}" alt="{escape(alternative, quote=True)}"></a>'
@@ -102,34 +116,34 @@ def render_figure(path: Path, folder: Path, alternative: str, caption: str) -> H
 
 
 def link_file(path: Path, folder: Path) -> str:
-    """The file's address relative to the page's folder, safe in an attribute."""
+    """URL of a file relative to the page's folder, quoted and escaped for an attribute."""
     return escape(quote(path.relative_to(folder).as_posix()), quote=True)
 
 
 def render_tiles(values: Iterable[tuple[object, str]]) -> Html:
-    """Large figures side by side: (value, what it is)."""
+    """Key figures side by side: (value, name)."""
     return Html(
         '<div class="tiles">'
         + "".join(
-            f'<div class="tile"><b>{html_from_value(v)}</b><span>{escape(what)}</span></div>' for v, what in values
+            f'<div class="tile"><b>{html_from_value(v)}</b><span>{escape(name)}</span></div>' for v, name in values
         )
         + "</div>"
     )
 
 
 def render_row(pieces: Iterable[Html]) -> Html:
-    """Pieces in a row while there is room."""
+    """Elements side by side, wrapped where the page is narrow."""
     return Html('<div class="side">' + "".join(f"<div>{piece.text}</div>" for piece in pieces) + "</div>")
 
 
 def render_section(name: str, title: str, *pieces: Html) -> Html:
-    """A headed part of the page."""
+    """A section with a heading; ``name`` is its anchor."""
     inner = "\n".join(piece.text for piece in pieces)
     return Html(f'<section id="{escape(name, quote=True)}"><h2>{escape(title)}</h2>\n{inner}</section>')
 
 
 def render_paragraph(text: object, kind: str = "") -> Html:
-    """A paragraph."""
+    """A paragraph of CSS class ``kind``."""
     return Html(
         f'<p class="{escape(kind, quote=True)}">{html_from_value(text)}</p>'
         if kind

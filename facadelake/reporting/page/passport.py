@@ -1,4 +1,4 @@
-"""The report's passport: the verdict, the picture, and each number with its meaning and limit."""
+"""Section of the report on the passport: assessment, picture, facts with meaning and limit, residuals."""
 
 from __future__ import annotations
 
@@ -10,28 +10,27 @@ from facadelake.reporting.passport.facts import AXES, FactStatus, list_passport_
 from facadelake.reporting.passport.figure import draw_passport
 from schemas.vocabulary import PointKind
 
-_STYLES = {FactStatus.GOOD: "good", FactStatus.CHECK: "look", FactStatus.POOR: "bad", FactStatus.NONE: "soft"}
+_STYLES = {FactStatus.GOOD: "good", FactStatus.CHECK: "check", FactStatus.POOR: "bad", FactStatus.NONE: "soft"}
 _CAPTION = (
-    "From above and from the south: cameras with the ellipses that hold their places in 95 of 100 cases, surveyed "
-    "points with arrows to where they came to lie, and the photographs' GPS. Right: the numbers of the table, and "
-    "what is left at each point."
+    "Plan view and view from the south: cameras with 95 % confidence ellipses, surveyed points with arrows from the "
+    "surveyed to the adjusted position, and GPS positions of the photographs. Right: facts and residuals."
 )
 
 
 def render_passport(inspection: Inspection, folder: Path) -> list[Html]:
-    """How the campaign was placed on the globe, and how well; ``passport.png`` is drawn into ``folder``."""
+    """Method and accuracy of the georeferencing; ``passport.png`` is written into ``folder``."""
     if not len(inspection.georeference):
         return [render_paragraph("The campaign has no passport.", "bad")]
     row = inspection.georeference.to_pylist()[0]
     facts = list_passport_facts(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
-    verdict, sentence = summarise_passport(row, facts)
+    status, sentence = summarise_passport(row, facts)
     lines = [[fact.name, fact.value, fact.meaning, fact.limit or None, _render_status(fact.status)] for fact in facts]
     pieces = [
-        render_paragraph(sentence, _STYLES[verdict]),
+        render_paragraph(sentence, _STYLES[status]),
         render_figure(
             draw_passport(inspection, folder / "passport.png"), folder, "the passport of the campaign", _CAPTION
         ),
-        render_table(["what", "found", "what it means", "limit", "verdict"], lines),
+        render_table(["quantity", "value", "meaning", "limit", "assessment"], lines),
         _list_surveyed_points(inspection),
     ]
     remarks = [remark for remark in row["remarks"].split("; ") if remark]
@@ -42,12 +41,12 @@ def render_passport(inspection: Inspection, folder: Path) -> list[Html]:
     return pieces
 
 
-def _render_status(verdict: FactStatus) -> Html:
-    return Html(f'<span class="{_STYLES[verdict]}">{verdict or "told"}</span>')
+def _render_status(status: FactStatus) -> Html:
+    return Html(f'<span class="{_STYLES[status]}">{status or "not assessed"}</span>')
 
 
 def _list_surveyed_points(inspection: Inspection) -> Html:
-    """Control, held-out and check points, each with what is left there."""
+    """Table of the residuals at control points, held-out points and check points."""
     rows = [row for row in inspection.georeference_points.to_pylist() if row["point_kind"] != PointKind.GPS]
     if not rows:
         return Html("")
@@ -60,6 +59,4 @@ def _list_surveyed_points(inspection: Inspection) -> Html:
         for row in rows
     ]
     heads = ["point", "kind", *(f"{axis} (mm)" for axis in AXES)]
-    return render_table(
-        heads, lines, caption="Where surveyed points came to lie, minus their survey", numeric=[2, 3, 4]
-    )
+    return render_table(heads, lines, caption="Surveyed points: adjusted minus surveyed position", numeric=[2, 3, 4])

@@ -1,8 +1,7 @@
-"""The report of a campaign: one HTML page and its pictures, for a person who decides what to look at."""
+"""The report of a campaign: one HTML page and its pictures, for owners and inspectors."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from facadelake.building.surface import Surface
@@ -41,10 +40,20 @@ from facadelake.reporting.plan import draw_plan
 from schemas.vocabulary import PhotoOutcome
 
 _OVERLAY = (
-    "The model's edges as this photograph should show them, what the detector saw, and the defects at their real size: "
-    "where edges and building part, its pose or the model is off."
+    "Projected model edges, detections by outcome, and registered defects. Where model edges and building differ, the "
+    "pose of the photograph or the model is inaccurate."
 )
-_OVERLAY_WITHOUT_EDGES = "What the detector saw, and the defects at their real size."
+_OVERLAY_WITHOUT_EDGES = "Detections by outcome, and registered defects."
+_PLAN = "Metres east and north of the site's origin. Arrows show viewing directions; short arrows point up or down."
+_CONTENTS = {
+    "elevations": "Elevations",
+    "defects": "Defects",
+    "distribution": "Distribution",
+    "plan": "Plan",
+    "photographs": "Photographs",
+    "passport": "Passport",
+    "checks": "Checks",
+}
 
 
 def write_report(
@@ -52,17 +61,21 @@ def write_report(
     surface: Surface,
     folder: Path,
     settings: PictureSettings | None = None,
-    elevations: Sequence[Elevation] | None = None,
 ) -> Path:
-    """Write ``report.html`` with its pictures into ``folder`` and return its path.
+    """Write ``report.html`` with its pictures; links are relative, so that the folder can be moved as a whole.
 
-    ``elevations`` are those already drawn into ``folder``; without them they are drawn. The page loads nothing from
-    elsewhere: pictures are linked relatively, so the folder can be moved or sent as a whole.
+    Args:
+        inspection: the campaign.
+        surface: surface of its building model.
+        folder: folder to write into.
+        settings: resolution and limits of the pictures; None: the defaults.
+
+    Returns:
+        The path of ``report.html``.
     """
     settings = settings or PictureSettings()
     folder.mkdir(parents=True, exist_ok=True)
-    if elevations is None:
-        elevations = draw_elevations(inspection, surface, folder, settings)
+    elevations = draw_elevations(inspection, surface, folder, settings)
     plan = draw_plan(inspection, folder / "plan.png")
     distribution = compute_distribution(inspection)
     bars = draw_distribution(distribution, format_distribution_title(inspection), folder / "distribution.png")
@@ -77,7 +90,7 @@ def write_report(
         inspection, surface, select_overlay_photographs(inspection, settings.report_overlays), folder, settings
     )
     title = f"{inspection.building_name} — {inspection.campaign_id}"
-    of_overlays = _OVERLAY if has_model_edges(inspection.building) else _OVERLAY_WITHOUT_EDGES
+    overlay_caption = _OVERLAY if has_model_edges(inspection.building) else _OVERLAY_WITHOUT_EDGES
     body = [
         Html(f"<h1>{html_from_value(title)}</h1>"),
         render_paragraph(_format_subtitle(inspection), "under"),
@@ -86,16 +99,17 @@ def write_report(
         render_section("elevations", "Elevations", *(_render_elevation(e, folder) for e in elevations)),
         render_section("defects", "Defects", *list_defects(inspection, crops, cards.paths, elevations, folder)),
         render_section(
-            "distribution", "Where they are", count_by_facade(distribution),
+            "distribution", "Distribution", count_by_facade(distribution),
             render_figure(bars, folder, "bars of defects by facade and storey", "Defects by facade and storey."),
         ),
-        render_section("plan", "Plan", render_figure(plan, folder, "plan with cameras and defects", _plan_caption())),
-        render_section("photographs", "Photographs", render_row(count_outcomes(inspection)), list_unused_photographs(inspection),
-                *(render_figure(path, folder, "a photograph with what was found in it", of_overlays)
-                  for path in overlays.values())),
-        render_section("passport", "Passport: its place on the globe", *render_passport(inspection, folder)),
+        render_section("plan", "Plan", render_figure(plan, folder, "plan with cameras and defects", _PLAN)),
         render_section(
-            "checks", "Checks before the commit",
+            "photographs", "Photographs", render_row(count_outcomes(inspection)), list_unused_photographs(inspection),
+            *(render_figure(path, folder, "overlay of a photograph", overlay_caption) for path in overlays.values()),
+        ),
+        render_section("passport", "Passport: georeferencing and accuracy", *render_passport(inspection, folder)),
+        render_section(
+            "checks", "Data checks",
             render_row(summarise_checks(inspection.checks)), describe_integrity(inspection.integrity_views),
         ),
     ]  # fmt: skip
@@ -106,16 +120,14 @@ def write_report(
 
 def _format_subtitle(inspection: Inspection) -> str:
     times = [time for time in inspection.photos.column("taken_at").to_pylist() if time is not None]
-    when = f"photographed {min(times):%Y-%m-%d}" if times else "time of the photographs unknown"
+    when = f"photographed {min(times):%Y-%m-%d}" if times else "date of photographs unknown"
     if times and max(times).date() != min(times).date():
         when += f" to {max(times):%Y-%m-%d}"
-    return f"Facade inspection · {when} · placed by {inspection.control}"
+    return f"Facade inspection · {when} · georeferenced by {inspection.control}"
 
 
 def _render_contents() -> Html:
-    words = {"elevations": "Elevations", "defects": "Defects", "distribution": "Distribution", "plan": "Plan",
-             "photographs": "Photographs", "passport": "Passport", "checks": "Checks"}  # fmt: skip
-    return Html("<nav>" + "".join(f'<a href="#{name}">{word}</a>' for name, word in words.items()) + "</nav>")
+    return Html("<nav>" + "".join(f'<a href="#{name}">{title}</a>' for name, title in _CONTENTS.items()) + "</nav>")
 
 
 def _render_key_figures(inspection: Inspection) -> Html:
@@ -128,7 +140,7 @@ def _render_key_figures(inspection: Inspection) -> Html:
             (len(inspection.defects), "defects"),
             (f"{len(inspection.posed)} / {accepted}", "photographs localised"),
             (len(inspection.detections), "detections"),
-            (format_length(max(sigma[0] for sigma in sigmas)) if sigmas[0] else None, "its place known to (one sigma)"),
+            (format_length(max(sigma[0] for sigma in sigmas)) if sigmas[0] else None, "largest standard deviation"),
             (Html(f'<span class="bad">{failed} of {len(passed)}</span>' if failed else f"{len(passed)}"),
              "checks failed" if failed else "checks passed"),
         ]
@@ -139,12 +151,9 @@ def _render_elevation(elevation: Elevation, folder: Path) -> Html:
     count = len(elevation.marks)
     name = elevation.facade.title
     caption = (
-        f"{name}, facing {elevation.facade.azimuth_deg:.0f}°, {elevation.facade.area_m2:.0f} m² of walls and openings: "
-        f"{count} defect{'' if count == 1 else 's'}. Seen square-on from outside; photographs rectified onto the model "
-        f"show {100 * elevation.covered_share:.0f} % of it, grey is the model alone. Numbers are those of the table."
+        f"{name}, azimuth {elevation.facade.azimuth_deg:.0f}°, {elevation.facade.area_m2:.0f} m² of walls and "
+        f"openings, {count} defect{'' if count == 1 else 's'}. Orthographic view from outside; rectified photographs "
+        f"cover {100 * elevation.covered_share:.0f} % of the surface, elsewhere the model is shown. Labels are the "
+        "numbers in the table of defects."
     )
     return render_figure(elevation.path, folder, f"elevation of the {name} with {count} defects", caption)
-
-
-def _plan_caption() -> str:
-    return "Metres east and north of the site's origin. Arrows are viewing directions; a short arrow looks up or down."

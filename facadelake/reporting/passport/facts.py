@@ -205,7 +205,7 @@ def _report_other_facts(row: Row, poses: pa.Table) -> Iterator[Fact]:
         yield Fact(
             name="distance to the model",
             value=f"median {format_length(row['model_residual_m'])}",
-            meaning="distance of tie points from the model's surface: relief and deviations of the building from the model",
+            meaning="distance of tie points from the model's surface: relief, and deviations of the building from it",
             limit=format_length(_MAX_MODEL_DISTANCE_M),
             status=FactStatus.GOOD if row["model_residual_m"] <= _MAX_MODEL_DISTANCE_M else FactStatus.CHECK,
         )
@@ -224,9 +224,10 @@ def _report_other_facts(row: Row, poses: pa.Table) -> Iterator[Fact]:
     sigmas = _collect_camera_sigmas(poses)
     if len(sigmas):
         yield Fact(
-            name="cameras",
-            value=f"median {format_length(float(np.median(sigmas)))}, maximum {format_length(float(sigmas.max()))}",
-            meaning="standard deviation of a camera's position along its weakest axis",
+            name="camera positions",
+            value="standard deviation: "
+            f"median {format_length(float(np.median(sigmas)))}, maximum {format_length(float(sigmas.max()))}",
+            meaning="uncertainty of a camera's position along its weakest axis",
         )
     if row["tie_sigma_px"] is not None:
         yield Fact(

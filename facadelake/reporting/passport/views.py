@@ -87,7 +87,7 @@ def choose_scales(geometry: PassportGeometry, extent_m: float) -> DrawingScales:
 
 
 def _round_factor(target_m: float, length_m: float) -> float:
-    """The largest of ..., 0.5, 1, 2, 5, ... by which ``length_m`` is at most ``target_m``; 1 where it is not positive."""
+    """The largest of ..., 0.5, 1, 2, 5, ... by which ``length_m`` stays within ``target_m``; 1 for no length."""
     if not length_m > 0:
         return 1.0
     exact = min(target_m / length_m, 1e6)

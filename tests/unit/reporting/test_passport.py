@@ -50,20 +50,20 @@ def judged(**changes: Any) -> tuple[FactStatus, str, dict[str, FactStatus]]:
 def test_a_good_passport_says_so() -> None:
     verdict, sentence, facts = judged()
     assert verdict is FactStatus.GOOD
-    assert sentence == "Good: placed by control points, known to 10 mm in its weakest direction (north, one sigma)"
+    assert sentence == "Good: georeferenced by control points, largest standard deviation 10 mm (north)"
     assert not {FactStatus.CHECK, FactStatus.POOR} & set(facts.values())
 
 
 @pytest.mark.parametrize(
     ("changes", "fact"),
     [
-        ({"check_residual_max_m": 0.10}, "held-out points"),  # three sigmas of block and survey: 71 mm
-        ({"check_points": 0, "check_residual_mean_m": None, "check_residual_max_m": None}, "held-out points"),
+        ({"check_residual_max_m": 0.10}, "independent points"),  # three sigmas of block and survey: 71 mm
+        ({"check_points": 0, "check_residual_mean_m": None, "check_residual_max_m": None}, "independent points"),
         ({"points_used": 5}, "control points"),
         ({"residual_mean_m": 0.031}, "control points"),
         ({"control": "campaign", "residual_mean_m": 0.031, "points_used": 500, "points_total": 900}, "shared points"),
         ({"sigma_up_m": 0.031}, "weakest direction"),
-        ({"doming_m": 0.03, "doming_sigma_m": 0.01}, "bend of the block"),
+        ({"doming_m": 0.03, "doming_sigma_m": 0.01}, "doming"),
         ({"model_residual_m": 0.11}, "distance to the model"),
         ({"tie_sigma_px": 1.1}, "tie points"),
         ({"edge_features": 40, "edge_score": 0.2, "edge_score_runner_up": 0.21}, "edges of the model"),
@@ -73,7 +73,7 @@ def test_what_is_to_be_looked_at_is_named(changes: dict[str, Any], fact: str) ->
     verdict, sentence, facts = judged(**changes)
     assert verdict is FactStatus.CHECK
     assert [name for name, one in facts.items() if one is FactStatus.CHECK] == [fact]
-    assert f"look at {fact}" in sentence
+    assert f"check {fact}" in sentence
 
 
 def test_what_is_not_wrong_is_not_blamed() -> None:
@@ -89,8 +89,10 @@ def test_what_is_not_wrong_is_not_blamed() -> None:
 
 def test_metres_are_called_metres() -> None:
     verdict, sentence, facts = judged(control="gps", method="the photographs' GPS", sigma_up_m=3.0, sigma_east_m=2.0)
-    assert (verdict, facts["known to (one sigma)"]) == (FactStatus.POOR, FactStatus.POOR)
-    assert sentence.startswith("Metres only: placed by the photographs' GPS, known to 3.00 m")
+    assert (verdict, facts["standard deviation"]) == (FactStatus.POOR, FactStatus.POOR)
+    assert sentence.startswith(
+        "Accuracy below requirement: georeferenced by the photographs' GPS, largest standard deviation 3.00 m"
+    )
 
 
 def drawn(inspection: Inspection, up: np.ndarray) -> tuple[Any, DrawingScales]:
@@ -164,11 +166,11 @@ def test_exaggeration_is_round(painted: Painted) -> None:
 def test_the_report_tells_numbers_meanings_limits_and_points(painted: Painted, tmp_path: Path) -> None:
     inspection = inspection_of(painted, [], [])
     text = "".join(piece.text for piece in render_passport(inspection, tmp_path))
-    assert "Usable, but look at control points" in text
+    assert "Usable, check control points" in text
     for words in (
-        "how far surveyed points lie off",
-        "three of the stated sigmas",
-        'class="look">look',
+        "error at check points and held-out control points",
+        "three standard deviations",
+        'class="check">check',
         "<td>check</td>",
     ):
         assert words in text

@@ -80,10 +80,10 @@ def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, 
     inspection = replace(inspection, detections=table_from_rows("detections", found))
     path = write_report(inspection, painted.surface, tmp_path, settings)
     page = read(path)
-    assert "Found by onnx:nano. A model misses defects" in page.text
+    assert "Detected by onnx:nano. Automatic detection misses defects" in page.text
     assert [link for link in page.links if "card_" in link] == ["cards/card_2.png"] * 2  # from its number and its crop
     assert [link for link in page.links if "overlay_" in link] == ["overlay_a.jpg"] * 2
-    assert "This one has a card" in page.text
+    assert "One defect has a card" in page.text
     table = path.read_text(encoding="utf-8").split('id="defects"')[1].split("</section>")[0]
     assert re.findall(r'<b title="(D\d)">', table) == ["D2", "D3", "D1"]
     assert table.count('class="crop"') == 2
