@@ -18,7 +18,7 @@ from facadelake.lake import has_lake, read_tables
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
 
-log = logging.getLogger("facadelake.flows")
+log = logging.getLogger(__name__)
 
 _ORIGIN_DISTANCE_MAX_M = 0.001
 

@@ -11,7 +11,8 @@ from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, Float6
 from facadelake.measurement.trace import resample_evenly
 
 STEP_PX = 0.25
-_SMOOTHING_PX = 1.5  # sigma along the line, of its direction, of lateral shifts and of the centres of profiles
+_LINE_SMOOTHING_PX = 2.0  # sigma along the line, of its direction and of lateral shifts
+_CENTRE_SMOOTHING_PX = 1.5  # sigma along the line, of the centres of profiles
 _MAX_LATERAL_STEPS = 2  # steps across the line from one position along it to the next
 _MIN_FLANK_PX = 3.0  # width of the wall beside the crack that gives the baseline
 _FLANK_SHARE = 0.5  # of the core
@@ -77,7 +78,7 @@ def snap_to_darkest_path(light: Float32Array, xy: Float64Nx2, width_px: float, r
     strip = straighten(light, xy, reach_px)
     darkness = -gaussian_filter(strip.light, (1.0, max(width_px / 2.5, 0.8) / STEP_PX), mode="nearest")
     shift_px = strip.offset_px[_find_best_path(darkness)]
-    return resample_evenly(shift_across(xy, gaussian_filter1d(shift_px, _SMOOTHING_PX, mode="nearest")))
+    return resample_evenly(shift_across(xy, gaussian_filter1d(shift_px, _LINE_SMOOTHING_PX, mode="nearest")))
 
 
 def shift_across(xy: Float64Nx2, shift_px: Float64N) -> Float64Nx2:
@@ -87,7 +88,7 @@ def shift_across(xy: Float64Nx2, shift_px: Float64N) -> Float64Nx2:
 
 def _compute_normals(xy: Float64Nx2) -> Float64Nx2:
     """Unit normals (k, 2) of a line (k, 2), to its right in image coordinates (rows downwards)."""
-    tangent = gaussian_filter1d(np.gradient(xy, axis=0), _SMOOTHING_PX, axis=0, mode="nearest")
+    tangent = gaussian_filter1d(np.gradient(xy, axis=0), _LINE_SMOOTHING_PX, axis=0, mode="nearest")
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
     return np.column_stack([-tangent[:, 1], tangent[:, 0]])
 
@@ -187,7 +188,7 @@ def _locate_centres(
     response = np.array([np.convolve(row, template - template.mean(), mode="same") for row in inner])
 
     def locate(rows: Float64Array) -> Float64N:
-        smooth = gaussian_filter1d(rows, _SMOOTHING_PX, axis=0, mode="nearest")
+        smooth = gaussian_filter1d(rows, _CENTRE_SMOOTHING_PX, axis=0, mode="nearest")
         smooth[:, np.abs(offset_px) > max(core_px / 2, 1.0)] = -np.inf
         return _locate_peaks(smooth, offset_px)
 
