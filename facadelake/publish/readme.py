@@ -73,7 +73,7 @@ def _format_uncertainty(georeference: Mapping[str, Any]) -> str:
     ]
     if georeference["check_points"]:
         lines.append(
-            f"{georeference['check_points']} check or held-out points: error mean "
+            f"check and held-out points: {georeference['check_points']}, error mean "
             f"{georeference['check_residual_mean_m']:.3f} m, maximum {georeference['check_residual_max_m']:.3f} m"
         )
     else:

@@ -103,7 +103,7 @@ def list_defects(
         )
     if missing:
         notes.append(
-            render_paragraph(f"{missing} of the defects are not on an elevation above (soffits, small facades).")
+            render_paragraph(f"Defects that are not on an elevation above (soffits, small facades): {missing}.")
         )
     if cards:
         command = "facadelake pictures BUILDING CAMPAIGN --all"
