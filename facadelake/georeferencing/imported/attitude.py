@@ -13,30 +13,30 @@ from enum import StrEnum
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64x3x3
 from facadelake.core.errors import InputDataError
 from facadelake.georeferencing.gps.priors import rotation_from_attitude
 
-# Programs write six digits and more; what is further from a rotation is none.
+# Programs write six digits or more; a matrix with a larger deviation is not a rotation.
 _ORTHONORMAL_TOLERANCE = 1e-3
 
 
 class RotationDirection(StrEnum):
-    """Which way a quaternion or matrix turns."""
+    """The transform that a quaternion or matrix states."""
 
     WORLD_FROM_CAM = "world_from_cam"
     CAM_FROM_WORLD = "cam_from_world"
 
 
 class CameraAxes(StrEnum):
-    """How the camera's axes lie: computer vision's (OpenCV, COLMAP), or graphics' and photogrammetry's."""
+    """The camera's axes: those of computer vision (OpenCV, COLMAP), or of graphics and photogrammetry."""
 
     RIGHT_DOWN_FORWARD = "right_down_forward"
     RIGHT_UP_BACKWARD = "right_up_backward"
 
 
 class PitchZero(StrEnum):
-    """Where a camera of pitch 0 looks."""
+    """Viewing direction of a camera with pitch 0."""
 
     HORIZON = "horizon"
     NADIR = "nadir"
@@ -49,37 +49,53 @@ _BODY_FROM_CAM = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
-def rotation_from_matrix(matrix: Float64Array, direction: RotationDirection, axes: CameraAxes) -> Float64Array:
-    """world_from_cam (3, 3) of a matrix that is a rotation but for its digits.
+def rotation_from_matrix(matrix: Float64x3x3, direction: RotationDirection, axes: CameraAxes) -> Float64x3x3:
+    """world_from_cam (3, 3) of a matrix (3, 3) that is a rotation up to rounding.
 
-    Raises InputDataError for one that is not orthonormal to 1e-3, or mirrors.
+    Raises InputDataError where it is not orthonormal to 1e-3, or a reflection.
     """
     if not np.isfinite(matrix).all():
-        raise InputDataError("the rotation has values that are no numbers")
-    off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
-    if off > _ORTHONORMAL_TOLERANCE:
+        raise InputDataError("the rotation has values that are not finite")
+    deviation = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    if deviation > _ORTHONORMAL_TOLERANCE:
         raise InputDataError(
-            f"the rotation's rows are not orthonormal (off by {off:.2g}, {_ORTHONORMAL_TOLERANCE:g} allowed); are rows and "
-            "columns in order, is a scale in it?"
+            f"the rotation's rows are not orthonormal (deviation {deviation:.2g}, limit {_ORTHONORMAL_TOLERANCE:g}); "
+            "check the order of rows and columns, and that it contains no scale"
         )
     if np.linalg.det(matrix) < 0:
-        raise InputDataError("the rotation mirrors (determinant -1); one of the camera's or the world's axes is turned")
-    turned = matrix if direction is RotationDirection.WORLD_FROM_CAM else matrix.T
-    nearest: Float64Array = Rotation.from_matrix(turned).as_matrix()  # its polar part: digits leave it 1e-7 off
+        raise InputDataError(
+            "the rotation is a reflection (determinant -1); one axis of the camera or of the world is inverted"
+        )
+    stated = matrix if direction is RotationDirection.WORLD_FROM_CAM else matrix.T
+    # The nearest rotation (polar decomposition): rounding leaves the matrix 1e-7 off.
+    nearest: Float64Array = Rotation.from_matrix(stated).as_matrix()
     return nearest @ _IMAGE_FROM_CAM if axes is CameraAxes.RIGHT_UP_BACKWARD else nearest
 
 
-def rotation_from_quaternion(w_x_y_z: Float64Array, direction: RotationDirection, axes: CameraAxes) -> Float64Array:
-    """world_from_cam (3, 3) of a quaternion, its real part first. Raises InputDataError where its length is not 1."""
+def rotation_from_quaternion(w_x_y_z: Float64Array, direction: RotationDirection, axes: CameraAxes) -> Float64x3x3:
+    """world_from_cam (3, 3) of a quaternion (4,), its real part first.
+
+    Raises InputDataError where its length is not 1.
+    """
     length = float(np.linalg.norm(w_x_y_z))
     if not abs(length - 1) < _ORTHONORMAL_TOLERANCE:
-        raise InputDataError(f"the quaternion's length is {length:.4g}, not 1; is its order w, x, y, z?")
+        raise InputDataError(f"the quaternion's length is {length:.4g}, not 1; check its order (w, x, y, z)")
     w, x, y, z = w_x_y_z / length
     return rotation_from_matrix(Rotation.from_quat([x, y, z, w]).as_matrix(), direction, axes)
 
 
-def rotation_from_yaw_pitch_roll(yaw_deg: float, pitch_deg: float, roll_deg: float, zero: PitchZero) -> Float64Array:
-    """world_from_cam (3, 3), the world east-north-up, of a gimbal (zero at the horizon) or a body (zero at nadir)."""
+def rotation_from_yaw_pitch_roll(yaw_deg: float, pitch_deg: float, roll_deg: float, zero: PitchZero) -> Float64x3x3:
+    """world_from_cam (3, 3), the world east-north-up, of a gimbal or a body.
+
+    Args:
+        yaw_deg: Clockwise from north.
+        pitch_deg: Above the horizon, or from nadir.
+        roll_deg: Clockwise as the camera sees it.
+        zero: The direction of pitch 0: the horizon for a gimbal, nadir for a body.
+
+    Returns:
+        The rotation.
+    """
     if zero is PitchZero.HORIZON:
         return rotation_from_attitude(yaw_deg, pitch_deg, roll_deg)
     ned_from_body = Rotation.from_euler("ZYX", [yaw_deg, pitch_deg, roll_deg], degrees=True).as_matrix()
@@ -87,17 +103,17 @@ def rotation_from_yaw_pitch_roll(yaw_deg: float, pitch_deg: float, roll_deg: flo
     return rotation
 
 
-def rotation_from_omega_phi_kappa(omega_deg: float, phi_deg: float, kappa_deg: float) -> Float64Array:
-    """world_from_cam (3, 3) of photogrammetry's angles."""
-    turn = Rotation.from_euler("XYZ", [omega_deg, phi_deg, kappa_deg], degrees=True).as_matrix()
-    rotation: Float64Array = turn @ _IMAGE_FROM_CAM
+def rotation_from_omega_phi_kappa(omega_deg: float, phi_deg: float, kappa_deg: float) -> Float64x3x3:
+    """world_from_cam (3, 3) of photogrammetry's angles (Kraus 2007)."""
+    world_from_image = Rotation.from_euler("XYZ", [omega_deg, phi_deg, kappa_deg], degrees=True).as_matrix()
+    rotation: Float64Array = world_from_image @ _IMAGE_FROM_CAM
     return rotation
 
 
-def list_alternative_conventions(world_from_cam: Float64Array) -> dict[str, Float64Array]:
-    """How the rotation (3, 3) would be under other conventions, by what the header would have to say."""
+def list_alternative_conventions(world_from_cam: Float64x3x3) -> dict[str, Float64x3x3]:
+    """The rotation (3, 3) under other conventions, by the change of the header that would state them."""
     return {
-        "the other word for rotation (world_from_cam, cam_from_world)": world_from_cam.T,
-        "the other word for camera_axes (right_down_forward, right_up_backward)": world_from_cam @ _IMAGE_FROM_CAM,
-        "the other words for rotation and camera_axes": (world_from_cam @ _IMAGE_FROM_CAM).T,
+        "the other value of rotation (world_from_cam, cam_from_world)": world_from_cam.T,
+        "the other value of camera_axes (right_down_forward, right_up_backward)": world_from_cam @ _IMAGE_FROM_CAM,
+        "the other values of rotation and camera_axes": (world_from_cam @ _IMAGE_FROM_CAM).T,
     }

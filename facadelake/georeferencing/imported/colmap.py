@@ -1,8 +1,8 @@
-"""Read COLMAP's text files: cameras.txt, images.txt, and where their world lies.
+"""COLMAP's text files: cameras.txt, images.txt, and ``georeference.txt`` with the CRS of their world.
 
-COLMAP's format: https://colmap.github.io/format.html. A quaternion (real part first) and translation take the world
-into the camera, so the centre is ``-R^T t``; (0.5, 0.5) is the centre of the top left pixel. Its world is the model's
-map CRS unless ``georeference.txt`` beside the files says another.
+COLMAP's format: https://colmap.github.io/format.html. Quaternion (real part first) and translation are cam_from_world,
+so the centre is ``-R^T t``; (0.5, 0.5) is the centre of the top left pixel. The world is the model's map CRS unless
+``georeference.txt`` beside the files states another.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ def read_colmap_text(folder: Path) -> ImportedPoses:
     lenses = _read_lenses(folder / "cameras.txt")
     poses, unusable = [], []
     for number, line in _read_image_lines(folder / "images.txt"):
-        words = line.split(maxsplit=9)
-        name = words[9] if len(words) == 10 else ""
+        fields = line.split(maxsplit=9)
+        name = fields[9] if len(fields) == 10 else ""
         try:
             if not name:
                 raise InputDataError(
                     f"'{line[:60]}' is neither IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME nor a list of points"
                 )
-            lens = lenses.get(words[8], f"camera {words[8]} is not in cameras.txt")
+            lens = lenses.get(fields[8], f"camera {fields[8]} is not in cameras.txt")
             if isinstance(lens, str):
                 raise InputDataError(lens)
-            numbers = _parse_numbers(words[1:8])
+            numbers = _parse_numbers(fields[1:8])
             world_from_cam = rotation_from_quaternion(
                 numbers[:4], RotationDirection.CAM_FROM_WORLD, CameraAxes.RIGHT_DOWN_FORWARD
             )
@@ -79,9 +79,8 @@ def read_colmap_text(folder: Path) -> ImportedPoses:
 
 def _read_lines(path: Path) -> list[tuple[int, str]]:
     """The file's lines with their numbers, comments left out, empty ones kept."""
-    return [
-        (i, line.strip()) for i, line in enumerate(_read_text(path).splitlines(), start=1) if not line.startswith("#")
-    ]
+    lines = enumerate(_read_text(path).splitlines(), start=1)
+    return [(number, line.strip()) for number, line in lines if not line.startswith("#")]
 
 
 def _read_text(path: Path) -> str:
@@ -97,45 +96,47 @@ def _read_image_lines(path: Path) -> list[tuple[int, str]]:
 
 
 def _is_point_list(line: str) -> bool:
-    """Whether a line is X, Y, POINT3D_ID over and over."""
-    words = line.split()
-    return len(words) % 3 == 0 and all(_NUMBER.fullmatch(word) for word in words)
+    """Whether a line repeats X, Y, POINT3D_ID."""
+    fields = line.split()
+    return len(fields) % 3 == 0 and all(_NUMBER.fullmatch(field) for field in fields)
 
 
-def _parse_numbers(words: list[str]) -> Float64Array:
+def _parse_numbers(fields: list[str]) -> Float64Array:
     try:
-        numbers = np.array([float(word) for word in words])
+        numbers = np.array([float(field) for field in fields])
     except ValueError as error:
-        raise InputDataError(f"'{' '.join(words)}' are not all numbers") from error
+        raise InputDataError(f"'{' '.join(fields)}' are not all numbers") from error
     if not np.isfinite(numbers).all():
-        raise InputDataError(f"'{' '.join(words)}' are not all finite")
+        raise InputDataError(f"'{' '.join(fields)}' are not all finite")
     return numbers
 
 
 def _read_lenses(path: Path) -> dict[str, ImportedLens | str]:
-    """The lenses by camera id, or why one cannot be used."""
+    """The lenses by camera id, or the reason why one cannot be used."""
     lenses: dict[str, ImportedLens | str] = {}
     for number, line in _read_lines(path):
-        words = line.split()
-        if not words:
+        fields = line.split()
+        if not fields:
             continue
-        if len(words) < 5:
+        if len(fields) < 5:
             raise InputDataError(f"{path}, line {number}: '{line}' is not CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
-        names = _CAMERA_MODELS.get(words[1])
+        names = _CAMERA_MODELS.get(fields[1])
         if names is None:
-            lenses[words[0]] = (
-                f"camera {words[0]} is of the model {words[1]}; known are {', '.join(_CAMERA_MODELS)}: calibrate with one of "
-                "these (OPENCV holds most lenses)"
+            lenses[fields[0]] = (
+                f"camera {fields[0]} has the model {fields[1]}; supported are {', '.join(_CAMERA_MODELS)}: calibrate "
+                "with one of these (OPENCV fits most lenses)"
             )
             continue
         try:
-            width, height, *values = _parse_numbers(words[2:])
+            width, height, *values = _parse_numbers(fields[2:])
             given = dict(zip(names, values, strict=True))
         except (InputDataError, ValueError) as error:
-            lenses[words[0]] = f"cameras.txt, line {number}: {words[1]} has the parameters {', '.join(names)} ({error})"
+            lenses[fields[0]] = (
+                f"cameras.txt, line {number}: {fields[1]} has the parameters {', '.join(names)} ({error})"
+            )
             continue
         focal = given.get("f", 0.0)
-        lenses[words[0]] = ImportedLens(
+        lenses[fields[0]] = ImportedLens(
             fx_px=given.get("fx", focal),
             fy_px=given.get("fy", focal),
             cx_px=given["cx"],
@@ -150,28 +151,30 @@ def _read_lenses(path: Path) -> dict[str, ImportedLens | str]:
 
 
 def _read_world(path: Path) -> PoseWorld:
-    """Where the world lies, by ``georeference.txt``: crs, and an offset or a similarity into it."""
+    """The world frame by ``georeference.txt``: a CRS, and an offset or a similarity into it."""
     if not path.is_file():
         return PoseWorld(crs=None, north=North.GRID)
     lines = "\n".join(f"# {line.lstrip('# ')}" for line in _read_text(path).splitlines())
-    said, rest = read_header(path, lines, _KEYS)
-    if rest.strip() or "crs" not in said or ("offset" in said and "transform" in said):
+    header, rest = read_header(path, lines, _KEYS)
+    if rest.strip() or "crs" not in header or ("offset" in header and "transform" in header):
         raise InputDataError(
             f"{path}: give crs (an EPSG code or 'site') and at most one of offset (x y z) and transform (scale qw qx "
-            f"qy qz tx ty tz, as COLMAP writes a sim3), each on its line as 'key: value'; found {said}"
+            f"qy qz tx ty tz, as COLMAP writes a sim3), each on its line as 'key: value'; found {header}"
         )
-    crs = said["crs"]
+    crs = header["crs"]
     origin = None
-    if "site_origin" in said:
-        lon, lat, height = _parse_vector(path, said, "site_origin", 3)
+    if "site_origin" in header:
+        lon, lat, height = _parse_vector(path, header, "site_origin", 3)
         origin = SiteOrigin(lon_deg=lon, lat_deg=lat, height_ellipsoidal_m=height)
     crs_from_world = None
-    if "offset" in said:
-        crs_from_world = Similarity(rotation=np.eye(3), translation=_parse_vector(path, said, "offset", 3))
-    elif "transform" in said:
-        scale, w, x, y, z, *shift = _parse_vector(path, said, "transform", 8)
+    if "offset" in header:
+        crs_from_world = Similarity(rotation=np.eye(3), translation=_parse_vector(path, header, "offset", 3))
+    elif "transform" in header:
+        scale, w, x, y, z, *shift = _parse_vector(path, header, "transform", 8)
         if not (scale > 0 and np.linalg.norm([w, x, y, z]) > 0):
-            raise InputDataError(f"{path}, transform: {said['transform']}: the scale or the quaternion is not above 0")
+            raise InputDataError(
+                f"{path}, transform: {header['transform']}: the scale and the quaternion's length must be positive"
+            )
         crs_from_world = Similarity(
             rotation=Rotation.from_quat([x, y, z, w]).as_matrix(), translation=np.array(shift), scale=float(scale)
         )
@@ -180,10 +183,11 @@ def _read_world(path: Path) -> PoseWorld:
     )
 
 
-def _parse_vector(path: Path, said: dict[str, str], key: str, count: int) -> Float64Array:
-    words = re.split(r"[\s,;]+", said[key].strip())
+def _parse_vector(path: Path, header: dict[str, str], key: str, count: int) -> Float64Array:
+    """The ``count`` numbers of ``key``, separated by blanks, commas or semicolons."""
+    fields = re.split(r"[\s,;]+", header[key].strip())
     try:
-        numbers = _parse_numbers(words)
+        numbers = _parse_numbers(fields)
     except InputDataError as error:
         raise InputDataError(f"{path}, {key}: {error}") from error
     if len(numbers) != count:

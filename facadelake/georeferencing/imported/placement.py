@@ -1,4 +1,4 @@
-"""Imported poses onto the campaign's photographs: who is who, into site, and whether they can be right."""
+"""Placement of a campaign by imported poses: matched with photographs, transformed to site, checked, as tables."""
 
 from __future__ import annotations
 
@@ -10,29 +10,30 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.core.arrays import Float64Array
+from facadelake.building.surface import Surface
+from facadelake.core.arrays import Float64Array, Float64x3, Float64x3x3
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints
-from facadelake.georeferencing.imported.plausibility import SurfaceLike, check_plausibility
+from facadelake.georeferencing.imported.plausibility import check_plausibility
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
 from facadelake.georeferencing.imported.validation import ImportValidation, validate_imported_poses
-from facadelake.georeferencing.passport import build_points_table, require_accuracy
+from facadelake.georeferencing.passport import AXES, build_points_table, require_accuracy
 from facadelake.georeferencing.poses_table import build_pose_columns
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PhotoOutcome, PoseSource
 
-# What a good bundle adjustment knows of its cameras on a building; taken where the file states no sigma.
+# Accuracy of a good bundle adjustment on a building; assumed where the file states no sigma.
 SIGMA_POSITION_M = 0.02
 SIGMA_ATTITUDE_DEG = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImportedPlacement:
-    """A campaign whose poses were imported: tables ``poses``, ``georeference`` and ``georeference_points``."""
+    """A campaign with imported poses: tables ``poses``, ``georeference`` and ``georeference_points``."""
 
     poses: pa.Table
     georeference: pa.Table
@@ -41,44 +42,55 @@ class ImportedPlacement:
 
 
 def place_imported_poses(
-    found: ImportedPoses,
+    imported: ImportedPoses,
     photos: pa.Table,
     *,
-    place: SiteFrame,
-    surface: SurfaceLike,
+    site_frame: SiteFrame,
+    surface: Surface,
     placement_sigma_max_m: float,
     surveyed: Sequence[SurveyedPoints] = (),
 ) -> ImportedPlacement:
-    """One row for each accepted photograph of ``photos``, with its imported pose or with the reason why it has none.
+    """Place a campaign by imported poses.
 
-    ``surveyed`` points and the photographs' GPS judge the poses in the passport; they do not move them.
-    Raises InputDataError where no pose is of a photograph of this campaign, GeoreferenceError where the poses cannot
-    be right: far from the building, looking away from it or turned against what the photographs state, known too badly
-    to be of use, or off the surveyed points.
+    Args:
+        imported: The file of poses.
+        photos: Table ``photos``.
+        site_frame: The building's site frame.
+        surface: The building's surface, for the plausibility of the poses.
+        placement_sigma_max_m: Limit of the poses' median sigma.
+        surveyed: Control and check points. They and the photographs' GPS validate the poses in the passport and do not
+            change them.
+
+    Returns:
+        The tables; one row of ``poses`` for each accepted photograph, with its pose or with the reason why it has none.
+
+    Raises:
+        InputDataError: No pose belongs to a photograph of this campaign.
+        GeoreferenceError: The poses are not plausible, not accurate enough, or contradict the surveyed points.
     """
     accepted = [row for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
-    own, reasons, strangers = _match_to_photographs(found, accepted)
-    posed = _build_cameras(own, {row["photo_id"]: row for row in accepted}, reasons, found, place)
+    pose_of, reasons, unmatched = _match_to_photographs(imported, accepted)
+    posed = _build_cameras(pose_of, {row["photo_id"]: row for row in accepted}, reasons, imported, site_frame)
     if not posed:
-        some = "; ".join([*list(reasons.values())[:2], *strangers[:2]])
+        examples = "; ".join([*list(reasons.values())[:2], *unmatched[:2]])
         raise InputDataError(
-            f"none of the {len(found.poses) + len(found.unusable)} poses of {found.source} can be used for the "
-            f"{len(accepted)} photographs of the campaign: {some or 'the file has no lines'}"
+            f"none of the {len(imported.poses) + len(imported.unusable)} poses of {imported.source} can be used for "
+            f"the {len(accepted)} photographs of the campaign: {examples or 'the file has no lines'}"
         )
-    remarks = check_plausibility(posed, accepted, surface, place, source=found.source)
-    covariance = {photo_id: own[photo_id].covariance for photo_id in posed}
-    silent = sum(stated is None for stated in covariance.values())
-    if silent:
+    remarks = check_plausibility(posed, accepted, surface, site_frame, source=imported.source)
+    covariance = {photo_id: pose_of[photo_id].covariance for photo_id in posed}
+    without_sigma = sum(stated is None for stated in covariance.values())
+    if without_sigma:
         remarks.append(
-            f"{silent} of {len(posed)} poses state no sigma: {SIGMA_POSITION_M * 100:g} cm and "
-            f"{SIGMA_ATTITUDE_DEG:g} deg were assumed"
+            f"{without_sigma} of {len(posed)} poses state no sigma: {SIGMA_POSITION_M * 100:g} cm and "
+            f"{SIGMA_ATTITUDE_DEG:g} deg are assumed"
         )
-    if strangers:
-        remarks.append(f"{len(strangers)} poses are of no photograph of this campaign ({strangers[0]})")
+    if unmatched:
+        remarks.append(f"{len(unmatched)} poses belong to no photograph of this campaign ({unmatched[0]})")
     rows = []
     for row in accepted:
         photo_id = row["photo_id"]
-        said: dict[str, Any] = {
+        columns: dict[str, Any] = {
             "photo_id": photo_id,
             "image_width_px": row["image_width_px"],
             "image_height_px": row["image_height_px"],
@@ -86,19 +98,19 @@ def place_imported_poses(
         }
         if photo_id in posed:
             stated = covariance[photo_id]
-            columns = build_pose_columns(
-                posed[photo_id], _build_assumed_covariance() if stated is None else stated, place.origin
+            pose = build_pose_columns(
+                posed[photo_id], _build_assumed_covariance() if stated is None else stated, site_frame.origin
             )
-            rows.append(said | {"pose_source": PoseSource.IMPORTED} | columns)
+            rows.append(columns | {"pose_source": PoseSource.IMPORTED} | pose)
         else:
-            reason = reasons.get(photo_id, f"{found.source} has no pose of it")
-            rows.append(said | {"pose_source": PoseSource.UNLOCALISED, "reason": reason})
+            reason = reasons.get(photo_id, f"{imported.source} has no pose for it")
+            rows.append(columns | {"pose_source": PoseSource.UNLOCALISED, "reason": reason})
     poses = table_from_rows("poses", rows)
-    evidence = validate_imported_poses(posed, accepted, surveyed, place)
+    validation = validate_imported_poses(posed, accepted, surveyed, site_frame)
     return ImportedPlacement(
         poses=poses,
-        georeference=_build_passport(found, poses, place, remarks, evidence, placement_sigma_max_m),
-        georeference_points=build_points_table(evidence.points, place.origin),
+        georeference=_build_passport(imported, poses, site_frame, remarks, validation, placement_sigma_max_m),
+        georeference_points=build_points_table(validation.points, site_frame.origin),
         localised=len(posed),
     )
 
@@ -108,116 +120,133 @@ def _build_assumed_covariance() -> Float64Array:
 
 
 def _match_to_photographs(
-    found: ImportedPoses, accepted: Sequence[Mapping[str, Any]]
+    imported: ImportedPoses, accepted: Sequence[Mapping[str, Any]]
 ) -> tuple[dict[str, ImportedPose], dict[str, str], list[str]]:
-    """Poses by photo_id, reasons of photographs whose line cannot be used, and names that mean no photograph."""
+    """Poses by photo_id, reasons of photographs whose line cannot be used, and reasons of lines without photograph."""
     names = PhotoNames([row["photo_id"] for row in accepted])
-    own: dict[str, ImportedPose] = {}
+    pose_of: dict[str, ImportedPose] = {}
     reasons: dict[str, str] = {}
-    strangers: list[str] = []
-    matches = [(pose, names.match(pose.image)) for pose in found.poses]
-    times = Counter(match.photo_id for _, match in matches if match.photo_id is not None)
+    unmatched: list[str] = []
+    matches = [(pose, names.match(pose.image)) for pose in imported.poses]
+    count = Counter(match.photo_id for _, match in matches if match.photo_id is not None)
     for pose, match in matches:
         if match.photo_id is None:
-            strangers.append(match.reason)
-        elif times[match.photo_id] > 1:
-            reasons[match.photo_id] = f"{found.source} has {times[match.photo_id]} poses of it; keep one"
+            unmatched.append(match.reason)
+        elif count[match.photo_id] > 1:
+            reasons[match.photo_id] = f"{imported.source} has {count[match.photo_id]} poses for it; keep one"
         else:
-            own[match.photo_id] = pose
-    for line in found.unusable:
+            pose_of[match.photo_id] = pose
+    for line in imported.unusable:
         photo_id = names.match(line.image).photo_id
         if photo_id is None:
-            strangers.append(line.reason)
-        elif own.pop(photo_id, None) is not None:
-            reasons[photo_id] = f"{found.source} has two lines of it; keep one"
+            unmatched.append(line.reason)
+        elif pose_of.pop(photo_id, None) is not None:
+            reasons[photo_id] = f"{imported.source} has two lines for it; keep one"
         else:
             reasons[photo_id] = line.reason
-    return own, reasons, strangers
+    return pose_of, reasons, unmatched
 
 
 def _build_cameras(
-    own: Mapping[str, ImportedPose],
+    pose_of: Mapping[str, ImportedPose],
     row_of: Mapping[str, Mapping[str, Any]],
     reasons: dict[str, str],
-    found: ImportedPoses,
-    place: SiteFrame,
+    imported: ImportedPoses,
+    site_frame: SiteFrame,
 ) -> dict[str, PosedCamera]:
-    """The cameras in site; a lens that does not fit its photograph, or a place off the map, becomes a reason."""
+    """The cameras in site by photo_id.
+
+    A lens that does not fit its photograph, or a position outside the CRS, is added to ``reasons`` in place.
+    """
     posed = {}
-    for (photo_id, pose), at in zip(own.items(), _transform_to_site(list(own.values()), found, place), strict=True):
+    placed = _transform_to_site(list(pose_of.values()), imported, site_frame)
+    for (photo_id, pose), result in zip(pose_of.items(), placed, strict=True):
         row = row_of[photo_id]
-        if isinstance(at, GeoreferenceError):
-            reasons[photo_id] = f"{found.source}: {at}"
+        if isinstance(result, GeoreferenceError):
+            reasons[photo_id] = f"{imported.source}: {result}"
             continue
-        centre, rotation = at
+        centre, rotation = result
         try:
             camera = pose.lens.scale_to(row["image_width_px"], row["image_height_px"])
         except InputDataError as error:
-            reasons[photo_id] = f"{found.source}: {error}"
+            reasons[photo_id] = f"{imported.source}: {error}"
             continue
         posed[photo_id] = PosedCamera(camera=camera, site_from_cam=Similarity(rotation=rotation, translation=centre))
     return posed
 
 
 def _transform_to_site(
-    poses: Sequence[ImportedPose], found: ImportedPoses, place: SiteFrame
-) -> list[tuple[Float64Array, Float64Array] | GeoreferenceError]:
+    poses: Sequence[ImportedPose], imported: ImportedPoses, site_frame: SiteFrame
+) -> list[tuple[Float64x3, Float64x3x3] | GeoreferenceError]:
     """Centre and rotation of each pose in site, or why it has none. Raises GeoreferenceError where none has."""
     if not poses:
         return []
     centres, rotations = np.array([pose.xyz_world for pose in poses]), np.array([pose.world_from_cam for pose in poses])
+    world = imported.world
     try:
-        return list(zip(*found.world.transform_to_site(centres, rotations, place), strict=True))
-    except GeoreferenceError as whole:
-        placed: list[tuple[Float64Array, Float64Array] | GeoreferenceError] = []
-        for row in range(len(poses)):
+        return list(zip(*world.transform_to_site(centres, rotations, site_frame), strict=True))
+    except GeoreferenceError as error_of_all:
+        results: list[tuple[Float64x3, Float64x3x3] | GeoreferenceError] = []
+        for k in range(len(poses)):
             try:
-                centre, rotation = found.world.transform_to_site(
-                    centres[row : row + 1], rotations[row : row + 1], place
-                )
-                placed.append((centre[0], rotation[0]))
+                centre, rotation = world.transform_to_site(centres[k : k + 1], rotations[k : k + 1], site_frame)
+                results.append((centre[0], rotation[0]))
             except GeoreferenceError as error:
-                placed.append(error)
-        if all(isinstance(one, GeoreferenceError) for one in placed):
-            raise whole
-        return placed
+                results.append(error)
+        if all(isinstance(result, GeoreferenceError) for result in results):
+            raise error_of_all
+        return results
 
 
 def _build_passport(
-    found: ImportedPoses,
+    imported: ImportedPoses,
     poses: pa.Table,
-    place: SiteFrame,
+    site_frame: SiteFrame,
     remarks: Sequence[str],
-    evidence: ImportValidation,
+    validation: ImportValidation,
     limit_m: float,
 ) -> pa.Table:
-    """Table ``georeference``: what an import can say of itself; residuals it has none."""
-    known = [row for row in poses.to_pylist() if row["pose_source"] == PoseSource.IMPORTED]
-    sigma_m = np.array([np.median([row[f"sigma_{axis}_m"] for row in known]) for axis in ("east", "north", "up")])
+    """Table ``georeference`` of an import; it has no residuals of an adjustment.
+
+    Args:
+        imported: The file of poses.
+        poses: Table ``poses``.
+        site_frame: The building's site frame.
+        remarks: Remarks on the poses.
+        validation: Residuals at surveyed points and GPS.
+        limit_m: Limit of the poses' median sigma.
+
+    Returns:
+        The table, one row.
+
+    Raises:
+        GeoreferenceError: The poses are not accurate enough, or contradict the surveyed points.
+    """
+    rows = [row for row in poses.to_pylist() if row["pose_source"] == PoseSource.IMPORTED]
+    sigma_m = np.array([np.median([row[f"sigma_{axis}_m"] for row in rows]) for axis in AXES])
     require_accuracy(
         control=ControlKind.IMPORTED,
         sigma_m=sigma_m,
         limit_m=limit_m,
-        held_out_m=evidence.held_out_m,
-        remedy="import better poses, or leave them out and have the photographs placed by control points or the model",
+        held_out_m=validation.held_out_m,
+        remedy="import more accurate poses, or leave them out and place the photographs by control points or the model",
     )
+    assumptions = imported.world.describe_assumptions(site_frame)
     return table_from_rows(
         "georeference",
         [
             {
                 "control": ControlKind.IMPORTED,
-                "method": f"poses imported from {found.source}",
-                "map_crs": place.map_crs,
-                "vertical_datum": place.vertical_datum,
-                "georeference_level": place.georeference_level,
-                "points_used": len(known),
-                "points_total": len(found.poses) + len(found.unusable),
+                "method": f"poses imported from {imported.source}",
+                "map_crs": site_frame.map_crs,
+                "vertical_datum": site_frame.vertical_datum,
+                "georeference_level": site_frame.georeference_level,
+                "points_used": len(rows),
+                "points_total": len(imported.poses) + len(imported.unusable),
                 "scale": 1.0,
-                **evidence.columns,
-                **{f"sigma_{axis}_m": float(s) for axis, s in zip(("east", "north", "up"), sigma_m, strict=True)},
-                "remarks": "; ".join(
-                    [*found.remarks, *found.world.describe_assumptions(place), *remarks, *evidence.remarks]
-                ),
+                **validation.columns,
+                **{f"sigma_{axis}_m": float(s) for axis, s in zip(AXES, sigma_m, strict=True)},
+                "remarks": "; ".join([*imported.remarks, *assumptions, *remarks, *validation.remarks]),
             }
         ],
     )

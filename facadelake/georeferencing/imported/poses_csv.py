@@ -1,4 +1,4 @@
-"""Read ``poses.csv``: a line a photograph, conventions stated in its head (docs/poses-csv.md)."""
+"""``poses.csv``: one line a photograph, with the conventions stated in a header (docs/poses-csv.md)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64x3x3
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import GEO, SiteOrigin
 from facadelake.georeferencing.imported.attitude import (
@@ -55,36 +55,39 @@ Keyword = TypeVar("Keyword", bound=StrEnum)
 
 @dataclass(frozen=True, kw_only=True)
 class _CsvConventions:
-    """How the lines of one file are to be read."""
+    """The conventions of one file.
+
+    ``image``, ``position`` and ``attitude``: the columns to read; ``columns``: all columns; ``pixel_shift``: to add to
+    the principal point; ``sigmas``: one sigma of all positions (m) and attitudes (deg), or None.
+    """
 
     image: str
     position: tuple[str, ...]
     attitude: tuple[str, ...]
     direction: RotationDirection
-    axes: CameraAxes
-    zero: PitchZero
+    camera_axes: CameraAxes
+    pitch_zero: PitchZero
     pixel_shift: float
-    has: frozenset[str]
+    columns: frozenset[str]
     sigmas: tuple[float, float] | None
 
 
 def read_poses_csv(path: Path) -> ImportedPoses:
     """Every line of the file as a pose, or as unusable with the reason.
 
-    Raises InputDataError where the file as a whole cannot be read: its head, its columns, its CRS.
+    Raises InputDataError where the file as a whole cannot be read: its header, its columns, its CRS.
     """
-    text = _read_text(path)
-    head, body = read_header(path, text, _KEYS)
+    header, body = read_header(path, _read_text(path), _KEYS)
     delimiter = max(",;\t", key=body.partition("\n")[0].count)
     reader = csv.DictReader(body.splitlines(), delimiter=delimiter)
     columns = [name.strip() for name in reader.fieldnames or ()]
     reader.fieldnames = columns
-    layout, world, remarks = _parse_conventions(path, columns, head)
+    conventions, world, remarks = _parse_conventions(path, columns, header)
     poses, unusable = [], []
     for row in reader:
-        image = (row.get(layout.image) or "").strip()
+        image = (row.get(conventions.image) or "").strip()
         try:
-            poses.append(_parse_pose(image, {name: value or "" for name, value in row.items() if name}, layout))
+            poses.append(_parse_pose(image, {name: value or "" for name, value in row.items() if name}, conventions))
         except InputDataError as error:
             unusable.append(UnusablePose(image=image, reason=f"{path.name}: {error}"))
     return ImportedPoses(
@@ -100,75 +103,76 @@ def _read_text(path: Path) -> str:
 
 
 def _parse_conventions(
-    path: Path, columns: list[str], head: Mapping[str, str]
+    path: Path, columns: list[str], header: Mapping[str, str]
 ) -> tuple[_CsvConventions, PoseWorld, list[str]]:
-    """How to read the lines, the world they are in, and what the head leaves to be assumed."""
+    """The conventions of the lines, their world, and remarks on conventions that the header does not state."""
     image = next((name for name in ("image", "photo_id") if name in columns), None)
     missing = [name for name in _LENS if name not in columns]
     if image is None or missing:
         raise InputDataError(
-            f"poses {path} have no column {', '.join([*([] if image else ['image']), *missing])} (they have "
-            f"{', '.join(columns) or 'none'}); docs/poses-csv.md says which are needed"
+            f"poses {path} have no column {', '.join([*([] if image else ['image']), *missing])} (columns: "
+            f"{', '.join(columns) or 'none'}); docs/poses-csv.md lists those needed"
         )
     # Geographic columns go first: they need no origin.
     position = _choose_columns(path, columns, (_GEO, _SITE_COLUMNS, _CRS_COLUMNS), "position", several=True)
     attitude = _choose_columns(path, columns, (_QUATERNION, _MATRIX, _YAW, _OMEGA), "attitude", several=False)
     remarks = []
-    direction = _parse_keyword(path, head, "rotation", RotationDirection.WORLD_FROM_CAM)
-    if attitude in (_QUATERNION, _MATRIX) and "rotation" not in head:
-        remarks.append(f"{path.name} does not say which way its rotations turn: taken as {direction}")
+    direction = _parse_keyword(path, header, "rotation", RotationDirection.WORLD_FROM_CAM)
+    if attitude in (_QUATERNION, _MATRIX) and "rotation" not in header:
+        remarks.append(f"{path.name} does not state the direction of its rotations: taken as {direction}")
     grid = North.GRID if position == _CRS_COLUMNS else North.TRUE
-    north = _parse_keyword(path, head, "north", grid)
-    if attitude == _YAW and "north" not in head:
+    north = _parse_keyword(path, header, "north", grid)
+    if attitude == _YAW and "north" not in header:
         north = North.TRUE  # of a compass and a gimbal
-    crs = GEO if position == _GEO else SITE if position == _SITE_COLUMNS else head.get("crs")
-    if position != _CRS_COLUMNS and head.get("crs", crs) != crs:
+    crs = GEO if position == _GEO else SITE if position == _SITE_COLUMNS else header.get("crs")
+    if position != _CRS_COLUMNS and header.get("crs", crs) != crs:
         raise InputDataError(
-            f"poses {path} say crs: {head['crs']}, but their columns {', '.join(position)} are of {crs}; name the "
-            "columns x, y, z, or correct the head"
+            f"poses {path} state crs: {header['crs']}, but their columns {', '.join(position)} are in {crs}; name the "
+            "columns x, y, z, or correct the header"
         )
-    corner = _parse_number(path, head.get("top_left_pixel", "0.5"), "top_left_pixel")
+    corner = _parse_number(path, header.get("top_left_pixel", "0.5"), "top_left_pixel")
     if corner not in (0.0, 0.5):
-        raise InputDataError(f"poses {path} say top_left_pixel: {corner:g}; its centre is 0.5 (COLMAP) or 0 (OpenCV)")
+        raise InputDataError(f"poses {path} state top_left_pixel: {corner:g}; its centre is 0.5 (COLMAP) or 0 (OpenCV)")
     stated = tuple(
-        _parse_number(path, head[key], key) for key in ("sigma_position_m", "sigma_attitude_deg") if key in head
+        _parse_number(path, header[key], key) for key in ("sigma_position_m", "sigma_attitude_deg") if key in header
     )
     if len(stated) == 1 or any(value <= 0 for value in stated):
-        raise InputDataError(f"poses {path}: give sigma_position_m and sigma_attitude_deg both, and positive")
-    layout = _CsvConventions(
+        raise InputDataError(f"poses {path}: give both sigma_position_m and sigma_attitude_deg, and positive")
+    conventions = _CsvConventions(
         image=image,
         position=position,
         attitude=attitude,
         direction=direction,
-        axes=_parse_keyword(path, head, "camera_axes", CameraAxes.RIGHT_DOWN_FORWARD),
-        zero=_parse_keyword(path, head, "pitch_zero", PitchZero.HORIZON),
+        camera_axes=_parse_keyword(path, header, "camera_axes", CameraAxes.RIGHT_DOWN_FORWARD),
+        pitch_zero=_parse_keyword(path, header, "pitch_zero", PitchZero.HORIZON),
         pixel_shift=0.5 - corner,
-        has=frozenset(columns),
+        columns=frozenset(columns),
         sigmas=(stated[0], stated[1]) if stated else None,
     )
-    return layout, PoseWorld(crs=crs, north=north, origin=_parse_origin(path, head)), remarks
+    return conventions, PoseWorld(crs=crs, north=north, origin=_parse_origin(path, header)), remarks
 
 
 def _choose_columns(
-    path: Path, columns: list[str], sets: tuple[tuple[str, ...], ...], what: str, *, several: bool
+    path: Path, columns: list[str], alternatives: tuple[tuple[str, ...], ...], quantity: str, *, several: bool
 ) -> tuple[str, ...]:
-    whole = [names for names in sets if set(names) <= set(columns)]
-    if not whole or (len(whole) > 1 and not several):
-        offered = " or ".join(", ".join(names) for names in sets)
+    """The first alternative whose columns are all there; ``several`` may be there only where that is allowed."""
+    complete = [names for names in alternatives if set(names) <= set(columns)]
+    if not complete or (len(complete) > 1 and not several):
+        allowed = " or ".join(", ".join(names) for names in alternatives)
         raise InputDataError(
-            f"poses {path} give the {what} {'in several ways' if whole else 'in no known way'} (columns: "
-            f"{', '.join(columns)}); give {offered}"
+            f"poses {path} give the {quantity} {'in several ways' if complete else 'in no known way'} (columns: "
+            f"{', '.join(columns)}); give {allowed}"
         )
-    return whole[0]
+    return complete[0]
 
 
-def _parse_keyword(path: Path, head: Mapping[str, str], key: str, default: Keyword) -> Keyword:
+def _parse_keyword(path: Path, header: Mapping[str, str], key: str, default: Keyword) -> Keyword:
     kind = type(default)
     try:
-        return kind(head.get(key, default))
+        return kind(header.get(key, default))
     except ValueError as error:
         raise InputDataError(
-            f"poses {path} say {key}: {head[key]}; allowed are {', '.join(word for word in kind)}"
+            f"poses {path} state {key}: {header[key]}; allowed are {', '.join(keyword for keyword in kind)}"
         ) from error
 
 
@@ -176,16 +180,16 @@ def _parse_number(path: Path, text: str, key: str) -> float:
     try:
         return float(text)
     except ValueError as error:
-        raise InputDataError(f"poses {path} say {key}: '{text}', which is no number") from error
+        raise InputDataError(f"poses {path} state {key}: '{text}', which is not a number") from error
 
 
-def _parse_origin(path: Path, head: Mapping[str, str]) -> SiteOrigin | None:
-    if "site_origin" not in head:
+def _parse_origin(path: Path, header: Mapping[str, str]) -> SiteOrigin | None:
+    if "site_origin" not in header:
         return None
-    numbers = _NUMBER.findall(head["site_origin"])
+    numbers = _NUMBER.findall(header["site_origin"])
     if len(numbers) != 3:
         raise InputDataError(
-            f"poses {path} say site_origin: {head['site_origin']}; give lon, lat and height (EPSG:4979)"
+            f"poses {path} state site_origin: {header['site_origin']}; give lon, lat and height (EPSG:4979)"
         )
     lon, lat, height = map(float, numbers)
     return SiteOrigin(lon_deg=lon, lat_deg=lat, height_ellipsoidal_m=height)
@@ -197,63 +201,66 @@ def _parse_values(row: Mapping[str, str], names: tuple[str, ...]) -> Float64Arra
         try:
             values.append(float(row[name]))
         except (KeyError, ValueError) as error:
-            raise InputDataError(f"column {name}: '{row.get(name, '')}' is no number") from error
+            raise InputDataError(f"column {name}: '{row.get(name, '')}' is not a number") from error
     numbers = np.array(values)
     if not np.isfinite(numbers).all():
         raise InputDataError(f"columns {', '.join(names)}: a value is not finite")
     return numbers
 
 
-def _parse_pose(image: str, row: Mapping[str, str], layout: _CsvConventions) -> ImportedPose:
+def _parse_pose(image: str, row: Mapping[str, str], conventions: _CsvConventions) -> ImportedPose:
     if not image:
-        raise InputDataError("a line without the name of its photograph")
+        raise InputDataError("a line has no name of a photograph")
+    columns = conventions.columns
     fx, fy, *centre = _parse_values(row, _LENS)
-    cx, cy = np.array(centre) + layout.pixel_shift
+    cx, cy = np.array(centre) + conventions.pixel_shift
     distortion = [
-        float(_parse_values(row, (name,))[0]) if name in layout.has and row[name] else 0.0 for name in _DISTORTION
+        float(_parse_values(row, (name,))[0]) if name in columns and row[name] else 0.0 for name in _DISTORTION
     ]
-    size = [round(value) for value in _parse_values(row, _SIZE)] if set(_SIZE) <= layout.has else [None, None]
+    size = [round(value) for value in _parse_values(row, _SIZE)] if set(_SIZE) <= columns else [None, None]
     k1, k2, p1, p2 = distortion
     return ImportedPose(
         image=image,
-        xyz_world=_parse_values(row, layout.position),
-        world_from_cam=_parse_attitude(_parse_values(row, layout.attitude), layout),
+        xyz_world=_parse_values(row, conventions.position),
+        world_from_cam=_parse_attitude(_parse_values(row, conventions.attitude), conventions),
         lens=ImportedLens(
             fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, k1=k1, k2=k2, p1=p1, p2=p2, width_px=size[0], height_px=size[1]
         ),
-        covariance=_parse_covariance(row, layout),
+        covariance=_parse_covariance(row, conventions),
     )  # fmt: skip
 
 
-def _parse_attitude(values: Float64Array, layout: _CsvConventions) -> Float64Array:
-    if layout.attitude == _QUATERNION:
-        return rotation_from_quaternion(values, layout.direction, layout.axes)
-    if layout.attitude == _MATRIX:
-        return rotation_from_matrix(values.reshape(3, 3), layout.direction, layout.axes)
+def _parse_attitude(values: Float64Array, conventions: _CsvConventions) -> Float64x3x3:
+    if conventions.attitude == _QUATERNION:
+        return rotation_from_quaternion(values, conventions.direction, conventions.camera_axes)
+    if conventions.attitude == _MATRIX:
+        return rotation_from_matrix(values.reshape(3, 3), conventions.direction, conventions.camera_axes)
     first, second, third = values.tolist()
-    if layout.attitude == _YAW:
-        return rotation_from_yaw_pitch_roll(first, second, third, layout.zero)
+    if conventions.attitude == _YAW:
+        return rotation_from_yaw_pitch_roll(first, second, third, conventions.pitch_zero)
     return rotation_from_omega_phi_kappa(first, second, third)
 
 
-def _parse_covariance(row: Mapping[str, str], layout: _CsvConventions) -> Float64Array | None:
-    """The line's own 36 numbers, its sigmas, or the head's; None where nothing is said."""
-    if "covariance" in layout.has and row["covariance"].strip():
+def _parse_covariance(row: Mapping[str, str], conventions: _CsvConventions) -> Float64Array | None:
+    """Covariance (6, 6) by the line's own 36 numbers, its sigmas, or the header's; None where none is stated."""
+    if "covariance" in conventions.columns and row["covariance"].strip():
         numbers = np.array([float(number) for number in _NUMBER.findall(row["covariance"])])
         if numbers.size != 36:
             raise InputDataError(f"column covariance: {numbers.size} numbers, 36 are needed (6 x 6, row by row)")
-        whole = numbers.reshape(6, 6)
-        if not np.isfinite(whole).all():
+        matrix = numbers.reshape(6, 6)
+        if not np.isfinite(matrix).all():
             raise InputDataError("column covariance: a value is not finite")
-        if np.linalg.eigvalsh((whole + whole.T) / 2)[0] <= 0 or not np.allclose(whole, whole.T, rtol=1e-6, atol=1e-18):
+        if np.linalg.eigvalsh((matrix + matrix.T) / 2)[0] <= 0 or not np.allclose(
+            matrix, matrix.T, rtol=1e-6, atol=1e-18
+        ):
             raise InputDataError("column covariance: not symmetric with positive variances")
-        symmetric: Float64Array = (whole + whole.T) / 2
+        symmetric: Float64Array = (matrix + matrix.T) / 2
         return symmetric
-    if set(_SIGMAS) <= layout.has and row[_SIGMAS[0]].strip():
+    if set(_SIGMAS) <= conventions.columns and row[_SIGMAS[0]].strip():
         sigmas = _parse_values(row, _SIGMAS)
         if (sigmas <= 0).any():
             raise InputDataError(f"columns {', '.join(_SIGMAS)}: a sigma must be positive")
         return np.diag(np.array([*sigmas[:3], *[np.radians(sigmas[3])] * 3]) ** 2)
-    if layout.sigmas is not None:
-        return np.diag([layout.sigmas[0] ** 2] * 3 + [np.radians(layout.sigmas[1]) ** 2] * 3)
+    if conventions.sigmas is not None:
+        return np.diag([conventions.sigmas[0] ** 2] * 3 + [np.radians(conventions.sigmas[1]) ** 2] * 3)
     return None

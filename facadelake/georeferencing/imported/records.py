@@ -1,4 +1,4 @@
-"""Poses that another program found, as a file says them, and the lines ``# key: value`` that state its conventions."""
+"""Imported poses as a file states them, and the header lines ``# key: value`` that state its conventions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64x3, Float64x3x3
 from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
 from facadelake.georeferencing.imported.world import PoseWorld
@@ -17,19 +17,19 @@ _KEY_VALUE = re.compile(r"#?\s*([A-Za-z_]+)\s*:\s*(.*)")
 
 
 def read_header(path: Path, text: str, keys: Sequence[str]) -> tuple[dict[str, str], str]:
-    """What the lines before the table say, by key, and the rest of the text.
+    """The values of the lines before the table, by key, and the rest of the text.
 
-    A line ``# word: value`` must have one of ``keys``, so that a misspelt one is not passed over; other lines that
-    begin with # are comments. Raises InputDataError for an unknown key or one that is said twice.
+    A line ``# key: value`` must have one of ``keys``, so that a misspelt key is not ignored; other lines that begin
+    with # are comments. Raises InputDataError for an unknown key or one that is stated twice.
     """
-    said: dict[str, str] = {}
+    values: dict[str, str] = {}
     lines = text.splitlines()
     begin = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), len(lines))
     for number, line in enumerate(lines[:begin], start=1):
-        found = _KEY_VALUE.fullmatch(line.strip())
-        if found is None:
+        match = _KEY_VALUE.fullmatch(line.strip())
+        if match is None:
             continue
-        key, value = found[1], found[2].strip()
+        key, value = match[1], match[2].strip()
         if key not in keys:
             close = get_close_matches(key, keys, n=1)
             raise InputDataError(
@@ -37,10 +37,10 @@ def read_header(path: Path, text: str, keys: Sequence[str]) -> tuple[dict[str, s
                 + (f" (did you mean '{close[0]}'?)" if close else "")
                 + f"; allowed are {', '.join(keys)} (a comment must not begin with a word and a colon)"
             )
-        if key in said:
-            raise InputDataError(f"{path}, line {number}: {key} is said twice; keep one line")
-        said[key] = value
-    return said, "\n".join(lines[begin:])
+        if key in values:
+            raise InputDataError(f"{path}, line {number}: {key} is stated twice; keep one line")
+        values[key] = value
+    return values, "\n".join(lines[begin:])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,16 +59,16 @@ class ImportedLens:
     height_px: int | None = None
 
     def scale_to(self, width_px: int, height_px: int) -> Camera:
-        """The camera of a photograph of that size; a reduced one of the same shape is scaled.
+        """The camera of a photograph of that size, scaled where the photograph is a reduced one.
 
-        Raises InputDataError where the shapes differ, or a focal length is not positive.
+        Raises InputDataError where the aspect ratios differ, or a focal length is not positive.
         """
-        own_width, own_height = self.width_px or width_px, self.height_px or height_px
-        x, y = width_px / own_width, height_px / own_height
-        if abs(own_width * y - width_px) > 1.0 and abs(own_height * x - height_px) > 1.0:
+        lens_width, lens_height = self.width_px or width_px, self.height_px or height_px
+        x, y = width_px / lens_width, height_px / lens_height
+        if abs(lens_width * y - width_px) > 1.0 and abs(lens_height * x - height_px) > 1.0:
             raise InputDataError(
-                f"its camera is of {own_width} x {own_height} px, the photograph of {width_px} x {height_px} px, which "
-                "is another shape; give the poses of these photographs as they are stored"
+                f"its camera has {lens_width} x {lens_height} px, the photograph {width_px} x {height_px} px: the "
+                "aspect ratios differ; give the poses of these photographs as they are stored"
             )
         # The corner of the top left pixel is (0, 0), so a scaled photograph has scaled coordinates.
         return Camera(
@@ -94,15 +94,15 @@ class ImportedPose:
     """
 
     image: str
-    xyz_world: Float64Array
-    world_from_cam: Float64Array
+    xyz_world: Float64x3
+    world_from_cam: Float64x3x3
     lens: ImportedLens
     covariance: Float64Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class UnusablePose:
-    """A line that gives no pose, and why."""
+    """A line without a valid pose, and the reason."""
 
     image: str
     reason: str
@@ -110,35 +110,10 @@ class UnusablePose:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImportedPoses:
-    """A file of poses; ``remarks`` say in words what had to be assumed."""
+    """A file of poses; ``remarks`` name assumptions on conventions that it does not state."""
 
     source: str
     world: PoseWorld
     poses: tuple[ImportedPose, ...]
     unusable: tuple[UnusablePose, ...] = ()
     remarks: tuple[str, ...] = ()
-
-
-def list_pose_files(path: Path) -> tuple[Path, ...]:
-    """The files that poses at ``path`` consist of: a CSV file, or COLMAP's texts in a folder (any of them names it).
-
-    Raises InputDataError where there are none.
-    """
-    if path.is_file() and path.suffix.lower() == ".csv":
-        return (path,)
-    folder = path if path.is_dir() else path.parent
-    if path.is_dir() and (folder / "poses.csv").is_file():
-        return (folder / "poses.csv",)
-    texts = [folder / name for name in ("images.txt", "cameras.txt", "georeference.txt")]
-    if path.is_dir() or (path in texts and path.is_file()):
-        if texts[0].is_file() and texts[1].is_file():
-            return tuple(text for text in texts if text.is_file())
-        if (folder / "images.bin").is_file():
-            raise InputDataError(
-                f"{folder} holds a COLMAP model in binary form; write it as text: colmap model_converter --input_path "
-                f"{folder} --output_path {folder} --output_type TXT"
-            )
-    raise InputDataError(
-        f"there are no poses at {path}; give a poses.csv (docs/poses-csv.md says what is in it), or a folder with "
-        "COLMAP's images.txt and cameras.txt"
-    )
