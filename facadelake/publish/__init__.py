@@ -1,4 +1,4 @@
-"""Published files: GeoParquet, GeoPackage, pictures."""
+"""Publishing: releases of a campaign (GeoParquet, GeoPackage, README.txt, report) and export of single tables."""
 
 import lazy_loader
 

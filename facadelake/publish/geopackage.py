@@ -118,13 +118,13 @@ def _plane_from_site(xyz_site_m: Float64Nx3, facade: str) -> Float64Nx2:
     return np.column_stack([xyz_site_m[:, :2] @ right_from_facade(facade), xyz_site_m[:, 2]])
 
 
-def _stack_columns(rows: pa.Table, *names: str) -> Float64Array:
+def _collect_columns(rows: pa.Table, *names: str) -> Float64Array:
     return np.column_stack([rows.column(name).to_numpy() for name in names])
 
 
 def _create_boxes(rows: pa.Table, facade: str) -> np.ndarray:
-    u, v = _plane_from_site(_stack_columns(rows, "x_site_m", "y_site_m", "z_site_m"), facade).T
-    width, height = _stack_columns(rows, "width_m", "height_m").T
+    u, v = _plane_from_site(_collect_columns(rows, "x_site_m", "y_site_m", "z_site_m"), facade).T
+    width, height = _collect_columns(rows, "width_m", "height_m").T
     boxes: np.ndarray = shapely.box(u - width / 2, v - height / 2, u + width / 2, v + height / 2)
     return boxes
 
@@ -138,12 +138,12 @@ def _project_patches(rows: pa.Table, facade: str) -> np.ndarray:
     if PATCH not in rows.column_names:
         return np.full(len(rows), None, dtype=object)
     patches = decode_geometries(rows, PATCH)
-    position_geo = _stack_columns(rows, "lon_deg", "lat_deg", "height_ellipsoidal_m")
+    position_geo = _collect_columns(rows, "lon_deg", "lat_deg", "height_ellipsoidal_m")
     lon_deg, lat_deg, height_m = position_geo[0]
     local = SiteOrigin(lon_deg=lon_deg, lat_deg=lat_deg, height_ellipsoidal_m=height_m)
     vertices_geo, row = shapely.get_coordinates(patches, include_z=True, return_index=True)
     offset_m = local.site_from_geo(vertices_geo) - local.site_from_geo(position_geo)[row]
-    xyz_site_m = offset_m + _stack_columns(rows, "x_site_m", "y_site_m", "z_site_m")[row]
+    xyz_site_m = offset_m + _collect_columns(rows, "x_site_m", "y_site_m", "z_site_m")[row]
     projected: np.ndarray = shapely.set_coordinates(shapely.force_2d(patches), _plane_from_site(xyz_site_m, facade))
     return projected
 

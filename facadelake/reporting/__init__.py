@@ -1,4 +1,4 @@
-"""reporting."""
+"""Reports and pictures of a campaign: elevations, cards, passport, overlays, and the report page."""
 
 import lazy_loader
 

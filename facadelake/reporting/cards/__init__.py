@@ -1,1 +1,1 @@
-"""cards."""
+"""Cards: one sheet per defect."""

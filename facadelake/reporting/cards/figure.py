@@ -115,7 +115,7 @@ def _draw_best(sheet: Axes, contents: CardContents, left: float, top: float) -> 
     if contents.best is not None:
         note = f"photograph {contents.best_photo_id}"
         sheet.text(
-            left, top - _BIG_IN - 0.06, escape_mathtext(_shorten(note, 62)), fontsize=8, va="top", color="#303030"
+            left, top - _BIG_IN - 0.06, escape_mathtext(_cut_name(note, 62)), fontsize=8, va="top", color="#303030"
         )
 
 
@@ -206,7 +206,7 @@ def _draw_tiles(sheet: Axes, contents: CardContents, top: float) -> None:
         y = top - 0.25 - row * (_TILE_IN + _NOTE_IN)
         _draw_picture(sheet, tile.picture, left, y, _TILE_IN, "photograph missing or unreadable")
         observation = tile.observation
-        name = _shorten(observation.photo_id, 26)
+        name = _cut_name(observation.photo_id, 26)
         sheet.text(left, y - _TILE_IN - 0.04, escape_mathtext(name), fontsize=6.6, va="top")
         view = [f"incidence {observation.incidence_deg:.0f}°"] if observation.incidence_deg is not None else []
         view += [f"{observation.gsd_mm:.1f} mm/pixel"] if observation.gsd_mm is not None else []
@@ -214,6 +214,6 @@ def _draw_tiles(sheet: Axes, contents: CardContents, top: float) -> None:
         sheet.text(left, y - _TILE_IN - 0.17, note, fontsize=6.6, va="top", color="#303030")
 
 
-def _shorten(text: str, characters: int) -> str:
+def _cut_name(text: str, characters: int) -> str:
     """The last ``characters`` of a longer text, because file names differ at their ends."""
     return text if len(text) <= characters else f"…{text[1 - characters :]}"

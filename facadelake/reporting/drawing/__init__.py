@@ -1,1 +1,1 @@
-"""drawing."""
+"""Drawing: colours, labels, legends, and reading of photographs."""

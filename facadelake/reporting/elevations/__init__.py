@@ -1,1 +1,1 @@
-"""elevations."""
+"""Elevations: facades in orthographic view, coloured by rectified photographs."""

@@ -1,4 +1,4 @@
-"""page."""
+"""The report page of a campaign."""
 
 import lazy_loader
 

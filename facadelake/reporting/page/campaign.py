@@ -60,15 +60,15 @@ def summarise_checks(checks: pa.Table) -> list[Html]:
         [name, f"{passed[name]} of {total}", passed_mark if passed[name] == total else failed_mark]
         for name, total in sorted(totals.items())
     ]
-    pieces = [render_table(["table", "expectations met", ""], summary)]
+    tables = [render_table(["table", "expectations met", ""], summary)]
     if failed:
         lines = [[r["table_name"], r["column_name"], r["expectation"], r["unexpected"], r["detail"]] for r in failed]
-        pieces.append(
+        tables.append(
             render_table(
                 ["table", "column", "expectation", "rows", "detail"], lines, caption="Expectations not met", numeric=[3]
             )
         )
-    return pieces
+    return tables
 
 
 def describe_integrity(views: pa.Table) -> Html:

@@ -66,11 +66,11 @@ def html_from_value(value: object) -> str:
 
 def render_page(title: str, body: Iterable[Html]) -> str:
     """An HTML document without references outside its folder."""
-    parts = "\n".join(piece.text for piece in body)
+    content = "\n".join(element.text for element in body)
     return (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{parts}\n</body>\n</html>\n"
+        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{content}\n</body>\n</html>\n"
     )
 
 
@@ -131,15 +131,15 @@ def render_tiles(values: Iterable[tuple[object, str]]) -> Html:
     )
 
 
-def render_row(pieces: Iterable[Html]) -> Html:
+def render_row(elements: Iterable[Html]) -> Html:
     """Elements side by side, wrapped where the page is narrow."""
-    return Html('<div class="side">' + "".join(f"<div>{piece.text}</div>" for piece in pieces) + "</div>")
+    return Html('<div class="side">' + "".join(f"<div>{element.text}</div>" for element in elements) + "</div>")
 
 
-def render_section(name: str, title: str, *pieces: Html) -> Html:
+def render_section(name: str, title: str, *elements: Html) -> Html:
     """A section with a heading; ``name`` is its anchor."""
-    inner = "\n".join(piece.text for piece in pieces)
-    return Html(f'<section id="{escape(name, quote=True)}"><h2>{escape(title)}</h2>\n{inner}</section>')
+    content = "\n".join(element.text for element in elements)
+    return Html(f'<section id="{escape(name, quote=True)}"><h2>{escape(title)}</h2>\n{content}</section>')
 
 
 def render_paragraph(text: object, kind: str = "") -> Html:

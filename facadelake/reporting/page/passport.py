@@ -25,7 +25,7 @@ def render_passport(inspection: Inspection, folder: Path) -> list[Html]:
     facts = list_passport_facts(row, inspection.poses, placement_sigma_max_m=inspection.placement_sigma_max_m)
     status, sentence = summarise_passport(row, facts)
     lines = [[fact.name, fact.value, fact.meaning, fact.limit or None, _render_status(fact.status)] for fact in facts]
-    pieces = [
+    elements = [
         render_paragraph(sentence, _STYLES[status]),
         render_figure(
             draw_passport(inspection, folder / "passport.png"), folder, "the passport of the campaign", _CAPTION
@@ -35,10 +35,10 @@ def render_passport(inspection: Inspection, folder: Path) -> list[Html]:
     ]
     remarks = [remark for remark in row["remarks"].split("; ") if remark]
     if remarks:
-        pieces.append(
+        elements.append(
             Html("<p>Remarks</p><ul>" + "".join(f"<li>{html_from_value(one)}</li>" for one in remarks) + "</ul>")
         )
-    return pieces
+    return elements
 
 
 def _render_status(status: FactStatus) -> Html:

@@ -1,1 +1,1 @@
-"""passport."""
+"""The passport of a campaign: facts, geometry and sheet."""

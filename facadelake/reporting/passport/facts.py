@@ -254,5 +254,5 @@ def _collect_camera_sigmas(poses: pa.Table) -> Float64N:
     """One sigma (n,) of the localised cameras' positions along their weakest axes of site, metres."""
     names = [f"sigma_{axis}_m" for axis in AXES]
     rows = [row for row in poses.select(["pose_source", *names]).to_pylist() if row["pose_source"] != PoseSource.PRIOR]
-    known = [max(row[name] for name in names) for row in rows if row[names[0]] is not None]
-    return np.array(known, dtype=np.float64)
+    sigmas = [max(row[name] for name in names) for row in rows if row[names[0]] is not None]
+    return np.array(sigmas, dtype=np.float64)

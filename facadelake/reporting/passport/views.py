@@ -53,14 +53,18 @@ def collect_geometry(inspection: Inspection) -> PassportGeometry:
         of_kind = [row for row in points if row["point_kind"] == kind]
         if of_kind:
             groups.append(
-                (str(kind), _stack_columns(of_kind, "{}_site_m", "xyz"), _stack_columns(of_kind, "residual_{}_m", AXES))
+                (
+                    str(kind),
+                    _collect_columns(of_kind, "{}_site_m", "xyz"),
+                    _collect_columns(of_kind, "residual_{}_m", AXES),
+                )
             )
     return PassportGeometry(
-        centres_m=_stack_columns(rows, "{}_site_m", "xyz"), covariance_m2=covariance[:, :3, :3], points=tuple(groups)
+        centres_m=_collect_columns(rows, "{}_site_m", "xyz"), covariance_m2=covariance[:, :3, :3], points=tuple(groups)
     )
 
 
-def _stack_columns(rows: Sequence[dict[str, Any]], name: str, parts: Sequence[str]) -> Float64Nx3:
+def _collect_columns(rows: Sequence[dict[str, Any]], name: str, parts: Sequence[str]) -> Float64Nx3:
     """Three columns as points; their names are ``name`` with each of ``parts``."""
     return np.array([[row[name.format(part)] for part in parts] for row in rows], dtype=np.float64).reshape(-1, 3)
 
@@ -151,15 +155,15 @@ def draw_view(
 
 def _draw_ellipses(axes: Axes, centres: Float64Nx2, covariance_m2: Float64Array, factor: float) -> None:
     """Draw the 95 % confidence ellipses of points from their covariances (n, 2, 2) in the view."""
-    known = np.isfinite(covariance_m2).all(axis=(1, 2))
-    if not known.any():
+    is_finite = np.isfinite(covariance_m2).all(axis=(1, 2))
+    if not is_finite.any():
         return
-    variance, direction = np.linalg.eigh(covariance_m2[known])
+    variance, direction = np.linalg.eigh(covariance_m2[is_finite])
     half = factor * np.sqrt(_CHI_SQUARE_95 * np.clip(variance, 0.0, None))
     axes.add_collection(
         EllipseCollection(
             2 * half[:, 1], 2 * half[:, 0], np.degrees(np.arctan2(direction[:, 1, 1], direction[:, 0, 1])),
-            units="xy", offsets=centres[known], offset_transform=axes.transData, facecolors="#56b4e955",
+            units="xy", offsets=centres[is_finite], offset_transform=axes.transData, facecolors="#56b4e955",
             edgecolors="#0072b2", linewidths=0.7, zorder=3.5,
         )
     )  # fmt: skip
