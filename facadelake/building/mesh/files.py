@@ -33,14 +33,10 @@ class MeshAxes(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshFile:
-    """``vertices_m`` (n, 3), z up, relative to the file's origin; ``triangles`` (m, 3) rows of vertices.
-
-    ``resolution_m`` is the largest spacing of the numbers in which the file stores its coordinates.
-    """
+    """``vertices_m`` (n, 3), z up, relative to the file's origin; ``triangles`` (m, 3) rows of vertices."""
 
     vertices_m: Float64Nx3
     triangles: Int64Nx3
-    resolution_m: float
 
 
 def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 1.0) -> MeshFile:
@@ -87,7 +83,7 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
         raise ModelError(f"{path.name}: all {len(triangles)} triangles have zero area; export the mesh again")
     triangles = triangles[area > _MIN_TRIANGLE_M2]
     _log.info("%s: %d triangles", path.name, len(triangles))
-    return MeshFile(vertices_m=vertices, triangles=triangles, resolution_m=spacing_m)
+    return MeshFile(vertices_m=vertices, triangles=triangles)
 
 
 def _load_parts(path: Path) -> tuple[Float64Nx3, Int64Nx3, float]:
