@@ -99,8 +99,8 @@ def test_a_rounded_matrix_becomes_a_rotation() -> None:
     ("matrix", "said"),
     [
         (np.eye(3) * 1.01, "not orthonormal"),
-        (np.diag([1.0, 1.0, -1.0]), "mirrors"),
-        (np.full((3, 3), np.nan), "number"),
+        (np.diag([1.0, 1.0, -1.0]), "reflection"),
+        (np.full((3, 3), np.nan), "not finite"),
     ],
 )
 def test_what_is_no_rotation_is_refused(matrix: Array, said: str) -> None:

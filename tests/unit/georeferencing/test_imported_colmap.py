@@ -82,7 +82,7 @@ def test_bad_lines_and_missing_lines_of_points(tmp_path: Path) -> None:
     found = read_colmap_text(tmp_path)
     assert [pose.image for pose in found.poses] == ["a.jpg"]
     reasons = {line.image: line.reason for line in found.unusable}
-    assert "OPENCV_FISHEYE; known are" in reasons["b.jpg"]
+    assert "OPENCV_FISHEYE; supported are" in reasons["b.jpg"]
     assert "length is 1.414" in reasons["c.jpg"]
     assert "camera 9 is not in cameras.txt" in reasons["d.jpg"]
     assert "neither IMAGE_ID" in reasons[""]

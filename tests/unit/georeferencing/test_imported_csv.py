@@ -127,14 +127,14 @@ def test_a_reduced_photograph_has_its_lens_scaled(tmp_path: Path) -> None:
     lens = read_poses_csv(path).poses[0].lens
     half = lens.scale_to(2000, 1500)
     assert (half.fx_px, half.cx_px, half.cy_px, half.width_px) == (1400.0, 1005.25, 745.25, 2000)
-    with pytest.raises(InputDataError, match="another shape"):
+    with pytest.raises(InputDataError, match="aspect ratios differ"):
         lens.scale_to(3000, 4000)
 
 
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ("1,2,three,1,0,0,0", "column z: 'three' is no number"),
+        ("1,2,three,1,0,0,0", "column z: 'three' is not a number"),
         ("1,2,nan,1,0,0,0", "not finite"),
         ("1,2,3,0,0,0,7", "quaternion's length is 7"),
     ],
@@ -155,13 +155,13 @@ def test_a_bad_line_is_one_photograph_the_less(tmp_path: Path, values: str, said
             "# rotation: camera_to_world\nimage,x,y,z,qw,qx,qy,qz,fx_px,fy_px,cx_px,cy_px\n",
             "allowed are world_from_cam",
         ),
-        ("# north: true\n# north: grid\nimage\n", "said twice"),
+        ("# north: true\n# north: grid\nimage\n", "stated twice"),
         ("image,x,y,z,qw,qx,qy,qz\n", "no column fx_px"),
         ("image,x,y,fx_px,fy_px,cx_px,cy_px\n", "position in no known way"),
         ("image,x,y,z,qw,qx,qy,qz,yaw_deg,pitch_deg,roll_deg,fx_px,fy_px,cx_px,cy_px\n", "attitude in several ways"),
         (
             "# crs: EPSG:25832\nimage,lon_deg,lat_deg,height_ellipsoidal_m,qw,qx,qy,qz,fx_px,fy_px,cx_px,cy_px\n",
-            "are of",
+            "are in EPSG:4979",
         ),
     ],
 )

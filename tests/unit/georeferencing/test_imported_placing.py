@@ -48,11 +48,11 @@ def test_names_that_fail(tmp_path: Path) -> None:
     found = placed(path)
     rows = {row["photo_id"]: row for row in found.poses.to_pylist()}
     assert [rows[name]["pose_source"] for name in NAMES] == ["unlocalised"] * 3 + ["imported"]
-    assert "2 poses of it" in rows[NAMES[0]]["reason"]
+    assert "2 poses for it" in rows[NAMES[0]]["reason"]
     assert "quaternion" in rows[NAMES[1]]["reason"]
-    assert "has no pose of it" in rows[NAMES[2]]["reason"]
+    assert "has no pose for it" in rows[NAMES[2]]["reason"]
     remarks = found.georeference.to_pylist()[0]["remarks"]
-    assert "1 poses are of no photograph of this campaign" in remarks and "IMG_9" in remarks
+    assert "1 poses belong to no photograph of this campaign" in remarks and "IMG_9" in remarks
 
 
 def test_one_pose_off_the_globe_is_its_own_reason(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_swapped_coordinates_are_told(tmp_path: Path) -> None:
     ("head", "turn", "remedy"),
     [
         # The same numbers, read the other way: the cameras look south, away from the wall, or to the sky.
-        ("# camera_axes: right_up_backward\n", None, "or the other word for camera_axes .*, 4 would"),
+        ("# camera_axes: right_up_backward\n", None, "or the other value of camera_axes .*, 4 would"),
         ("# rotation: cam_from_world\n", "0.5,-0.5,0.5,-0.5", "none of 4 photographs shows"),
     ],
 )
@@ -110,10 +110,10 @@ def test_rotations_against_the_photographs_own_word(tmp_path: Path) -> None:
         "prior_lat_deg": 48.9,
     }
     assert placed(geo_csv(tmp_path), photos(**said, prior_roll_deg=0.0)).localised == 4
-    with pytest.raises(GeoreferenceError, match=r"turned by 90 deg \(median, limit 45 deg\)"):
+    with pytest.raises(GeoreferenceError, match=r"rotated by 90 deg \(median, limit 45 deg\)"):
         placed(geo_csv(tmp_path), photos(**said, prior_roll_deg=90.0))
     upside_down = geo_csv(tmp_path, head="# rotation: cam_from_world\n")
-    with pytest.raises(GeoreferenceError, match=r"with the other word for rotation .*4 would"):
+    with pytest.raises(GeoreferenceError, match=r"with the other value of rotation .*4 would"):
         placed(upside_down, photos(**said, prior_roll_deg=0.0))
 
 
@@ -154,7 +154,7 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     assert not any(point["point_used"] for point in found.georeference_points.to_pylist())
     # The cameras stand 3, 4, 3.5 and 5 m high and one GPS place is given for all: the median is 0.25 m beside it.
     assert row["gps_offset_up_m"] == pytest.approx(30.0 + 4.0 - 3.75 - 0.05, rel=0, abs=5e-4)
-    assert "GPS lies +30 m up of the poses" in row["remarks"]
+    assert "GPS deviates by +30 m (up) from the poses" in row["remarks"]
     off = {name: point + np.array([0.0, 0.0, 2.0]) for name, point in points.items()}
     shifted = marked(points)
     wrong = SurveyedPoints(source="g", crs=shifted.crs, points=tuple(
@@ -186,7 +186,7 @@ def test_a_lens_of_another_shape_costs_its_photograph(tmp_path: Path) -> None:
     write(folder / "georeference.txt", "crs: site\n")
     found = placed(folder)
     rows = {row["photo_id"]: row for row in found.poses.to_pylist()}
-    assert "another shape" in rows[NAMES[0]]["reason"] and found.localised == 3
+    assert "aspect ratios differ" in rows[NAMES[0]]["reason"] and found.localised == 3
     centre = [rows[NAMES[1]][f"{axis}_site_m"] for axis in "xyz"]
     np.testing.assert_allclose(centre, CENTRES[1], rtol=0, atol=1e-9)
     assert rows[NAMES[1]]["fx_px"] == 2800.0  # of the photograph twice as wide

@@ -73,7 +73,7 @@ def test_it_keeps_what_the_adjustment_kept_in_its_rows(placed: Campaign) -> None
 
 
 def test_a_smaller_reference_is_spread_over_the_building(placed: Campaign) -> None:
-    few = reference(placed, max_points=60)
+    few = reference(placed, most=60)
     assert len(few) == 60
     cells = {tuple(cell) for cell in np.floor(few.xyz_site_m / 0.5).astype(int).tolist()}
     assert len(cells) == 60  # no half-metre cell gives its second point before every cell gave its first
