@@ -16,12 +16,15 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+from facadelake.core.cache import DIAGNOSTICS, WORK_SIZE_FILE, CacheEntry, open_stage_cache
 from facadelake.core.errors import ModelError
 from facadelake.core.system_libraries import LIBRARIES, Library, format_install_command, is_present
 from facadelake.detection import find_default_model
+from facadelake.lake import read_stage_keys
 
 GIB = 1024**3
-DISK_NEEDED_GIB = 5.0  # photographs, reconstruction, depth maps and tables of a campaign, with a reserve
+DISK_NEEDED_GIB = 5.0  # before a first campaign has shown what one takes
+DISK_RESERVE = 1.2  # of what the largest campaign took
 MEMORY_NEEDED_GIB = 4.0  # SIFT on two 6 Mpx photographs at once, in addition to Prefect
 PROBE_LIMIT_S = 120.0
 REPEAT_SETUP = "make distclean setup"
@@ -165,15 +168,54 @@ def find_nearest_folder(path: Path) -> Path:
 
 
 def check_disk(lake: Path) -> Check:
-    """Free disk space in the folder of the lake, or where it will be created."""
+    """Whether the disk of the lake has room for the next campaign, by the largest one so far."""
     free_gib = shutil.disk_usage(find_nearest_folder(lake)).free / GIB
-    enough = free_gib >= DISK_NEEDED_GIB
-    return Check(
-        name="disk space for the lake",
-        status=Status.OK if enough else Status.WARNING,
-        found=f"{free_gib:.1f} GiB free at {lake}",
-        remedy="" if enough else f"free {DISK_NEEDED_GIB:.0f} GiB, or choose another disk with --lake",
+    largest = find_largest_campaign(lake)
+    needed_gib = DISK_NEEDED_GIB if largest is None else DISK_RESERVE * largest.size_bytes / GIB
+    took = "" if largest is None else f"; {largest.name} took {largest.size_bytes / GIB:.1f} GiB"
+    enough = free_gib >= needed_gib
+    remedy = (
+        f"the next campaign needs about {needed_gib:.1f} GiB: free space, remove cached results "
+        "(facadelake cache prune --older-than 30d), or choose another disk with --lake"
     )
+    return Check(
+        name="disk space for the next campaign",
+        status=Status.OK if enough else Status.WARNING,
+        found=f"{free_gib:.1f} GiB free at {lake}{took}",
+        remedy="" if enough else remedy,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignSize:
+    """Disk space that a campaign took at its largest: cached results, temporary files, published pictures."""
+
+    name: str
+    size_bytes: int
+
+
+def find_largest_campaign(lake: Path) -> CampaignSize | None:
+    """The committed campaign that took most space, None where the cache has none; the lake's tables are negligible."""
+    sizes = {entry.key: entry for entry in open_stage_cache(lake).list_entries()}
+    found = []
+    for run in read_stage_keys(lake):
+        entries = [sizes[key] for key in run.keys.values() if key in sizes]
+        if entries:
+            total = sum(entry.size_bytes + read_work_size(entry) for entry in entries)
+            pictures = sum(entry.size_bytes for entry in sizes.values() if entry.stage == "draw")
+            drawn = sum(entry.stage == "draw" for entry in sizes.values())
+            # Pictures are made after the commit, so the run does not name them; each is kept and published.
+            total += 2 * pictures // drawn if drawn else 0
+            found.append(CampaignSize(name=f"{run.building_id} {run.campaign_id}", size_bytes=total))
+    return max(found, key=lambda one: one.size_bytes, default=None)
+
+
+def read_work_size(entry: CacheEntry) -> int:
+    """Bytes of the temporary folder that an entry was made with; 0 where none was recorded."""
+    try:
+        return int((entry.folder / DIAGNOSTICS / WORK_SIZE_FILE).read_text("utf-8"))
+    except (OSError, ValueError):
+        return 0
 
 
 def check_writable(lake: Path) -> Check:

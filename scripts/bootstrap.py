@@ -135,9 +135,9 @@ def fetch_uv():
 
 if __name__ == "__main__":
     check_python()
-    sys.path.insert(0, str(REPOSITORY))
-    # Only now: these lines need Python 3.11.
-    from facadelake.core.system_libraries import LIBRARIES, format_install_command, is_present
+    # By its folder: importing the package facadelake needs what is not installed yet. Only now: it needs Python 3.11.
+    sys.path.insert(0, str(REPOSITORY / "facadelake" / "core"))
+    from system_libraries import LIBRARIES, format_install_command, is_present
 
     wanted = missing_packages()
     if wanted:

@@ -29,6 +29,8 @@ log = logging.getLogger(__name__)
 MANIFEST = "manifest.json"
 # Subfolder of an entry for logs and times; its files are verified, but no later stage depends on them.
 DIAGNOSTICS = "diagnostics"
+# Bytes of the temporary folder that an entry was made with, in its diagnostics.
+WORK_SIZE_FILE = "work_size_bytes.txt"
 # An entry used within this time may belong to a running inspection; pruning keeps it.
 IN_USE_S = 86400.0
 

@@ -27,6 +27,7 @@ from importlib import metadata
 from pathlib import Path
 
 from facadelake.core.checkout import CHECKOUT
+from facadelake.core.hashing import hash_file
 
 # Imported but without influence on results: scheduling, locks, memory meters, the terminal.
 NOT_COMPUTING = frozenset({"filelock", "lazy-loader", "prefect", "psutil", "rich", "typer"})
@@ -56,7 +57,7 @@ def compute_code_version(module: str, root: Path = CHECKOUT) -> CodeVersion:
 @cache
 def _compute_version(module: str, root: Path) -> CodeVersion:
     closure = _collect_closure(module, root)
-    files = {str(path.relative_to(root)): _hash_file(path) for path in sorted(closure.files)}
+    files = {str(path.relative_to(root)): hash_file(path) for path in sorted(closure.files)}
     libraries = _read_library_versions(closure.packages)
     digest = hashlib.sha256(platform.python_version().encode())
     for name, value in [*files.items(), *libraries.items()]:
@@ -207,11 +208,6 @@ def _list_files(path: Path) -> Iterator[Path]:
     if not path.exists():
         raise LookupError(f"{path} is named by locate_source and does not exist")
     yield from sorted(found for found in path.rglob("*") if found.is_file()) if path.is_dir() else [path]
-
-
-def _hash_file(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 @cache

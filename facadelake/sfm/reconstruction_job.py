@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.core.arrays import Float64N, Float64Nx3
+from facadelake.core.cache import DIAGNOSTICS, WORK_SIZE_FILE
 from facadelake.core.code_version import compute_code_version
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
@@ -70,6 +71,8 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
     with open_work_folder(folder.parent, key) as work:
         local_settings = {"photographs_root": str(photographs_root), "cores": settings.cores, "work": str(work)}
         run_worker(job | local_settings, folder)
+        size_bytes = sum(path.stat().st_size for path in work.rglob("*") if path.is_file())
+        (folder / DIAGNOSTICS / WORK_SIZE_FILE).write_text(str(size_bytes), "utf-8")
 
 
 def _compute_half_view_deg(camera: dict[str, Any]) -> float:

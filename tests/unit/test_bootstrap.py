@@ -97,10 +97,10 @@ def test_old_python_is_named_with_what_is_wanted(
 
 
 def test_libraries_are_read_before_anything_is_installed() -> None:
-    """The system's python3 imports facadelake.core.system_libraries: no third-party package may be needed for it."""
+    """The system's python3 imports system_libraries from its folder: no third-party package may be needed for it."""
     code = (
-        f"import sys; sys.path[:0] = [{str(REPOSITORY)!r}]\n"
-        "import facadelake.core.system_libraries as f\n"
+        f"import sys; sys.path[:0] = [{str(REPOSITORY / 'facadelake' / 'core')!r}]\n"
+        "import system_libraries as f\n"
         "print(len(f.LIBRARIES))"
     )
     done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True)

@@ -1,13 +1,18 @@
 """The doctor finds what is missing, names the remedy, and is not stopped by a probe that crashes."""
 
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from facadelake import doctor
+from facadelake.core.cache import DIAGNOSTICS, WORK_SIZE_FILE, open_stage_cache
 from facadelake.core.system_libraries import Library
 from facadelake.detection.model_registry import find_default_model
-from facadelake.doctor import Check, Probe, Status, run_checks
+from facadelake.doctor import DISK_RESERVE, Check, Probe, Status, run_checks
+from facadelake.lake.stage_keys import RunKeys
 
 
 def probe(code: str) -> Check:
@@ -69,6 +74,41 @@ def test_little_disk_is_a_warning_with_the_figure(monkeypatch: pytest.MonkeyPatc
     assert check.status is Status.WARNING
     assert "GiB free" in check.found
     assert "--lake" in check.remedy
+
+
+def test_the_next_campaign_needs_what_the_largest_one_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs of 1 and 3 MB; the larger one had a temporary folder of 5 MB and pictures of 2 MB, kept and published."""
+
+    def fill(size: int, work_bytes: int = 0) -> Callable[[Path], None]:
+        def make(folder: Path) -> None:
+            (folder / "a").write_bytes(b"x" * size)
+            (folder / DIAGNOSTICS).mkdir()
+            (folder / DIAGNOSTICS / WORK_SIZE_FILE).write_text(str(work_bytes))
+
+        return make
+
+    cache = open_stage_cache(tmp_path)
+    cache.get_or_make("reconstruct", "small", fill(1_000_000))
+    cache.get_or_make("reconstruct", "large", fill(3_000_000, work_bytes=5_000_000))
+    cache.get_or_make("draw", "pictures", fill(2_000_000))
+    runs = [
+        RunKeys(building_id="tower", campaign_id=campaign, run_id=campaign, version=2, keys={"reconstruct": key})
+        for campaign, key in (("2026-04", "small"), ("2026-10", "large"))
+    ]
+    monkeypatch.setattr(doctor, "read_stage_keys", lambda lake: tuple(runs))
+    largest = doctor.find_largest_campaign(tmp_path)
+    assert largest is not None and largest.name == "tower 2026-10"
+    assert abs(largest.size_bytes - 12_000_000) < 5_000  # bytes: manifests are a little more
+    assert doctor.check_disk(tmp_path).status is Status.OK
+    free_bytes = int(DISK_RESERVE * 12_000_000) - 10_000
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free_bytes))
+    check = doctor.check_disk(tmp_path)
+    assert check.status is Status.WARNING and "tower 2026-10 took" in check.found
+    assert "facadelake cache prune" in check.remedy
+
+
+def test_a_cache_without_a_committed_run_says_nothing_of_sizes(tmp_path: Path) -> None:
+    assert doctor.find_largest_campaign(tmp_path) is None
 
 
 def test_folder_that_takes_no_file() -> None:

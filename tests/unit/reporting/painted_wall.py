@@ -24,7 +24,7 @@ NASTY_NAME = "<script>alert('x')</script> & \"Hof\""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Painted:
+class PaintedWall:
     """The wall faces south, its front is y = 0, x from 0 to 8 m, z from 0 to 4 m; ``paint`` is seen from the south."""
 
     building: BuildingModel
@@ -34,7 +34,7 @@ class Painted:
     root: Path
 
 
-def looking(centre: Float64Array, target: Float64Array, camera: Camera) -> PosedCamera:
+def point_camera(centre: Float64Array, target: Float64Array, camera: Camera) -> PosedCamera:
     """A camera at ``centre`` that looks at ``target``, its x axis level."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -43,14 +43,14 @@ def looking(centre: Float64Array, target: Float64Array, camera: Camera) -> Posed
     return PosedCamera(camera=camera, site_from_cam=Similarity(rotation=rotation, translation=centre))
 
 
-def box(low: Float64Array, high: Float64Array) -> tuple[Float64Array, Float64Array]:
+def make_box(low: Float64Array, high: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Vertices (8, 3) and outward triangles (12, 3) of an upright box."""
     corners = np.array([[x, y, z] for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])])
     quads = [[0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6], [0, 2, 3, 1]]
     return corners, np.array([[q[i] for i in t] for q in quads for t in ((0, 1, 2), (0, 2, 3))])
 
 
-def painting() -> Float64Array:
+def make_painting() -> Float64Array:
     """A smooth colourful picture (h, w, 3) with an F in it, which a mirror would betray."""
     height, width = int(WALL_HEIGHT_M * PAINT_PX_PER_M), int(WALL_WIDTH_M * PAINT_PX_PER_M)
     y, x = np.mgrid[0:height, 0:width].astype(np.float64)
@@ -61,7 +61,7 @@ def painting() -> Float64Array:
     return np.asarray(cv2.GaussianBlur(paint, (0, 0), 1.5), dtype=np.float64)
 
 
-def photograph(posed: PosedCamera, paint: Float64Array) -> Float64Array:
+def render_photograph(posed: PosedCamera, paint: Float64Array) -> Float64Array:
     """The wall as the camera sees it (h, w, RGB): each pixel's ray met with the plane y = 0, by hand."""
     camera = posed.camera
     grid = np.stack(np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5), axis=-1)
@@ -73,9 +73,9 @@ def photograph(posed: PosedCamera, paint: Float64Array) -> Float64Array:
     return np.asarray(cv2.remap(paint, at_x, at_y, cv2.INTER_CUBIC, borderValue=(40, 60, 90)))
 
 
-def painted_wall(root: Path) -> Painted:
+def make_painted_wall(root: Path) -> PaintedWall:
     """The wall, its cameras, and its photographs written into ``root``."""
-    vertices, triangles = box(np.zeros(3), np.array([WALL_WIDTH_M, WALL_THICK_M, WALL_HEIGHT_M]))
+    vertices, triangles = make_box(np.zeros(3), np.array([WALL_WIDTH_M, WALL_THICK_M, WALL_HEIGHT_M]))
     elements = table_from_rows(
         "elements",
         [
@@ -115,17 +115,17 @@ def painted_wall(root: Path) -> Painted:
         p2=-0.0007,
     )
     posed = {
-        "a.png": looking(np.array([2.0, -5.5, 1.4]), np.array([3.0, 0.0, 2.0]), camera),
-        "b.png": looking(np.array([7.0, -6.0, 2.8]), np.array([5.5, 0.0, 2.0]), camera),
+        "a.png": point_camera(np.array([2.0, -5.5, 1.4]), np.array([3.0, 0.0, 2.0]), camera),
+        "b.png": point_camera(np.array([7.0, -6.0, 2.8]), np.array([5.5, 0.0, 2.0]), camera),
     }
-    paint = painting()
+    paint = make_painting()
     for name, pose in posed.items():
-        shot = np.clip(photograph(pose, paint) + 0.5, 0, 255).astype(np.uint8)
+        shot = np.clip(render_photograph(pose, paint) + 0.5, 0, 255).astype(np.uint8)
         cv2.imwrite(str(root / name), shot[..., ::-1])
-    return Painted(building=building, surface=Surface(building), posed=posed, paint=paint, root=root)
+    return PaintedWall(building=building, surface=Surface(building), posed=posed, paint=paint, root=root)
 
 
-def defect_row(defect_id: str, x_m: float, z_m: float, **others: object) -> dict[str, object]:
+def make_defect_row(defect_id: str, x_m: float, z_m: float, **others: object) -> dict[str, object]:
     """A row of defects on the wall's front."""
     return {
         "defect_id": defect_id, "defect_class": "crack", "severity": "none", "severity_rule": "size-1", "x_site_m": x_m,
@@ -137,7 +137,7 @@ def defect_row(defect_id: str, x_m: float, z_m: float, **others: object) -> dict
     }  # fmt: skip
 
 
-def point_row(name: str, kind: str, xyz_m: tuple[float, ...], residual_m: tuple[float, ...]) -> dict[str, object]:
+def make_point_row(name: str, kind: str, xyz_m: tuple[float, ...], residual_m: tuple[float, ...]) -> dict[str, object]:
     """A row of georeference_points; ``residual_m`` is given minus adjusted."""
     return {
         "point_name": name, "point_kind": kind, **dict(zip(("x_site_m", "y_site_m", "z_site_m"), xyz_m, strict=True)),
@@ -147,7 +147,7 @@ def point_row(name: str, kind: str, xyz_m: tuple[float, ...], residual_m: tuple[
     }  # fmt: skip
 
 
-def inspection_of(painted: Painted, defects: list[dict[str, object]], sightings: list[str]) -> Inspection:
+def make_inspection(painted: PaintedWall, defects: list[dict[str, object]], sightings: list[str]) -> Inspection:
     """An inspection of the wall; each defect of ``sightings`` has a box in a.png."""
     places = {row["defect_id"]: np.array([[row["x_site_m"], 0.0, row["z_site_m"]]]) for row in defects}
     corners = {name: painted.posed["a.png"].project_site(places[name])[0] - (20, 10) for name in sightings}
@@ -179,10 +179,10 @@ def inspection_of(painted: Painted, defects: list[dict[str, object]], sightings:
         "remarks": NASTY_NAME,
     }  # fmt: skip
     points = [
-        point_row("C1", "control", (1.0, 0.0, 1.0), (0.002, -0.001, 0.004)),
-        point_row(NASTY_NAME, "check", (7.0, 0.0, 3.0), (0.012, -0.005, 0.015)),
+        make_point_row("C1", "control", (1.0, 0.0, 1.0), (0.002, -0.001, 0.004)),
+        make_point_row(NASTY_NAME, "check", (7.0, 0.0, 3.0), (0.012, -0.005, 0.015)),
         *(
-            point_row(name, "gps", tuple(pose.centre_site_m + np.array([1.0, 0.5, 2.0])), (1.0, 0.5, 2.0))
+            make_point_row(name, "gps", tuple(pose.centre_site_m + np.array([1.0, 0.5, 2.0])), (1.0, 0.5, 2.0))
             for name, pose in painted.posed.items()
         ),
     ]

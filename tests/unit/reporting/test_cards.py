@@ -26,23 +26,32 @@ from facadelake.reporting.elevations.marks import DefectMark, axes_from_normal, 
 from facadelake.reporting.elevations.overview import draw_defect_location, locate_on_facade, render_model_overview
 from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import Inspection, PictureSettings
-from tests.unit.reporting.painted_wall import PAINT_PX_PER_M, WALL_HEIGHT_M, Painted, box, defect_row, inspection_of
+from tests.unit.reporting.painted_wall import (
+    PAINT_PX_PER_M,
+    WALL_HEIGHT_M,
+    PaintedWall,
+    make_box,
+    make_defect_row,
+    make_inspection,
+)
 
 SETTINGS = PictureSettings(cell_m=0.02)
 
 
-def mark_at(painted: Painted, x_m: float, z_m: float, **others: Any) -> DefectMark:
-    (mark,) = create_marks(table_from_rows("defects", [defect_row("D1", x_m, z_m, **others)]), painted.building.origin)
+def make_mark(painted: PaintedWall, x_m: float, z_m: float, **others: Any) -> DefectMark:
+    (mark,) = create_marks(
+        table_from_rows("defects", [make_defect_row("D1", x_m, z_m, **others)]), painted.building.origin
+    )
     return mark
 
 
-def view_of(painted: Painted, mark: DefectMark, photo_id: str = "a.png", cells: int = 300) -> PatchView:
+def rectify_mark(painted: PaintedWall, mark: DefectMark, photo_id: str = "a.png", cells: int = 300) -> PatchView:
     posed = painted.posed[photo_id]
     pixels = read_photograph(painted.root / photo_id, posed.camera)
     return rectify_patch(mark, posed, pixels, painted.surface, cells, pixel_m=0.006)
 
 
-def paint_under(painted: Painted, x_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
+def sample_painting(painted: PaintedWall, x_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
     """The painting at places of the wall's front."""
     at_x = (x_m * PAINT_PX_PER_M - 0.5).astype(np.float32)
     at_y = ((WALL_HEIGHT_M - z_m) * PAINT_PX_PER_M - 0.5).astype(np.float32)
@@ -50,10 +59,10 @@ def paint_under(painted: Painted, x_m: np.ndarray, z_m: np.ndarray) -> np.ndarra
 
 
 @pytest.mark.parametrize("photo_id", ["a.png", "b.png"])
-def test_the_rectified_patch_is_true_to_scale(painted: Painted, photo_id: str) -> None:
+def test_the_rectified_patch_is_true_to_scale(painted: PaintedWall, photo_id: str) -> None:
     """The painting's own coordinates against the patch's cells: the best scale between them is one, to 1 %."""
     x_m, z_m = 3.6, 2.2
-    view = view_of(painted, mark_at(painted, x_m, z_m, width_m=0.9, height_m=0.7), photo_id)
+    view = rectify_mark(painted, make_mark(painted, x_m, z_m, width_m=0.9, height_m=0.7), photo_id)
     assert view.visible.all()
     assert view.side_m == pytest.approx(0.9 * 1.8, rel=1e-9)
     along = (np.arange(300) + 0.5 - 150) * view.cell_m
@@ -61,7 +70,7 @@ def test_the_rectified_patch_is_true_to_scale(painted: Painted, photo_id: str) -
 
     def unlikeness(scale_x: float, scale_z: float) -> float:
         xs, zs = np.meshgrid(x_m + along * scale_x, z_m - along * scale_z)
-        want = cv2.cvtColor(paint_under(painted, xs, zs).astype(np.float32), cv2.COLOR_RGB2GRAY)
+        want = cv2.cvtColor(sample_painting(painted, xs, zs).astype(np.float32), cv2.COLOR_RGB2GRAY)
         return float(np.abs(got - want).mean())
 
     assert unlikeness(1.0, 1.0) < 3.0  # grey levels
@@ -71,14 +80,14 @@ def test_the_rectified_patch_is_true_to_scale(painted: Painted, photo_id: str) -
     assert unlikeness(-1.0, 1.0) > 5 * unlikeness(1.0, 1.0)  # mirrored it would be another picture
 
 
-def test_a_reduced_patch_lies_where_the_fine_one_does(painted: Painted) -> None:
-    mark = mark_at(painted, 3.5, 2.0, width_m=1.2, height_m=1.0)
+def test_a_reduced_patch_lies_where_the_fine_one_does(painted: PaintedWall) -> None:
+    mark = make_mark(painted, 3.5, 2.0, width_m=1.2, height_m=1.0)
     posed = painted.posed["a.png"]
     pixels = read_photograph(painted.root / "a.png", posed.camera)
     small = rectify_patch(mark, posed, pixels, painted.surface, 60, pixel_m=0.006)  # cells of 36 mm: reduced by 4
     along = (np.arange(60) + 0.5 - 30) * small.cell_m
     xs, zs = np.meshgrid(3.5 + along, 2.0 - along)
-    want = paint_under(painted, xs, zs).astype(np.float32)
+    want = sample_painting(painted, xs, zs).astype(np.float32)
     (dx, dy), response = cv2.phaseCorrelate(
         cv2.cvtColor(small.picture, cv2.COLOR_RGB2GRAY).astype(np.float32), cv2.cvtColor(want, cv2.COLOR_RGB2GRAY)
     )
@@ -86,25 +95,25 @@ def test_a_reduced_patch_lies_where_the_fine_one_does(painted: Painted) -> None:
     np.testing.assert_allclose([dx, dy], [0.0, 0.0], rtol=0, atol=0.15)  # cells
 
 
-def test_a_patch_off_the_model_is_rectified_at_its_own_depth(painted: Painted) -> None:
+def test_a_patch_off_the_model_is_rectified_at_its_own_depth(painted: PaintedWall) -> None:
     """A place 0.25 m before the wall projects elsewhere than the wall behind it: its own ray says where."""
-    off = mark_at(painted, 3.5, 2.0, y_site_m=-0.25)
+    off = make_mark(painted, 3.5, 2.0, y_site_m=-0.25)
     posed = painted.posed["a.png"]
     xyz = posed.centre_site_m
     ray = np.array([3.5, -0.25, 2.0]) - xyz
     behind = xyz + ray * (-xyz[1] / ray[1])  # where that ray meets the painted wall
-    view = view_of(painted, off, cells=301)
-    want = paint_under(painted, behind[[0]][None], behind[[2]][None])[0, 0]
+    view = rectify_mark(painted, off, cells=301)
+    want = sample_painting(painted, behind[[0]][None], behind[[2]][None])[0, 0]
     np.testing.assert_allclose(view.picture[150, 150].astype(float), want, rtol=0, atol=4.0)  # grey levels
-    assert np.abs(paint_under(painted, np.array([[3.5]]), np.array([[2.0]]))[0, 0] - want).max() > 8.0
+    assert np.abs(sample_painting(painted, np.array([[3.5]]), np.array([[2.0]]))[0, 0] - want).max() > 8.0
 
 
-def test_what_something_else_hides_is_grey(painted: Painted) -> None:
-    screen, triangles = box(np.array([3.0, -2.0, 0.0]), np.array([4.0, -1.9, 4.0]))
+def test_what_something_else_hides_is_grey(painted: PaintedWall) -> None:
+    screen, triangles = make_box(np.array([3.0, -2.0, 0.0]), np.array([4.0, -1.9, 4.0]))
     surface = Surface.from_mesh(
         np.vstack([painted.building.vertices_site_m, screen]), np.vstack([painted.building.triangles, triangles + 8])
     )
-    view = view_of(replace(painted, surface=surface), mark_at(painted, 3.4, 2.0, width_m=1.0, height_m=1.0))
+    view = rectify_mark(replace(painted, surface=surface), make_mark(painted, 3.4, 2.0, width_m=1.0, height_m=1.0))
     # From the camera at x = 2, y = -5.5 the screen at y = -1.9 hides the wall's front from x of 3.5 to about 5.
     x_m = 3.4 + (np.arange(300) + 0.5 - 150) * view.cell_m
     assert not view.visible[150, (x_m > 3.7) & (x_m < 4.2)].any()
@@ -112,13 +121,13 @@ def test_what_something_else_hides_is_grey(painted: Painted) -> None:
     assert (view.picture[~view.visible] == 225).all()
 
 
-def test_a_patch_of_its_own_is_the_outline(painted: Painted) -> None:
+def test_a_patch_of_its_own_is_the_outline(painted: PaintedWall) -> None:
     site = np.array([[2.0, 0.0, 1.0], [2.6, 0.0, 1.0], [2.0, 0.0, 1.4], [2.0, 0.0, 1.0]])
     wkb = shapely.to_wkb(shapely.Polygon(painted.building.origin.geo_from_site(site)), output_dimension=3)
-    mark = mark_at(painted, 2.2, 1.1, patch=wkb)
+    mark = make_mark(painted, 2.2, 1.1, patch=wkb)
     (ring,) = mark.outlines_site_m
     np.testing.assert_allclose(ring, site, rtol=0, atol=1e-4)  # m
-    view = view_of(painted, mark)
+    view = rectify_mark(painted, mark)
     np.testing.assert_allclose(view.rings_m[0][0], [-0.2, -0.1], rtol=0, atol=1e-4)  # m, right and up
 
 
@@ -131,8 +140,8 @@ def test_surface_axes_are_right_handed(normal: tuple[float, ...]) -> None:
     assert axes[1, 2] >= -1e-12
 
 
-def test_the_marker_is_at_the_defects_pixel(painted: Painted) -> None:
-    inspection = inspection_of(painted, [defect_row("D1", 5.5, 3.0)], [])
+def test_the_marker_is_at_the_defects_pixel(painted: PaintedWall) -> None:
+    inspection = make_inspection(painted, [make_defect_row("D1", 5.5, 3.0)], [])
     (facade,) = find_drawn_facades(inspection, painted.surface, SETTINGS)
     backdrop = map_defects_to_model(inspection, painted.surface, [facade], ["D1"])["D1"]
     mark = create_marks(inspection.defects, painted.building.origin)[0]
@@ -152,8 +161,8 @@ def test_the_marker_is_at_the_defects_pixel(painted: Painted) -> None:
     np.testing.assert_allclose(locate_on_facade(facade, mark, 0.0), [6.0, 3.0], rtol=0, atol=1e-9)  # m
 
 
-def test_the_backdrop_shows_the_wall_where_it_is(painted: Painted) -> None:
-    inspection = inspection_of(painted, [], [])
+def test_the_backdrop_shows_the_wall_where_it_is(painted: PaintedWall) -> None:
+    inspection = make_inspection(painted, [], [])
     (facade,) = find_drawn_facades(inspection, painted.surface, SETTINGS)
     backdrop = render_model_overview(facade, painted.surface, painted.building)
     per_m = backdrop.picture.shape[1] / backdrop.width_m
@@ -170,7 +179,7 @@ def test_bars_are_round_and_fit_a_third(width_m: float, length_m: float, words: 
     assert format_bar_length(choose_bar_length_m(width_m)) == words
 
 
-def test_a_mask_is_drawn_where_it_is(painted: Painted) -> None:
+def test_a_mask_is_drawn_where_it_is(painted: PaintedWall) -> None:
     detection = {
         "box_x_px": 100.0, "box_y_px": 80.0, "box_width_px": 60.0, "box_height_px": 40.0,
         "mask": "POLYGON ((100 80, 160 80, 100 120, 100 80))",
@@ -185,8 +194,10 @@ def test_a_mask_is_drawn_where_it_is(painted: Painted) -> None:
     assert read_outline({**detection, "mask": "no polygon"}).rings_px == ()
 
 
-def many_sightings(painted: Painted) -> Inspection:
-    inspection = inspection_of(painted, [defect_row("D1", 2.5, 1.5), defect_row("D2", 3.2, 2.5)], ["D1", "D2"])
+def make_inspection_with_two_views(painted: PaintedWall) -> Inspection:
+    inspection = make_inspection(
+        painted, [make_defect_row("D1", 2.5, 1.5), make_defect_row("D2", 3.2, 2.5)], ["D1", "D2"]
+    )
     detections = inspection.detections.to_pylist()
     observations = inspection.observations.to_pylist()
     xy = painted.posed["b.png"].project_site(np.array([[3.2, 0.0, 2.5]]))[0]
@@ -201,17 +212,17 @@ def many_sightings(painted: Painted) -> Inspection:
     )
 
 
-def test_the_best_photograph_comes_first(painted: Painted) -> None:
-    own = group_observations(many_sightings(painted))["D2"]
+def test_the_best_photograph_comes_first(painted: PaintedWall) -> None:
+    own = group_observations(make_inspection_with_two_views(painted))["D2"]
     assert [one.photo_id for one in own] == ["a.png", "b.png"]  # best_photo_id before the smaller pixel
     assert own[1].pixel_mm == pytest.approx(4.0, rel=1e-9)
     assert own[0].pixel_mm == np.inf
 
 
 def test_cards_are_written_and_say_what_is_missing(
-    painted: Painted, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    painted: PaintedWall, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    inspection = many_sightings(painted)
+    inspection = make_inspection_with_two_views(painted)
     places = map_defects_to_model(
         inspection, painted.surface, find_drawn_facades(inspection, painted.surface, SETTINGS), ["D2"]
     )
@@ -233,8 +244,8 @@ def test_cards_are_written_and_say_what_is_missing(
     assert "a.png cannot be decoded" in caplog.text
 
 
-def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: Painted) -> None:
-    inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0, score=0.537)], ["D1"])
+def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: PaintedWall) -> None:
+    inspection = make_inspection(painted, [make_defect_row("D1", 2.0, 1.0, score=0.537)], ["D1"])
     (row,) = inspection.defects.to_pylist()
     bare = dict(list_card_facts(row, inspection, []))
     assert bare["detected by"] == "coco:x, score 0.54"

@@ -18,18 +18,18 @@ from facadelake.reporting.distribution import (
 )
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
 from facadelake.reporting.inspection import Inspection
-from tests.unit.reporting.painted_wall import Painted, defect_row, inspection_of
+from tests.unit.reporting.painted_wall import PaintedWall, make_defect_row, make_inspection
 
 
 @pytest.fixture
-def spread(painted: Painted) -> Inspection:
+def spread(painted: PaintedWall) -> Inspection:
     rows = [
-        *(defect_row(f"A{n}", 1.0, 1.0, facade="S") for n in range(3)),
-        *(defect_row(f"B{n}", 1.0, 1.0, facade="S", defect_class="moisture") for n in range(2)),
-        defect_row("C", 1.0, 1.0, facade="N-2", storey=None, area_m2=0.5),
-        defect_row("D", 1.0, 1.0, facade="level", defect_class="spalling"),
+        *(make_defect_row(f"A{n}", 1.0, 1.0, facade="S") for n in range(3)),
+        *(make_defect_row(f"B{n}", 1.0, 1.0, facade="S", defect_class="moisture") for n in range(2)),
+        make_defect_row("C", 1.0, 1.0, facade="N-2", storey=None, area_m2=0.5),
+        make_defect_row("D", 1.0, 1.0, facade="level", defect_class="spalling"),
     ]
-    return inspection_of(painted, rows, [])
+    return make_inspection(painted, rows, [])
 
 
 def test_every_defect_is_counted_once(spread: Inspection) -> None:
@@ -41,7 +41,7 @@ def test_every_defect_is_counted_once(spread: Inspection) -> None:
     assert found.storeys == ("Ground <floor>", NO_STOREY)
 
 
-def test_facades_stand_clockwise_and_those_without_a_direction_last(painted: Painted, spread: Inspection) -> None:
+def test_facades_stand_clockwise_and_those_without_a_direction_last(painted: PaintedWall, spread: Inspection) -> None:
     element = painted.building.elements.to_pylist()[0]
     told = {"S": 180.0, "N-2": 350.0, "E": None, "level": None}
     elements = table_from_rows(
@@ -79,11 +79,11 @@ def test_bars_are_as_long_as_their_numbers(spread: Inspection, tmp_path: Path) -
     assert lengths["crack"] / lengths["moisture"] == pytest.approx(3 / 2, rel=0.02)
 
 
-def test_no_defects_and_many_facades_are_drawn(painted: Painted, tmp_path: Path) -> None:
-    empty = inspection_of(painted, [], [])
+def test_no_defects_and_many_facades_are_drawn(painted: PaintedWall, tmp_path: Path) -> None:
+    empty = make_inspection(painted, [], [])
     assert draw_distribution(compute_distribution(empty), "none", tmp_path / "none.png").stat().st_size > 2000
-    rows = [defect_row(f"D{n}", 1.0, 1.0, facade=f"F{n}") for n in range(14)]
-    many = inspection_of(painted, rows, [])
+    rows = [make_defect_row(f"D{n}", 1.0, 1.0, facade=f"F{n}") for n in range(14)]
+    many = make_inspection(painted, rows, [])
     picture = cv2.imread(str(draw_distribution(compute_distribution(many), "many", tmp_path / "many.png")))
     assert picture.shape[1] < 2200
     assert format_distribution_title(many).endswith("14 defects by facade and storey")

@@ -22,30 +22,30 @@ from tests.unit.reporting.painted_wall import (
     PAINT_PX_PER_M,
     WALL_HEIGHT_M,
     WALL_WIDTH_M,
-    Painted,
-    box,
-    defect_row,
-    inspection_of,
-    looking,
-    photograph,
+    PaintedWall,
+    make_box,
+    make_defect_row,
+    make_inspection,
+    point_camera,
+    render_photograph,
 )
 
 SETTINGS = PictureSettings(cell_m=0.01, feather_m=0.2)
 
 
-def front(painted: Painted, settings: PictureSettings = SETTINGS) -> Facade:
+def find_front(painted: PaintedWall, settings: PictureSettings = SETTINGS) -> Facade:
     facades = find_facades(painted.building, painted.surface, painted.posed, frozenset(), settings)
     assert [facade.name for facade in facades] == ["South"]
     return facades[0]
 
 
-def rectified(painted: Painted, settings: PictureSettings = SETTINGS) -> RectifiedElevation:
-    relief = render_relief(front(painted, settings), painted.surface, settings.cell_m)
+def rectify_front(painted: PaintedWall, settings: PictureSettings = SETTINGS) -> RectifiedElevation:
+    relief = render_relief(find_front(painted, settings), painted.surface, settings.cell_m)
     files = {name: painted.root / name for name in painted.posed}
     return rectify_elevations([relief], painted.surface, painted.posed, files, settings)[0]
 
 
-def expected(result: RectifiedElevation, painted: Painted) -> tuple[Float64Array, Float64Array]:
+def resample_painting(result: RectifiedElevation, painted: PaintedWall) -> tuple[Float64Array, Float64Array]:
     """The painting under each cell, found from the cell's site coordinates, and which cells the wall's front fills."""
     facade, cell = result.relief.facade, result.relief.cell_m
     rows, columns = result.relief.shape
@@ -57,8 +57,8 @@ def expected(result: RectifiedElevation, painted: Painted) -> tuple[Float64Array
     return np.asarray(paint), on_wall[1][:, None] & on_wall[0][None, :]
 
 
-def test_a_surface_of_tie_points_gets_no_edges_that_would_look_like_cracks(painted: Painted) -> None:
-    result = rectified(painted)
+def test_a_surface_of_tie_points_gets_no_edges_that_would_look_like_cracks(painted: PaintedWall) -> None:
+    result = rectify_front(painted)
     rough = replace(
         result,
         relief=replace(result.relief, w_m=result.relief.w_m - 0.1 * (np.arange(result.relief.shape[1]) % 50 < 25)),
@@ -71,9 +71,9 @@ def test_a_surface_of_tie_points_gets_no_edges_that_would_look_like_cracks(paint
     assert changed > 20 * height  # cells: of a wall of 800 cells, with a step every 25
 
 
-def test_a_painted_wall_rectifies_to_its_painting(painted: Painted) -> None:
-    result = rectified(painted)
-    paint, on_wall = expected(result, painted)
+def test_a_painted_wall_rectifies_to_its_painting(painted: PaintedWall) -> None:
+    result = rectify_front(painted)
+    paint, on_wall = resample_painting(result, painted)
     use = on_wall & result.covered
     assert 0.5 < use.sum() / on_wall.sum() <= 1.0
     difference = np.abs(result.picture.astype(float) - paint)[use]
@@ -82,9 +82,9 @@ def test_a_painted_wall_rectifies_to_its_painting(painted: Painted) -> None:
     assert np.quantile(gradient, 0.99) > 6.0  # per cell, so a shift of one cell would show
 
 
-def test_no_photograph_is_shifted_by_more_than_a_tenth_of_a_cell(painted: Painted) -> None:
-    result = rectified(painted)
-    paint, on_wall = expected(result, painted)
+def test_no_photograph_is_shifted_by_more_than_a_tenth_of_a_cell(painted: PaintedWall) -> None:
+    result = rectify_front(painted)
+    paint, on_wall = resample_painting(result, painted)
     ys, xs = np.nonzero(on_wall & result.covered)
     window = np.s_[ys.min() + 40 : ys.max() - 40, xs.min() + 200 : xs.max() - 200]
     assert (on_wall & result.covered)[window].all()
@@ -95,9 +95,9 @@ def test_no_photograph_is_shifted_by_more_than_a_tenth_of_a_cell(painted: Painte
     np.testing.assert_allclose([dx, dy], [0.0, 0.0], rtol=0, atol=0.1)  # cells
 
 
-def test_the_picture_is_not_mirrored(painted: Painted) -> None:
-    result = rectified(painted)
-    paint, on_wall = expected(result, painted)
+def test_the_picture_is_not_mirrored(painted: PaintedWall) -> None:
+    result = rectify_front(painted)
+    paint, on_wall = resample_painting(result, painted)
     use = on_wall & result.covered & (on_wall & result.covered)[:, ::-1]
     right = np.corrcoef(result.picture[use].ravel(), paint[use].ravel())[0, 1]
     mirrored = np.corrcoef(result.picture[:, ::-1][use].ravel(), paint[use].ravel())[0, 1]
@@ -109,14 +109,14 @@ def test_the_picture_is_not_mirrored(painted: Painted) -> None:
     ("azimuth_deg", "right_site"), [(0, (-1, 0, 0)), (90, (0, 1, 0)), (180, (1, 0, 0)), (270, (0, -1, 0))]
 )
 def test_right_is_to_the_right_of_who_looks_at_the_facade(
-    painted: Painted, azimuth_deg: float, right_site: tuple[int, int, int]
+    painted: PaintedWall, azimuth_deg: float, right_site: tuple[int, int, int]
 ) -> None:
-    axes = replace(front(painted), azimuth_deg=azimuth_deg).axes_site
+    axes = replace(find_front(painted), azimuth_deg=azimuth_deg).axes_site
     np.testing.assert_allclose(axes[0], right_site, rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(axes), 1.0, rtol=0, atol=1e-12)
 
 
-def test_cameras_decide_which_side_of_a_wall_is_outside(painted: Painted) -> None:
+def test_cameras_decide_which_side_of_a_wall_is_outside(painted: PaintedWall) -> None:
     words = painted.building.elements.set_column(
         painted.building.elements.column_names.index("facade"),
         painted.building.elements.schema.field("facade"),
@@ -129,7 +129,7 @@ def test_cameras_decide_which_side_of_a_wall_is_outside(painted: Painted) -> Non
     assert [facade.name for facade in alone] == ["North"]
 
 
-def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: Painted) -> None:
+def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: PaintedWall) -> None:
     """Part of a cylinder that bulges south: drawn from the south, whole."""
     turn = np.radians(np.linspace(-75, 75, 13))
     foot = np.column_stack([4 + 3 * np.sin(turn), 1 - 3 * np.cos(turn)])
@@ -145,7 +145,9 @@ def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: P
         elements=table_from_rows("elements", [element]),
     )
     camera = painted.posed["a.png"].camera
-    posed = {str(x): looking(np.array([x, -9.0, 1.5]), np.array([4.0, 0.0, 2.0]), camera) for x in (-1.0, 4.0, 9.0)}
+    posed = {
+        str(x): point_camera(np.array([x, -9.0, 1.5]), np.array([4.0, 0.0, 2.0]), camera) for x in (-1.0, 4.0, 9.0)
+    }
     (facade,) = find_facades(building, Surface(building), posed, frozenset(["wall"]), SETTINGS)
     assert facade.name == "South"
     np.testing.assert_allclose(facade.azimuth_deg, 180.0, rtol=0, atol=2.0)  # deg
@@ -153,24 +155,24 @@ def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: P
     np.testing.assert_allclose([facade.u_min_m, facade.u_max_m], [4 - reach, 4 + reach], rtol=0, atol=0.1)  # m
 
 
-def test_a_photograph_that_is_gone_is_left_out(painted: Painted, caplog: pytest.LogCaptureFixture) -> None:
-    whole = rectified(painted)
-    relief = render_relief(front(painted), painted.surface, SETTINGS.cell_m)
+def test_a_photograph_that_is_gone_is_left_out(painted: PaintedWall, caplog: pytest.LogCaptureFixture) -> None:
+    whole = rectify_front(painted)
+    relief = render_relief(find_front(painted), painted.surface, SETTINGS.cell_m)
     files = {"a.png": painted.root / "a.png", "b.png": painted.root / "gone.png"}
     result = rectify_elevations([relief], painted.surface, painted.posed, files, SETTINGS)[0]
     assert 0 < result.covered.sum() < whole.covered.sum()
     assert "gone.png cannot be decoded" in caplog.text
 
 
-def test_a_hidden_wall_takes_no_colour_from_what_hides_it(painted: Painted) -> None:
-    screen, triangles = box(np.array([3.0, -2.0, 0.0]), np.array([4.0, -1.9, 4.0]))
+def test_a_hidden_wall_takes_no_colour_from_what_hides_it(painted: PaintedWall) -> None:
+    screen, triangles = make_box(np.array([3.0, -2.0, 0.0]), np.array([4.0, -1.9, 4.0]))
     building = replace(
         painted.building,
         vertices_site_m=np.vstack([painted.building.vertices_site_m, screen]),
         triangles=np.vstack([painted.building.triangles, triangles + 8]),
         element_of_triangle=np.zeros(24, dtype=np.int64),
     )
-    facade = front(painted)
+    facade = find_front(painted)
     one = {"a.png": painted.posed["a.png"]}
     relief = render_relief(replace(facade, near_w_m=1.0), Surface(building), 0.02)  # looks past the screen
     result = rectify_elevations([relief], Surface(building), one, {"a.png": painted.root / "a.png"}, SETTINGS)[0]
@@ -183,13 +185,16 @@ def test_a_hidden_wall_takes_no_colour_from_what_hides_it(painted: Painted) -> N
     assert middle[lit].all()
 
 
-def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: Painted) -> None:
-    inspection = inspection_of(
+def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: PaintedWall) -> None:
+    inspection = make_inspection(
         painted,
-        [defect_row("D007", 2.0, 1.0), defect_row("D012", 6.0, 3.0, normal_y=1.0, y_site_m=9.0, element_guid="x")],
+        [
+            make_defect_row("D007", 2.0, 1.0),
+            make_defect_row("D012", 6.0, 3.0, normal_y=1.0, y_site_m=9.0, element_guid="x"),
+        ],
         [],
     )
-    facade = front(painted)
+    facade = find_front(painted)
     marks = create_marks(inspection.defects, painted.building.origin)
     (shown,), nowhere = assign_marks([facade], marks, painted.building)
     assert [mark.label for mark in shown] == ["7"]
@@ -199,18 +204,18 @@ def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: Painted)
     np.testing.assert_allclose(uvw.mean(axis=0), [2.0, 1.0, 0.0], rtol=0, atol=1e-9)  # m: u is east on a south wall
 
 
-def test_what_stands_before_the_wall_in_one_photograph_is_passed_over(painted: Painted, tmp_path: Path) -> None:
+def test_what_stands_before_the_wall_in_one_photograph_is_passed_over(painted: PaintedWall, tmp_path: Path) -> None:
     camera = painted.posed["a.png"].camera
     posed = {
-        f"{i}.png": looking(np.array([x, -5.5, 1.8]), np.array([4.0, 0.0, 2.0]), camera)
+        f"{i}.png": point_camera(np.array([x, -5.5, 1.8]), np.array([4.0, 0.0, 2.0]), camera)
         for i, x in enumerate((4.0, 2.5, 5.5, 3.2))
     }
     for name, pose in posed.items():
-        shot = np.clip(photograph(pose, painted.paint) + 0.5, 0, 255).astype(np.uint8)
+        shot = np.clip(render_photograph(pose, painted.paint) + 0.5, 0, 255).astype(np.uint8)
         if name == "0.png":  # the squarest view has a red thing in its middle, about 1.5 m wide
             shot[240:460, 380:620] = (220, 20, 20)
         cv2.imwrite(str(tmp_path / name), shot[..., ::-1])
-    relief = render_relief(front(painted), painted.surface, 0.02)
+    relief = render_relief(find_front(painted), painted.surface, 0.02)
 
     def red_share(names: list[str]) -> float:
         some = {name: posed[name] for name in names}
@@ -223,25 +228,25 @@ def test_what_stands_before_the_wall_in_one_photograph_is_passed_over(painted: P
     assert red_share(["0.png", "1.png", "2.png", "3.png"]) < 0.0005
 
 
-def test_a_mark_of_another_facade_is_shown_where_it_can_be_seen(painted: Painted) -> None:
-    relief = render_relief(front(painted), painted.surface, 0.05)
+def test_a_mark_of_another_facade_is_shown_where_it_can_be_seen(painted: PaintedWall) -> None:
+    relief = render_relief(find_front(painted), painted.surface, 0.05)
     rows = [
-        defect_row("D1", 2.0, 1.0),
-        defect_row("D2", 4.0, 1.0),
-        defect_row("D3", 5.0, 1.0, y_site_m=0.3, normal_y=1.0),  # on the wall's back
-        defect_row("D4", 20.0, 1.0),  # beside the wall
+        make_defect_row("D1", 2.0, 1.0),
+        make_defect_row("D2", 4.0, 1.0),
+        make_defect_row("D3", 5.0, 1.0, y_site_m=0.3, normal_y=1.0),  # on the wall's back
+        make_defect_row("D4", 20.0, 1.0),  # beside the wall
     ]
-    marks = create_marks(inspection_of(painted, rows, []).defects, painted.building.origin)
+    marks = create_marks(make_inspection(painted, rows, []).defects, painted.building.origin)
     seen = find_visible_marks(relief, marks, marks[:1])
     assert [mark.defect_id for mark in seen] == ["D2"]
 
 
-def test_elevations_are_written_with_and_without_defects(painted: Painted, tmp_path: Path) -> None:
+def test_elevations_are_written_with_and_without_defects(painted: PaintedWall, tmp_path: Path) -> None:
     coarse = PictureSettings(cell_m=0.03)
-    for number, defects in enumerate(([], [defect_row("D1", 2.0, 1.0), defect_row("D2", 2.1, 1.1)])):
+    for number, defects in enumerate(([], [make_defect_row("D1", 2.0, 1.0), make_defect_row("D2", 2.1, 1.1)])):
         folder = tmp_path / str(number)
         folder.mkdir()
-        elevations = draw_elevations(inspection_of(painted, defects, []), painted.surface, folder, coarse)
+        elevations = draw_elevations(make_inspection(painted, defects, []), painted.surface, folder, coarse)
         assert [elevation.path.name for elevation in elevations] == ["elevation_south.png"]
         assert [len(elevation.marks) for elevation in elevations] == [len(defects)]
         assert 0.5 < elevations[0].covered_share < 1.0
@@ -251,8 +256,8 @@ def test_elevations_are_written_with_and_without_defects(painted: Painted, tmp_p
         assert picture.std() > 20
 
 
-def test_a_building_that_no_photograph_shows_is_drawn_grey(painted: Painted, tmp_path: Path) -> None:
-    inspection = replace(inspection_of(painted, [], []), posed={})
+def test_a_building_that_no_photograph_shows_is_drawn_grey(painted: PaintedWall, tmp_path: Path) -> None:
+    inspection = replace(make_inspection(painted, [], []), posed={})
     (elevation,) = draw_elevations(inspection, painted.surface, tmp_path, PictureSettings(cell_m=0.03))
     assert elevation.covered_share == 0.0
     picture = cv2.imread(str(elevation.path))
@@ -261,8 +266,8 @@ def test_a_building_that_no_photograph_shows_is_drawn_grey(painted: Painted, tmp
     assert 180 < np.median(middle) < 250  # light grey
 
 
-def test_storeys_begin_at_their_walls_feet(painted: Painted) -> None:
-    parts = [box(np.array([0.0, 0, z]), np.array([1.0, 1, z + 1])) for z in (0.0, 0.0, 2.0, 3.0, 3.0, 3.0, 5.2)]
+def test_storeys_begin_at_their_walls_feet(painted: PaintedWall) -> None:
+    parts = [make_box(np.array([0.0, 0, z]), np.array([1.0, 1, z + 1])) for z in (0.0, 0.0, 2.0, 3.0, 3.0, 3.0, 5.2)]
     names = ["Ground", "Ground", "Ground", "First", "First", "First", "First"]  # the last of each is a lintel
     words = {
         "element_guid": [str(i) for i in range(7)],

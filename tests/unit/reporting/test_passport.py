@@ -26,7 +26,7 @@ from facadelake.reporting.passport.views import (
     draw_view,
 )
 from facadelake.reporting.plan import draw_model
-from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, inspection_of
+from tests.unit.reporting.painted_wall import NASTY_NAME, PaintedWall, make_inspection
 
 CENTIMETRES: dict[str, Any] = {
     "control": "gcp", "method": "control points", "map_crs": "EPSG:25832", "vertical_datum": "ellipsoidal",
@@ -39,7 +39,7 @@ CENTIMETRES: dict[str, Any] = {
 }  # fmt: skip
 
 
-def judged(**changes: Any) -> tuple[FactStatus, str, dict[str, FactStatus]]:
+def assess_passport(**changes: Any) -> tuple[FactStatus, str, dict[str, FactStatus]]:
     row = CENTIMETRES | changes
     facts = list_passport_facts(row, get_stage_schema("poses").empty_table(), placement_sigma_max_m=0.5)
     assert all(fact.value and fact.meaning for fact in facts)
@@ -48,7 +48,7 @@ def judged(**changes: Any) -> tuple[FactStatus, str, dict[str, FactStatus]]:
 
 
 def test_a_good_passport_says_so() -> None:
-    verdict, sentence, facts = judged()
+    verdict, sentence, facts = assess_passport()
     assert verdict is FactStatus.GOOD
     assert sentence == "Good: georeferenced by control points, largest standard deviation 10 mm (north)"
     assert not {FactStatus.CHECK, FactStatus.POOR} & set(facts.values())
@@ -70,7 +70,7 @@ def test_a_good_passport_says_so() -> None:
     ],
 )
 def test_what_is_to_be_looked_at_is_named(changes: dict[str, Any], fact: str) -> None:
-    verdict, sentence, facts = judged(**changes)
+    verdict, sentence, facts = assess_passport(**changes)
     assert verdict is FactStatus.CHECK
     assert [name for name, one in facts.items() if one is FactStatus.CHECK] == [fact]
     assert f"check {fact}" in sentence
@@ -84,18 +84,20 @@ def test_what_is_not_wrong_is_not_blamed() -> None:
         {"control": "model", "points_used": 500, "points_total": 900, "residual_mean_m": 0.05},
         {"edge_features": 40, "edge_score": 0.3, "edge_score_runner_up": None},
     ):
-        assert judged(**changes)[0] is FactStatus.GOOD, changes
+        assert assess_passport(**changes)[0] is FactStatus.GOOD, changes
 
 
 def test_metres_are_called_metres() -> None:
-    verdict, sentence, facts = judged(control="gps", method="the photographs' GPS", sigma_up_m=3.0, sigma_east_m=2.0)
+    verdict, sentence, facts = assess_passport(
+        control="gps", method="the photographs' GPS", sigma_up_m=3.0, sigma_east_m=2.0
+    )
     assert (verdict, facts["standard deviation"]) == (FactStatus.POOR, FactStatus.POOR)
     assert sentence.startswith(
         "Accuracy below requirement: georeferenced by the photographs' GPS, largest standard deviation 3.00 m"
     )
 
 
-def drawn(inspection: Inspection, up: np.ndarray) -> tuple[Any, DrawingScales]:
+def draw_axes(inspection: Inspection, up: np.ndarray) -> tuple[Any, DrawingScales]:
     axes = Figure().add_subplot()
     place = collect_geometry(inspection)
     scales = DrawingScales(ellipses=10.0, residuals=50.0)
@@ -104,9 +106,11 @@ def drawn(inspection: Inspection, up: np.ndarray) -> tuple[Any, DrawingScales]:
 
 
 @pytest.mark.parametrize(("up", "axis"), [(NORTH, 1), (UP, 2)])
-def test_arrows_go_from_the_survey_to_where_the_point_came_to_lie(painted: Painted, up: np.ndarray, axis: int) -> None:
+def test_arrows_go_from_the_survey_to_where_the_point_came_to_lie(
+    painted: PaintedWall, up: np.ndarray, axis: int
+) -> None:
     """The check point was given at (7, 0, 3) and is 12 mm west, 5 mm north and 15 mm below of it in the block."""
-    axes, scales = drawn(inspection_of(painted, [], []), up)
+    axes, scales = draw_axes(make_inspection(painted, [], []), up)
     arrows = [child for child in axes.get_children() if isinstance(child, Quiver)]
     ends = {(a.X[0], a.Y[0]): (a.U[0], a.V[0]) for a in arrows}
     given, away = (7.0, 0.0, 3.0), (-0.012, 0.005, -0.015)
@@ -114,11 +118,11 @@ def test_arrows_go_from_the_survey_to_where_the_point_came_to_lie(painted: Paint
     assert ends[given[0], given[axis]] == pytest.approx(expected, rel=0, abs=1e-9)  # m
 
 
-def test_ellipses_hold_95_of_100_cameras(painted: Painted) -> None:
+def test_ellipses_hold_95_of_100_cameras(painted: PaintedWall) -> None:
     """Camera a's ellipse by sampling: 95 % of the places that its covariance allows lie inside what is drawn."""
     turn = cv2.Rodrigues(np.array([0.3, -0.2, 0.8]))[0]
     factor = turn * [0.01, 0.03, 0.06]
-    inspection = inspection_of(painted, [], [])
+    inspection = make_inspection(painted, [], [])
     rows = inspection.poses.to_pylist()
     whole = np.eye(6)
     whole[:3, :3] = factor @ factor.T
@@ -127,7 +131,7 @@ def test_ellipses_hold_95_of_100_cameras(painted: Painted) -> None:
     inspection = replace(inspection, poses=table_from_rows("poses", rows))
     samples = np.random.default_rng(5).normal(size=(4000, 3)) @ factor.T
     for up in (NORTH, UP):
-        axes, scales = drawn(inspection, up)
+        axes, scales = draw_axes(inspection, up)
         (ellipses,) = [child for child in axes.get_children() if isinstance(child, EllipseCollection)]
         angle = np.radians(ellipses.get_angles()[0])
         seen = samples @ np.column_stack([[1.0, 0.0, 0.0], up]) * scales.ellipses
@@ -139,7 +143,9 @@ def test_ellipses_hold_95_of_100_cameras(painted: Painted) -> None:
 
 
 @pytest.mark.parametrize(("up", "nearest_x_m"), [(NORTH, 0.0), (UP, 4.0)])
-def test_the_model_is_seen_from_above_and_from_the_south(painted: Painted, up: np.ndarray, nearest_x_m: float) -> None:
+def test_the_model_is_seen_from_above_and_from_the_south(
+    painted: PaintedWall, up: np.ndarray, nearest_x_m: float
+) -> None:
     """Two triangles: one at the north and top, one at the south and bottom; the nearer one is drawn last."""
     north_top = np.array([[0.0, 9.0, 8.0], [1.0, 9.5, 8.0], [0.0, 9.5, 9.0]])
     south_low = np.array([[4.0, 0.0, 0.0], [6.0, 0.5, 0.0], [4.0, 0.5, 2.0]])
@@ -153,8 +159,8 @@ def test_the_model_is_seen_from_above_and_from_the_south(painted: Painted, up: n
     assert grey.get_paths()[-1].vertices[0, 0] == nearest_x_m
 
 
-def test_exaggeration_is_round(painted: Painted) -> None:
-    place = collect_geometry(inspection_of(painted, [], []))
+def test_exaggeration_is_round(painted: PaintedWall) -> None:
+    place = collect_geometry(make_inspection(painted, [], []))
     found = choose_scales(place, extent_m=14.0)
     assert found == DrawingScales(ellipses=5.0, residuals=20.0)
     metres = replace(place, covariance_m2=place.covariance_m2 * 1e6, points=())
@@ -163,8 +169,8 @@ def test_exaggeration_is_round(painted: Painted) -> None:
     assert choose_scales(replace(place, points=exact), extent_m=14.0).residuals == 1.0
 
 
-def test_the_report_tells_numbers_meanings_limits_and_points(painted: Painted, tmp_path: Path) -> None:
-    inspection = inspection_of(painted, [], [])
+def test_the_report_tells_numbers_meanings_limits_and_points(painted: PaintedWall, tmp_path: Path) -> None:
+    inspection = make_inspection(painted, [], [])
     text = "".join(piece.text for piece in render_passport(inspection, tmp_path))
     assert "Usable, check control points" in text
     for words in (
@@ -180,9 +186,9 @@ def test_the_report_tells_numbers_meanings_limits_and_points(painted: Painted, t
     assert "no passport" in render_passport(empty, tmp_path)[0].text
 
 
-def test_a_passport_without_points_or_cameras_is_drawn(painted: Painted, tmp_path: Path) -> None:
+def test_a_passport_without_points_or_cameras_is_drawn(painted: PaintedWall, tmp_path: Path) -> None:
     inspection = replace(
-        inspection_of(painted, [], []),
+        make_inspection(painted, [], []),
         georeference_points=get_stage_schema("georeference_points").empty_table(),
         poses=get_stage_schema("poses").empty_table(),
     )

@@ -9,7 +9,7 @@ from facadelake.reporting.photo_view import ViewPanels, draw_view_sheet
 HEIGHT, WIDTH = 60, 90
 
 
-def sheet():
+def draw_sheet():
     """A wall on the left half with a window in it, a bench at the bottom right, sky above it."""
     element = np.full((HEIGHT, WIDTH), -1, dtype=np.int32)
     element[:, :45] = 0
@@ -31,14 +31,14 @@ def sheet():
     )
 
 
-def drawn(figure):
+def render_pixels(figure):
     figure.canvas.draw()
     return np.asarray(figure.canvas.buffer_rgba())[..., :3].astype(int)
 
 
 def test_panels_are_drawn_whole_pixels_large():
-    figure = sheet()
-    picture = drawn(figure)
+    figure = draw_sheet()
+    picture = render_pixels(figure)
     panel = figure.axes[0].get_window_extent()
     np.testing.assert_allclose([panel.width, panel.height], [9 * WIDTH, 9 * HEIGHT], rtol=0, atol=1.0)  # px
     middle = picture[picture.shape[0] - int(panel.y0 + panel.height / 2), int(panel.x0 + panel.width / 2)]
@@ -46,12 +46,14 @@ def test_panels_are_drawn_whole_pixels_large():
 
 
 def test_the_legend_names_what_is_in_sight_and_no_more():
-    texts = [text.get_text() for axes in sheet().axes if axes.get_legend() for text in axes.get_legend().get_texts()]
+    texts = [
+        text.get_text() for axes in draw_sheet().axes if axes.get_legend() for text in axes.get_legend().get_texts()
+    ]
     assert texts == ["WallStandardCase (1)", "Window (1)", "not part of the building", "not in the model"]
 
 
 def test_what_is_beside_the_building_is_grey_and_what_is_not_there_white():
-    shown = sheet().axes[-1].get_images()[0].get_array()
+    shown = draw_sheet().axes[-1].get_images()[0].get_array()
     np.testing.assert_allclose(shown[55, 80], [0.8, 0.8, 0.8], rtol=0, atol=1e-9)
     np.testing.assert_allclose(shown[10, 80], [1.0, 1.0, 1.0], rtol=0, atol=1e-9)
     assert np.ptp(shown[30, 20]) > 0.2  # the window has a colour of its own

@@ -14,19 +14,19 @@ from facadelake.reporting.pictures import (
     select_by_name,
     select_report_pictures,
 )
-from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
+from tests.unit.reporting.painted_wall import NASTY_NAME, PaintedWall, make_defect_row, make_inspection
 
 SETTINGS = PictureSettings(cell_m=0.05, overlay_width_px=300, report_cards=1, report_overlays=1)
 IDS = ["wall-2026-D0007", "wall-2026-D0012"]
 
 
 @pytest.fixture
-def two(painted: Painted) -> Inspection:
-    rows = [defect_row(IDS[0], 2.0, 1.0), defect_row(IDS[1], 3.0, 2.0, severity="high")]
-    return inspection_of(painted, rows, IDS)
+def two(painted: PaintedWall) -> Inspection:
+    rows = [make_defect_row(IDS[0], 2.0, 1.0), make_defect_row(IDS[1], 3.0, 2.0, severity="high")]
+    return make_inspection(painted, rows, IDS)
 
 
-def select(painted: Painted, inspection: Inspection, **names: list[str]) -> PictureSelection:
+def select(painted: PaintedWall, inspection: Inspection, **names: list[str]) -> PictureSelection:
     given = {"defects": [], "facades": [], "photos": [], **names}
     return select_by_name(inspection, painted.surface, settings=SETTINGS, **given)
 
@@ -43,7 +43,7 @@ def select(painted: Painted, inspection: Inspection, **names: list[str]) -> Pict
         ("photos", "B", "b.png"),
     ],
 )
-def test_names_as_people_write_them(painted: Painted, two: Inspection, kind: str, word: str, found: str) -> None:
+def test_names_as_people_write_them(painted: PaintedWall, two: Inspection, kind: str, word: str, found: str) -> None:
     wanted = select(painted, two, **{kind: [word]})
     assert (*wanted.defect_ids, *wanted.facades, *wanted.photo_ids) == (found,)
     assert not wanted.distribution
@@ -59,15 +59,15 @@ def test_names_as_people_write_them(painted: Painted, two: Inspection, kind: str
     ],
 )
 def test_an_unknown_name_is_refused_with_similar_ones(
-    painted: Painted, two: Inspection, kind: str, word: str, message: str
+    painted: PaintedWall, two: Inspection, kind: str, word: str, message: str
 ) -> None:
     with pytest.raises(InputDataError, match=message):
         select(painted, two, **{kind: [word]})
     with pytest.raises(InputDataError, match="the campaign has none"):
-        select(painted, inspection_of(painted, [], []), defects=["1"])
+        select(painted, make_inspection(painted, [], []), defects=["1"])
 
 
-def test_what_is_wanted_is_written_and_again(painted: Painted, two: Inspection, tmp_path: Path) -> None:
+def test_what_is_wanted_is_written_and_again(painted: PaintedWall, two: Inspection, tmp_path: Path) -> None:
     wanted = select_all(two, painted.surface, SETTINGS)
     assert wanted == PictureSelection(
         defect_ids=tuple(IDS), facades=("South",), photo_ids=("a.png", "b.png"), distribution=True
@@ -87,7 +87,7 @@ def test_what_is_wanted_is_written_and_again(painted: Painted, two: Inspection, 
     assert card.read_bytes() == first
 
 
-def test_photographs_that_are_gone_are_named(painted: Painted, two: Inspection, tmp_path: Path) -> None:
+def test_photographs_that_are_gone_are_named(painted: PaintedWall, two: Inspection, tmp_path: Path) -> None:
     elsewhere = tmp_path / "photographs"
     elsewhere.mkdir()
     (elsewhere / "b.png").write_bytes((painted.root / "b.png").read_bytes())
@@ -98,7 +98,7 @@ def test_photographs_that_are_gone_are_named(painted: Painted, two: Inspection, 
     assert [path.name for path in drawn.paths] == ["card_7.png", "card_12.png", "overlay_b.jpg"]
 
 
-def test_without_names_it_is_what_the_report_shows(painted: Painted, two: Inspection) -> None:
+def test_without_names_it_is_what_the_report_shows(painted: PaintedWall, two: Inspection) -> None:
     wanted = select_report_pictures(two, painted.surface, SETTINGS)
     assert wanted == PictureSelection(defect_ids=(IDS[1],), facades=("South",), photo_ids=("a.png",), distribution=True)
     assert NASTY_NAME not in wanted.photo_ids

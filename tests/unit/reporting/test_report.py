@@ -20,7 +20,7 @@ from facadelake.reporting.overlays import draw_overlays, select_overlay_photogra
 from facadelake.reporting.page.defects import sort_by_severity
 from facadelake.reporting.page.report import write_report
 from facadelake.severity.rule_packs import list_rule_packs
-from tests.unit.reporting.painted_wall import NASTY_NAME, Painted, defect_row, inspection_of
+from tests.unit.reporting.painted_wall import NASTY_NAME, PaintedWall, make_defect_row, make_inspection
 from tests.unit.severity.rule_headers import read_severities
 
 COARSE = PictureSettings(cell_m=0.03, overlay_width_px=500)
@@ -49,13 +49,13 @@ def read(path: Path) -> Page:
     return page
 
 
-def test_the_report_loads_nothing_from_elsewhere_and_escapes_names(painted: Painted, tmp_path: Path) -> None:
+def test_the_report_loads_nothing_from_elsewhere_and_escapes_names(painted: PaintedWall, tmp_path: Path) -> None:
     defects = [
-        defect_row("D1", 2.0, 1.0),
-        defect_row("D2", 3.0, 2.0, severity="high"),
-        defect_row("D3", 4.0, 2.0, severity="low"),
+        make_defect_row("D1", 2.0, 1.0),
+        make_defect_row("D2", 3.0, 2.0, severity="high"),
+        make_defect_row("D3", 4.0, 2.0, severity="low"),
     ]
-    inspection = inspection_of(painted, defects, ["D1", "D2"])
+    inspection = make_inspection(painted, defects, ["D1", "D2"])
     path = write_report(inspection, painted.surface, tmp_path, COARSE)
     source, page = path.read_text(encoding="utf-8"), read(path)
     assert not re.search(r"(https?:)?//", source)
@@ -68,14 +68,14 @@ def test_the_report_loads_nothing_from_elsewhere_and_escapes_names(painted: Pain
     assert all((tmp_path / unquote(link)).is_file() for link in files)
 
 
-def test_defects_stand_worst_first_with_their_crops_and_cards(painted: Painted, tmp_path: Path) -> None:
+def test_defects_stand_worst_first_with_their_crops_and_cards(painted: PaintedWall, tmp_path: Path) -> None:
     defects = [
-        defect_row("D1", 2.0, 1.0),
-        defect_row("D2", 3.0, 2.0, severity="high"),
-        defect_row("D3", 4.0, 2.0, severity="low"),
+        make_defect_row("D1", 2.0, 1.0),
+        make_defect_row("D2", 3.0, 2.0, severity="high"),
+        make_defect_row("D3", 4.0, 2.0, severity="low"),
     ]
     settings = replace(COARSE, report_cards=1, report_overlays=1)
-    inspection = inspection_of(painted, defects, ["D1", "D2"])
+    inspection = make_inspection(painted, defects, ["D1", "D2"])
     found = [{**row, "detector": "onnx:nano"} for row in inspection.detections.to_pylist()]
     inspection = replace(inspection, detections=table_from_rows("detections", found))
     path = write_report(inspection, painted.surface, tmp_path, settings)
@@ -98,15 +98,15 @@ def test_the_words_of_every_rule_pack_stand_worst_first(pack: str) -> None:
     assert [row["severity"] for row in found] == list(words)
 
 
-def test_a_campaign_without_defects_has_a_report(painted: Painted, tmp_path: Path) -> None:
-    page = read(write_report(inspection_of(painted, [], []), painted.surface, tmp_path, COARSE))
+def test_a_campaign_without_defects_has_a_report(painted: PaintedWall, tmp_path: Path) -> None:
+    page = read(write_report(make_inspection(painted, [], []), painted.surface, tmp_path, COARSE))
     assert "0defects" in page.text
     assert (tmp_path / "plan.png").stat().st_size > 5000
     assert (tmp_path / "distribution.png").stat().st_size > 2000
 
 
-def test_a_crop_shows_the_box_it_was_cut_for(painted: Painted, tmp_path: Path) -> None:
-    inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], ["D1"])
+def test_a_crop_shows_the_box_it_was_cut_for(painted: PaintedWall, tmp_path: Path) -> None:
+    inspection = make_inspection(painted, [make_defect_row("D1", 2.0, 1.0)], ["D1"])
     crop = cv2.imread(str(write_crops(inspection, tmp_path, PictureSettings(thumbnail_px=128))["D1"]))
     photograph = cv2.imread(str(painted.root / "a.png"))
     box = inspection.detections.to_pylist()[0]
@@ -118,9 +118,9 @@ def test_a_crop_shows_the_box_it_was_cut_for(painted: Painted, tmp_path: Path) -
 
 
 def test_overlays_show_posed_and_unposed_photographs(
-    painted: Painted, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    painted: PaintedWall, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    inspection = inspection_of(painted, [defect_row("D1", 2.0, 1.0)], ["D1"])
+    inspection = make_inspection(painted, [make_defect_row("D1", 2.0, 1.0)], ["D1"])
     inspection = replace(inspection, posed={"a.png": painted.posed["a.png"]})
     paths = draw_overlays(inspection, painted.surface, ["a.png", "b.png", "gone.png"], tmp_path, COARSE)
     assert {name: path.name for name, path in paths.items()} == {"a.png": "overlay_a.jpg", "b.png": "overlay_b.jpg"}
@@ -134,8 +134,10 @@ def test_overlays_show_posed_and_unposed_photographs(
 
 
 @pytest.mark.parametrize("outcome", ["registered", "masked"])
-def test_boxes_have_the_colour_of_their_outcome_where_they_are(painted: Painted, tmp_path: Path, outcome: str) -> None:
-    inspection = inspection_of(painted, [defect_row("D1", 2.5, 1.5)], ["D1"])
+def test_boxes_have_the_colour_of_their_outcome_where_they_are(
+    painted: PaintedWall, tmp_path: Path, outcome: str
+) -> None:
+    inspection = make_inspection(painted, [make_defect_row("D1", 2.5, 1.5)], ["D1"])
     rows = [{**row, "observation_outcome": outcome, "defect_id": None} for row in inspection.observations.to_pylist()]
     inspection = replace(
         inspection, observations=table_from_rows("observations", rows), defects=table_from_rows("defects", [])
@@ -155,8 +157,10 @@ def test_boxes_have_the_colour_of_their_outcome_where_they_are(painted: Painted,
     assert (np.abs(cross).max(axis=1) <= 2).any()  # the registered point, in the box's middle
 
 
-def test_telling_photographs_show_outcomes_first_and_then_defects(painted: Painted) -> None:
-    inspection = inspection_of(painted, [defect_row(f"D{n}", 2.0 + 0.2 * n, 1.0) for n in range(3)], ["D0", "D1", "D2"])
+def test_telling_photographs_show_outcomes_first_and_then_defects(painted: PaintedWall) -> None:
+    inspection = make_inspection(
+        painted, [make_defect_row(f"D{n}", 2.0 + 0.2 * n, 1.0) for n in range(3)], ["D0", "D1", "D2"]
+    )
     rows = inspection.observations.to_pylist()
     rows.append({**rows[0], "detection_id": "x", "photo_id": "b.png", "observation_outcome": "masked",
                  "defect_id": None})  # fmt: skip

@@ -1,0 +1,15 @@
+from .building import BuildingModel as BuildingModel
+from .building import read_registered_model as read_registered_model
+from .building.surface import Surface as Surface
+from .core.camera import Camera as Camera
+from .core.camera import PosedCamera as PosedCamera
+from .core.errors import FacadelakeError as FacadelakeError
+from .core.geodesy import SiteOrigin as SiteOrigin
+from .detection.inference import load_detector as load_detector
+from .lake import answer_question as answer_question
+from .lake import list_versions as list_versions
+from .lake import query as query
+from .lake import read_table as read_table
+from .registry import Building as Building
+from .registry import Portfolio as Portfolio
+from .registry import read_portfolio as read_portfolio
