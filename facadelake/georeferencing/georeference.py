@@ -43,16 +43,16 @@ def georeference_reconstruction(
     """Georeference a block by the control requested, else by the best kind that works.
 
     Args:
-        reconstruction: The free block.
-        photos: Table ``photos``, for the GPS priors.
-        site_frame: The building's site frame.
-        control: The control available.
+        reconstruction: the free block.
+        photos: table ``photos``, for the GPS priors.
+        site_frame: the building's site frame.
+        control: the control available.
 
     Returns:
-        The campaign in site. Its remarks name the kind chosen, and the kinds that failed with their reasons.
+        the campaign in site. Its remarks name the kind chosen, and the kinds that failed with their reasons.
 
     Raises:
-        GeoreferenceError: The control cannot place the block, or not accurately enough.
+        GeoreferenceError: the control cannot place the block, or not accurately enough.
     """
     priors = collect_gps_priors(reconstruction, photos, site_frame.origin)
     if control.kind is not None:

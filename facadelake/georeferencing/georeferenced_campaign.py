@@ -83,14 +83,14 @@ class GeoreferencedCampaign:
         """The tie points by which later campaigns are placed in this one's frame.
 
         Args:
-            reconstruction: The block.
+            reconstruction: the block.
             descriptors: SIFT descriptors (m, 128) of its tie points.
-            building_id: The building.
-            campaign_id: This campaign.
-            origin: Origin of the site frame.
+            building_id: the building.
+            campaign_id: this campaign.
+            origin: origin of the site frame.
 
         Returns:
-            The reference; None where no tie point is accurate enough.
+            the reference; None where no tie point is accurate enough.
         """
         count = len(reconstruction.xyz_sfm)
         xyz, covariance = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
@@ -127,19 +127,19 @@ def build_georeferenced_campaign(
     """The campaign with covariances, passport points and passport row.
 
     Args:
-        reconstruction: The free block.
+        reconstruction: the free block.
         priors: GPS priors of its photographs, in site.
-        adjusted: The adjusted block, its lean corrected.
-        placement: The initial placement that it was adjusted from, with its control.
-        lean: The lean of a block placed by the model; its covariance is added.
-        site_frame: The building's site frame.
-        control: The control available, for its model and its limit.
+        adjusted: the adjusted block, its lean corrected.
+        placement: the initial placement that it was adjusted from, with its control.
+        lean: the lean of a block placed by the model; its covariance is added.
+        site_frame: the building's site frame.
+        control: the control available, for its model and its limit.
 
     Returns:
-        The campaign.
+        the campaign.
 
     Raises:
-        GeoreferenceError: The placement is not accurate enough, or control points contradict an earlier campaign.
+        GeoreferenceError: the placement is not accurate enough, or control points contradict an earlier campaign.
     """
     frame = adjusted.datum_covariance_m2 + placement.frame_covariance_m2
     lean_covariance = np.zeros((1, 6, 6)) if lean is None else lean.compute_covariance(adjusted)

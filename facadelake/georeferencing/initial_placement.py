@@ -71,18 +71,18 @@ def find_initial_placement(
     """The initial placement by one kind of control.
 
     Args:
-        kind: The kind of control.
-        reconstruction: The free block.
+        kind: the kind of control.
+        reconstruction: the free block.
         priors: GPS priors of its photographs, in site.
-        site_frame: The building's site frame.
-        control: The control available. Its check points, and its control points where ``kind`` is an earlier campaign,
+        site_frame: the building's site frame.
+        control: the control available. Its check points, and its control points where ``kind`` is an earlier campaign,
             are added without weight.
 
     Returns:
-        The placement and the observations to adjust to.
+        the placement and the observations to adjust to.
 
     Raises:
-        GeoreferenceError: The control is missing or cannot place the block.
+        GeoreferenceError: the control is missing or cannot place the block.
     """
     match kind:
         case ControlKind.GCP:
@@ -251,13 +251,13 @@ def _add_check_points(
     """The placement with check points among its marked points.
 
     Args:
-        placement: The placement.
-        reconstruction: The free block.
-        site_frame: The building's site frame.
-        check_points: The check points with their marks, or None.
+        placement: the placement.
+        reconstruction: the free block.
+        site_frame: the building's site frame.
+        check_points: the check points with their marks, or None.
 
     Returns:
-        The placement; check points have infinite sigmas, so their marks determine them and their survey has no weight.
+        the placement; check points have infinite sigmas, so their marks determine them and their survey has no weight.
     """
     if check_points is None:
         return placement

@@ -68,14 +68,14 @@ def require_accuracy(
     """Refuse a placement that is not accurate enough; the campaign then commits nothing.
 
     Args:
-        control: The kind of control.
-        sigma_m: One sigma (3,) of the campaign's position: east, north, up.
-        limit_m: Limit of the largest sigma, and a third of the limit of the median held-out residual.
-        held_out_m: Residual lengths (k,) at held-out and check points.
-        remedy: What to do about a sigma beyond the limit, for the message.
+        control: the kind of control.
+        sigma_m: one sigma (3,) of the campaign's position: east, north, up.
+        limit_m: limit of the largest sigma, and a third of the limit of the median held-out residual.
+        held_out_m: residual lengths (k,) at held-out and check points.
+        remedy: what to do about a sigma beyond the limit, for the message.
 
     Raises:
-        GeoreferenceError: A limit is exceeded.
+        GeoreferenceError: a limit is exceeded.
     """
     largest = float(np.max(sigma_m))
     if largest > limit_m:
@@ -96,12 +96,12 @@ def require_consistent_frame(held_out_m: Float64N, sigma_m: float, method: str) 
     """Refuse a placement by an earlier campaign with which the control points of this one do not agree.
 
     Args:
-        held_out_m: Residual lengths (k,) at the control points, which have no weight.
-        sigma_m: Largest sigma of the campaign's position.
-        method: The control in words, for the message.
+        held_out_m: residual lengths (k,) at the control points, which have no weight.
+        sigma_m: largest sigma of the campaign's position.
+        method: the control in words, for the message.
 
     Raises:
-        GeoreferenceError: The median residual exceeds three sigmas and 5 cm.
+        GeoreferenceError: the median residual exceeds three sigmas and 5 cm.
     """
     limit_m = max(_MAX_FRAME_SIGMAS * sigma_m, _MIN_FRAME_TOLERANCE_M)
     if float(np.median(held_out_m)) > limit_m:
@@ -147,13 +147,13 @@ def build_gps_points(
     """GPS priors against the adjusted camera centres.
 
     Args:
-        reconstruction: The block, for the photographs' names.
-        priors: The GPS priors.
-        adjusted: The adjusted block.
-        placement: Its initial placement, for the priors that took part.
+        reconstruction: the block, for the photographs' names.
+        priors: the GPS priors.
+        adjusted: the adjusted block.
+        placement: its initial placement, for the priors that took part.
 
     Returns:
-        One point for each prior.
+        one point for each prior.
     """
     cameras = adjusted.cameras
     return [

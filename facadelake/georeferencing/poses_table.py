@@ -32,13 +32,13 @@ def build_poses_table(
     """Table ``poses``: one row for each accepted photograph, with a pose or with the reason why it has none.
 
     Args:
-        campaign: The georeferenced campaign.
-        reconstruction: Its block, for tie points, reprojection errors and reasons.
-        photos: Table ``photos``.
-        origin: Origin of the site frame.
+        campaign: the georeferenced campaign.
+        reconstruction: its block, for tie points, reprojection errors and reasons.
+        photos: table ``photos``.
+        origin: origin of the site frame.
 
     Returns:
-        The table. Quaternions are site_from_cam with ``qw`` >= 0; the geometry is a WKB point in EPSG:4979.
+        the table. Quaternions are site_from_cam with ``qw`` >= 0; the geometry is a WKB point in EPSG:4979.
     """
     localised = {photo.photo_id: photo for photo in reconstruction.photos}
     reason_of = {photo.photo_id: photo.reason for photo in reconstruction.unlocalised}

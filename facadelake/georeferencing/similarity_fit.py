@@ -32,16 +32,16 @@ def fit_similarity(source: Float64Nx3, target: Float64Nx3, sigma: Float64Nx3, *,
     """Fit a similarity by RANSAC, then by least squares on the inliers.
 
     Args:
-        source: Points (n, 3).
-        target: The same points (n, 3) in the target frame.
-        sigma: One sigma (n, 3) of ``target`` per axis. A point is used where its residual is within 3.5 sigmas.
-        seed: Seed of the draws.
+        source: points (n, 3).
+        target: the same points (n, 3) in the target frame.
+        sigma: one sigma (n, 3) of ``target`` per axis. A point is used where its residual is within 3.5 sigmas.
+        seed: seed of the draws.
 
     Returns:
-        The similarity and the points used.
+        the similarity and the points used.
 
     Raises:
-        GeoreferenceError: Fewer than 3 points, points on a line, or fewer than 3 that agree.
+        GeoreferenceError: fewer than 3 points, points on a line, or fewer than 3 that agree.
 
     Source: Fischler and Bolles 1981; MSAC cost by Torr and Zisserman 2000; Umeyama 1991.
     """

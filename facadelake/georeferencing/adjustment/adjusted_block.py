@@ -92,13 +92,13 @@ def build_adjusted_block(
     """The adjusted block with its covariance.
 
     Args:
-        problem: The adjustment as solved last.
-        tie_points: Its tie points.
-        solution: Its solution.
-        free: Lens parameters (c, 8) that were adjusted; the others were fixed.
+        problem: the adjustment as solved last.
+        tie_points: its tie points.
+        solution: its solution.
+        free: lens parameters (c, 8) that were adjusted; the others were fixed.
 
     Returns:
-        The block.
+        the block.
     """
     state, index = solution.state, ParameterIndex.build(problem)
     tie = problem.image_points.is_tie_point

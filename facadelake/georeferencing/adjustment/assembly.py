@@ -29,13 +29,13 @@ def build_problem(
     """The adjustment of a block with its control, without point-to-plane observations.
 
     Args:
-        reconstruction: The block.
-        site_from_sfm: Its initial placement.
-        tie_points: The tie points that take part; they are the first object points.
+        reconstruction: the block.
+        site_from_sfm: its initial placement.
+        tie_points: the tie points that take part; they are the first object points.
         control: GPS, attitudes, marked points (the object points after the tie points), shared tie points.
 
     Returns:
-        The problem with its initial values.
+        the problem with its initial values.
     """
     block = build_block(reconstruction, site_from_sfm)
     count = len(tie_points)

@@ -17,13 +17,13 @@ def add_parameter_priors(
     """Add the normal equations of GPS, attitudes and priors in place.
 
     Args:
-        problem: The adjustment.
-        state: The state to linearise about.
-        matrix: Normal matrix (g, g), added to in place.
-        gradient: Gradient (g,), added to in place.
+        problem: the adjustment.
+        state: the state to linearise about.
+        matrix: normal matrix (g, g), added to in place.
+        gradient: gradient (g,), added to in place.
 
     Returns:
-        The robust cost of these observations.
+        the robust cost of these observations.
     """
     return (
         _add_positions(problem, state, matrix, gradient)

@@ -75,14 +75,14 @@ def apply_step(
     """The state after one step of the solver.
 
     Args:
-        state: Values before the step.
-        problem: The adjustment, for the places of its parameters.
-        step: Step (g,) of the reduced system's parameters, in the order of ``ParameterIndex``. Rotations are
+        state: values before the step.
+        problem: the adjustment, for the places of its parameters.
+        step: step (g,) of the reduced system's parameters, in the order of ``ParameterIndex``. Rotations are
             multiplied from the right: ``site_from_cam @ exp(step)``.
-        point_step: Step (m, 3) of the object points, metres in site.
+        point_step: step (m, 3) of the object points, metres in site.
 
     Returns:
-        The new state.
+        the new state.
     """
     index = ParameterIndex.build(problem)
     photo = step[: index.lens].reshape(-1, 6)

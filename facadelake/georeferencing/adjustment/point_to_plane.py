@@ -58,14 +58,14 @@ def match_points_to_surface(
     plane. Points on one element with one direction share that wall's deviation.
 
     Args:
-        tie_points: The tie points; those with fewer than three image points are not matched.
-        state: Cameras and points at which rays are cast.
-        surface: The model's surface.
-        gate_m: Largest distance of a point from its face.
-        model_sigma_m: One sigma of a wall's deviation from the model, and of a single point's (relief).
+        tie_points: the tie points; those with fewer than three image points are not matched.
+        state: cameras and points at which rays are cast.
+        surface: the model's surface.
+        gate_m: largest distance of a point from its face.
+        model_sigma_m: one sigma of a wall's deviation from the model, and of a single point's (relief).
 
     Returns:
-        One observation for each matched tie point.
+        one observation for each matched tie point.
     """
     xyz = state.xyz_site_m[: len(tie_points)]
     track_length = np.bincount(tie_points.point, minlength=len(xyz))

@@ -127,14 +127,14 @@ def _take_step(
     """Take a step, halved until the cost does not rise.
 
     Args:
-        problem: The adjustment.
-        state: The state that ``system`` is linearised about.
-        system: The reduced system.
-        step: Its solution (g,).
-        tie_sigma_px: One sigma of a tie point's image coordinate.
+        problem: the adjustment.
+        state: the state that ``system`` is linearised about.
+        system: the reduced system.
+        step: its solution (g,).
+        tie_sigma_px: one sigma of a tie point's image coordinate.
 
     Returns:
-        The new state; the largest step of a camera in metres; and whether the cost was lowered. A step below
+        the new state; the largest step of a camera in metres; and whether the cost was lowered. A step below
         ``CONVERGED_M`` that does not lower it counts as lowered: the state is at the minimum.
     """
     point_step = system.compute_point_step(step)

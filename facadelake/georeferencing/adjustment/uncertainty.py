@@ -57,13 +57,13 @@ def estimate_uncertainty(
     """Covariance of a solved adjustment.
 
     Args:
-        problem: The adjustment.
-        solution: Its solution.
-        tie_point_count: Number of tie points, which stand first among the object points.
-        tie_variance_factor: Factor on the variance of their image coordinates, for correlation between neighbours.
+        problem: the adjustment.
+        solution: its solution.
+        tie_point_count: number of tie points, which stand first among the object points.
+        tie_variance_factor: factor on the variance of their image coordinates, for correlation between neighbours.
 
     Returns:
-        Formal covariance and covariance with the jackknife's scatter.
+        formal covariance and covariance with the jackknife's scatter.
     """
     system, formal = compute_covariance(problem, solution, tie_variance_factor)
     steps = _compute_jackknife_steps(problem, solution, tie_point_count)

@@ -52,13 +52,13 @@ def extend_agreement_by_bending(
     """Which pairs agree when the block may also stretch and dome.
 
     Args:
-        xyz_m: Points (n, 3).
-        residual_m: Their residuals (n, 3) after a similarity.
-        agrees: The pairs (n,) that agree with the similarity; the bending is fitted to them and extends to neighbours.
-        tolerance_m: Tolerance (n,) of the residuals.
+        xyz_m: points (n, 3).
+        residual_m: their residuals (n, 3) after a similarity.
+        agrees: the pairs (n,) that agree with the similarity; the bending is fitted to them and extends to neighbours.
+        tolerance_m: tolerance (n,) of the residuals.
 
     Returns:
-        The pairs (n,) that agree after the bending is removed.
+        the pairs (n,) that agree after the bending is removed.
     """
     for _ in range(_ITERATIONS):
         columns = _build_design_matrix(xyz_m, domes=len(find_occupied_cells(xyz_m[agrees])) >= _MIN_CELLS_FOR_DOMING)

@@ -102,17 +102,17 @@ def match_reference(
     the result against GPS.
 
     Args:
-        reconstruction: The later campaign's block.
+        reconstruction: the later campaign's block.
         descriptors: SIFT descriptors (m, 128) of its tie points.
-        reference: The earlier campaign's reference.
-        origin: Origin of the site frame of the result.
-        seed: Seed of the search.
+        reference: the earlier campaign's reference.
+        origin: origin of the site frame of the result.
+        seed: seed of the search.
 
     Returns:
-        The placement and the shared points.
+        the placement and the shared points.
 
     Raises:
-        GeoreferenceError: Fewer than 30 points agree, or they lie within one window; a different placement has nearly
+        GeoreferenceError: fewer than 30 points agree, or they lie within one window; a different placement has nearly
             as many; or the agreement is that of a similar surface elsewhere.
     """
     check_descriptor_count(reconstruction, descriptors)

@@ -146,13 +146,13 @@ def store_reference(source: Path, lake: Path, building_id: str, campaign_id: str
     """Store the reference file of a committed campaign in the lake.
 
     Args:
-        source: The reference file that the campaign wrote.
-        lake: The lake's folder.
-        building_id: The building.
-        campaign_id: The campaign; its older reference is replaced atomically.
+        source: the reference file that the campaign wrote.
+        lake: the lake's folder.
+        building_id: the building.
+        campaign_id: the campaign; its older reference is replaced atomically.
 
     Returns:
-        The stored file.
+        the stored file.
     """
     folder = _get_folder(lake, building_id)
     folder.mkdir(parents=True, exist_ok=True)

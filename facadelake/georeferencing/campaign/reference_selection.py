@@ -35,22 +35,22 @@ def build_reference(
     """The reference of a placed campaign: its best tie points, spread over the building.
 
     Args:
-        reconstruction: The block.
+        reconstruction: the block.
         descriptors: SIFT descriptors (m, 128) of its tie points.
-        cameras: The adjusted cameras, in the order of ``reconstruction.photos``.
-        xyz_site_m: The adjusted tie points (m, 3); NaN where a point took no part in the adjustment.
-        covariance_m2: Their covariance (m, 3, 3) within the block.
-        frame_covariance_m2: Covariance (3, 3) of the campaign's position as a whole.
-        building_id: The building.
-        campaign_id: The campaign.
-        origin: Origin of the site frame.
-        max_points: Largest number of points.
+        cameras: the adjusted cameras, in the order of ``reconstruction.photos``.
+        xyz_site_m: the adjusted tie points (m, 3); NaN where a point took no part in the adjustment.
+        covariance_m2: their covariance (m, 3, 3) within the block.
+        frame_covariance_m2: covariance (3, 3) of the campaign's position as a whole.
+        building_id: the building.
+        campaign_id: the campaign.
+        origin: origin of the site frame.
+        max_points: largest number of points.
 
     Returns:
-        The reference.
+        the reference.
 
     Raises:
-        GeoreferenceError: No point has a sigma of 10 cm or less.
+        GeoreferenceError: no point has a sigma of 10 cm or less.
     """
     check_descriptor_count(reconstruction, descriptors)
     sigma_m = _compute_largest_sigma(covariance_m2)

@@ -42,13 +42,13 @@ def search_similarity(
     """Search for the similarity on which most pairs agree.
 
     Args:
-        source: Points (n, 3), ordered from the most to the least distinctive pair.
-        target: Their partners (n, 3) in the target frame.
-        tolerance: Tolerance (n,) of each residual, in the unit of ``target``.
-        seed: Seed of the draws.
+        source: points (n, 3), ordered from the most to the least distinctive pair.
+        target: their partners (n, 3) in the target frame.
+        tolerance: tolerance (n,) of each residual, in the unit of ``target``.
+        seed: seed of the draws.
 
     Returns:
-        The similarity; None where no four pairs agree.
+        the similarity; None where no four pairs agree.
 
     Source: Fischler and Bolles 1981; MSAC (Torr and Zisserman 2000); PROSAC (Chum and Matas 2005).
     """

@@ -88,16 +88,16 @@ def place_by_control_points(
     """Similarity to the control points that agree with one another.
 
     Args:
-        reconstruction: The free block.
-        surveyed: The control points with their marks.
-        origin: Origin of the site frame.
-        vertical_datum: Datum of heights whose CRS has no vertical part.
+        reconstruction: the free block.
+        surveyed: the control points with their marks.
+        origin: origin of the site frame.
+        vertical_datum: datum of heights whose CRS has no vertical part.
 
     Returns:
-        The placement, with remarks on points that are not used.
+        the placement, with remarks on points that are not used.
 
     Raises:
-        GeoreferenceError: Fewer than three points can be used, or no majority of them agrees.
+        GeoreferenceError: fewer than three points can be used, or no majority of them agrees.
     """
     if surveyed is None:
         raise GeoreferenceError(

@@ -111,14 +111,14 @@ def _refine_alignment(
     """Least squares on positions and attitudes.
 
     Args:
-        start: Initial similarity.
-        used: Priors (n,) that take part.
-        centres: Camera centres (n, 3) in sfm.
+        start: initial similarity.
+        used: priors (n,) that take part.
+        centres: camera centres (n, 3) in sfm.
         rotations_sfm: sfm_from_cam rotations (n, 3, 3).
-        priors: The priors, in the same order.
+        priors: the priors, in the same order.
 
     Returns:
-        The similarity, and the largest one-sigma of its rotation in degrees.
+        the similarity, and the largest one-sigma of its rotation in degrees.
     """
     pivot = start.apply(centres[used]).mean(axis=0)
     known = used & np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
@@ -153,13 +153,13 @@ def check_against_gps(site_from_sfm: Similarity, centres_sfm: Float64Nx3, priors
     """Check a placement by other control against GPS: it may shift the block as a whole, not rotate or scale it.
 
     Args:
-        site_from_sfm: The placement.
-        centres_sfm: Camera centres (n, 3) of the priors' photographs.
-        priors: The GPS priors.
-        by: What placed the block, for the message.
+        site_from_sfm: the placement.
+        centres_sfm: camera centres (n, 3) of the priors' photographs.
+        priors: the GPS priors.
+        by: what placed the block, for the message.
 
     Raises:
-        GeoreferenceError: The median photograph is off by more than a sigma after the common shift is removed; a few
+        GeoreferenceError: the median photograph is off by more than a sigma after the common shift is removed; a few
             photographs with wrong GPS do not matter.
     """
     if len(priors.photo) < 3:

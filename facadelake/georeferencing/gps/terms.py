@@ -50,13 +50,13 @@ def build_datum_terms(
     """The ``used`` priors as observations of a block whose initial placement is better than GPS.
 
     Args:
-        priors: The GPS priors.
-        used: Those (n,) that take part.
-        initial_xyz_m: Initial camera centres (n, 3) of their photographs, in site.
-        datum_sigma_m: One sigma (3,) of the initial placement: the block's datum is constrained to it.
+        priors: the GPS priors.
+        used: those (n,) that take part.
+        initial_xyz_m: initial camera centres (n, 3) of their photographs, in site.
+        datum_sigma_m: one sigma (3,) of the initial placement: the block's datum is constrained to it.
 
     Returns:
-        Positions less each flight's median offset from the initial placement, so that they constrain the block's shape
+        positions less each flight's median offset from the initial placement, so that they constrain the block's shape
         and its datum within ``datum_sigma_m``.
     """
     terms = build_position_terms(priors, used, initial_xyz_m)

@@ -88,13 +88,13 @@ def rotation_from_yaw_pitch_roll(yaw_deg: float, pitch_deg: float, roll_deg: flo
     """world_from_cam (3, 3), the world east-north-up, of a gimbal or a body.
 
     Args:
-        yaw_deg: Clockwise from north.
-        pitch_deg: Above the horizon, or from nadir.
-        roll_deg: Clockwise as the camera sees it.
-        zero: The direction of pitch 0: the horizon for a gimbal, nadir for a body.
+        yaw_deg: clockwise from north.
+        pitch_deg: above the horizon, or from nadir.
+        roll_deg: clockwise as the camera sees it.
+        zero: the direction of pitch 0: the horizon for a gimbal, nadir for a body.
 
     Returns:
-        The rotation.
+        the rotation.
     """
     if zero is PitchZero.HORIZON:
         return rotation_from_attitude(yaw_deg, pitch_deg, roll_deg)

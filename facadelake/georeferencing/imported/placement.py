@@ -53,20 +53,20 @@ def place_imported_poses(
     """Place a campaign by imported poses.
 
     Args:
-        imported: The file of poses.
-        photos: Table ``photos``.
-        site_frame: The building's site frame.
-        surface: The building's surface, for the plausibility of the poses.
-        placement_sigma_max_m: Limit of the poses' median sigma.
-        surveyed: Control and check points. They and the photographs' GPS validate the poses in the passport and do not
+        imported: the file of poses.
+        photos: table ``photos``.
+        site_frame: the building's site frame.
+        surface: the building's surface, for the plausibility of the poses.
+        placement_sigma_max_m: limit of the poses' median sigma.
+        surveyed: control and check points. They and the photographs' GPS validate the poses in the passport and do not
             change them.
 
     Returns:
-        The tables; one row of ``poses`` for each accepted photograph, with its pose or with the reason why it has none.
+        the tables; one row of ``poses`` for each accepted photograph, with its pose or with the reason why it has none.
 
     Raises:
-        InputDataError: No pose belongs to a photograph of this campaign.
-        GeoreferenceError: The poses are not plausible, not accurate enough, or contradict the surveyed points.
+        InputDataError: no pose belongs to a photograph of this campaign.
+        GeoreferenceError: the poses are not plausible, not accurate enough, or contradict the surveyed points.
     """
     accepted = [row for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
     pose_of, reasons, unmatched = _match_to_photographs(imported, accepted)
@@ -209,18 +209,18 @@ def _build_passport(
     """Table ``georeference`` of an import; it has no residuals of an adjustment.
 
     Args:
-        imported: The file of poses.
-        poses: Table ``poses``.
-        site_frame: The building's site frame.
-        remarks: Remarks on the poses.
-        validation: Residuals at surveyed points and GPS.
-        limit_m: Limit of the poses' median sigma.
+        imported: the file of poses.
+        poses: table ``poses``.
+        site_frame: the building's site frame.
+        remarks: remarks on the poses.
+        validation: residuals at surveyed points and GPS.
+        limit_m: limit of the poses' median sigma.
 
     Returns:
-        The table, one row.
+        the table, one row.
 
     Raises:
-        GeoreferenceError: The poses are not accurate enough, or contradict the surveyed points.
+        GeoreferenceError: the poses are not accurate enough, or contradict the surveyed points.
     """
     rows = [row for row in poses.to_pylist() if row["pose_source"] == PoseSource.IMPORTED]
     sigma_m = np.array([np.median([row[f"sigma_{axis}_m"] for row in rows]) for axis in AXES])

@@ -37,17 +37,17 @@ def check_plausibility(
     """Check that imported poses are plausible.
 
     Args:
-        posed: The posed cameras in site, by photo_id.
-        photos: The accepted rows of table ``photos``.
-        surface: The building's surface.
-        site_frame: The building's site frame.
-        source: Name of the file of poses, for messages.
+        posed: the posed cameras in site, by photo_id.
+        photos: the accepted rows of table ``photos``.
+        surface: the building's surface.
+        site_frame: the building's site frame.
+        source: name of the file of poses, for messages.
 
     Returns:
-        Remarks on photographs that do not show the building.
+        remarks on photographs that do not show the building.
 
     Raises:
-        GeoreferenceError: The cameras are far from the building, none shows it, or they are rotated against the
+        GeoreferenceError: the cameras are far from the building, none shows it, or they are rotated against the
             attitudes in the photographs' metadata.
     """
     cameras = list(posed.values())

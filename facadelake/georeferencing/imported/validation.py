@@ -47,14 +47,14 @@ def validate_imported_poses(
     """Compare surveyed points with their intersection by the imported cameras, and GPS with the camera centres.
 
     Args:
-        posed: The posed cameras in site, by photo_id.
-        photos: The accepted rows of table ``photos``.
-        surveyed: Control and check points with their marks; all are check points here. A point that fewer than two
+        posed: the posed cameras in site, by photo_id.
+        photos: the accepted rows of table ``photos``.
+        surveyed: control and check points with their marks; all are check points here. A point that fewer than two
             posed photographs mark at a useful angle is left out.
-        site_frame: The building's site frame.
+        site_frame: the building's site frame.
 
     Returns:
-        Points, columns and remarks; the poses are not changed.
+        points, columns and remarks; the poses are not changed.
     """
     checks = [point for file in surveyed for point in _build_check_points(posed, file, site_frame)]
     gps = _build_gps_points(posed, photos, site_frame.origin)

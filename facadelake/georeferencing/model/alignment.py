@@ -90,17 +90,17 @@ def align_to_model(
     """Refine a placement until the tie points lie on the visible surface.
 
     Args:
-        start: Initial similarity, from GPS.
-        reconstruction: The free block.
+        start: initial similarity, from GPS.
+        reconstruction: the free block.
         priors: GPS priors of its photographs, in site.
-        surface: The model's surface.
-        seed: Seed of the draw of tie points.
+        surface: the model's surface.
+        seed: seed of the draw of tie points.
 
     Returns:
-        The aligned block, and which directions of shift the surface observes.
+        the aligned block, and which directions of shift the surface observes.
 
     Raises:
-        GeoreferenceError: Fewer than 100 tie points meet the surface (the start is too far off, or the model is of
+        GeoreferenceError: fewer than 100 tie points meet the surface (the start is too far off, or the model is of
             another building), or the result contradicts GPS.
     """
     points, cameras = _select_tie_points(reconstruction, seed)

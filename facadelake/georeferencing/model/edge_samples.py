@@ -89,15 +89,15 @@ def find_visible_samples(
     """The samples that a camera sees.
 
     Args:
-        samples: Samples of the model's edges.
-        posed: The camera.
-        surface: The model's surface, which hides samples.
-        border_px: Least distance of a sample from the border of the photograph.
-        free_directions: Unit directions of shift (j, 3) in site; if given, only edges that such a shift moves across
+        samples: samples of the model's edges.
+        posed: the camera.
+        surface: the model's surface, which hides samples.
+        border_px: least distance of a sample from the border of the photograph.
+        free_directions: unit directions of shift (j, 3) in site; if given, only edges that such a shift moves across
             themselves are returned.
 
     Returns:
-        The visible samples.
+        the visible samples.
     """
     projected = _project_samples(samples, posed, border_px)
     row = projected.row

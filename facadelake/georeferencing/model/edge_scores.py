@@ -68,13 +68,13 @@ def score_shifts(scene: EdgeScene, shifts: Float64Array, group: Int64Array, tole
     """Score shifts of the cameras.
 
     Args:
-        scene: Cameras, photographs and edge samples.
-        shifts: Shifts (s, j) in metres along the free directions.
-        group: Group (s,) of each shift; visibility is determined once for a group, at its mean.
-        tolerance_m: Tolerance of the edges on the building; photographs are blurred by half of it.
+        scene: cameras, photographs and edge samples.
+        shifts: shifts (s, j) in metres along the free directions.
+        group: group (s,) of each shift; visibility is determined once for a group, at its mean.
+        tolerance_m: tolerance of the edges on the building; photographs are blurred by half of it.
 
     Returns:
-        Evidence and weight of every shift and feature.
+        evidence and weight of every shift and feature.
     """
     evidence, weight = np.zeros((len(shifts), scene.features)), np.zeros((len(shifts), scene.features))
     groups = [np.flatnonzero(group == k) for k in range(group.max() + 1)]

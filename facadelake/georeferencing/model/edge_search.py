@@ -78,19 +78,19 @@ def search_shift(
     """Search for the shift within three sigmas along the free directions.
 
     Args:
-        cameras: The block's cameras in site.
-        photographs: Photograph k was taken by ``cameras[k]``.
-        edges: The model's edges.
-        surface: The model's surface.
-        free_directions: Unit directions (j, 3) in site that the walls do not determine; j is 1 or 2.
-        sigma_m: One sigma (j,) of the shift along each.
-        tolerance_m: One sigma of as-built against as-designed.
+        cameras: the block's cameras in site.
+        photographs: photograph k was taken by ``cameras[k]``.
+        edges: the model's edges.
+        surface: the model's surface.
+        free_directions: unit directions (j, 3) in site that the walls do not determine; j is 1 or 2.
+        sigma_m: one sigma (j,) of the shift along each.
+        tolerance_m: one sigma of as-built against as-designed.
 
     Returns:
-        The shift.
+        the shift.
 
     Raises:
-        GeoreferenceError: Too few edges are visible, or two shifts fit equally well.
+        GeoreferenceError: too few edges are visible, or two shifts fit equally well.
     """
     free_directions = np.asarray(free_directions, dtype=np.float64).reshape(-1, 3)
     reach = _WINDOW_SIGMAS * np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), len(free_directions))
