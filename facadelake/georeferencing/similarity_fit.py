@@ -60,8 +60,8 @@ def fit_similarity(source: Float64Nx3, target: Float64Nx3, sigma: Float64Nx3, *,
             best, best_cost = distance < _OUTLIER_SIGMAS, cost
     if best.sum() < 3:
         raise GeoreferenceError(
-            f"no 3 of the {len(source)} positions agree on one placement (or all lie near a line); check the control "
-            "points or GPS positions for gross errors, or give control points off the line"
+            f"no 3 of the {len(source)} positions agree on one placement (or all are nearly collinear); check the "
+            "control points or GPS positions for gross errors, or give control points off the line"
         )
     weight = 1.0 / (sigma**2).sum(axis=1)
     for _ in range(10):

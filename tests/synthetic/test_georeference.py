@@ -335,7 +335,7 @@ def test_a_model_of_another_place_is_refused() -> None:
 def test_cameras_on_a_line_need_attitudes() -> None:
     scene = Scene(line(), bias=np.zeros(3))
     found = scene.placed(ControlKind.GPS)
-    assert "near one line" in found.row["remarks"]
+    assert "nearly collinear" in found.row["remarks"]
     turned = [
         np.degrees(np.linalg.norm(Rotation.from_matrix(found.cameras[i].site_from_cam.rotation @ truth.T).as_rotvec()))
         for i, (_, truth) in zip(scene.ids(), scene.poses, strict=True)

@@ -35,8 +35,8 @@ def align_to_gps(reconstruction: Reconstruction, priors: GpsPriors) -> GpsAlignm
     """Similarity of the block to the GPS priors.
 
     RANSAC over positions, then least squares with each prior's sigma per axis and the gimbal's attitudes as weak
-    observations. Where the cameras stand near one line, the attitudes determine the rotation about it.
-    Raises GeoreferenceError for fewer than 3 priors, and for cameras near one line without attitudes.
+    observations. Where the cameras are nearly collinear, the attitudes determine the rotation about their line.
+    Raises GeoreferenceError for fewer than 3 priors, and for nearly collinear cameras without attitudes.
     """
     if len(priors.photo) < 3:
         raise GeoreferenceError(
@@ -46,10 +46,12 @@ def align_to_gps(reconstruction: Reconstruction, priors: GpsPriors) -> GpsAlignm
     centres = reconstruction.centres_sfm[priors.photo]
     rotations_sfm = np.array([reconstruction.photos[i].sfm_from_cam.rotation for i in priors.photo])
     remarks: list[str] = []
-    near_line = _compute_cross_spread(priors.xyz_site_m) < _MIN_SPREAD_SIGMAS * _estimate_noise(priors)
-    if near_line:
+    collinear = _compute_cross_spread(priors.xyz_site_m) < _MIN_SPREAD_SIGMAS * _estimate_noise(priors)
+    if collinear:
         start, used = _align_by_attitude(centres, rotations_sfm, priors)
-        remarks.append("the cameras stand near one line: the rotation about it is determined by gimbal attitudes alone")
+        remarks.append(
+            "the cameras are nearly collinear: the rotation about their line is determined by gimbal attitudes alone"
+        )
     else:
         fit = fit_similarity(centres, priors.xyz_site_m, priors.sigma_m)
         start, used = fit.target_from_source, fit.used
@@ -57,7 +59,7 @@ def align_to_gps(reconstruction: Reconstruction, priors: GpsPriors) -> GpsAlignm
     if rotation_sigma_deg > _MAX_ROTATION_SIGMA_DEG:
         raise GeoreferenceError(
             f"the GPS positions determine the block's rotation to {rotation_sigma_deg:.0f} deg only (limit "
-            f"{_MAX_ROTATION_SIGMA_DEG:.0f} deg): the cameras stand near one line and have no attitude; "
+            f"{_MAX_ROTATION_SIGMA_DEG:.0f} deg): the cameras are nearly collinear and have no attitude; "
             "give control points"
         )
     if not used.all():
@@ -90,7 +92,7 @@ def _align_by_attitude(
     known = np.isfinite(priors.site_from_cam_rotation).all(axis=(1, 2))
     if known.sum() < 2:
         raise GeoreferenceError(
-            "the cameras stand near one line and have no gimbal attitude, so the rotation about that line is "
+            "the cameras are nearly collinear and have no gimbal attitude, so the rotation about their line is "
             "undetermined; give control points (gcp_list.txt), or photographs from another height or side"
         )
     rotations = Rotation.from_matrix(priors.site_from_cam_rotation[known] @ rotations_sfm[known].transpose(0, 2, 1))
