@@ -147,10 +147,10 @@ def make_point_row(name: str, kind: str, xyz_m: tuple[float, ...], residual_m: t
     }  # fmt: skip
 
 
-def make_inspection(painted: PaintedWall, defects: list[dict[str, object]], sightings: list[str]) -> Inspection:
-    """An inspection of the wall; each defect of ``sightings`` has a box in a.png."""
+def make_inspection(painted: PaintedWall, defects: list[dict[str, object]], observed: list[str]) -> Inspection:
+    """An inspection of the wall; each defect of ``observed`` has a box in a.png."""
     places = {row["defect_id"]: np.array([[row["x_site_m"], 0.0, row["z_site_m"]]]) for row in defects}
-    corners = {name: painted.posed["a.png"].project_site(places[name])[0] - (20, 10) for name in sightings}
+    corners = {name: painted.posed["a.png"].project_site(places[name])[0] - (20, 10) for name in observed}
     photos = [
         {"photo_id": name, "sha256": "0", "bytes": 1, "photo_outcome": outcome, "reason": reason,
          "prior_source": "none", "prior_height_datum": "unknown"}

@@ -108,7 +108,7 @@ def test_a_patch_off_the_model_is_rectified_at_its_own_depth(painted: PaintedWal
     assert np.abs(sample_painting(painted, np.array([[3.5]]), np.array([[2.0]]))[0, 0] - want).max() > 8.0
 
 
-def test_what_something_else_hides_is_grey(painted: PaintedWall) -> None:
+def test_hidden_cells_are_grey(painted: PaintedWall) -> None:
     screen, triangles = make_box(np.array([3.0, -2.0, 0.0]), np.array([4.0, -1.9, 4.0]))
     surface = Surface.from_mesh(
         np.vstack([painted.building.vertices_site_m, screen]), np.vstack([painted.building.triangles, triangles + 8])
@@ -121,7 +121,7 @@ def test_what_something_else_hides_is_grey(painted: PaintedWall) -> None:
     assert (view.picture[~view.visible] == 225).all()
 
 
-def test_a_patch_of_its_own_is_the_outline(painted: PaintedWall) -> None:
+def test_a_measured_patch_is_the_outline(painted: PaintedWall) -> None:
     site = np.array([[2.0, 0.0, 1.0], [2.6, 0.0, 1.0], [2.0, 0.0, 1.4], [2.0, 0.0, 1.0]])
     wkb = shapely.to_wkb(shapely.Polygon(painted.building.origin.geo_from_site(site)), output_dimension=3)
     mark = make_mark(painted, 2.2, 1.1, patch=wkb)
@@ -154,8 +154,8 @@ def test_the_marker_is_at_the_defects_pixel(painted: PaintedWall) -> None:
     picture = np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
     ink = np.array(bgr_from_hex(get_class_colour("crack"))[::-1])
     ys, xs = np.nonzero(np.abs(picture - ink).max(axis=2) < 12)
-    middle = np.array([(xs.min() + xs.max() + 1) / 2, 500 - (ys.min() + ys.max() + 1) / 2])
-    found = axes.transData.inverted().transform(middle)
+    centre = np.array([(xs.min() + xs.max() + 1) / 2, 500 - (ys.min() + ys.max() + 1) / 2])
+    found = axes.transData.inverted().transform(centre)
     # The wall begins half a metre right of the sheet's left, and x is along it.
     np.testing.assert_allclose(found, [5.5 + 0.5, 3.0], rtol=0, atol=0.03)  # m, about two pixels
     np.testing.assert_allclose(locate_on_facade(facade, mark, 0.0), [6.0, 3.0], rtol=0, atol=1e-9)  # m
@@ -187,7 +187,7 @@ def test_a_mask_is_drawn_where_it_is(painted: PaintedWall) -> None:
     blank = np.zeros((300, 400, 3), dtype=np.uint8)
     crop = crop_detection(blank, read_outline(detection), 192, get_class_colour("crack"))
     drawn = np.argwhere(crop.max(axis=2) > 100)[:, ::-1]
-    # 192 px show 60 * 3.2 px of the photograph: one to one, from its middle (130, 100) less 96.
+    # 192 px show 60 * 3.2 px of the photograph: one to one, from its centre (130, 100) less 96.
     left, top = 130 - 96, 100 - 96
     np.testing.assert_allclose(drawn.min(axis=0), [100 - left, 80 - top], rtol=0, atol=2)  # px
     assert crop[120 - top - 3, 160 - left - 3].max() == 0  # a box would have its corner there
@@ -219,7 +219,7 @@ def test_the_best_photograph_comes_first(painted: PaintedWall) -> None:
     assert own[0].pixel_mm == np.inf
 
 
-def test_cards_are_written_and_say_what_is_missing(
+def test_cards_are_written_and_unreadable_photographs_are_listed(
     painted: PaintedWall, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     inspection = make_inspection_with_two_views(painted)
@@ -244,7 +244,7 @@ def test_cards_are_written_and_say_what_is_missing(
     assert "a.png cannot be decoded" in caplog.text
 
 
-def test_facts_tell_what_is_known_and_leave_out_what_is_not(painted: PaintedWall) -> None:
+def test_facts_that_were_not_measured_are_omitted(painted: PaintedWall) -> None:
     inspection = make_inspection(painted, [make_defect_row("D1", 2.0, 1.0, score=0.537)], ["D1"])
     (row,) = inspection.defects.to_pylist()
     bare = dict(list_card_facts(row, inspection, []))

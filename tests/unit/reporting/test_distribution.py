@@ -43,10 +43,13 @@ def test_every_defect_is_counted_once(spread: Inspection) -> None:
 
 def test_facades_stand_clockwise_and_those_without_a_direction_last(painted: PaintedWall, spread: Inspection) -> None:
     element = painted.building.elements.to_pylist()[0]
-    told = {"S": 180.0, "N-2": 350.0, "E": None, "level": None}
+    azimuths = {"S": 180.0, "N-2": 350.0, "E": None, "level": None}
     elements = table_from_rows(
         "elements",
-        [{**element, "element_guid": name, "facade": name, "facade_azimuth_deg": turn} for name, turn in told.items()],
+        [
+            {**element, "element_guid": name, "facade": name, "facade_azimuth_deg": turn}
+            for name, turn in azimuths.items()
+        ],
     )
     rows = [{**row, "facade": "E"} if row["defect_id"] == "A0" else row for row in spread.defects.to_pylist()]
     building = replace(painted.building, elements=elements)

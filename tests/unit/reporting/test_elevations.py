@@ -108,7 +108,7 @@ def test_the_picture_is_not_mirrored(painted: PaintedWall) -> None:
 @pytest.mark.parametrize(
     ("azimuth_deg", "right_site"), [(0, (-1, 0, 0)), (90, (0, 1, 0)), (180, (1, 0, 0)), (270, (0, -1, 0))]
 )
-def test_right_is_to_the_right_of_who_looks_at_the_facade(
+def test_u_points_right_as_seen_from_outside(
     painted: PaintedWall, azimuth_deg: float, right_site: tuple[int, int, int]
 ) -> None:
     axes = replace(find_front(painted), azimuth_deg=azimuth_deg).axes_site
@@ -155,7 +155,7 @@ def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: P
     np.testing.assert_allclose([facade.u_min_m, facade.u_max_m], [4 - reach, 4 + reach], rtol=0, atol=0.1)  # m
 
 
-def test_a_photograph_that_is_gone_is_left_out(painted: PaintedWall, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_missing_photograph_is_not_used(painted: PaintedWall, caplog: pytest.LogCaptureFixture) -> None:
     whole = rectify_front(painted)
     relief = render_relief(find_front(painted), painted.surface, SETTINGS.cell_m)
     files = {"a.png": painted.root / "a.png", "b.png": painted.root / "gone.png"}
@@ -180,9 +180,9 @@ def test_a_hidden_wall_takes_no_colour_from_what_hides_it(painted: PaintedWall) 
     u = facade.u_min_m + (np.arange(relief.shape[1]) + 0.5) * 0.02
     shadow = (u > 3.7) & (u < 4.9)
     lit = (u > 1.0) & (u < 3.2)
-    middle = result.covered[relief.shape[0] // 2]
-    assert not middle[shadow].any()
-    assert middle[lit].all()
+    centre = result.covered[relief.shape[0] // 2]
+    assert not centre[shadow].any()
+    assert centre[lit].all()
 
 
 def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: PaintedWall) -> None:
@@ -204,7 +204,7 @@ def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: PaintedW
     np.testing.assert_allclose(uvw.mean(axis=0), [2.0, 1.0, 0.0], rtol=0, atol=1e-9)  # m: u is east on a south wall
 
 
-def test_what_stands_before_the_wall_in_one_photograph_is_passed_over(painted: PaintedWall, tmp_path: Path) -> None:
+def test_an_object_in_front_of_the_wall_in_one_photograph_is_not_drawn(painted: PaintedWall, tmp_path: Path) -> None:
     camera = painted.posed["a.png"].camera
     posed = {
         f"{i}.png": point_camera(np.array([x, -5.5, 1.8]), np.array([4.0, 0.0, 2.0]), camera)
@@ -212,7 +212,7 @@ def test_what_stands_before_the_wall_in_one_photograph_is_passed_over(painted: P
     }
     for name, pose in posed.items():
         shot = np.clip(render_photograph(pose, painted.paint) + 0.5, 0, 255).astype(np.uint8)
-        if name == "0.png":  # the squarest view has a red thing in its middle, about 1.5 m wide
+        if name == "0.png":  # the squarest view has a red thing in its centre, about 1.5 m wide
             shot[240:460, 380:620] = (220, 20, 20)
         cv2.imwrite(str(tmp_path / name), shot[..., ::-1])
     relief = render_relief(find_front(painted), painted.surface, 0.02)
@@ -262,8 +262,8 @@ def test_a_building_that_no_photograph_shows_is_drawn_grey(painted: PaintedWall,
     assert elevation.covered_share == 0.0
     picture = cv2.imread(str(elevation.path))
     height, width = picture.shape[:2]
-    middle = picture[height // 2 - 50 : height // 2 + 50, width // 2 - 50 : width // 2 + 50].reshape(-1, 3)
-    assert 180 < np.median(middle) < 250  # light grey
+    centre = picture[height // 2 - 50 : height // 2 + 50, width // 2 - 50 : width // 2 + 50].reshape(-1, 3)
+    assert 180 < np.median(centre) < 250  # light grey
 
 
 def test_storeys_begin_at_their_walls_feet(painted: PaintedWall) -> None:

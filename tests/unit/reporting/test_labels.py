@@ -10,17 +10,17 @@ def test_labels_of_a_crowd_do_not_overlap_and_stay_inside() -> None:
     corners = rng.uniform([20, 20], [380, 280], size=(60, 2))
     boxes = np.hstack([corners, corners + rng.uniform(5, 25, size=(60, 2))])
     sizes = np.tile([24.0, 14.0], (60, 1))
-    middles = place_labels(boxes, sizes, np.array([0.0, 0.0, 420.0, 320.0]))
-    apart = np.abs(middles[:, None] - middles[None])
+    centres = place_labels(boxes, sizes, np.array([0.0, 0.0, 420.0, 320.0]))
+    apart = np.abs(centres[:, None] - centres[None])
     overlap = (apart[..., 0] < 23.9) & (apart[..., 1] < 13.9) & ~np.eye(60, dtype=bool)
     assert overlap.sum() == 0
-    assert (middles - sizes / 2 >= 0).all()
-    assert (middles + sizes / 2 <= [420.0, 320.0]).all()
+    assert (centres - sizes / 2 >= 0).all()
+    assert (centres + sizes / 2 <= [420.0, 320.0]).all()
 
 
 def test_a_lone_label_touches_its_box() -> None:
-    (middle,) = place_labels(np.array([[100.0, 100, 120, 110]]), np.array([[20.0, 10]]), np.array([0.0, 0, 400, 400]))
-    gap = np.maximum(np.abs(middle - [110, 105]) - [20, 10], 0)
+    (centre,) = place_labels(np.array([[100.0, 100, 120, 110]]), np.array([[20.0, 10]]), np.array([0.0, 0, 400, 400]))
+    gap = np.maximum(np.abs(centre - [110, 105]) - [20, 10], 0)
     assert gap.max() < 5.0
 
 

@@ -43,11 +43,11 @@ def assess_passport(**changes: Any) -> tuple[FactStatus, str, dict[str, FactStat
     row = CENTIMETRES | changes
     facts = list_passport_facts(row, get_stage_schema("poses").empty_table(), placement_sigma_max_m=0.5)
     assert all(fact.value and fact.meaning for fact in facts)
-    assert all(fact.limit for fact in facts if fact.status)  # what is judged says by what
+    assert all(fact.limit for fact in facts if fact.status)  # assessed facts have a limit
     return *summarise_passport(row, facts), {fact.name: fact.status for fact in facts}
 
 
-def test_a_good_passport_says_so() -> None:
+def test_summary_of_a_good_passport() -> None:
     verdict, sentence, facts = assess_passport()
     assert verdict is FactStatus.GOOD
     assert sentence == "Good: georeferenced by control points, largest standard deviation 10 mm (north)"
@@ -69,14 +69,14 @@ def test_a_good_passport_says_so() -> None:
         ({"edge_features": 40, "edge_score": 0.2, "edge_score_runner_up": 0.21}, "edges of the model"),
     ],
 )
-def test_what_is_to_be_looked_at_is_named(changes: dict[str, Any], fact: str) -> None:
+def test_summary_names_the_facts_to_be_checked(changes: dict[str, Any], fact: str) -> None:
     verdict, sentence, facts = assess_passport(**changes)
     assert verdict is FactStatus.CHECK
     assert [name for name, one in facts.items() if one is FactStatus.CHECK] == [fact]
     assert f"check {fact}" in sentence
 
 
-def test_what_is_not_wrong_is_not_blamed() -> None:
+def test_facts_within_their_limits_are_not_flagged() -> None:
     for changes in (
         {"doming_m": 0.03, "doming_sigma_m": 0.02},  # less than two of its sigmas
         {"doming_m": None, "doming_sigma_m": None},
@@ -87,7 +87,7 @@ def test_what_is_not_wrong_is_not_blamed() -> None:
         assert assess_passport(**changes)[0] is FactStatus.GOOD, changes
 
 
-def test_metres_are_called_metres() -> None:
+def test_summary_of_a_position_with_errors_of_metres() -> None:
     verdict, sentence, facts = assess_passport(
         control="gps", method="the photographs' GPS", sigma_up_m=3.0, sigma_east_m=2.0
     )
@@ -106,7 +106,7 @@ def draw_axes(inspection: Inspection, up: np.ndarray) -> tuple[Any, DrawingScale
 
 
 @pytest.mark.parametrize(("up", "axis"), [(NORTH, 1), (UP, 2)])
-def test_arrows_go_from_the_survey_to_where_the_point_came_to_lie(
+def test_arrows_point_from_the_surveyed_to_the_adjusted_position(
     painted: PaintedWall, up: np.ndarray, axis: int
 ) -> None:
     """The check point was given at (7, 0, 3) and is 12 mm west, 5 mm north and 15 mm below of it in the block."""
@@ -169,7 +169,7 @@ def test_exaggeration_is_round(painted: PaintedWall) -> None:
     assert choose_scales(replace(place, points=exact), extent_m=14.0).residuals == 1.0
 
 
-def test_the_report_tells_numbers_meanings_limits_and_points(painted: PaintedWall, tmp_path: Path) -> None:
+def test_the_report_shows_values_meanings_limits_and_points(painted: PaintedWall, tmp_path: Path) -> None:
     inspection = make_inspection(painted, [], [])
     text = "".join(piece.text for piece in render_passport(inspection, tmp_path))
     assert "Usable, check control points" in text

@@ -1,4 +1,4 @@
-"""The sheet of a view: four panels, pixel on pixel, and a legend that counts what is in sight."""
+"""The sheet of a view: four panels, pixel on pixel, and a legend with the numbers of visible elements."""
 
 import numpy as np
 import pyarrow as pa
@@ -41,18 +41,18 @@ def test_panels_are_drawn_whole_pixels_large():
     picture = render_pixels(figure)
     panel = figure.axes[0].get_window_extent()
     np.testing.assert_allclose([panel.width, panel.height], [9 * WIDTH, 9 * HEIGHT], rtol=0, atol=1.0)  # px
-    middle = picture[picture.shape[0] - int(panel.y0 + panel.height / 2), int(panel.x0 + panel.width / 2)]
-    np.testing.assert_array_equal(middle, (10, 200, 30))
+    centre = picture[picture.shape[0] - int(panel.y0 + panel.height / 2), int(panel.x0 + panel.width / 2)]
+    np.testing.assert_array_equal(centre, (10, 200, 30))
 
 
-def test_the_legend_names_what_is_in_sight_and_no_more():
+def test_the_legend_lists_visible_elements_only():
     texts = [
         text.get_text() for axes in draw_sheet().axes if axes.get_legend() for text in axes.get_legend().get_texts()
     ]
     assert texts == ["WallStandardCase (1)", "Window (1)", "not part of the building", "not in the model"]
 
 
-def test_what_is_beside_the_building_is_grey_and_what_is_not_there_white():
+def test_other_elements_are_grey_and_the_background_is_white():
     shown = draw_sheet().axes[-1].get_images()[0].get_array()
     np.testing.assert_allclose(shown[55, 80], [0.8, 0.8, 0.8], rtol=0, atol=1e-9)
     np.testing.assert_allclose(shown[10, 80], [1.0, 1.0, 1.0], rtol=0, atol=1e-9)

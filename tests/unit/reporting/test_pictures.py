@@ -67,7 +67,7 @@ def test_an_unknown_name_is_refused_with_similar_ones(
         select(painted, make_inspection(painted, [], []), defects=["1"])
 
 
-def test_what_is_wanted_is_written_and_again(painted: PaintedWall, two: Inspection, tmp_path: Path) -> None:
+def test_selected_pictures_are_written_and_overwritten(painted: PaintedWall, two: Inspection, tmp_path: Path) -> None:
     wanted = select_all(two, painted.surface, SETTINGS)
     assert wanted == PictureSelection(
         defect_ids=tuple(IDS), facades=("South",), photo_ids=("a.png", "b.png"), distribution=True
@@ -87,7 +87,7 @@ def test_what_is_wanted_is_written_and_again(painted: PaintedWall, two: Inspecti
     assert card.read_bytes() == first
 
 
-def test_photographs_that_are_gone_are_named(painted: PaintedWall, two: Inspection, tmp_path: Path) -> None:
+def test_missing_photographs_are_listed(painted: PaintedWall, two: Inspection, tmp_path: Path) -> None:
     elsewhere = tmp_path / "photographs"
     elsewhere.mkdir()
     (elsewhere / "b.png").write_bytes((painted.root / "b.png").read_bytes())
@@ -98,7 +98,7 @@ def test_photographs_that_are_gone_are_named(painted: PaintedWall, two: Inspecti
     assert [path.name for path in drawn.paths] == ["card_7.png", "card_12.png", "overlay_b.jpg"]
 
 
-def test_without_names_it_is_what_the_report_shows(painted: PaintedWall, two: Inspection) -> None:
+def test_without_names_the_pictures_of_the_report_are_selected(painted: PaintedWall, two: Inspection) -> None:
     wanted = select_report_pictures(two, painted.surface, SETTINGS)
     assert wanted == PictureSelection(defect_ids=(IDS[1],), facades=("South",), photo_ids=("a.png",), distribution=True)
     assert NASTY_NAME not in wanted.photo_ids

@@ -68,7 +68,7 @@ def test_the_report_loads_nothing_from_elsewhere_and_escapes_names(painted: Pain
     assert all((tmp_path / unquote(link)).is_file() for link in files)
 
 
-def test_defects_stand_worst_first_with_their_crops_and_cards(painted: PaintedWall, tmp_path: Path) -> None:
+def test_defects_are_sorted_by_severity_with_crops_and_cards(painted: PaintedWall, tmp_path: Path) -> None:
     defects = [
         make_defect_row("D1", 2.0, 1.0),
         make_defect_row("D2", 3.0, 2.0, severity="high"),
@@ -91,7 +91,7 @@ def test_defects_stand_worst_first_with_their_crops_and_cards(painted: PaintedWa
 
 
 @pytest.mark.parametrize("pack", list_rule_packs())
-def test_the_words_of_every_rule_pack_stand_worst_first(pack: str) -> None:
+def test_grades_of_every_rule_pack_are_sorted_by_severity(pack: str) -> None:
     words = read_severities(pack)
     rows = [{"severity": word, "area_m2": float(place), "defect_id": word} for place, word in enumerate(words)]
     found = sort_by_severity(pa.Table.from_pylist(rows[::-1]))
@@ -154,10 +154,10 @@ def test_boxes_have_the_colour_of_their_outcome_where_they_are(
     found = np.array([xs.min(), ys.min(), xs.max(), ys.max()]) - 15
     np.testing.assert_allclose(found, [0, 0, 40, 20], rtol=0, atol=2.5)  # px
     cross = np.array([xs, ys]).T - 15 - [20, 10]
-    assert (np.abs(cross).max(axis=1) <= 2).any()  # the registered point, in the box's middle
+    assert (np.abs(cross).max(axis=1) <= 2).any()  # the registered point, in the box's centre
 
 
-def test_telling_photographs_show_outcomes_first_and_then_defects(painted: PaintedWall) -> None:
+def test_overlay_photographs_show_outcomes_first_and_then_defects(painted: PaintedWall) -> None:
     inspection = make_inspection(
         painted, [make_defect_row(f"D{n}", 2.0 + 0.2 * n, 1.0) for n in range(3)], ["D0", "D1", "D2"]
     )
