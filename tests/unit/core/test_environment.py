@@ -62,3 +62,14 @@ def test_onnxruntime_leaves_no_device_identifier(tmp_path: Path) -> None:
     printed = run_python(code, {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / ".cache")})
     assert printed == "y"
     assert not [path for path in tmp_path.rglob("*") if "onnxruntime" in str(path)]
+
+
+def test_the_library_face_gives_its_names_when_they_are_used() -> None:
+    code = (
+        "import sys, facadelake as fl\n"
+        "heavy = {'duckdb', 'open3d', 'pyproj', 'cv2', 'ifcopenshell'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+        "assert len(fl.__all__) <= 15\n"
+        "assert all(getattr(fl, name) is not None for name in fl.__all__)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, check=True)
